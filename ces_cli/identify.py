@@ -1,0 +1,119 @@
+"""`ces identify`: recordings in, `model.json` and a report out."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ces_cli import terminal
+from ces_cli.search_progress import SearchProgress
+from ces_cli.simulations import open_simulation, taught
+from ces_cli.tables import cost_table
+from ces_identify.identify import Identified, Options, identify
+from ces_identify.recording import Recording
+from ces_identify.regressors import DEFAULT_RULES, load_rules
+from ces_identify.selection import Limits
+from ces_observer.errors import CesError
+
+FORCE = ("position", "current", "force")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit status."""
+    options = _parser().parse_args(argv)
+    if options.show_candidates:
+        print(DEFAULT_RULES, end="")
+        return 0
+    if not options.bags:
+        raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
+    _require_writable(options.out, options.report)
+    bags, validation = _recordings(options, options.bags), _recordings(options, options.validate)
+    split = options.split if options.split is not None else 1.0 if validation else 0.75
+    limits = Limits(options.terms, options.time, options.target, options.starts, options.seed, options.threads)
+    how = Options(split, load_rules(options.candidates), limits, options.rate, options.bandwidth)
+    with SearchProgress(limits) as progress:
+        result = identify(bags, validation, how, progress.listen)
+    result.model.save(options.out)
+    _tell(result, options, argv)
+    return 0
+
+
+def _recordings(options: argparse.Namespace, paths: Sequence[Path]) -> list[Recording]:
+    signals = terminal.signals_of(options)
+    if options.teacher is None:
+        return terminal.read_all(paths, signals, FORCE)
+    teacher = open_simulation(options.teacher)
+    return [taught(teacher, path, terminal.read_one(path, signals), signals) for path in paths]
+
+
+def _require_writable(*paths: Path | None) -> None:
+    """Raise CesError before the long work if a result could not be written after it."""
+    for path in paths:
+        if path is not None and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+            raise CesError(f"{path}: its folder does not exist or cannot be written; choose another")
+
+
+def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] | None) -> None:
+    best = result.found[0]
+    terms = len(result.model.terms)
+    terminal.out.print(cost_table(result.evaluations, f"{terms} terms out of {result.candidates} candidates"))
+    terminal.out.print(
+        f"start {best.seed} of {len(result.found)} was best; it ended because {best.ended}", highlight=False
+    )
+    if not any(e.role == "validation" for e in result.evaluations):
+        terminal.note("nothing was held out: these costs say how well the model fits, not how good it is")
+    print(f"model:  {options.out}")
+    if options.report is None:
+        return
+    from ces_identify.report import write_report
+
+    facts = {
+        "command": shlex.join(["ces", "identify", *(sys.argv[2:] if argv is None else argv)]),
+        "selection": f"{len(result.found)} starts, best seed {best.seed}, {sum(f.trials for f in result.found)} trials",
+        "end of search": best.ended,
+    }
+    write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
+    print(f"report: {options.report}")
+
+
+def _parser() -> terminal.Parser:
+    p = terminal.parser(
+        "identify",
+        "Identify a polynomial NARX model of the damping force: random forward selection of regressors judged by "
+        "free-run simulation, over any number of recordings at once.",
+        "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
+    )
+    number, whole = terminal.within, terminal.whole
+    p.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings with a measured force")
+    p.add_argument(
+        "--validate", nargs="+", type=Path, default=[], metavar="BAG", help="recordings only to judge the model on"
+    )
+    terminal.add_signals(p)
+    p.add_argument("--out", type=Path, default=Path("model.json"), metavar="FILE", help="default: model.json")
+    p.add_argument("--report", type=Path, metavar="FILE", help="write a report page (HTML)")
+    p.add_argument(
+        "--split",
+        type=number(0.05, 1.0),
+        metavar="SHARE",
+        help="first share of each BAG to identify on, the rest validates (default 0.75; 1 with --validate)",
+    )
+    p.add_argument("--teacher", metavar="SIM", help="learn this simulation's force instead of the measured one")
+    p.add_argument("--candidates", type=Path, metavar="FILE", help="candidate rules (YAML; see --show-candidates)")
+    p.add_argument("--show-candidates", action="store_true", help="print the built-in candidate rules and exit")
+    p.add_argument("--terms", type=whole(1, 200), default=15, metavar="N", help="most terms (default 15)")
+    p.add_argument("--time", type=number(0.1, 1e6), default=60.0, metavar="S", help="most seconds (default 60)")
+    p.add_argument("--target", type=number(0.0, 100.0), default=0.0, metavar="J", help="stop at this cost in percent")
+    p.add_argument("--starts", type=whole(1, 10000), default=8, metavar="N", help="random starts (default 8)")
+    p.add_argument("--seed", type=whole(0, 2**31), default=1, metavar="N", help="seed of the first start (default 1)")
+    p.add_argument(
+        "--threads", type=whole(1, 256), default=os.cpu_count() or 1, metavar="N", help="default: all processors"
+    )
+    p.add_argument("--rate", type=number(1.0, 1e5), metavar="HZ", help="rate of the model (default: from the data)")
+    p.add_argument(
+        "--bandwidth", type=number(0.01, 5e4), metavar="HZ", help="of the differentiator (default: from the data)"
+    )
+    return p

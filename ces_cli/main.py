@@ -1,0 +1,58 @@
+"""The program `ces`: finds the subcommand's module, imports only that, and runs it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from ces_observer import __version__
+
+PROGRAMS = {
+    "info": "look at recordings: signals, rates, gaps, ranges, coverage",
+    "import": "turn dyno logs (CSV, JSON, MAT) into bags",
+    "rig": "run an experiment on the virtual rig and record it (synthetic data)",
+    "identify": "identify a force model from recordings",
+    "validate": "judge a model on recordings by free-run simulation",
+    "replay": "run the estimator over a recording as the observer node would",
+    "simulate": "run any simulation over a recording and write its force as CSV",
+}
+MODULES = {"import": "import_"}
+
+
+def usage() -> str:
+    """Return the manual page of `ces`."""
+    rows = "\n".join(f"  {name:<10}{text}" for name, text in PROGRAMS.items())
+    return (
+        "usage: ces PROGRAM [OPTIONS]\n\n"
+        "Identify models of a semi-active damper from rig recordings and run them as force observers.\n\n"
+        f"programs:\n{rows}\n\n"
+        "options:\n  -h, --help     show this help\n  --version      show the version\n\n"
+        "Each program tells its options with `ces PROGRAM --help`; with ROS 2 sourced the same programs run as\n"
+        "`ros2 run ces_observer PROGRAM`, and the observer node as `ros2 run ces_observer observer`.\n"
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `ces`; returns the exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(usage(), end="")
+        return 0
+    if words[0] == "--version":
+        print(f"ces_observer {__version__}")
+        return 0
+    return _run(words[0], words[1:])
+
+
+def _run(name: str, words: Sequence[str]) -> int:
+    if name not in PROGRAMS:
+        print(f"ces: error: no program '{name}'; there are {', '.join(PROGRAMS)}", file=sys.stderr)
+        return 2
+    from ces_cli.terminal import run
+
+    return run(name, import_module(f"ces_cli.{MODULES.get(name, name)}").main, words)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

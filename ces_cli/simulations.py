@@ -1,0 +1,81 @@
+"""`SIM` on a command line: a model file, a rig description, module:function, or predictions recorded in the bag."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from ces_identify.bag_reader import list_topics, read_recording
+from ces_identify.recording import Channel, Recording
+from ces_identify.simulation import (
+    FunctionSimulation,
+    ModelSimulation,
+    RecordedSimulation,
+    Simulation,
+    function_simulation,
+)
+from ces_observer.errors import CesError
+from ces_observer.model import load_model
+from ces_observer.signals import Signals
+
+HELP = "MODEL.json, RIG.yaml, module:function or topic:/name"
+FIELDS = {
+    "std_msgs/msg/Float64": "data",
+    "std_msgs/msg/Float32": "data",
+    "geometry_msgs/msg/WrenchStamped": "wrench.force.z",
+    "geometry_msgs/msg/Wrench": "force.z",
+    "sensor_msgs/msg/JointState": "effort[0]",
+}
+
+
+def open_simulation(spec: str) -> Simulation:
+    """Return the simulation that `spec` names; raises CesError."""
+    if spec.startswith("topic:"):
+        return RecordedSimulation(spec.removeprefix("topic:"))
+    suffix = Path(spec).suffix.lower()
+    opener = _OPENERS.get(suffix)
+    if opener is not None:
+        return opener(Path(spec))
+    if ":" in spec:
+        sys.path.insert(0, str(Path.cwd()))
+        return function_simulation(spec)
+    raise CesError(f"--sim '{spec}': expected {HELP}")
+
+
+def with_predictions(simulation: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
+    """Return the recording with the predictions in its bag, if that is where the simulation's force comes from."""
+    if not isinstance(simulation, RecordedSimulation):
+        return recording
+    types = {topic.name.lstrip("/"): topic.type for topic in list_topics(path)}
+    kind = types.get(simulation.topic.lstrip("/"))
+    if kind is None:
+        raise CesError(f"{path}: no topic {simulation.topic}; it has {', '.join('/' + t for t in sorted(types))}")
+    described = {"topic": simulation.topic, "type": kind, "field": FIELDS.get(kind, "data")}
+    given = signals.by_name.get("sim_force")
+    where = (
+        signals if given is not None else Signals.from_mapping({"sim_force": described}, f"topic {simulation.topic}")
+    )
+    only = replace(signals, by_name={**signals.by_name, "sim_force": where["sim_force"]})
+    return read_recording(path, only, ("position", "current", "sim_force"))
+
+
+def taught(teacher: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
+    """Return the recording with the teacher's force in place of the measured one."""
+    force = teacher.force(with_predictions(teacher, path, recording, signals))
+    channel = Channel("force", "N", recording.channel("position").stamps_ns, force)
+    return replace(recording, channels={**recording.channels, "force": channel})
+
+
+def _model(path: Path) -> Simulation:
+    return ModelSimulation(load_model(path))
+
+
+def _rig(path: Path) -> Simulation:
+    from ces_rig.simulation import load_rig
+
+    return FunctionSimulation(str(path), load_rig(path))
+
+
+_OPENERS: dict[str, Callable[[Path], Simulation]] = {".json": _model, ".yaml": _rig, ".yml": _rig}

@@ -1,0 +1,140 @@
+"""What every program shares: options, one-line errors with exit status 2, reading recordings with their warnings."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from rich.console import Console
+
+from ces_identify.bag_reader import read_recording
+from ces_identify.checks import require_usable
+from ces_identify.recording import Recording
+from ces_identify.signals_file import load_signals
+from ces_observer.errors import CesError
+from ces_observer.signals import Signals
+
+USER_ERROR = 2
+INTERRUPTED = 130
+
+out = Console()
+err = Console(stderr=True)
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print `message` and where to find help, then exit with status 2."""
+        self.exit(USER_ERROR, f"{self.prog}: error: {message}; see '{self.prog} --help'\n")
+
+
+def parser(name: str, description: str, example: str) -> Parser:
+    """Return the parser of the program `ces NAME`."""
+    return Parser(
+        prog=f"ces {name}",
+        description=description,
+        epilog=f"example:\n  {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def add_signals(to: argparse.ArgumentParser) -> None:
+    """Add the option --signals."""
+    to.add_argument("--signals", type=Path, metavar="FILE", help="where each signal is (default: the packaged ones)")
+
+
+def add_part(to: argparse.ArgumentParser) -> None:
+    """Add the option --part."""
+    to.add_argument(
+        "--part", type=part, default=(0.0, 1.0), metavar="FROM:TO", help="share of each recording to use (default 0:1)"
+    )
+
+
+def part(text: str) -> tuple[float, float]:
+    """Read `FROM:TO`, two shares of a recording."""
+    first, _, last = text.partition(":")
+    try:
+        share = float(first or 0.0), float(last or 1.0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not FROM:TO, such as 0.6:1") from None
+    if not 0.0 <= share[0] < share[1] <= 1.0:
+        raise argparse.ArgumentTypeError(f"'{text}': expected 0 <= FROM < TO <= 1")
+    return share
+
+
+def within(low: float, high: float) -> Callable[[str], float]:
+    """Return a reader of a number in [low, high]."""
+
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is outside {low:g} to {high:g}")
+        return value
+
+    return number
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """Return a reader of a whole number in [low, high]."""
+
+    def number(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"'{text}' is not a whole number") from None
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is outside {low} to {high}")
+        return value
+
+    return number
+
+
+def read_all(paths: Iterable[Path], signals: Signals, need: Sequence[str] = ("position", "current")) -> list[Recording]:
+    """Read and check the recordings; warnings go to the terminal, one line each. Raises CesError."""
+    return [read_one(path, signals, need) for path in paths]
+
+
+def read_one(path: Path, signals: Signals, need: Sequence[str] = ("position", "current")) -> Recording:
+    """Read and check one recording; warnings go to the terminal, one line each. Raises CesError."""
+    with warnings.catch_warnings(record=True) as caught, err.status(f"reading {path}"):
+        warnings.simplefilter("always")
+        recording = read_recording(path, signals, need)
+        findings = require_usable(recording)
+    for text in [str(w.message) for w in caught] + [f"{recording.name}: {f.text}" for f in findings]:
+        note(text)
+    return recording
+
+
+def note(text: str) -> None:
+    """Print a warning line to the error stream."""
+    print(f"warning: {text}", file=sys.stderr)
+
+
+def signals_of(options: argparse.Namespace) -> Signals:
+    """Return the signals that --signals names."""
+    return load_signals(options.signals)
+
+
+def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None = None) -> int:
+    """Run `program`; a user's mistake becomes one line on stderr and exit status 2, Ctrl-C status 130."""
+    try:
+        return program(argv)
+    except CesError as error:
+        print(f"ces {name}: error: {error}", file=sys.stderr)
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+    except OSError as error:
+        print(f"ces {name}: error: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+    except KeyboardInterrupt:
+        print(f"ces {name}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    return USER_ERROR

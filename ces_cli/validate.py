@@ -1,0 +1,59 @@
+"""`ces validate`: a model's free run judged on recordings."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ces_cli import terminal
+from ces_cli.tables import cost_table
+from ces_identify.evaluate import VALIDATION, evaluate
+from ces_identify.series import prepare
+from ces_observer.model import load_model
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit status."""
+    options = _parser().parse_args(argv)
+    model = load_model(options.model)
+    recordings = terminal.read_all(options.bags, terminal.signals_of(options), ("position", "current", "force"))
+    series = [prepare(recording, model.sampling).part(*options.part) for recording in recordings]
+    evaluations = evaluate(model, series, VALIDATION)
+    seen = _seen(model.provenance)
+    for recording in recordings:
+        if recording.sha256 in seen:
+            terminal.note(f"{recording.name}: the model was identified on share {seen[recording.sha256]} of this")
+    terminal.out.print(cost_table(evaluations, f"{options.model}: {len(model.terms)} terms"))
+    if options.report is not None:
+        from ces_identify.report import write_report
+
+        facts = {"command": shlex.join(["ces", "validate", *(sys.argv[2:] if argv is None else argv)])}
+        write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts)
+        print(f"report: {options.report}")
+    return 0
+
+
+def _seen(provenance: object) -> dict[str, str]:
+    """Return the shares of the recordings the model was identified on, by hash."""
+    rows = provenance.get("identification", []) if isinstance(provenance, dict) else []
+    return {
+        str(row["sha256"]): ":".join(f"{s:g}" for s in row["share"])
+        for row in rows
+        if isinstance(row, dict) and row.get("sha256") and isinstance(row.get("share"), list)
+    }
+
+
+def _parser() -> terminal.Parser:
+    p = terminal.parser(
+        "validate",
+        "Judge a model by the cost J of its free run on recordings with a measured force.",
+        "ces validate model.json bags/road --report validation.html",
+    )
+    p.add_argument("model", type=Path, metavar="MODEL.json")
+    p.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="recordings with a measured force")
+    terminal.add_signals(p)
+    terminal.add_part(p)
+    p.add_argument("--report", type=Path, metavar="FILE", help="write a report page (HTML)")
+    return p

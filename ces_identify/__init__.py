@@ -1,0 +1,1 @@
+"""Offline identification: recordings in, selected and validated model files out. Needs no ROS."""

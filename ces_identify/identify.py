@@ -1,0 +1,126 @@
+"""Identification from end to end: recordings in, a model with its costs out.
+
+Sampling rules from the positions, preparation, candidates, selection, and a last fit on all identification data that
+is kept only if it does not make their free run worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
+from ces_identify.problem import Problem, pose
+from ces_identify.recording import Recording
+from ces_identify.refit import refitted
+from ces_identify.regressors import Rules, load_rules
+from ces_identify.sampling import choose_sampling
+from ces_identify.selection import Found, Limits, Listener, search
+from ces_identify.series import Series, prepare
+from ces_observer import __version__
+from ces_observer.errors import CesError
+from ces_observer.model import Model, Sampling, Term
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to identify and how: share of each recording to identify on, rules, limits, and numbers given by hand."""
+
+    split: float = 0.75
+    rules: Rules = field(default_factory=lambda: load_rules(None))
+    limits: Limits = field(default_factory=Limits)
+    rate_Hz: float | None = None
+    bandwidth_Hz: float | None = None
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A model, its evaluations (identification first, then validation) and what every start found, best first."""
+
+    model: Model
+    evaluations: tuple[Evaluation, ...]
+    found: tuple[Found, ...]
+    candidates: int
+
+
+def identify(
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording] = (),
+    options: Options | None = None,
+    listener: Listener = lambda found: None,
+) -> Identified:
+    """Identify a polynomial NARX model on the first `split` of every recording.
+
+    It is validated on the rest of them and on the whole of the `validation` recordings, which neither the fit nor the
+    selection sees. Raises CesError if the data hold too little.
+    """
+    options = options or Options()
+    sampling = choose_sampling(recordings, options.rate_Hz, options.bandwidth_Hz)
+    whole = [prepare(recording, sampling) for recording in recordings]
+    training = [series.part(0.0, options.split) for series in whole]
+    problem = pose(training, _useful_rules(options.rules, training).candidates())
+    found = search(problem, options.limits, listener)
+    best = found[0]
+    if not len(best.chosen):
+        raise CesError(f"no candidate lowered the cost below 100 % ({best.ended}); check signs, signals and rules")
+    model = _model(problem, sampling, best)
+    held_out = _held_out(whole, options.split) + [prepare(recording, sampling) for recording in validation]
+    evaluations = evaluate(model, training, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
+    identified = Identified(model, tuple(evaluations), tuple(found), len(problem.candidates))
+    history = _provenance(recordings, validation, options, identified)
+    return replace(identified, model=replace(model, provenance=history))
+
+
+def _useful_rules(rules: Rules, training: Sequence[Series]) -> Rules:
+    """Return the rules without products of a current that does not change in the data."""
+    current = np.concatenate([series.current for series in training])
+    constant = np.ptp(current) <= 1e-3 * max(1e-9, float(np.abs(current).max()))
+    return rules.without("current") if constant else rules
+
+
+def _model(problem: Problem, sampling: Sampling, best: Found) -> Model:
+    coefficients = refitted(problem, best)
+    terms = [Term(float(c), problem.candidates[i].factors) for c, i in zip(coefficients, best.chosen, strict=True)]
+    return Model("polynomial_narx", sampling, tuple(terms), problem.envelope, problem.force_envelope)
+
+
+def _held_out(whole: Sequence[Series], split: float) -> list[Series]:
+    """Return the rest of each series after `split`, where it is long enough to be judged."""
+    rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
+    return [series for series in rest if series.scored.sum() >= 50]
+
+
+def _provenance(
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    options: Options,
+    identified: Identified,
+) -> dict[str, Any]:
+    best, limits = identified.found[0], options.limits
+    return {
+        "tool": f"ces_observer {__version__}",
+        "identification": [_origin(r) | {"share": [0.0, options.split]} for r in recordings],
+        "validation": [_origin(r) for r in validation],
+        "cost_J_percent": [
+            {"recording": e.name, "role": e.role, "J": round(e.cost, 4) if np.isfinite(e.cost) else None}
+            for e in identified.evaluations
+        ],
+        "selection": {
+            "method": "random forward selection with pruning, judged by free run",
+            "candidates": identified.candidates,
+            "starts": len(identified.found),
+            "first_seed": limits.seed,
+            "best_seed": best.seed,
+            "most_terms": limits.most_terms,
+            "seconds": limits.seconds,
+            "trials": sum(f.trials for f in identified.found),
+            "ended": best.ended,
+        },
+    }
+
+
+def _origin(recording: Recording) -> dict[str, str]:
+    return {"recording": recording.name, "sha256": recording.sha256}

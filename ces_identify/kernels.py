@@ -1,0 +1,439 @@
+"""The numerical kernels: plain loops over arrays, compiled by Numba, each with a slow readable twin in the tests.
+
+A set of terms reaches the kernels as arrays: `columns[t, f]` and `lags[t, f]` name factor f of term t as a row of the
+power table `powers` (shape (rows, ticks)) and a lag in ticks; `counts[t]` is the number of factors and `outputs[t]`
+the lag of the past force, 0 if there is none. `segments[s] = (start, stop)` are ticks without a gap; before a
+segment's start inputs count as its first ones and forces as zero, exactly as in `ces_observer.polynomial`.
+"""
+
+from __future__ import annotations
+
+from math import cos, exp, floor, inf, pi, sqrt
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741 - the index arrays of every kernel
+
+BLOCK = 1024  # ticks worked on at a time, so that they stay in the first-level cache
+PATIENCE = 10  # as ces_observer.tracker.PATIENCE
+STATUS_OK, STATUS_ORDER, STATUS_OUTLIER, STATUS_RESTART = 0, 1, 2, 3
+
+
+@njit(cache=True, nogil=True)
+def track(
+    stamps: I, positions: F, rate: float, bandwidth: float, max_gap_ns: int, outlier: float
+) -> tuple[F, I, I, NDArray[np.int8], F, float]:
+    """Twin of `ces_observer.tracker.Tracker` over n finite samples.
+
+    Returns ticks (m, 2) of position and speed, tick stamps (m,) [ns], for each sample the number of ticks so far,
+    its status and its time after the last tick [ticks], and the sum of squared innovations [m2].
+    """
+    n = len(stamps)
+    room = n + 2
+    for i in range(1, n):
+        step = abs(stamps[i] - stamps[i - 1])
+        room += int(min(step, (PATIENCE + 2) * max_gap_ns) * rate * 1e-9) + 2
+    ticks = np.empty((room, 2))
+    times = np.empty(room, np.int64)
+    total = np.zeros(n, np.int64)
+    status = np.zeros(n, np.int8)
+    ahead = np.zeros(n)
+    half = -0.5 * 2.0 * pi * bandwidth
+    turn = sqrt(0.75) * 2.0 * pi * bandwidth
+    m = 0
+    last = 0
+    rejected = 0
+    squares = 0.0
+    x = v = a = tau = 0.0
+    stamp = origin = np.int64(0)
+    for i in range(n):
+        status[i] = STATUS_OK
+        gap = stamps[i] - stamp
+        restart = i == 0 or gap > max_gap_ns or gap < -max_gap_ns
+        if not restart and gap <= 0:
+            status[i] = STATUS_ORDER
+            total[i] = m
+            continue
+        interval = gap * 1e-9
+        if not restart:
+            predicted = x + interval * (v + 0.5 * interval * a)
+            if abs(positions[i] - predicted) > outlier:
+                rejected += 1
+                restart = rejected > PATIENCE
+                if not restart:
+                    status[i] = STATUS_OUTLIER
+                    total[i] = m
+                    continue
+        rejected = 0
+        if restart:
+            status[i] = STATUS_RESTART
+            x, v, a = positions[i], 0.0, 0.0
+            stamp = origin = stamps[i]
+            tau = 0.0
+            last = 0
+            ticks[m, 0] = x
+            ticks[m, 1] = 0.0
+            times[m] = stamp
+            m += 1
+            total[i] = m
+            continue
+        old_x, old_v, old_tau = x, v, tau
+        radius = exp(half * interval)
+        pair = 2.0 * radius * cos(turn * interval)
+        real = radius * radius
+        sum1, sum2, product = real + pair, real + pair * real, real * real
+        third = 0.5 * (1.0 - sum1 + sum2 - product)
+        second = product + 2.0 - sum1 - third
+        innovation = positions[i] - predicted
+        squares += innovation * innovation
+        x = positions[i] - product * innovation
+        v += interval * a + second * innovation / interval
+        a += 2.0 * third * innovation / (interval * interval)
+        stamp = stamps[i]
+        tau = (stamp - origin) * (rate * 1e-9)
+        newest = floor(tau + 0.5)
+        for tick in range(last + 1, newest + 1):
+            if tick <= tau:
+                share = (tick - old_tau) / (tau - old_tau)
+                ticks[m, 0] = old_x + share * (x - old_x)
+                ticks[m, 1] = old_v + share * (v - old_v)
+            else:
+                lead = (tick - tau) / (tau - old_tau) * interval
+                ticks[m, 0] = x + lead * v
+                ticks[m, 1] = v + lead * a
+            times[m] = origin + np.int64(floor(tick * (1e9 / rate) + 0.5))
+            m += 1
+        last = newest
+        ahead[i] = tau - newest
+        total[i] = m
+    return ticks[:m].copy(), times[:m].copy(), total, status, ahead, squares
+
+
+@njit(cache=True, nogil=True)
+def power_row(values: F, power: float, signed: bool) -> F:
+    """Return |s|^power, or sign(s) |s|^power if `signed`, for each value s."""
+    row = np.empty(len(values))
+    for k in range(len(values)):
+        s = abs(values[k])
+        if power == 0.0:
+            p = 1.0
+        elif power == 1.0:
+            p = s
+        elif power == 2.0:
+            p = s * s
+        elif power == 0.5:
+            p = sqrt(s)
+        elif power == 1.5:
+            p = s * sqrt(s)
+        else:
+            p = s**power
+        row[k] = -p if signed and values[k] < 0.0 else p
+    return row
+
+
+@njit(cache=True, nogil=True)
+def _add_product(
+    powers: F, columns: I, lags: I, count: int, scale: float, start: int, k0: int, k1: int, target: F
+) -> None:
+    """Add scale times the product of a term's input factors over ticks k0 to k1 to target[: k1 - k0]."""
+    n = k1 - k0
+    out = target[:n]
+    deepest = 0
+    for f in range(count):
+        deepest = max(deepest, lags[f])
+    if count > 3 or k0 - deepest < start:
+        for i in range(n):
+            product = scale
+            for f in range(count):
+                product *= powers[columns[f], max(k0 + i - lags[f], start)]
+            out[i] += product
+    elif count == 0:
+        for i in range(n):
+            out[i] += scale
+    elif count == 1:
+        one = powers[columns[0], k0 - lags[0] : k1 - lags[0]]
+        for i in range(n):
+            out[i] += scale * one[i]
+    elif count == 2:
+        one = powers[columns[0], k0 - lags[0] : k1 - lags[0]]
+        two = powers[columns[1], k0 - lags[1] : k1 - lags[1]]
+        for i in range(n):
+            out[i] += scale * one[i] * two[i]
+    else:
+        one = powers[columns[0], k0 - lags[0] : k1 - lags[0]]
+        two = powers[columns[1], k0 - lags[1] : k1 - lags[1]]
+        three = powers[columns[2], k0 - lags[2] : k1 - lags[2]]
+        for i in range(n):
+            out[i] += scale * one[i] * two[i] * three[i]
+
+
+@njit(cache=True, nogil=True)
+def _run_block(
+    powers: F,
+    columns: I,
+    lags: I,
+    counts: I,
+    outputs: I,
+    coefficients: F,
+    start: int,
+    k0: int,
+    k1: int,
+    low: float,
+    high: float,
+    force: F,
+    work: F,
+) -> int:
+    """Free-run ticks k0 to k1 of a segment that starts at `start`; returns the first tick out of bounds, or k1.
+
+    `work` has shape (1 + most output lags in use, BLOCK): the input part, and for each distinct output lag the sum of
+    its coefficients.
+    """
+    n = k1 - k0
+    inputs = work[0]
+    used = np.empty(len(outputs), np.int64)
+    n_used = 0
+    inputs[:n] = 0.0
+    for t in range(len(coefficients)):
+        slot = -1
+        if outputs[t] > 0:
+            slot = 0
+            while slot < n_used and used[slot] != outputs[t]:
+                slot += 1
+            if slot == n_used:
+                used[slot] = outputs[t]
+                n_used += 1
+                work[1 + slot, :n] = 0.0
+        _add_product(powers, columns[t], lags[t], counts[t], coefficients[t], start, k0, k1, work[1 + slot])
+    if n_used == 1 and k0 - used[0] >= start:
+        end: int = _recursion_of_one(inputs[:n], work[1, :n], force[k0 - used[0] : k1], used[0], k0, low, high)
+        return end
+    for i in range(n):
+        y = inputs[i]
+        k = k0 + i
+        for slot in range(n_used):
+            back = k - used[slot]
+            if back >= start:
+                y += work[1 + slot, i] * force[back]
+        force[k] = y
+        if not low <= y <= high:
+            return k
+    return k1
+
+
+@njit(cache=True, nogil=True)
+def _recursion_of_one(inputs: F, gain: F, force: F, lag: int, k0: int, low: float, high: float) -> int:
+    """The recursion with one output lag; `force` begins `lag` ticks before the block."""
+    bounded = True
+    for i in range(len(inputs)):
+        y = inputs[i] + gain[i] * force[i]
+        force[i + lag] = y
+        bounded &= low <= y <= high
+    if bounded:
+        return k0 + len(inputs)
+    for i in range(len(inputs)):
+        if not low <= force[i + lag] <= high:
+            break
+    return k0 + i
+
+
+@njit(cache=True, nogil=True)
+def free_run(
+    powers: F, segments: I, columns: I, lags: I, counts: I, outputs: I, coefficients: F, low: float, high: float
+) -> tuple[F, int]:
+    """Simulate every segment from its own past forces.
+
+    Returns force (ticks,) [N], NaN from where it left [low, high] to the end of that segment, and the first such
+    tick, or -1.
+    """
+    force = np.zeros(powers.shape[1])
+    work = np.empty((1 + len(coefficients), BLOCK))
+    first = -1
+    for s in range(len(segments)):
+        start, stop = segments[s, 0], segments[s, 1]
+        k0 = start
+        while k0 < stop:
+            k1 = min(k0 + BLOCK, stop)
+            end = _run_block(
+                powers, columns, lags, counts, outputs, coefficients, start, k0, k1, low, high, force, work
+            )
+            if end < k1:
+                force[end:stop] = np.nan
+                first = end if first < 0 else first
+                break
+            k0 = k1
+    return force, first
+
+
+@njit(cache=True, nogil=True)
+def free_run_cost(
+    powers: F,
+    segments: I,
+    weights: F,
+    measured: F,
+    columns: I,
+    lags: I,
+    counts: I,
+    outputs: I,
+    coefficients: F,
+    low: float,
+    high: float,
+    recordings: I,
+    best: float,
+    work: F,
+    force: F,
+) -> float:
+    """Return the mean over recordings of the free-run cost J [%], or infinity once it is sure to exceed `best`.
+
+    `weights` (ticks,) is 1 / sum (y - mean y)^2 of the tick's recording where the tick is scored, else 0;
+    `recordings[s]` is the index of segment s's recording, ascending.
+    """
+    n_recordings = recordings[-1] + 1
+    done = 0.0
+    share = 0.0
+    for s in range(len(segments)):
+        if s > 0 and recordings[s] != recordings[s - 1]:
+            done += sqrt(share)
+            share = 0.0
+        start, stop = segments[s, 0], segments[s, 1]
+        k0 = start
+        while k0 < stop:
+            k1 = min(k0 + BLOCK, stop)
+            end = _run_block(
+                powers, columns, lags, counts, outputs, coefficients, start, k0, k1, low, high, force, work
+            )
+            if end < k1:
+                return inf
+            for k in range(k0, k1):
+                error = force[k] - measured[k]
+                share += weights[k] * error * error
+            if 100.0 * (done + sqrt(share)) > best * n_recordings:
+                return inf
+            k0 = k1
+    cost: float = 100.0 * (done + sqrt(share)) / n_recordings
+    return cost
+
+
+@njit(cache=True, nogil=True)
+def solve_normal(gram: F, chosen: I, ridge: float) -> tuple[F, bool]:
+    """Least squares of the last column of `gram` on the `chosen` ones, by a scaled Cholesky factorisation.
+
+    Returns the coefficients and whether the columns were independent (pivots above `ridge` after scaling).
+    """
+    n = len(chosen)
+    y = gram.shape[0] - 1
+    scale = np.empty(n)
+    for i in range(n):
+        d = gram[chosen[i], chosen[i]]
+        if d <= 0.0:
+            return np.zeros(n), False
+        scale[i] = 1.0 / sqrt(d)
+    factor = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            total = gram[chosen[i], chosen[j]] * scale[i] * scale[j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            if i == j:
+                if total <= ridge:
+                    return np.zeros(n), False
+                factor[i, i] = sqrt(total)
+            else:
+                factor[i, j] = total / factor[j, j]
+    solution = np.empty(n)
+    for i in range(n):
+        total = gram[chosen[i], y] * scale[i]
+        for k in range(i):
+            total -= factor[i, k] * solution[k]
+        solution[i] = total / factor[i, i]
+    for i in range(n - 1, -1, -1):
+        total = solution[i]
+        for k in range(i + 1, n):
+            total -= factor[k, i] * solution[k]
+        solution[i] = total / factor[i, i]
+    for i in range(n):
+        solution[i] *= scale[i]
+    return solution, True
+
+
+@njit(cache=True, nogil=True)
+def regressor_columns(
+    powers: F, measured: F, segments: I, columns: I, lags: I, counts: I, outputs: I, k0: int, k1: int, segment: int
+) -> F:
+    """Return the regressors (terms, k1 - k0) over ticks of one segment, past forces taken from `measured`."""
+    n = k1 - k0
+    start = segments[segment, 0]
+    out = np.zeros((len(outputs), n))
+    for t in range(len(outputs)):
+        _add_product(powers, columns[t], lags[t], counts[t], 1.0, start, k0, k1, out[t])
+        if outputs[t] > 0:
+            for i in range(n):
+                back = k0 + i - outputs[t]
+                out[t, i] *= measured[back] if back >= start else 0.0
+    return out
+
+
+@njit(cache=True, nogil=True)
+def first_better(
+    gram: F,
+    chosen: I,
+    trial: I,
+    powers: F,
+    segments: I,
+    weights: F,
+    measured: F,
+    columns: I,
+    lags: I,
+    counts: I,
+    outputs: I,
+    low: float,
+    high: float,
+    recordings: I,
+    best: float,
+    ridge: float,
+    drop: bool,
+) -> tuple[int, float, F]:
+    """Try each candidate of `trial` added to (or, with `drop`, each place of `trial` taken out of) `chosen`.
+
+    Fits by least squares on `gram`, judges by free run, and stops at the first cost below `best`. Returns the place in
+    `trial` (-1 if none was better), the cost and the coefficients.
+    """
+    n = len(chosen) - 1 if drop else len(chosen) + 1
+    terms = np.empty(n, np.int64)
+    work = np.empty((1 + n, BLOCK))
+    force = np.empty(powers.shape[1])
+    for place in range(len(trial)):
+        if drop:
+            k = 0
+            for i in range(len(chosen)):
+                if i != trial[place]:
+                    terms[k] = chosen[i]
+                    k += 1
+        else:
+            terms[: n - 1] = chosen
+            terms[n - 1] = trial[place]
+        coefficients, independent = solve_normal(gram, terms, ridge)
+        if not independent:
+            continue
+        cost = free_run_cost(
+            powers,
+            segments,
+            weights,
+            measured,
+            columns[terms],
+            lags[terms],
+            counts[terms],
+            outputs[terms],
+            coefficients,
+            low,
+            high,
+            recordings,
+            best,
+            work,
+            force,
+        )
+        if cost < best:
+            return place, cost, coefficients
+    return -1, best, np.empty(0)

@@ -1,0 +1,156 @@
+"""A selection problem: candidates and prepared series as the arrays the search works on.
+
+Ticks are dealt in alternating blocks to estimation (least squares on measured past forces) and selection (cost of the
+free run), so that both see every regime, such as the whole of a sweep, and neither sees the other's ticks. Every
+recording weighs the same in both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify import kernels
+from ces_identify.compiled import CompiledTerms, compile_terms, power_table
+from ces_identify.cost import require_force
+from ces_identify.series import Series
+from ces_observer.errors import RecordingError
+from ces_observer.model import Envelope, Range, Term
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741
+
+BLOCK_S = 1.0  # [s] of estimation and selection in turn
+ESTIMATION_BLOCKS, PERIOD_BLOCKS = 2, 3
+LEAST_TICKS = 200
+CHUNK = 4096  # ticks per block of regressors held in memory
+INPUT_MARGIN = 0.1  # of an input's span
+EXTENSION = 0.5  # of the measured force's span, by which the force envelope exceeds it on each side
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Candidates with their Gram matrix on the estimation ticks, and what a free run on the selection ticks needs.
+
+    `gram` (n + 1, n + 1) holds the measured force as its last row and column. Weights over the ticks: `fit` of all
+    ticks least squares could use, `selection` and `everything` of the free-run cost. See kernels.py for the rest.
+    """
+
+    candidates: tuple[Term, ...]
+    compiled: CompiledTerms
+    envelope: Envelope
+    force_envelope: Range
+    powers: F
+    measured: F
+    segments: I
+    recordings: I
+    fit: F
+    selection: F
+    everything: F
+    gram: F
+
+
+def pose(series: Sequence[Series], candidates: Sequence[Term]) -> Problem:
+    """Return the problem of choosing among `candidates` on `series`; raises RecordingError if they hold too little."""
+    for one in series:
+        require_force(one)
+    envelope = envelope_of(series)
+    compiled = compile_terms(candidates)
+    stacked = [np.concatenate([getattr(s, name) for s in series]) for name in ("position", "speed", "current")]
+    powers = power_table(compiled.powers, envelope, *stacked)
+    measured = np.nan_to_num(np.concatenate([s.force for s in series]))
+    segments, recordings = _stack_segments(series)
+    chosen = np.concatenate([_estimation_ticks(s) for s in series])
+    everything = np.concatenate([_weights(s, s.scored) for s in series])
+    selection = np.concatenate([_weights(s, s.scored & ~_estimation_ticks(s)) for s in series])
+    fit = _fit_weights(series, compiled)
+    estimation = fit * chosen
+    if np.count_nonzero(estimation) < LEAST_TICKS:
+        raise RecordingError(
+            f"{np.count_nonzero(estimation)} ticks to estimate from; expected at least {LEAST_TICKS}: record longer"
+        )
+    gram = gram_matrix(compiled, powers, measured, segments, estimation)
+    force = (float(measured[everything > 0].min()), float(measured[everything > 0].max()))
+    margin = EXTENSION * (force[1] - force[0])
+    return Problem(
+        candidates=tuple(candidates),
+        compiled=compiled,
+        envelope=envelope,
+        force_envelope=(force[0] - margin, force[1] + margin),
+        powers=powers,
+        measured=measured,
+        segments=segments,
+        recordings=recordings,
+        fit=fit,
+        selection=selection,
+        everything=everything,
+        gram=gram,
+    )
+
+
+def envelope_of(series: Sequence[Series]) -> Envelope:
+    """Return the range of each input over the scored ticks of all series, widened a little at both ends."""
+
+    def span(name: str) -> Range:
+        values = [getattr(s, name)[s.scored] for s in series]
+        low, high = min(v.min() for v in values), max(v.max() for v in values)
+        margin = INPUT_MARGIN * (high - low)
+        return float(low - margin), float(high + margin)
+
+    return Envelope(span("position"), span("speed"), span("current"))
+
+
+def gram_matrix(compiled: CompiledTerms, powers: F, measured: F, segments: I, weights: F) -> F:
+    """Return the weighted inner products (terms + 1, terms + 1) of the regressors and, last, the measured force."""
+    n = len(compiled.outputs)
+    gram = np.zeros((n + 1, n + 1))
+    for s, (start, stop) in enumerate(segments):
+        for k0 in range(start, stop, CHUNK):
+            k1 = min(k0 + CHUNK, stop)
+            if not weights[k0:k1].any():
+                continue
+            rows = np.empty((n + 1, k1 - k0))
+            rows[:n] = kernels.regressor_columns(powers, measured, segments, *compiled.arrays, k0, k1, s)
+            rows[n] = measured[k0:k1]
+            rows *= np.sqrt(weights[k0:k1])
+            gram += rows @ rows.T
+    return gram
+
+
+def _stack_segments(series: Sequence[Series]) -> tuple[I, I]:
+    offsets = np.cumsum([0, *(len(s) for s in series[:-1])])
+    segments = np.concatenate([s.segments + offset for s, offset in zip(series, offsets, strict=True)])
+    recordings = np.repeat(np.arange(len(series)), [len(s.segments) for s in series])
+    return np.ascontiguousarray(segments, np.int64), recordings.astype(np.int64)
+
+
+def _estimation_ticks(series: Series) -> NDArray[np.bool_]:
+    block = np.arange(len(series)) // max(1, round(BLOCK_S * series.rate_Hz))
+    return np.asarray(block % PERIOD_BLOCKS < ESTIMATION_BLOCKS)
+
+
+def _weights(series: Series, ticks: NDArray[np.bool_]) -> F:
+    """Return 1 / sum (y - mean y)^2 on `ticks`, 0 elsewhere, so that the weighted squared error is (J / 100)^2."""
+    force = series.force[ticks]
+    spread = float(((force - force.mean()) ** 2).sum()) if len(force) else 0.0
+    if spread <= 0.0:
+        raise RecordingError(f"{series.name}: too short to share between estimation and selection; expected over 4 s")
+    return np.where(ticks, 1.0 / spread, 0.0)
+
+
+def _fit_weights(series: Sequence[Series], compiled: CompiledTerms) -> F:
+    """Return the least-squares weights (ticks,), 0 where not all past forces were measured."""
+    depth = int(compiled.outputs.max(initial=0))
+    weights = []
+    for one in series:
+        known = np.isfinite(one.force)
+        usable = known.copy()
+        for lag in range(1, depth + 1):
+            usable[lag:] &= known[:-lag]
+        for start, _ in one.segments:
+            usable[start : start + depth] = False
+        weights.append(np.where(usable, _weights(one, one.scored).max(), 0.0))
+    return np.concatenate(weights)

@@ -1,0 +1,123 @@
+"""Reading untrusted structured data one checked value at a time, and writing files that are never half there."""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ces_observer.errors import CesError, ModelError
+
+
+class Checked:
+    """A JSON object with the place it stands at, so that every error can say where and what was expected."""
+
+    def __init__(self, value: object, where: str) -> None:
+        if not isinstance(value, Mapping):
+            raise ModelError(f"{where}: {_short(value)} found; expected an object")
+        self.value = value
+        self.where = where
+
+    def at(self, key: str) -> Checked:
+        """Return the object under `key`."""
+        return Checked(self._get(key), f"{self.where}: {key}")
+
+    def items(self, key: str, least: int, most: int) -> Iterator[Checked]:
+        """Yield the objects of the list under `key`."""
+        value = self._get(key)
+        if not isinstance(value, list) or not least <= len(value) <= most:
+            raise self._wrong(key, f"a list of {least} to {most} objects")
+        return (Checked(item, f"{self.where}: {key}[{i}]") for i, item in enumerate(value))
+
+    def text(self, key: str) -> str:
+        """Return the string under `key`."""
+        value = self._get(key)
+        if not isinstance(value, str):
+            raise self._wrong(key, "a text")
+        return value
+
+    def choice(self, key: str, among: Sequence[str]) -> str:
+        """Return the string under `key`, one of `among`."""
+        value = self._get(key)
+        if not isinstance(value, str) or value not in among:
+            raise self._wrong(key, "one of " + ", ".join(among))
+        return value
+
+    def number(self, key: str, low: float = -math.inf, high: float = math.inf) -> float:
+        """Return the finite number under `key`, within [low, high]."""
+        value = self._get(key)
+        if not _is_finite(value) or not low <= value <= high:
+            bounds = "" if math.isinf(high) else f" from {low:g} to {high:g}"
+            raise self._wrong(key, f"a finite number{bounds}")
+        return float(value)
+
+    def whole(self, key: str, low: int, high: int) -> int:
+        """Return the whole number under `key`, within [low, high]."""
+        value = self._get(key)
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self._wrong(key, f"a whole number from {low} to {high}")
+        return value
+
+    def flag(self, key: str) -> bool:
+        """Return the boolean under `key`."""
+        value = self._get(key)
+        if not isinstance(value, bool):
+            raise self._wrong(key, "true or false")
+        return value
+
+    def range(self, key: str) -> tuple[float, float]:
+        """Return the pair [low, high] of finite numbers under `key`."""
+        value = self._get(key)
+        pair = isinstance(value, list) and len(value) == 2 and all(_is_finite(v) for v in value)
+        if not pair or value[0] > value[1]:
+            raise self._wrong(key, "[low, high], both finite")
+        return float(value[0]), float(value[1])
+
+    def mapping_or_none(self, key: str) -> Mapping[str, Any] | None:
+        """Return the object under `key`, or None if it is null."""
+        value = self._get(key)
+        if value is not None and not isinstance(value, Mapping):
+            raise self._wrong(key, "an object or null")
+        return value
+
+    def _get(self, key: str) -> Any:
+        if key not in self.value:
+            raise ModelError(f"{self.where}: key '{key}' is missing")
+        return self.value[key]
+
+    def _wrong(self, key: str, expected: str) -> ModelError:
+        return ModelError(f"{self.where}: {key} is {_short(self.value[key])}; expected {expected}")
+
+
+def write_beside(path: Path, text: str) -> None:
+    """Write `text` to a temporary file beside `path` and rename it, so that `path` is whole or untouched.
+
+    Raises CesError naming the path if the folder is missing, read-only or full.
+    """
+    path = Path(path)
+    temporary = None
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except OSError as error:
+        raise CesError(f"{path}: cannot be written: {error.strerror}; choose a folder that can be") from None
+    finally:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and -1.7e308 < value < 1.7e308
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,91 @@
+"""The estimator that rides on the vehicle: stamped position and current in, damping force out, or a reason why not.
+
+It is driven by position samples alone, keeps no clock of its own, and gives the same forces in real time, in
+simulated time and offline (`ces_identify.simulate.replayed_force` is its batch form).
+"""
+
+from __future__ import annotations
+
+from math import inf, isfinite
+
+from ces_observer.model import Model
+from ces_observer.polynomial import Polynomial
+from ces_observer.tracker import NOT_FINITE, OK, RESTARTED, Tracker
+
+WARMING_UP = "warming up"
+UNBOUNDED = "force left its envelope"
+
+
+class Estimator:
+    """Damping force of one damper, sample by sample.
+
+    After `step`: `reason` is "ok" or why the force was withheld; `position` [m] and `speed` [m/s] are the filtered
+    values used; `clamped` tells whether the inputs lay outside what the model was identified on.
+    """
+
+    __slots__ = ("_newest", "_polynomial", "_previous", "_tracker", "_wait", "_warm_up", "model", "reason")
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self._tracker = Tracker(model.sampling)
+        self._polynomial = Polynomial(model)
+        self._warm_up = round(model.sampling.warm_up_s * model.sampling.rate_Hz)
+        self.reset()
+
+    def reset(self) -> None:
+        """Bring the estimator back to new."""
+        self._tracker.reset()
+        self._polynomial.reset()
+        self._wait = self._warm_up
+        self._newest = self._previous = 0.0
+        self.reason = WARMING_UP
+
+    @property
+    def position(self) -> float:
+        """Filtered position [m] at the last accepted sample."""
+        return self._tracker.position
+
+    @property
+    def speed(self) -> float:
+        """Speed [m/s] at the last accepted sample, as the model used it."""
+        return self._tracker.speed
+
+    @property
+    def clamped(self) -> bool:
+        """True if the last inputs lay outside the model's envelope and were clamped to it."""
+        return self._polynomial.clamped
+
+    def step(self, stamp_ns: int, position_m: float, current_A: float) -> float | None:
+        """Return the force [N] at `stamp_ns`, or None with `reason` set. Bad samples count as missing."""
+        if not isfinite(current_A):
+            self.reason = NOT_FINITE
+            return None
+        outcome = self._tracker.advance(stamp_ns, position_m)
+        if outcome == RESTARTED:
+            self._polynomial.reset()
+            self._wait = self._warm_up
+            self._newest = 0.0
+        elif outcome != OK:
+            self.reason = outcome
+            return None
+        return self._run(current_A)
+
+    def _run(self, current: float) -> float | None:
+        for position, speed in self._tracker.ticks:
+            self._wait -= 1
+            force = self._polynomial.tick(position, speed, current)
+            if force == inf:
+                self._give_up()
+                return None
+            self._previous, self._newest = self._newest, force
+        if self._wait >= 0:
+            self.reason = WARMING_UP
+            return None
+        self.reason = OK
+        return self._newest + (self._newest - self._previous) * self._tracker.ahead
+
+    def _give_up(self) -> None:
+        self._polynomial.reset()
+        self._wait = self._warm_up
+        self._newest = self._previous = 0.0
+        self.reason = UNBOUNDED

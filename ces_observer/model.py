@@ -1,0 +1,196 @@
+"""The model file: `model.json` in, a checked `Model` out, and back.
+
+The file is plain JSON, holds numbers and names only, is limited in size and never executed. Everything is checked
+here, once, so that the estimator need not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ces_observer.checked import Checked, write_beside
+from ces_observer.errors import ModelError
+
+SCHEMA = "ces-model/1"
+STRUCTURES = ("polynomial_narx",)
+SIGNALS = ("force", "speed", "current", "position")
+MAX_BYTES = 1_000_000
+MAX_TERMS = 500
+MAX_LAG = 1000
+MAX_POWER = 8.0
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One factor of a term: a signal `lag` ticks ago, as |s|^power, or as sign(s) |s|^power if `signed`.
+
+    A `force` factor is the model's own past output (lag >= 1, power 1, signed).
+    """
+
+    signal: str
+    lag: int
+    power: float = 1.0
+    signed: bool = True
+
+
+@dataclass(frozen=True)
+class Term:
+    """A coefficient [N per product of the factors' units] times its factors, at most one of them a past force."""
+
+    coefficient: float
+    factors: tuple[Factor, ...]
+
+    @property
+    def output_lag(self) -> int:
+        """Lag of the past force in ticks, 0 if there is none."""
+        return next((f.lag for f in self.factors if f.signal == "force"), 0)
+
+    @property
+    def inputs(self) -> tuple[Factor, ...]:
+        """The factors that are not past forces."""
+        return tuple(f for f in self.factors if f.signal != "force")
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How irregular samples become the model's uniform ticks; the same numbers rule offline and on the vehicle."""
+
+    rate_Hz: float
+    bandwidth_Hz: float  # [Hz] of the differentiator
+    outlier_m: float  # [m] a position further than this from its prediction is dropped
+    max_gap_s: float = 0.05  # [s] a longer silence restarts the estimator
+    max_current_age_s: float = 0.2  # [s] an older current is no current
+    warm_up_s: float = 0.5  # [s] withheld, and left out of costs, after each restart
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Range of each input the model was identified on; inputs are clamped to it."""
+
+    position_m: Range
+    speed_m_s: Range
+    current_A: Range
+
+
+@dataclass(frozen=True)
+class Model:
+    """A force model ready to run: force [N] from position [m], speed [m/s] and current [A] at `sampling.rate_Hz`."""
+
+    structure: str
+    sampling: Sampling
+    terms: tuple[Term, ...]
+    envelope: Envelope
+    force_envelope_N: Range
+    certificate: Mapping[str, Any] | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def max_lag(self) -> int:
+        """Longest lag of any factor in ticks."""
+        return max((f.lag for t in self.terms for f in t.factors), default=0)
+
+    def to_json(self) -> str:
+        """Return the text of the model file."""
+        body = {
+            "schema": SCHEMA,
+            "structure": self.structure,
+            "units": {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"},
+            "sampling": asdict(self.sampling),
+            "terms": [_term_to_json(term) for term in self.terms],
+            "input_envelope": asdict(self.envelope),
+            "force_envelope_N": self.force_envelope_N,
+            "certificate": self.certificate,
+            "provenance": self.provenance,
+        }
+        return json.dumps(body, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def save(self, path: Path) -> None:
+        """Write the model file beside `path`, then rename it into place."""
+        write_beside(path, self.to_json())
+
+    def digest(self) -> str:
+        """Return the SHA-256 of the model file's text, by which a running observer names its model."""
+        return hashlib.sha256(self.to_json().encode()).hexdigest()
+
+
+def load_model(path: Path) -> Model:
+    """Read and check a model file; raises ModelError naming the file and the key that is wrong."""
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ModelError(f"{path}: {size} bytes; a model file has at most {MAX_BYTES}")
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ModelError(f"{path}: no such model file; `ces identify BAG --out {path.name}` writes one") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"{path}: cannot be read as a model file: {error}") from None
+    return parse_model(text, str(path))
+
+
+def parse_model(text: str, source: str) -> Model:
+    """Check the text of a model file; `source` names it in errors. Raises ModelError."""
+    try:
+        raw = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ModelError(f"{source}: not a JSON file: {error}") from None
+    root = Checked(raw, source)
+    schema = root.text("schema")
+    if schema != SCHEMA:
+        raise ModelError(f"{source}: schema is '{schema}'; this version reads '{SCHEMA}': identify the model anew")
+    sampling = _sampling(root.at("sampling"))
+    return Model(
+        structure=root.choice("structure", STRUCTURES),
+        sampling=sampling,
+        terms=tuple(_term(item) for item in root.items("terms", 1, MAX_TERMS)),
+        envelope=_envelope(root.at("input_envelope")),
+        force_envelope_N=root.range("force_envelope_N"),
+        certificate=root.mapping_or_none("certificate"),
+        provenance=root.mapping_or_none("provenance") or {},
+    )
+
+
+def _sampling(node: Checked) -> Sampling:
+    return Sampling(
+        rate_Hz=node.number("rate_Hz", 1.0, 100e3),
+        bandwidth_Hz=node.number("bandwidth_Hz", 1e-3, 50e3),
+        outlier_m=node.number("outlier_m", 1e-9, 1e3),
+        max_gap_s=node.number("max_gap_s", 1e-4, 10.0),
+        max_current_age_s=node.number("max_current_age_s", 1e-4, 1e6),
+        warm_up_s=node.number("warm_up_s", 0.0, 60.0),
+    )
+
+
+def _envelope(node: Checked) -> Envelope:
+    return Envelope(node.range("position_m"), node.range("speed_m_s"), node.range("current_A"))
+
+
+def _term(node: Checked) -> Term:
+    factors = tuple(_factor(item) for item in node.items("factors", 0, 8))
+    if sum(f.signal == "force" for f in factors) > 1:
+        raise ModelError(f"{node.where}: more than one past force; expected at most one, so that bounds can be proved")
+    return Term(node.number("coefficient"), factors)
+
+
+def _factor(node: Checked) -> Factor:
+    signal = node.choice("signal", SIGNALS)
+    if signal == "force":
+        return Factor("force", node.whole("lag", 1, MAX_LAG))
+    lag = node.whole("lag", 0, MAX_LAG)
+    return Factor(signal, lag, node.number("power", 0.0, MAX_POWER), node.flag("signed"))
+
+
+def _term_to_json(term: Term) -> dict[str, Any]:
+    factors = [
+        {"signal": f.signal, "lag": f.lag}
+        if f.signal == "force"
+        else {"signal": f.signal, "lag": f.lag, "power": f.power, "signed": f.signed}
+        for f in term.factors
+    ]
+    return {"coefficient": term.coefficient, "factors": factors}

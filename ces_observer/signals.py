@@ -1,0 +1,163 @@
+"""Where each signal is found: topic, message type and the path to a number inside the message.
+
+A signals description (nested mapping, from the parameters of a node or from a YAML file) goes in; `Signals` comes out.
+Node and offline programs share it, so both read the same number from the same message.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ces_observer.errors import SignalsError
+
+NAMES = ("position", "current", "force", "sim_force", "temperature")
+UNITS = {"position": "m", "current": "A", "force": "N", "sim_force": "N", "temperature": "degC"}
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "position": {"topic": "joint_states", "type": "sensor_msgs/msg/JointState", "field": "position[rear_damper]"},
+    "current": {"topic": "valve_current", "type": "std_msgs/msg/Float64", "field": "data"},
+    "force": {"topic": "measured_force", "type": "geometry_msgs/msg/WrenchStamped", "field": "wrench.force.z"},
+}
+
+_STEP = re.compile(r"([A-Za-z_]\w*)(?:\[([^\[\]]+)\])?\Z")
+_TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*\Z")
+_KEYS = {"topic", "type", "field", "scale", "offset", "constant"}
+
+
+@dataclass(frozen=True)
+class FieldPath:
+    """Path to one number in a message, such as `wrench.force.z`, `position[2]` or `position[rear_damper]`."""
+
+    text: str
+    steps: tuple[tuple[str, int | str | None], ...]
+
+    @classmethod
+    def parse(cls, text: str) -> FieldPath:
+        """Read a path; raises SignalsError if it is not dotted names with an optional [index or joint name] each."""
+        steps: list[tuple[str, int | str | None]] = []
+        for part in str(text).split("."):
+            match = _STEP.match(part.strip())
+            if match is None:
+                raise SignalsError(
+                    f"field path '{text}': '{part}' is not a field name with an optional [index] or [joint name]"
+                )
+            name, element = match.group(1), match.group(2)
+            number = element is not None and element.strip().isdigit()
+            steps.append((name, int(element) if number else element.strip() if element else None))
+        return cls(str(text), tuple(steps))
+
+    def read(self, message: object) -> float:
+        """Return the number at this path of `message`; raises SignalsError naming the part that is not there."""
+        value: Any = message
+        for name, element in self.steps:
+            parent, value = value, getattr(value, name, None)
+            if value is None:
+                raise SignalsError(f"field '{self.text}': no '{name}' in {type(parent).__name__}")
+            if element is not None:
+                value = value[self._index(parent, value, element)]
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            raise SignalsError(f"field '{self.text}' is a {type(value).__name__}, not a number") from None
+
+    def _index(self, parent: object, array: Any, element: int | str) -> int:
+        if isinstance(element, str):
+            names = list(getattr(parent, "name", None) or getattr(parent, "joint_names", None) or ())
+            if element not in names:
+                raise SignalsError(f"field '{self.text}': no joint '{element}'; the message has {names or 'no names'}")
+            element = names.index(element)
+        if element >= len(array):
+            raise SignalsError(f"field '{self.text}': index {element} is outside an array of {len(array)}")
+        return element
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One signal in a topic; its value in SI units is `scale * number + offset`."""
+
+    name: str
+    topic: str
+    type: str
+    field: FieldPath
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def unit(self) -> str:
+        """Unit of the scaled value."""
+        return UNITS[self.name]
+
+    def matches(self, topic: str) -> bool:
+        """True if `topic` (fully resolved) is this signal's topic; a relative name resolves in the root namespace."""
+        return topic.lstrip("/") == self.topic.lstrip("/")
+
+    def reader(self) -> Callable[[object], float]:
+        """Return a function message -> SI value."""
+        read, scale, offset = self.field.read, self.scale, self.offset
+        return lambda message: scale * read(message) + offset
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A signal that is not recorded but known, such as the current of a passive damper (0 A)."""
+
+    name: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Signals:
+    """All described signals by name; `position` and `current` are always there."""
+
+    by_name: Mapping[str, Signal | Constant]
+    source: str = "defaults"
+
+    def __getitem__(self, name: str) -> Signal | Constant:
+        """Return the signal called `name`; raises SignalsError if it is not described."""
+        if name not in self.by_name:
+            raise SignalsError(f"{self.source}: no signal '{name}'; described are {', '.join(self.by_name)}")
+        return self.by_name[name]
+
+    def recorded(self) -> tuple[Signal, ...]:
+        """Return the signals that are read from topics."""
+        return tuple(s for s in self.by_name.values() if isinstance(s, Signal))
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any], source: str) -> Signals:
+        """Build from `{signal: {topic, type, field, scale, offset} | {constant}}`; missing keys take the defaults.
+
+        Keys that are no signal's name are other parameters of a node and are ignored. Raises SignalsError.
+        """
+        described = [name for name in NAMES if name in mapping or name in DEFAULTS]
+        return cls({name: _signal(name, mapping.get(name, {}), source) for name in described}, source)
+
+
+def _signal(name: str, given: object, source: str) -> Signal | Constant:
+    where = f"{source}: signal '{name}'"
+    if not isinstance(given, Mapping):
+        raise SignalsError(f"{where} is {given!r}; expected a mapping with topic, type and field, or constant")
+    unknown = sorted(set(given) - _KEYS)
+    if unknown:
+        raise SignalsError(f"{where}: unknown key '{unknown[0]}'; known are {', '.join(sorted(_KEYS))}")
+    if "constant" in given:
+        return Constant(name, _number(given["constant"], f"{where}: constant"))
+    settings = {**DEFAULTS.get(name, {}), **given}
+    for key in ("topic", "type", "field"):
+        if not isinstance(settings.get(key), str) or not settings[key]:
+            raise SignalsError(f"{where}: '{key}' is missing; give topic, type and field")
+    if not _TYPE.match(settings["type"]):
+        raise SignalsError(f"{where}: type '{settings['type']}' is not of the form package/msg/Type")
+    scale = _number(settings.get("scale", 1.0), f"{where}: scale")
+    if scale == 0.0:
+        raise SignalsError(f"{where}: scale is 0; expected the factor from the logged unit to SI")
+    offset = _number(settings.get("offset", 0.0), f"{where}: offset")
+    return Signal(name, settings["topic"], settings["type"], FieldPath.parse(settings["field"]), scale, offset)
+
+
+def _number(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise SignalsError(f"{where} is {value!r}; expected a finite number")
+    return float(value)
