@@ -1,0 +1,119 @@
+"""Planted models are found again, and nothing held out is seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ces_identify.evaluate import IDENTIFICATION, VALIDATION
+from ces_identify.identify import Options, identify
+from ces_identify.recording import Channel, Recording
+from ces_identify.regressors import parse_rules
+from ces_identify.selection import Limits
+from ces_identify.series import prepare
+from ces_identify.simulate import simulate_series
+from ces_observer.errors import CesError
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+
+SAMPLING = Sampling(500.0, 40.0, 0.01)
+PLANTED = Model(
+    "polynomial_narx",
+    SAMPLING,
+    (
+        Term(900.0, (Factor("speed", 0, 0.5),)),
+        Term(1500.0, (Factor("speed", 0, 1.0), Factor("current", 5, 1.0, signed=False))),
+        Term(0.6, (Factor("force", 2),)),
+    ),
+    Envelope((-1.0, 1.0), (-5.0, 5.0), (-5.0, 5.0)),
+    (-1e5, 1e5),
+)
+RULES = parse_rules(
+    {
+        "force": {"lags": [1, 2, 5]},
+        "speed": {"lags": [0, 2, 5], "powers": [0.5, 1.0, 2.0], "forms": ["signed", "magnitude"]},
+        "current": {"lags": [0, 5], "powers": [1.0], "forms": ["magnitude"]},
+        "products": [[], ["speed"], ["speed", "current"], ["force"], ["force", "speed"]],
+    },
+    "test",
+)
+
+
+def planted(seed, seconds=12.0, noise=5.0, name="planted"):
+    random = np.random.default_rng(seed)
+    t = np.arange(round(seconds * 500)) / 500.0
+    tones = zip(random.uniform(1, 8, 6), random.uniform(0, 6, 6), strict=True)
+    x = sum(0.004 * np.sin(2 * np.pi * f * t + p) for f, p in tones)
+    i = 0.5 + 0.2 * np.sin(2 * np.pi * 1.3 * t + seed)
+    stamps = (t * 1e9).round().astype(np.int64)
+    channels = {"position": Channel("position", "m", stamps, x), "current": Channel("current", "A", stamps, i)}
+    bare = Recording(name, channels)
+    force = simulate_series(PLANTED, prepare(bare, SAMPLING)).force + random.normal(0, noise, len(t))
+    return replace(bare, channels={**channels, "force": Channel("force", "N", stamps, force)})
+
+
+def options(**changes):
+    return Options(**{"rules": RULES, "limits": Limits(6, 30.0, 0.0, 2, 1, 2), "bandwidth_Hz": 40.0, **changes})
+
+
+@pytest.fixture(scope="module")
+def result():
+    return identify([planted(1), planted(2)], [planted(3, name="fresh")], options(split=1.0))
+
+
+def test_the_planted_terms_are_found_to_within_the_noise(result):
+    found = {term.factors: term.coefficient for term in result.model.terms}
+    for term in PLANTED.terms:
+        assert found[term.factors] == pytest.approx(term.coefficient, rel=0.03)
+
+
+def test_cost_on_a_fresh_recording_is_the_noise_floor(result):
+    fresh = next(e for e in result.evaluations if e.name == "fresh")
+    floor = 100.0 * 5.0 / np.std(fresh.series.force[fresh.series.scored])
+    assert fresh.role == VALIDATION
+    assert fresh.cost == pytest.approx(floor, rel=0.1)
+
+
+def test_the_same_seed_gives_the_same_model(result):
+    again = identify([planted(1), planted(2)], [planted(3, name="fresh")], options(split=1.0))
+    assert again.model == result.model
+
+
+def test_held_out_data_do_not_change_the_model():
+    spoiled = planted(1)
+    force = spoiled.channel("force")
+    values = force.values.copy()
+    values[round(0.75 * len(values)) + 1 :] = np.random.default_rng(0).normal(0, 1e4, len(values))[
+        round(0.75 * len(values)) + 1 :
+    ]
+    channels = {**spoiled.channels, "force": Channel("force", "N", force.stamps_ns, values)}
+    clean = identify([planted(1)], (), options())
+    other = identify([replace(spoiled, channels=channels)], (), options())
+    assert other.model.terms == clean.model.terms
+    assert [e.role for e in clean.evaluations] == [IDENTIFICATION, VALIDATION]
+
+
+def test_a_constant_current_leaves_its_terms_out():
+    recording = planted(4)
+    current = recording.channel("current")
+    fixed = Channel("current", "A", current.stamps_ns, np.full(len(current), 0.5))
+    result = identify([replace(recording, channels={**recording.channels, "current": fixed})], (), options())
+    assert not any(f.signal == "current" for t in result.model.terms for f in t.factors)
+
+
+def test_provenance_names_recordings_and_costs(result):
+    history = result.model.provenance
+    assert [r["recording"] for r in history["identification"]] == ["planted", "planted"]
+    assert [c["J"] for c in history["cost_J_percent"]] == [round(e.cost, 4) for e in result.evaluations]
+
+
+def test_a_constant_force_is_refused():
+    recording = planted(5)
+    force = recording.channel("force")
+    flat = {**recording.channels, "force": Channel("force", "N", force.stamps_ns, np.zeros(len(force)))}
+    with pytest.raises(CesError, match="measured force is constant"):
+        identify([replace(recording, channels=flat)], (), options())
+
+
+def test_a_recording_too_short_is_refused():
+    with pytest.raises(CesError, match=r"warm-up|at least|too short"):
+        identify([planted(6, seconds=0.8)], (), options())

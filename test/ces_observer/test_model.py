@@ -1,0 +1,104 @@
+import json
+import re
+
+import pytest
+
+from ces_observer.errors import CesError, ModelError
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term, load_model, parse_model
+
+
+def make_model(**changes):
+    fields = {
+        "structure": "polynomial_narx",
+        "sampling": Sampling(1000.0, 60.0, 0.005),
+        "terms": (
+            Term(1200.0, (Factor("speed", 0, 0.5), Factor("current", 5, 1.0, signed=False))),
+            Term(0.4, (Factor("force", 2), Factor("speed", 1, 1.0, signed=False))),
+            Term(-3.0, ()),
+        ),
+        "envelope": Envelope((-0.1, 0.1), (-1.0, 1.0), (0.0, 1.0)),
+        "force_envelope_N": (-5000.0, 5000.0),
+        "provenance": {"tool": "test"},
+    }
+    return Model(**{**fields, **changes})
+
+
+def broken(change):
+    raw = json.loads(make_model().to_json())
+    change(raw)
+    return json.dumps(raw)
+
+
+def test_a_saved_model_reads_back_equal(tmp_path):
+    model = make_model()
+    model.save(tmp_path / "m.json")
+    again = load_model(tmp_path / "m.json")
+    assert again == model
+    assert again.digest() == model.digest()
+
+
+def test_longest_lag():
+    assert make_model().max_lag == 5
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m.pop("terms"), "key 'terms' is missing"),
+        (lambda m: m["sampling"].pop("rate_Hz"), "sampling: key 'rate_Hz' is missing"),
+        (lambda m: m.update(schema="ces-model/9"), "schema is 'ces-model/9'"),
+        (lambda m: m["terms"][0].update(coefficient=float("nan")), r"terms\[0\]: coefficient is nan; expected a finite"),
+        (lambda m: m["terms"][0].update(coefficient=float("inf")), "coefficient is inf"),
+        (lambda m: m["terms"][0].update(coefficient="1"), "coefficient is '1'"),
+        (lambda m: m["terms"][0].update(coefficient=True), "coefficient is True"),
+        (lambda m: m["terms"][0]["factors"][0].update(lag=10**6), "lag is 1000000; expected a whole number from 0"),
+        (lambda m: m["terms"][0]["factors"][0].update(lag=-1), "lag is -1"),
+        (lambda m: m["terms"][0]["factors"][0].update(power=-0.5), "power is -0.5"),
+        (lambda m: m["terms"][1]["factors"][0].update(lag=0), "lag is 0; expected a whole number from 1"),
+        (lambda m: m["terms"][1]["factors"].append({"signal": "force", "lag": 1}), "more than one past force"),
+        (lambda m: m["terms"][0]["factors"][0].update(signal="valve"), "signal is 'valve'; expected one of"),
+        (lambda m: m.update(terms=[]), "terms is .*expected a list of 1 to"),
+        (lambda m: m.update(structure="pickle"), "structure is 'pickle'"),
+        (lambda m: m["input_envelope"].update(speed_m_s=[1.0, -1.0]), "speed_m_s is .*expected \\[low, high\\]"),
+        (lambda m: m["sampling"].update(rate_Hz=0), "rate_Hz is 0"),
+    ],
+)
+def test_what_is_wrong_is_named(change, message):
+    with pytest.raises(ModelError, match=message) as caught:
+        parse_model(broken(change), "m.json")
+    assert str(caught.value).startswith("m.json")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", "null", '"x"', "[" * 100_000])
+def test_what_is_not_a_model_is_refused(text):
+    with pytest.raises(ModelError, match=re.escape("m.json")):
+        parse_model(text, "m.json")
+
+
+def test_missing_and_oversized_files_are_refused(tmp_path):
+    with pytest.raises(ModelError, match="no such model file"):
+        load_model(tmp_path / "none.json")
+    (tmp_path / "big.json").write_text(" " * 1_000_001)
+    with pytest.raises(ModelError, match="at most 1000000"):
+        load_model(tmp_path / "big.json")
+
+
+def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "m.json"
+    make_model().save(path)
+    before = path.read_text()
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("ces_observer.checked.os.fsync", fail)
+    with pytest.raises(CesError, match="No space left"):
+        make_model(force_envelope_N=(-1.0, 1.0)).save(path)
+    assert path.read_text() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["m.json"]
+
+
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(CesError, match=r"none.m\.json: cannot be written"):
+        make_model().save(tmp_path / "none" / "m.json")
