@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ces_cli import terminal
 from ces_cli.tables import cost_table
-from ces_identify.evaluate import VALIDATION, evaluate
+from ces_identify.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_identify.series import prepare
 from ces_observer.model import load_model
 
@@ -19,12 +20,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(argv)
     model = load_model(options.model)
     recordings = terminal.read_all(options.bags, terminal.signals_of(options), ("position", "current", "force"))
-    series = [prepare(recording, model.sampling).part(*options.part) for recording in recordings]
-    evaluations = evaluate(model, series, VALIDATION)
-    seen = _seen(model.provenance)
+    shares = _seen(model.provenance)
+    evaluations = []
     for recording in recordings:
-        if recording.sha256 in seen:
-            terminal.note(f"{recording.name}: the model was identified on share {seen[recording.sha256]} of this")
+        seen = _overlap(shares.get(recording.sha256, (0.0, 0.0)), options.part)
+        if seen:
+            terminal.note(f"{recording.name}: the model was identified on part of this")
+        series = prepare(recording, model.sampling).part(*options.part)
+        evaluations += evaluate(model, [series], IDENTIFICATION if seen else VALIDATION)
     terminal.out.print(cost_table(evaluations, f"{options.model}: {len(model.terms)} terms"))
     if options.report is not None:
         from ces_identify.report import write_report
@@ -35,14 +38,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _seen(provenance: object) -> dict[str, str]:
+def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return max(one[0], other[0]) < min(one[1], other[1])
+
+
+def _seen(provenance: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Return the shares of the recordings the model was identified on, by hash."""
-    rows = provenance.get("identification", []) if isinstance(provenance, dict) else []
-    return {
-        str(row["sha256"]): ":".join(f"{s:g}" for s in row["share"])
-        for row in rows
-        if isinstance(row, dict) and row.get("sha256") and isinstance(row.get("share"), list)
-    }
+    rows = provenance.get("identification")
+    shares = {}
+    for row in rows if isinstance(rows, list) else []:
+        match row:
+            case {"sha256": str(digest), "share": [int() | float() as first, int() | float() as last]} if digest:
+                shares[digest] = (float(first), float(last))
+    return shares
 
 
 def _parser() -> terminal.Parser:

@@ -80,13 +80,13 @@ DEFAULT_RULES = """\
 #   lags    in ticks of the model's rate, from 0 on (force: from 1 on)
 #   powers  also non-integer; the factor is sign(s) |s|^p (signed) or |s|^p (magnitude); signed with power 0 is sign(s)
 force:
-  lags: [1, 2, 5, 10]
+  lags: [1, 2]
 speed:
-  lags: [0, 2, 5, 10]
-  powers: [0.25, 0.5, 1.0, 1.5, 2.0]
+  lags: [0, 3, 8]
+  powers: [0.5, 1.0, 2.0]
   forms: [signed, magnitude]
 current:
-  lags: [0, 5, 10, 20]
+  lags: [0, 8, 16]
   powers: [1.0, 2.0]
   forms: [magnitude]
 position:

@@ -1,0 +1,55 @@
+# make demo    identify a model from the sample recordings: costs and a report, without ROS
+# make test    everything .ci/run does: lint, types, tests; the ROS tests too where ROS 2 is sourced
+# make bench   speed, each beside what it is compared with
+# make clean   remove what make made
+#
+# VENV=.venv and PYTHON=python3 can be given. Nothing is installed outside VENV.
+VENV ?= .venv
+PYTHON ?= python3
+
+# A sourced ROS 2 puts its own Python's packages on PYTHONPATH: they have no place in this environment.
+RUN := env -u PYTHONPATH $(VENV)/bin
+OUT := out
+
+.PHONY: demo test lint suite test-ros bench clean
+
+demo: $(VENV)/.installed
+	@mkdir -p $(OUT)
+	$(RUN)/ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road \
+	  --out $(OUT)/model.json --report $(OUT)/report.html
+
+test: lint test-ros suite
+
+lint: $(VENV)/.installed-dev
+	$(RUN)/ruff check .
+	$(RUN)/ruff format --check .
+	$(RUN)/mypy
+
+suite: $(VENV)/.installed-dev
+	$(RUN)/python -m pytest --ignore=test/ros
+
+test-ros:
+	@test/ros/run
+
+bench: $(VENV)/.installed-dev
+	@for script in bench/*.py; do echo "== $$script"; $(RUN)/python $$script || exit 1; done
+
+clean:
+	rm -rf $(OUT) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@if [ -f $(VENV)/.made ]; then echo "rm -rf $(VENV)"; rm -rf $(VENV); fi
+
+$(VENV)/.installed: setup.py pyproject.toml | $(VENV)/bin/python
+	$(RUN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/.installed-dev: setup.py pyproject.toml | $(VENV)/bin/python
+	$(RUN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@ $(VENV)/.installed
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "make: $(PYTHON) is older than 3.11; give a newer one: make PYTHON=python3.12" >&2; exit 2; }
+	@$(PYTHON) -c 'import ensurepip' 2> /dev/null || \
+	  { echo "make: Python's venv module is missing; install it: sudo apt install python3-venv" >&2; exit 2; }
+	env -u PYTHONPATH $(PYTHON) -m venv $(VENV)
+	@touch $(VENV)/.made

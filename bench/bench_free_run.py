@@ -1,0 +1,115 @@
+"""Speed of the batch free run and of the estimator step, beside plain readings of the same equations in one run.
+
+Usage: python bench/bench_free_run.py. Prints medians over repetitions; the free run works on 30,000 samples and 10
+terms, once from ready power tables and once with their computation.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from ces_identify.compiled import compile_terms, power_table
+from ces_identify.kernels import free_run
+from ces_observer.estimator import Estimator
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+
+N = 30_000
+
+
+def ten_terms() -> tuple[Term, ...]:
+    """Ten terms of the kind the selection finds: past forces, non-integer powers, current, several lags."""
+    v = [
+        Factor("speed", lag, power, signed) for lag, power, signed in ((0, 0.5, True), (2, 1.0, True), (0, 0.5, False))
+    ]
+    i, i2 = Factor("current", 5, 1.0, False), Factor("current", 10, 2.0, False)
+    y1, y2 = Factor("force", 1), Factor("force", 2)
+    rows = [(1200.0, (v[0],)), (700.0, (v[1], i)), (100.0, (v[2], i2)), (30.0, (Factor("speed", 0, 1.5),)), (-5.0, ())]
+    rows += [(0.3, (y1,)), (0.1, (y1, v[2])), (0.05, (y2, i)), (0.02, (y2, v[1])), (-0.02, (y1, v[1], i))]
+    return tuple(Term(c, factors) for c, factors in rows)
+
+
+def median_seconds(work: Callable[[], object], repeats: int) -> float:
+    """Return the median wall time of `work` [s], after one run that is not counted."""
+    work()
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return statistics.median(times)
+
+
+def inputs() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    t = np.arange(N) * 1e-3
+    return 0.02 * np.sin(25 * t), 0.5 * np.cos(25 * t), 0.5 + 0.1 * np.sin(3 * t)
+
+
+def plain_free_run(terms: tuple[Term, ...], x: np.ndarray, v: np.ndarray, i: np.ndarray) -> np.ndarray:
+    """The same recursion as a reader would write it in Python with NumPy for the input products."""
+    signals = {"position": x, "speed": v, "current": i}
+    products = []
+    for term in terms:
+        product = np.full(N, term.coefficient)
+        for f in term.inputs:
+            s = signals[f.signal]
+            power = np.abs(s) ** f.power * (np.sign(s) if f.signed else 1.0)
+            product[f.lag :] *= power[: N - f.lag]
+        products.append((product, term.output_lag))
+    force = np.zeros(N)
+    for k in range(20, N):
+        force[k] = sum(p[k] * (force[k - lag] if lag else 1.0) for p, lag in products)
+    return force
+
+
+def main() -> None:
+    terms = ten_terms()
+    x, v, i = inputs()
+    envelope = Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
+    compiled = compile_terms(terms)
+    coefficients = np.array([t.coefficient for t in terms])
+    segments = np.array([[0, N]])
+    table = power_table(compiled.powers, envelope, x, v, i)
+
+    def batch() -> object:
+        return free_run(table, segments, *compiled.arrays, coefficients, -1e6, 1e6)
+
+    def batch_with_tables() -> object:
+        made = power_table(compiled.powers, envelope, x, v, i)
+        return free_run(made, segments, *compiled.arrays, coefficients, -1e6, 1e6)
+
+    ready, whole = median_seconds(batch, 200), median_seconds(batch_with_tables, 50)
+    plain = median_seconds(lambda: plain_free_run(terms, x, v, i), 3)
+    print(f"free run, {N} samples, {len(terms)} terms")
+    print(f"  kernel                  {1e3 * ready:8.3f} ms   {1e9 * ready / N / len(terms):6.2f} ns a sample and term")
+    print(f"  kernel + power tables   {1e3 * whole:8.3f} ms")
+    print(f"  plain Python            {1e3 * plain:8.1f} ms   ratio {plain / ready:.0f}")
+    bench_estimator(Model("polynomial_narx", Sampling(1000.0, 100.0, 0.01), terms, envelope, (-1e6, 1e6)))
+
+
+def bench_estimator(model: Model) -> None:
+    estimator = Estimator(model)
+    samples = [(k * 1_000_000, 0.02 * math.sin(0.025 * k), 0.5 + 0.1 * math.sin(0.003 * k)) for k in range(20_000)]
+
+    def run() -> None:
+        estimator.reset()
+        step = estimator.step
+        for stamp, x, c in samples:
+            step(stamp, x, c)
+
+    def empty() -> None:
+        step = math.hypot
+        for stamp, x, c in samples:
+            step(stamp, x, c)
+
+    mean, loop = median_seconds(run, 11) / len(samples), median_seconds(empty, 11) / len(samples)
+    print(f"estimator step, {len(model.terms)} terms, stamp + position + current in, force out")
+    print(f"  mean                    {1e6 * mean:8.2f} us   (an empty call in the same loop: {1e6 * loop:.2f} us)")
+
+
+if __name__ == "__main__":
+    main()

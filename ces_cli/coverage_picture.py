@@ -1,0 +1,79 @@
+"""Coverage of speed and current as a picture: blocks in the terminal, or an image file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rich.text import Text
+
+from ces_identify.coverage import Coverage
+from ces_observer.errors import CesError
+
+STEPS = (0.0005, 0.002, 0.01, 0.03)  # shares of time from which the next darker block is used
+BLOCKS = "·░▒▓█"
+CELL = 2  # characters a cell is wide
+SUFFIXES = (".png", ".svg", ".pdf")
+
+
+def terminal_picture(coverage: Coverage) -> Text:
+    """Return the map as text: speed to the right, current upwards, darker where more time is spent."""
+    rows, columns = coverage.share.shape
+    centres = (coverage.current_edges[:-1] + coverage.current_edges[1:]) / 2
+    lines = ["share of time over speed and current", f"{'A':>8}"]
+    for row in reversed(range(rows)):
+        cells = "".join(_block(share) * CELL for share in coverage.share[row])
+        lines.append(f"{centres[row]:8.3f} ┤{cells}")
+    top = coverage.speed_edges[-1]
+    half = CELL * columns // 2
+    lines.append(f"{'':8} └{'─' * (half - 1)}┬{'─' * half}")
+    lines.append(f"{'':9}{-top:<+{half - 1}.2f} 0{top:>+{half - 1}.2f} m/s")
+    lines.append(f"{'':9}{'rebound':<{half}}{'compression':>{half}}")
+    legend = " ".join(f"{block} > {100 * step:g} %" for block, step in zip(BLOCKS[1:], STEPS, strict=True))
+    lines.append(f"{'':9}{BLOCKS[0]} less  {legend}")
+    lines.append(f"{'':9}the outermost cells hold what is faster, too")
+    return Text("\n".join(lines), no_wrap=True)
+
+
+def _block(share: float) -> str:
+    return BLOCKS[int(np.searchsorted(STEPS, share, side="right"))] if share > 0.0 else " "
+
+
+def require_picture_name(path: Path) -> None:
+    """Raise CesError if the suffix is none that can be drawn."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise CesError(f"{path}: cannot draw a '{path.suffix}' picture; use one of {', '.join(SUFFIXES)}")
+
+
+def save_picture(coverage: Coverage, title: str, path: Path) -> None:
+    """Draw the map into an image file, which appears under its name only when it is complete."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+    from matplotlib.colors import LogNorm
+
+    figure, axes = plt.subplots(figsize=(8.0, 4.5), layout="constrained")
+    percent = np.ma.masked_equal(100 * coverage.share, 0.0)
+    norm = LogNorm(vmin=0.01, vmax=max(1.0, float(percent.max()) if percent.count() else 1.0))
+    mesh = axes.pcolormesh(
+        coverage.speed_edges,
+        coverage.current_edges,
+        percent,
+        cmap="Blues",
+        norm=norm,
+        edgecolors="0.9",
+        linewidth=0.5,
+    )
+    axes.axvline(0.0, color="0.5", linewidth=0.8)
+    axes.set(xlabel="speed [m/s], positive in compression", ylabel="current [A]")
+    axes.set_title(title, loc="left", fontsize=10)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.colorbar(mesh, label="share of time per cell [%]", format="%g")
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        figure.savefig(part, dpi=150)
+        part.replace(path)
+    finally:
+        plt.close(figure)
+        part.unlink(missing_ok=True)

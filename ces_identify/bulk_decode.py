@@ -1,0 +1,147 @@
+"""Many raw messages at a time into numbers, by NumPy, where their layout is proved equal; else one at a time.
+
+A serialised message is a row of bytes. Once the length words, string terminators and joint names of a message are
+known, so are the places of its numbers; messages in which the same bytes stand in the same places share that `Layout`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+Index = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LAYOUTS_PER_LENGTH = 16  # so many joint orders, say, are worth learning; a topic with more is read one by one
+
+
+@dataclass(frozen=True)
+class Block:
+    """n raw messages side by side in one buffer, in the order in which they were recorded.
+
+    `buffer` uint8; `topics` (the storage's number of the topic), `log_ns` (time logged), `starts` and `lengths`
+    (bytes of the payload in the buffer), all int64 of shape (n,).
+    """
+
+    buffer: Bytes
+    topics: Index
+    log_ns: Index
+    starts: Index
+    lengths: Index
+
+    def of(self, topics: Sequence[int]) -> Block:
+        """Return the messages of these topics."""
+        keep = np.isin(self.topics, topics)
+        return Block(self.buffer, self.topics[keep], self.log_ns[keep], self.starts[keep], self.lengths[keep])
+
+    def payload(self, i: int) -> bytes:
+        """Return the bytes of message i."""
+        return self.buffer[self.starts[i] : self.starts[i] + self.lengths[i]].tobytes()
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+
+@dataclass(frozen=True)
+class Number:
+    """Place and kind of one number in a message: `offset` in bytes from its start."""
+
+    offset: int
+    dtype: np.dtype[np.generic]
+
+    def read(self, buffer: Bytes, starts: Index) -> Floats:
+        """Return the number in each of the messages at `starts`, shape (n,)."""
+        places = starts[:, None] + (self.offset + np.arange(self.dtype.itemsize))
+        numbers: Floats = buffer[places].view(self.dtype)[:, 0].astype(np.float64)
+        return numbers
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What fixes the places of the wanted numbers, and these places.
+
+    `fixed` (k,) are the byte positions that decide on the layout, `expected` (k,) what stands there. `numbers` has an
+    entry for each number wanted: its place, or the reason (str) why messages of this layout do not have it.
+    """
+
+    fixed: Index
+    expected: Bytes
+    numbers: tuple[Number | str, ...]
+
+    def fits(self, buffer: Bytes, starts: Index) -> Mask:
+        """Tell which of the messages at `starts`, all as long as the one described, have this layout; shape (n,)."""
+        found: Mask = (buffer[starts[:, None] + self.fixed] == self.expected).all(axis=1)
+        return found
+
+
+Describe = Callable[[bytes], Layout | None]
+ReadOne = Callable[[bytes], list[float | str]]
+
+
+class BulkDecoder:
+    """Reads the same few numbers from every message of a topic.
+
+    `describe` gives the layout of a raw message, or None if it cannot be told; `read_one` gives the numbers of a raw
+    message, or the reason (str) for each that it does not have. Both may raise; nothing is caught here.
+    """
+
+    def __init__(self, width: int, describe: Describe, read_one: ReadOne) -> None:
+        self.width = width
+        self.reasons: list[str] = [""] * width
+        self._describe = describe
+        self._read_one = read_one
+        self._layouts: dict[int, list[Layout]] = {}
+        self._one_by_one: set[int] = set()
+
+    def decode(self, block: Block) -> tuple[Floats, Mask]:
+        """Return the numbers of the n messages of a block and which of them there are, both of shape (n, width).
+
+        `reasons` tells why a number was missing, the first time it was.
+        """
+        values = np.full((len(block), self.width), np.nan)
+        present = np.zeros((len(block), self.width), dtype=np.bool_)
+        for length in np.unique(block.lengths):
+            rows = np.flatnonzero(block.lengths == length)
+            for layout in self._layouts.setdefault(int(length), []):
+                rows = self._fill(layout, block, rows, values, present)
+            self._learn(int(length), block, rows, values, present)
+        return values, present
+
+    def _learn(self, length: int, block: Block, rows: Index, values: Floats, present: Mask) -> None:
+        """Describe new layouts until no row is left, or read the rest one by one."""
+        known = self._layouts[length]
+        while len(rows) and len(known) < LAYOUTS_PER_LENGTH and length not in self._one_by_one:
+            layout = self._describe(block.payload(rows[0]))
+            if layout is None:
+                self._one_by_one.add(length)
+                break
+            known.append(layout)
+            rows = self._fill(layout, block, rows, values, present)
+        for row in rows:
+            numbers = self._read_one(block.payload(row))
+            for i, number in enumerate(numbers):
+                self._note(i, number)
+                present[row, i] = not isinstance(number, str)
+                values[row, i] = np.nan if isinstance(number, str) else number
+
+    def _fill(self, layout: Layout, block: Block, rows: Index, values: Floats, present: Mask) -> Index:
+        """Read the rows that have this layout; return the others."""
+        if not len(rows):
+            return rows
+        fits = layout.fits(block.buffer, block.starts[rows])
+        mine = rows[fits]
+        for i, number in enumerate(layout.numbers):
+            self._note(i, number)
+            if not isinstance(number, str):
+                values[mine, i] = number.read(block.buffer, block.starts[mine])
+                present[mine, i] = True
+        return rows[~fits]
+
+    def _note(self, i: int, number: Number | float | str) -> None:
+        if isinstance(number, str) and not self.reasons[i]:
+            self.reasons[i] = number

@@ -1,0 +1,64 @@
+"""One source, two installations: `pip install .` gives the program `ces`, `colcon build` what `ros2 run` finds."""
+
+import sys
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))  # both modules below need the standard library only
+
+from ces_cli.main import PROGRAMS  # noqa: E402
+from ces_observer import __version__  # noqa: E402
+
+NAME = "ces_observer"
+# colcon and ROS's Debian and RPM rules run this file as a program; pip and other front ends call it through a backend.
+FOR_ROS = "setuptools.build_meta" not in sys.modules
+ROS_PROGRAMS = [
+    f"observer = {NAME}.observer:main",
+    *(f"{program} = ces_cli.ros_program:main" for program in PROGRAMS),
+]
+
+
+def files(folder: str, pattern: str) -> tuple[str, list[str]]:
+    """Return a data_files entry: what matches `pattern` in `folder`, for share/ces_observer/`folder`."""
+    return f"share/{NAME}/{folder}", sorted(str(p.relative_to(HERE)) for p in (HERE / folder).glob(pattern))
+
+
+readme = HERE / "README.md"
+
+setup(
+    name=NAME,
+    version=__version__,
+    description="Identify models of semi-active dampers from rig recordings and run them as force observers on ROS 2",
+    long_description=readme.read_text(encoding="utf-8") if readme.exists() else "",
+    long_description_content_type="text/markdown",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    packages=find_packages(include=["ces_*"]),
+    package_data={
+        "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js"],
+        "ces_rig": ["*.yaml", "experiments/*.yaml"],
+    },
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        files("launch", "*.launch.py"),
+        files("config", "*.yaml"),
+    ],
+    install_requires=[
+        "numpy>=1.26",
+        "scipy>=1.11",
+        "numba>=0.58",
+        "matplotlib>=3.6",
+        "jinja2>=3.1",
+        "rich>=13",
+        "PyYAML>=6",
+        "rosbags>=0.11",
+        "lz4>=4",
+        "backports.zstd; python_version < '3.14'",
+    ],
+    extras_require={"dev": ["pytest>=7.4", "hypothesis>=6.98", "ruff>=0.6", "mypy>=1.11", "types-PyYAML"]},
+    zip_safe=True,
+    entry_points={"console_scripts": ROS_PROGRAMS if FOR_ROS else ["ces = ces_cli.main:main"]},
+)

@@ -1,0 +1,287 @@
+"""The programs from end to end on small bags, and every bad input of the user: one clear line, exit status 2."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ces_cli.main import PROGRAMS, main
+from ces_identify.bag_reader import read_recording
+from ces_identify.bag_writer import TopicData, recording_topics, write_bag
+from ces_identify.recording import Channel, Recording
+from ces_observer.model import load_model
+from ces_observer.signals import Signals
+
+DEFAULT = Signals.from_mapping({}, "defaults")
+RULES = """\
+force: {lags: [1]}
+speed: {lags: [0, 2], powers: [0.5, 1.0], forms: [signed, magnitude]}
+current: {lags: [0], powers: [1.0], forms: [magnitude]}
+products: [[], [speed], [speed, current], [force]]
+"""
+RATE = 500.0
+
+
+def made(seconds=12.0, seed=1, rate=RATE):
+    random = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate)) / rate
+    x = 0.01 * np.sin(2 * np.pi * 3 * t) + 0.004 * np.sin(2 * np.pi * 7.3 * t + seed)
+    v = np.gradient(x, t)
+    i = 0.5 + 0.15 * np.sin(2 * np.pi * 0.7 * t)
+    force = np.sign(v) * np.abs(v) ** 0.5 * (400 + 1500 * i) + 100 * v + random.normal(0, 3, len(t))
+    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
+    columns = {"position": (x, "m"), "current": (i, "A"), "force": (force, "N")}
+    return {name: Channel(name, unit, stamps, values) for name, (values, unit) in columns.items()}
+
+
+def bag(path, channels=None, more=()):
+    recording = Recording(path.name, channels or made())
+    write_bag(path, (*recording_topics(recording, DEFAULT), *more))
+    return path
+
+
+def changed(name, values):
+    channels = made()
+    c = channels[name]
+    return {**channels, name: Channel(name, c.unit, c.stamps_ns, values(c.values.copy()))}
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A folder with two bags, rules, and a model identified from one of them."""
+    folder = tmp_path_factory.mktemp("work")
+    (folder / "rules.yaml").write_text(RULES)
+    bag(folder / "one"), bag(folder / "two", made(seed=2))
+    words = ["identify", folder / "one", "--validate", folder / "two", "--out", folder / "model.json"]
+    words += ["--report", folder / "report.html", "--candidates", folder / "rules.yaml", "--terms", 5]
+    words += ["--starts", 2, "--time", 20, "--threads", 2]
+    assert main([str(word) for word in words]) == 0
+    return folder
+
+
+def ces(*words):
+    return main([str(word) for word in words])
+
+
+def complaint(capsys, *words):
+    """Run a program that must fail; return its one line."""
+    capsys.readouterr()
+    try:
+        status = ces(*words)
+    except SystemExit as stop:
+        status = stop.code
+    told = capsys.readouterr()
+    lines = [line for line in told.err.splitlines() if not line.startswith("warning: ")]
+    assert status == 2
+    assert len(lines) == 1, told.err
+    assert lines[0].startswith(f"ces {words[0]}: error: ")
+    return lines[0]
+
+
+def test_identify_writes_a_model_and_a_report(work):
+    history = load_model(work / "model.json").provenance
+    costs = {row["role"]: row["J"] for row in history["cost_J_percent"]}
+    assert costs["validation"] < 6.0
+    assert history["identification"][0]["sha256"]
+    assert "<html" in (work / "report.html").read_text()
+
+
+def test_validate_gives_the_cost_identify_gave(work, capsys):
+    expected = next(
+        row["J"]
+        for row in json.loads((work / "model.json").read_text())["provenance"]["cost_J_percent"]
+        if row["role"] == "validation"
+    )
+    assert ces("validate", work / "model.json", work / "two", "--report", work / "v.html") == 0
+    assert f"{expected:.2f}" in capsys.readouterr().out
+    assert (work / "v.html").stat().st_size > 1000
+
+
+def test_validate_says_when_the_model_has_seen_the_recording(work, capsys):
+    ces("validate", work / "model.json", work / "one")
+    assert "one: the model was identified on part of this" in capsys.readouterr().err
+
+
+def test_replay_and_simulate_agree(work):
+    assert ces("replay", work / "model.json", work / "two", "--out", work / "replayed", "--overwrite") == 0
+    assert ces("simulate", "--sim", work / "model.json", work / "two", "--out", work / "two.csv") == 0
+    rows = list(csv.DictReader((work / "two.csv").open()))
+    described = {"topic": "/observer/estimate", "type": "sensor_msgs/msg/JointState", "field": "effort[rear_damper]"}
+    replayed = read_recording(work / "replayed", Signals.from_mapping({"sim_force": described}, "test"))
+    position, estimate = replayed.channel("position"), replayed.channel("sim_force")
+    assert len(rows) == len(position)
+    assert rows[0]["time_s"] == "0.000000000"
+    simulated = {round(float(r["time_s"]) * 1e9): float(r["force_N"]) for r in rows if r["force_N"] != "nan"}
+    times = (estimate.stamps_ns - position.stamps_ns[0]).tolist()
+    assert times == list(simulated)
+    np.testing.assert_allclose(estimate.values, list(simulated.values()), rtol=1e-9, atol=1e-6)
+
+
+def test_predictions_in_the_bag_are_a_simulation(work):
+    topic = f"topic:{'/observer/estimate'}"
+    assert ces("replay", work / "model.json", work / "two", "--out", work / "again", "--overwrite") == 0
+    assert ces("simulate", "--sim", topic, work / "again", "--out", work / "p.csv") == 0
+    forces = [float(row["force_N"]) for row in csv.DictReader((work / "p.csv").open())]
+    assert np.isfinite(forces).mean() > 0.9
+
+
+def test_a_function_is_a_simulation_and_a_teacher(work, monkeypatch, tmp_path):
+    (tmp_path / "passive.py").write_text(
+        "def force(time_s, position_m, current_A):\n    return 1e4 * position_m + 1.0\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    assert ces("simulate", "--sim", "passive:force", work / "one", "--out", "f.csv") == 0
+    (tmp_path / "rules.yaml").write_text("position: {lags: [0], powers: [1]}\nproducts: [[], [position]]\n")
+    words = ("--teacher", "passive:force", "--candidates", "rules.yaml", "--out", "taught.json", "--time", 5)
+    assert ces("identify", work / "one", *words) == 0
+    terms = {len(t.factors): t.coefficient for t in load_model(tmp_path / "taught.json").terms}
+    assert terms[1] == pytest.approx(1e4, rel=0.01)
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_help_reads_like_a_manual_page(name, capsys):
+    with pytest.raises(SystemExit) as stop:
+        ces(name, "--help")
+    told = capsys.readouterr().out
+    assert stop.value.code == 0
+    assert told.startswith(f"usage: ces {name}")
+    assert "example" in told
+
+
+def test_ces_lists_its_programs(capsys):
+    assert main([]) == 0
+    told = capsys.readouterr().out
+    assert all(name in told for name in PROGRAMS)
+    assert main(["nothing"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "expected"),
+    [
+        ("position", lambda v: v * 0 + 0.01, "constant"),
+        ("position", lambda v: np.where(np.arange(len(v)) % 3 == 0, np.nan, v), "NaN"),
+        ("force", lambda v: v * np.inf, "force"),
+        ("current", lambda v: v * np.nan, "current"),
+    ],
+)
+def test_unusable_samples(work, tmp_path, capsys, name, values, expected):
+    path = bag(tmp_path / "bad", changed(name, values))
+    assert expected.lower() in complaint(capsys, "identify", path, "--out", tmp_path / "m.json").lower()
+    assert not (tmp_path / "m.json").exists()
+
+
+def test_a_few_bad_samples_are_left_out_with_a_warning(work, tmp_path, capsys):
+    path = bag(tmp_path / "spoiled", changed("position", lambda v: np.where(np.arange(len(v)) == 700, np.inf, v)))
+    assert ces("validate", work / "model.json", path) == 0
+    assert "warning: spoiled: " in capsys.readouterr().err
+
+
+def test_current_absent_for_part_of_the_time(tmp_path, capsys):
+    channels = made()
+    c = channels["current"]
+    half = len(c) // 2
+    path = bag(tmp_path / "half", {**channels, "current": Channel("current", "A", c.stamps_ns[:half], c.values[:half])})
+    assert "current" in complaint(capsys, "identify", path, "--out", tmp_path / "m.json")
+
+
+def test_time_running_backwards(tmp_path, capsys):
+    channels = made()
+    p = channels["position"]
+    stamps = p.stamps_ns.copy()
+    stamps[3000:] -= 2 * 10**9
+    path = bag(tmp_path / "back", {**channels, "position": Channel("position", "m", stamps, p.values)})
+    assert "backward" in complaint(capsys, "identify", path, "--out", tmp_path / "m.json")
+
+
+def test_two_rates_a_hundred_times_apart(tmp_path, capsys):
+    channels = made()
+    c = channels["position"]
+    slow = Channel("position", "m", c.stamps_ns[::120], c.values[::120])
+    path = bag(tmp_path / "rates", {**channels, "position": slow})
+    assert "Hz" in complaint(capsys, "identify", path, "--out", tmp_path / "m.json")
+
+
+def test_a_missing_topic_names_those_there_are(tmp_path, capsys):
+    stamps = np.arange(1, 100) * 10**7
+    only = TopicData("/other", "std_msgs/msg/Float64", stamps, {"data": stamps * 1e-9})
+    write_bag(tmp_path / "other", (only,))
+    assert "/other (std_msgs/msg/Float64)" in complaint(capsys, "identify", tmp_path / "other")
+
+
+def test_a_field_that_is_not_there(work, tmp_path, capsys):
+    (tmp_path / "s.yaml").write_text("position: {field: 'position[front_damper]'}\n")
+    line = complaint(capsys, "info", work / "one", "--signals", tmp_path / "s.yaml")
+    assert "front_damper" in line
+    assert "rear_damper" in line
+
+
+def test_a_truncated_and_an_empty_bag(work, tmp_path, capsys):
+    whole = next((work / "one").glob("*.mcap")).read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) // 2])
+    assert "cut.mcap" in complaint(capsys, "info", cut)
+    cut.write_bytes(b"")
+    assert "cut.mcap" in complaint(capsys, "info", cut)
+    write_bag(tmp_path / "none", ())
+    assert "none" in complaint(capsys, "info", tmp_path / "none")
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda m: m.pop("force_envelope_N"), "key 'force_envelope_N' is missing"),
+        (lambda m: m.update(schema="ces-model/0"), "schema is 'ces-model/0'"),
+        (lambda m: m["terms"][0].update(coefficient=float("nan")), "coefficient is nan"),
+        (lambda m: m["terms"][0].update(factors=[{"signal": "force", "lag": 10**6}]), "lag is 1000000"),
+    ],
+)
+def test_a_broken_model(work, tmp_path, capsys, change, expected):
+    raw = json.loads((work / "model.json").read_text())
+    change(raw)
+    (tmp_path / "m.json").write_text(json.dumps(raw))
+    assert expected in complaint(capsys, "validate", tmp_path / "m.json", work / "two")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("identify",), "no recording given"),
+        (("identify", "nowhere"), "nowhere"),
+        (("identify", "one", "--terms", "0"), "--terms"),
+        (("identify", "one", "--split", "2"), "--split"),
+        (("validate", "model.json", "two", "--part", "1:0"), "--part"),
+        (("identify", "one", "--candidates", "none.yaml"), "none.yaml"),
+        (("simulate", "--sim", "what", "one", "--out", "x.csv"), "--sim 'what'"),
+        (("simulate", "--sim", "topic:/none", "one", "--out", "x.csv"), "/joint_states"),
+        (("simulate", "--sim", "no_module:f", "one", "--out", "x.csv"), "cannot be imported"),
+        (("identify", "one", "--out", "none/m.json"), "none/m.json"),
+        (("replay", "model.json", "one", "--out", "two"), "two"),
+    ],
+)
+def test_wrong_words(work, monkeypatch, capsys, words, expected):
+    monkeypatch.chdir(work)
+    assert expected in complaint(capsys, *words)
+
+
+def test_a_read_only_folder(work, tmp_path):
+    """As an ordinary user: root may write anywhere."""
+    folder = tmp_path / "locked"
+    folder.mkdir()
+    folder.chmod(0o555)
+    code = (
+        "import os, sys\n"
+        "os.access = lambda path, mode: not str(path).endswith('locked')\n"
+        "from ces_cli.main import main\n"
+        f"sys.exit(main(['identify', {str(work / 'one')!r}, '--out', {str(folder / 'm.json')!r}]))"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "cannot be written" in done.stderr
+    assert "Traceback" not in done.stderr
