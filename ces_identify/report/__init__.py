@@ -1,0 +1,27 @@
+"""The report: a model and its evaluations in, one self-contained HTML page out, for the screen and for paper.
+
+The page loads nothing from elsewhere and runs no script; figures are inline SVG whose colours follow the page's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ces_identify.evaluate import Evaluation
+from ces_identify.report.page import render
+from ces_observer.checked import write_beside
+from ces_observer.model import Model
+
+__all__ = ["write_report"]
+
+
+def write_report(
+    path: Path, title: str, model: Model, evaluations: Sequence[Evaluation], facts: Mapping[str, str]
+) -> None:
+    """Write the page on how `model` does in `evaluations` to `path`.
+
+    `facts` are shown under the title as they are: date, command, noise floor and the like. Raises CesError if `path`
+    cannot be written, in which case what was there is left as it was.
+    """
+    write_beside(path, render(title, model, evaluations, facts))

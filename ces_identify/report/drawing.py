@@ -1,0 +1,152 @@
+"""Drawing in SVG: scales, panels and axes, as text that takes its colours and fonts from the page's style sheet.
+
+Only class names are written, never colours, so that one figure serves light, dark and paper.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+
+F = NDArray[np.float64]
+
+STEPS = (1.0, 2.0, 5.0, 10.0)
+LEAST_SPACING = 17.0  # [px] between the labels of ticks
+SLOT = 122.0  # [px] for one entry of a legend
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Values from `low` to `high` drawn from pixel `start` to pixel `stop`."""
+
+    low: float
+    high: float
+    start: float
+    stop: float
+
+    def px(self, values: F | float) -> F:
+        """Return the pixels of `values`."""
+        share = (np.asarray(values, float) - self.low) / (self.high - self.low)
+        return np.asarray(self.start + share * (self.stop - self.start))
+
+    def ticks(self, most: int) -> list[tuple[float, str]]:
+        """Return up to `most` round values inside the axis with their labels."""
+        if most < 1:
+            return []
+        rough = (self.high - self.low) / most
+        decade = 10.0 ** math.floor(math.log10(rough))
+        step = next(s * decade for s in STEPS if s * decade >= rough * (1 - 1e-9))
+        decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+        first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
+        return [(i * step, minus(f"{i * step:.{decimals}f}")) for i in range(first, last + 1)]
+
+    def three_ticks(self) -> list[tuple[float, str]]:
+        """Return 0 and the largest round value inside an axis around zero, on both sides, with their labels.
+
+        Zero goes unlabelled where there is no room.
+        """
+        decade = 10.0 ** math.floor(math.log10(self.high))
+        step = max(s * decade for s in STEPS if s * decade <= self.high)
+        decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+        zero = "0" if abs(self.px(step) - self.px(0.0)) >= LEAST_SPACING else ""
+        return [(-step, minus(f"{-step:.{decimals}f}")), (0.0, zero), (step, f"{step:.{decimals}f}")]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A plot area: `x` runs to the right, `y` upwards (so `y.start` is its lower edge)."""
+
+    x: Axis
+    y: Axis
+
+    def rect(self, x0: float, x1: float, css: str, y0: float | None = None, y1: float | None = None) -> str:
+        """Return a rectangle from `x0` to `x1`, over the whole height unless `y0` and `y1` are given."""
+        left, right = np.sort(self.x.px(np.array([x0, x1])))
+        low, high = self.y.low if y0 is None else y0, self.y.high if y1 is None else y1
+        top, bottom = np.sort(self.y.px(np.array([low, high])))
+        return (
+            f'<rect class="{css}" x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}"/>'
+        )
+
+
+def panel(x_range: tuple[float, float], y_range: tuple[float, float], box: tuple[float, float, float, float]) -> Panel:
+    """Return a panel over `box` = (left, top, width, height) [px]; an empty range is widened to something drawable."""
+    left, top, width, height = box
+    return Panel(Axis(*_open(*x_range), left, left + width), Axis(*_open(*y_range), top + height, top))
+
+
+def svg(ident: str, size: tuple[float, float], title: str, description: str, parts: Sequence[str]) -> Markup:
+    """Return a figure of `size` (width, height) with an accessible name; `ident` must be unique in the page."""
+    width, height = size
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" role="img" '
+        f'aria-labelledby="{ident}-t {ident}-d"><title id="{ident}-t">{escape(title)}</title>'
+        f'<desc id="{ident}-d">{escape(description)}</desc>'
+    )
+    return Markup(head + "\n".join(parts) + "</svg>")  # every text in the parts went through escape
+
+
+def axes(p: Panel, x_label: str, y_label: str, x_ticks: int = 7, y_ticks: int | None = 5) -> str:
+    """Return grid, tick labels and axis labels.
+
+    An empty `x_label` leaves out the labels of x; with no `y_ticks`, y is an axis around zero with three.
+    """
+    left, right, bottom, top = p.x.start, p.x.stop, p.y.start, p.y.stop
+    out = []
+    for value, text in p.x.ticks(x_ticks):
+        x = float(p.x.px(value))
+        out.append(f'<path class="{_grid(value)}" d="M{x:.1f},{top:.1f}V{bottom:.1f}"/>')
+        if x_label:
+            out.append(label(x, bottom + 17, text, "tick mid"))
+    for value, text in p.y.three_ticks() if y_ticks is None else p.y.ticks(y_ticks):
+        y = float(p.y.px(value))
+        out.append(f'<path class="{_grid(value)}" d="M{left:.1f},{y:.1f}H{right:.1f}"/>')
+        out.append(label(left - 7, y + 4, text, "tick end"))
+    out.append(label(left - 7 if left < 20 else 4, top - 11, y_label, "name"))
+    if x_label:
+        out.append(label(right, bottom + 36, x_label, "name end"))
+    return "\n".join(out)
+
+
+def note(p: Panel, text: str) -> str:
+    """Return a text in the middle of the panel."""
+    return label((p.x.start + p.x.stop) / 2, (p.y.start + p.y.stop) / 2 + 4, text, "tick mid")
+
+
+def label(x: float, y: float, text: str, css: str) -> str:
+    """Return a text at (x, y)."""
+    return f'<text class="{css}" x="{x:.1f}" y="{y:.1f}">{escape(text)}</text>'
+
+
+def legend(right: float, y: float, entries: Sequence[tuple[str, str]]) -> str:
+    """Return a row of (class, text) that ends at `right`, each with a swatch."""
+    out = []
+    for i, (css, text) in enumerate(entries):
+        x = right - SLOT * (len(entries) - i) + 6
+        out.append(f'<path class="{css} swatch" d="M{x:.1f},{y - 4:.1f}h20"/>')
+        out.append(label(x + 26, y, text, "name"))
+    return "\n".join(out)
+
+
+def padded(low: float, high: float, share: float = 0.05) -> tuple[float, float]:
+    """Return the range widened by `share` of itself on both sides."""
+    return low - share * (high - low), high + share * (high - low)
+
+
+def minus(text: str) -> str:
+    """Return `text` with true minus signs."""
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def _grid(value: float) -> str:
+    return "zero" if abs(value) < 1e-12 else "grid"
+
+
+def _open(low: float, high: float) -> tuple[float, float]:
+    least = max(1e-9, 1e-6 * max(abs(low), abs(high)))
+    return (low, high) if high - low > least else (low - 0.5 * max(least, 1e-3), high + 0.5 * max(least, 1e-3))

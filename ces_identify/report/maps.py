@@ -1,0 +1,124 @@
+"""The maps of coverage and error over speed and current; over speed alone where the current is constant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from ces_identify.evaluate import Evaluation
+from ces_identify.report.drawing import Panel, axes, label, legend, note, panel, svg
+from ces_identify.report.grid import Grid
+from ces_observer.model import Model
+
+F = NDArray[np.float64]
+
+SIZE = (550, 400)
+BOX = (58.0, 34.0, 476.0, 276.0)
+FLAT_BOX = (58.0, 34.0, 476.0, 312.0)
+SPEED = "Speed [m/s], positive in compression"
+FAINTEST = 0.10  # opacity of a cell that has just been visited
+LEGEND_CELLS = 24
+
+
+def coverage_map(
+    ident: str, grid: Grid, filled: Sequence[Evaluation], outlined: Sequence[Evaluation], model: Model
+) -> Markup:
+    """Return the share of time [%] of `filled` in each cell, with an outline around where `outlined` has been."""
+    share, beside = grid.share(filled), grid.share(outlined)
+    title = "Share of time over speed and current"
+    if grid.one_current:
+        parts = _bars(grid, share[:, 0], "Share of time [%]", "cover", beside[:, 0] if outlined else None)
+        return svg(ident, SIZE, "Share of time over speed", "The current is constant.", parts)
+    p = _map_panel(grid)
+    shade = np.sqrt(share / share.max())
+    parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, share, shade, "cover", " % of the time")]
+    if outlined:
+        parts += [_outline(p, grid, beside > 0.0), legend(p.x.stop, 23, [("outline", "validation")])]
+    parts += [_envelope(p, model), _ramp([f * f * share.max() for f in (0, 0.25, 0.5, 0.75, 1)], "cover", "%")]
+    return svg(ident, SIZE, title, f"Largest share of a cell: {share.max():.3g} %.", parts)
+
+
+def error_map(
+    ident: str, grid: Grid, judged: Sequence[Evaluation], known: Sequence[Evaluation], model: Model
+) -> Markup:
+    """Return the RMS error [N] of `judged` in each cell, with an outline around where `known` has been."""
+    rms = grid.rms(judged)
+    worst = float(np.nanmax(rms, initial=0.0)) or 1.0
+    if grid.one_current:
+        parts = _bars(grid, np.nan_to_num(rms[:, 0]), "RMS error [N]", "wrong", None)
+        return svg(ident, SIZE, "RMS error over speed", f"Largest: {worst:.3g} N.", parts)
+    p = _map_panel(grid)
+    parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, rms, rms / worst, "wrong", " N RMS error")]
+    if known:
+        parts += [_outline(p, grid, grid.share(known) > 0.0), legend(p.x.stop, 23, [("outline", "identified")])]
+    if not np.isfinite(rms).any():
+        parts.append(note(p, "no simulated force to judge"))
+    parts += [_envelope(p, model), _ramp([f * worst for f in (0, 0.25, 0.5, 0.75, 1)], "wrong", "N")]
+    return svg(ident, SIZE, "RMS error over speed and current", f"Largest RMS error of a cell: {worst:.3g} N.", parts)
+
+
+def _map_panel(grid: Grid) -> Panel:
+    return panel((grid.speed[0], grid.speed[-1]), (grid.current[0], grid.current[-1]), BOX)
+
+
+def _cells(p: Panel, grid: Grid, values: F, shade: F, css: str, unit: str) -> str:
+    """Return a rectangle for each cell that has a value above 0, darker with `shade` from 0 to 1; hovering tells it."""
+    out = []
+    for a, b in zip(*np.nonzero(np.nan_to_num(values) > 0.0), strict=True):
+        v, c = grid.speed[a : a + 2], grid.current[b : b + 2]
+        where = f"{v[0]:.3g} to {v[1]:.3g} m/s, {c[0]:.3g} to {c[1]:.3g} A: {values[a, b]:.3g}{unit}"
+        box = p.rect(v[0], v[1], css, c[0], c[1]).removesuffix("/>")
+        opacity = FAINTEST + (1.0 - FAINTEST) * shade[a, b]
+        out.append(f'{box} fill-opacity="{opacity:.2f}"><title>{where}</title></rect>')
+    return "\n".join(out)
+
+
+def _outline(p: Panel, grid: Grid, inside: NDArray[np.bool_]) -> str:
+    """Return the boundary of the cells that are `inside`."""
+    wide = np.pad(inside, 1)
+    x, y = p.x.px(grid.speed), p.y.px(grid.current)
+    upright = zip(*np.nonzero(wide[1:, 1:-1] != wide[:-1, 1:-1]), strict=True)
+    level = zip(*np.nonzero(wide[1:-1, 1:] != wide[1:-1, :-1]), strict=True)
+    d = [f"M{x[a]:.1f},{y[b]:.1f}V{y[b + 1]:.1f}" for a, b in upright]
+    d += [f"M{x[a]:.1f},{y[b]:.1f}H{x[a + 1]:.1f}" for a, b in level]
+    return f'<path class="outline" d="{"".join(d)}"/>' if d else ""
+
+
+def _envelope(p: Panel, model: Model) -> str:
+    """Return a dashed frame around the model's envelope, as far as it is in view."""
+    (v0, v1), (c0, c1) = model.envelope.speed_m_s, model.envelope.current_A
+    return p.rect(v0, v1, "envelope", c0, c1)
+
+
+def _ramp(values: Sequence[float], css: str, unit: str) -> str:
+    """Return the scale from the faintest to the fullest cell with `values` evenly along it."""
+    left, top, width = BOX[0], SIZE[1] - 38.0, 300.0
+    step = width / LEGEND_CELLS
+    out = []
+    for i in range(LEGEND_CELLS):
+        opacity = FAINTEST + (1.0 - FAINTEST) * i / (LEGEND_CELLS - 1)
+        box = f'x="{left + i * step:.1f}" y="{top:.1f}" width="{step:.1f}" height="11"'
+        out.append(f'<rect class="{css}" {box} fill-opacity="{opacity:.2f}"/>')
+    for i, value in enumerate(values):
+        out.append(label(left + width * i / (len(values) - 1), top + 27, _short(value), "tick mid"))
+    return "\n".join([*out, label(left + width + 20, top + 10, unit, "name")])
+
+
+def _bars(grid: Grid, values: F, y_label: str, css: str, beside: F | None) -> list[str]:
+    """Return a histogram over speed, with a second one as a stepped line."""
+    top = max(float(values.max()), 0.0 if beside is None else float(beside.max())) or 1.0
+    p = panel((grid.speed[0], grid.speed[-1]), (0.0, 1.05 * top), FLAT_BOX)
+    parts = [axes(p, SPEED, y_label, 7, 6)]
+    parts += [p.rect(grid.speed[a], grid.speed[a + 1], css, 0.0, float(values[a])) for a in np.flatnonzero(values)]
+    if beside is not None:
+        x, y = np.repeat(p.x.px(grid.speed), 2), p.y.px(np.concatenate([[0.0], np.repeat(beside, 2), [0.0]]))
+        d = "L".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+        parts += [f'<path class="outline" d="M{d}"/>', legend(p.x.stop, 23, [("outline", "validation")])]
+    return parts
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if value >= 99.5 else f"{value:.2g}"

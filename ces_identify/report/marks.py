@@ -1,0 +1,64 @@
+"""Marks in a panel: curves, dots, bands and shades; however many the samples, at most a few thousand points each."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.report.drawing import F, Panel
+
+B = NDArray[np.bool_]
+
+
+def line(p: Panel, x: F, y: F, css: str, breaks: B | None = None) -> str:
+    """Return the curve through the finite points (n,); it is interrupted before each tick where `breaks` is true."""
+    if len(x) > 3 * abs(p.x.stop - p.x.start):
+        return band(p, x, y, css)
+    finite = np.isfinite(y)
+    lift = ~np.concatenate([[False], finite[:-1]]) | (np.zeros(len(x), bool) if breaks is None else breaks)
+    points = zip(np.where(lift, "M", "L")[finite], p.x.px(x)[finite], p.y.px(y)[finite], strict=True)
+    return _path(css, "".join(f"{pen}{a:.1f},{b:.1f}" for pen, a, b in points))
+
+
+def band(p: Panel, x: F, y: F, css: str) -> str:
+    """Return the area between the extremes of y (n,) in each column of a pixel; open where columns hold no point."""
+    finite = np.flatnonzero(np.isfinite(y))
+    column = np.floor(p.x.px(x[finite])).astype(int)
+    starts = np.flatnonzero(np.diff(column, prepend=column[:1] - 1))
+    if not len(starts):
+        return ""
+    pixels = p.y.px(y[finite])
+    top, bottom = np.minimum.reduceat(pixels, starts) - 0.5, np.maximum.reduceat(pixels, starts) + 0.5
+    filled = np.split(np.arange(len(starts)), np.flatnonzero(np.diff(column[starts]) > 1) + 1)
+    return _path(css + " area", "".join(_loop(column[starts][c], top[c], bottom[c]) for c in filled))
+
+
+def shade(p: Panel, x: F, mask: B, css: str) -> str:
+    """Return full-height rectangles over the columns of a pixel in which `mask` (n,) is somewhere true."""
+    left = math.floor(p.x.start)
+    touched = np.zeros(math.ceil(p.x.stop) - left + 1, bool)
+    touched[np.floor(p.x.px(x[mask])).astype(int) - left] = True
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], touched, [False]]).astype(np.int8))) + left
+    box = f'y="{p.y.stop:.1f}" height="{p.y.start - p.y.stop:.1f}"'
+    pairs = zip(ends[::2], ends[1::2], strict=True)
+    return "".join(f'<rect class="{css}" x="{a}" width="{min(b, p.x.stop) - a:.1f}" {box}/>' for a, b in pairs)
+
+
+def dots(p: Panel, x: F, y: F, css: str) -> str:
+    """Return a dot at each finite point (n,)."""
+    finite = np.isfinite(y)
+    points = zip(p.x.px(x[finite]), p.y.px(y[finite]), strict=True)
+    return _path(css, "".join(f"M{a:.1f},{b:.1f}h0" for a, b in points))
+
+
+def _loop(column: NDArray[np.int64], top: F, bottom: F) -> str:
+    x = np.concatenate([[column[0]], column + 0.5, [column[-1] + 1]])
+    there = zip(x, np.pad(top, 1, "edge"), strict=True)
+    back = zip(x[::-1], np.pad(bottom, 1, "edge")[::-1], strict=True)
+    return "M" + "L".join(f"{a:.1f},{b:.1f}" for a, b in (*there, *back)) + "Z"
+
+
+def _path(css: str, d: str) -> str:
+    return f'<path class="{css}" d="{d}"/>' if d else ""

@@ -1,0 +1,111 @@
+"""From a model and its evaluations to the text of the page: figures drawn, tables filled, template rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from importlib import resources
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined, Template
+from markupsafe import Markup
+
+from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation
+from ces_identify.report.figures import MOST_DOTS, speed_force, time_plot
+from ces_identify.report.grid import make_grid
+from ces_identify.report.maps import coverage_map, error_map
+from ces_identify.report.summary import cost_rows, headline, in_order, of_role, three_figures, warnings
+from ces_identify.report.terms import term_rows
+from ces_identify.report.window import choose_window
+from ces_observer import __version__
+from ces_observer.model import Model
+
+
+def render(title: str, model: Model, evaluations: Sequence[Evaluation], facts: Mapping[str, str]) -> str:
+    """Return the page as text that is both HTML and well-formed XML."""
+    judged = in_order(evaluations)
+    page = _template().render(
+        title=title,
+        css=Markup(_resource("report.css")),
+        headline=headline(judged),
+        validated=bool(of_role(judged, VALIDATION)),
+        warnings=warnings(judged),
+        facts=facts,
+        model=model,
+        rows=cost_rows(judged),
+        recordings=[_recording(i, e, model) for i, e in enumerate(judged)],
+        most_dots=MOST_DOTS,
+        terms=term_rows(model, of_role(judged, VALIDATION) or judged),
+        maps=_maps(judged, model),
+        settings=_settings(model),
+        history={k: v for k, v in model.provenance.items() if not _plain(v)},
+        version=__version__,
+    )
+    return page.encode("utf-8", "replace").decode("utf-8")
+
+
+def _recording(number: int, evaluation: Evaluation, model: Model) -> dict[str, Any]:
+    window = choose_window(evaluation)
+    return {
+        "window": window,
+        "outside": bool(evaluation.run.clamped.any()),
+        "speed_force": speed_force(f"sf{number}", evaluation, model),
+        "time_plot": time_plot(f"tp{number}", evaluation, window),
+        "from_s": evaluation.series.time_s[window.start],
+        "to_s": evaluation.series.time_s[window.stop - 1],
+    }
+
+
+def _maps(judged: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
+    """Return the two maps; what is missing of identification and validation is made up for by the other."""
+    if not judged:
+        return None
+    fitted, held_out = of_role(judged, IDENTIFICATION), of_role(judged, VALIDATION)
+    grid = make_grid(judged, model.envelope)
+    return {
+        "one_current": grid.one_current,
+        "fitted": bool(fitted),
+        "held_out": bool(held_out),
+        "coverage": coverage_map("coverage", grid, fitted or held_out, held_out if fitted else [], model),
+        "error": error_map("error", grid, held_out or fitted, fitted if held_out else [], model),
+    }
+
+
+def _settings(model: Model) -> dict[str, Any]:
+    """Return what the page's last section shows of the model, names made readable."""
+    return {
+        "Sampling": {_spoken(key): value for key, value in asdict(model.sampling).items()},
+        "Envelope": {
+            **{_spoken(key): _span(value) for key, value in asdict(model.envelope).items()},
+            _spoken("force_N"): _span(model.force_envelope_N),
+        },
+        "Origin": {**{k: v for k, v in model.provenance.items() if _plain(v)}, "model_file_sha256": model.digest()},
+    }
+
+
+def _plain(item: object) -> bool:
+    """Return whether an entry of the provenance fits on a line."""
+    return not item or not isinstance(item, Mapping | list | tuple)
+
+
+def _span(value: tuple[float, float]) -> str:
+    return f"{value[0]:.4g} to {value[1]:.4g}".replace("-", "\N{MINUS SIGN}")
+
+
+def _spoken(key: str) -> str:
+    """Return `max_gap_s` as `max gap [s]`."""
+    units = {"_m_s": "m/s", "_Hz": "Hz", "_percent": "%", "_s": "s", "_m": "m", "_A": "A", "_N": "N"}
+    for ending, unit in units.items():
+        if key.endswith(ending):
+            return f"{key.removesuffix(ending).replace('_', ' ')} [{unit}]"
+    return key.replace("_", " ")
+
+
+def _template() -> Template:
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(spoken=_spoken, three_figures=three_figures)
+    return environment.from_string(_resource("report.html.j2"))
+
+
+def _resource(name: str) -> str:
+    return resources.files("ces_identify.report").joinpath(name).read_text(encoding="utf-8")
