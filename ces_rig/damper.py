@@ -1,0 +1,198 @@
+"""The parameters of the hydraulic CES damper, each with unit, plausible range and meaning; loadable from YAML.
+
+Units are those of the field's name or of the bracket beside it; SI throughout. The equations that use them are in
+`hydraulics.py` and in docs/rig.md. Effective areas already hold the discharge coefficient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import pi
+from pathlib import Path
+
+from ces_rig.descriptions import build, filled, quantity, read_yaml
+from ces_rig.errors import RigError
+
+
+@dataclass(frozen=True)
+class Body:
+    """Cylinder, rod and the volumes at mid-stroke."""
+
+    bore_m: float = quantity(0.036, "m", "cylinder bore", 0.01, 0.1)
+    rod_m: float = quantity(0.018, "m", "rod diameter", 0.004, 0.06)
+    half_stroke_m: float = quantity(0.060, "m", "travel from mid-stroke to either end", 0.005, 0.5)
+    compression_dead_m3: float = quantity(10e-6, "m³", "oil left in the compression chamber at full bump", 1e-6, 1e-3)
+    rebound_dead_m3: float = quantity(22e-6, "m³", "oil left in rebound chamber, passage to the valve", 1e-6, 1e-3)
+    moving_mass_kg: float = quantity(0.6, "kg", "rod, piston and bushing eye beyond the bushing", 0.05, 20.0)
+    bump_clearance_m: float = quantity(0.050, "m", "stroke, either way, where the bump stop begins", 0.001, 0.5)
+    bump_stiffness_N_m: float = quantity(4e5, "N/m", "bump stop stiffness", 0.0, 1e8)
+
+
+@dataclass(frozen=True)
+class Oil:
+    """Damper oil with entrained air; pressures are absolute."""
+
+    density_kg_m3: float = quantity(860.0, "kg/m³", "density at atmospheric pressure", 500.0, 1500.0)
+    bulk_modulus_Pa: float = quantity(1.4e9, "Pa", "isentropic bulk modulus without air", 1e8, 5e9)
+    air_fraction: float = quantity(0.012, "1", "entrained air by volume at atmospheric pressure", 0.0, 0.3)
+    air_exponent: float = quantity(1.3, "1", "polytropic exponent of the air bubbles", 1.0, 1.67)
+    vapour_pressure_Pa: float = quantity(3e3, "Pa", "pressure at which oil vapour forms", 500.0, 9e4)
+    viscosity_fall_1_K: float = quantity(0.022, "1/K", "relative fall of viscosity with temperature", 0.0, 0.1)
+
+
+@dataclass(frozen=True)
+class CheckValve:
+    """Spring-loaded plate or shim stack: opens over a band of pressure drop, with a lag of its own."""
+
+    area_m2: float = quantity(30e-6, "m²", "effective flow area when fully open", 1e-8, 1e-3)
+    cracking_Pa: float = quantity(5e4, "Pa", "pressure drop at which it begins to open", 0.0, 1e7)
+    full_open_Pa: float = quantity(6e5, "Pa", "pressure drop at which it is fully open", 1e3, 5e7)
+    opening_s: float = quantity(0.6e-3, "s", "time constant of opening", 1e-4, 0.1)
+    closing_s: float = quantity(1.6e-3, "s", "time constant of closing (backflow meanwhile)", 1e-4, 0.1)
+
+
+@dataclass(frozen=True)
+class Piston:
+    """Passages across the piston."""
+
+    compression: CheckValve = field(default_factory=CheckValve)
+    bleed_area_m2: float = quantity(0.5e-6, "m²", "bleed orifice, always open", 0.0, 1e-4)
+    leakage_m3_sPa: float = quantity(1.2e-12, "m³/(s·Pa)", "laminar leakage past the ring at 40 °C", 0.0, 1e-9)
+    blow_off_Pa: float = quantity(6.5e6, "Pa", "rebound blow-off shims: drop at which they open", 1e5, 1e8)
+    blow_off_area_m2: float = quantity(12e-6, "m²", "blow-off effective area when fully open", 0.0, 1e-3)
+    blow_off_band_Pa: float = quantity(3e6, "Pa", "drop beyond cracking at which blow-off is fully open", 1e4, 1e8)
+
+
+@dataclass(frozen=True)
+class TopChecks:
+    """Check valves in the top that fill the chambers from the reservoir."""
+
+    compression: CheckValve = field(default_factory=lambda: CheckValve(60e-6, 6e3, 4e4, 0.8e-3, 2.0e-3))
+    rebound: CheckValve = field(default_factory=lambda: CheckValve(20e-6, 6e3, 4e4, 0.8e-3, 1.5e-3))
+
+
+@dataclass(frozen=True)
+class CesValve:
+    """Pilot-controlled valve from rebound chamber to reservoir: current sets the drop at which its poppet opens."""
+
+    area_m2: float = quantity(18e-6, "m²", "main poppet, effective area when fully open", 1e-7, 1e-3)
+    band_Pa: float = quantity(2.2e6, "Pa", "drop beyond cracking at which the poppet is fully open", 1e4, 1e8)
+    poppet_s: float = quantity(0.35e-3, "s", "time constant of the main poppet", 1e-4, 0.1)
+    pilot_area_m2: float = quantity(0.35e-6, "m²", "effective area of the pilot flow, always there", 0.0, 1e-4)
+    cracking_low_Pa: float = quantity(0.30e6, "Pa", "cracking drop at the lowest current", 0.0, 1e8)
+    cracking_high_Pa: float = quantity(3.9e6, "Pa", "cracking drop at the highest current", 0.0, 1e8)
+    current_low_A: float = quantity(0.29, "A", "lowest current that acts", 0.0, 10.0)
+    current_high_A: float = quantity(0.70, "A", "highest current that acts (magnet saturated)", 0.01, 20.0)
+    saturation_A: float = quantity(0.03, "A", "width of the soft ends of the current range", 1e-3, 1.0)
+    solenoid_s: float = quantity(2.5e-3, "s", "coil and driver time constant (L/R)", 0.0, 0.1)
+    pilot_rise_s: float = quantity(11e-3, "s", "pilot time constant while the cracking drop rises", 1e-4, 0.2)
+    pilot_fall_s: float = quantity(7e-3, "s", "pilot time constant while it falls", 1e-4, 0.2)
+    hysteresis_A: float = quantity(0.015, "A", "half width of the magnetic loop, current seen by the pilot", 0.0, 0.2)
+
+
+@dataclass(frozen=True)
+class Reservoir:
+    """Gas behind a floating piston; pressure absolute."""
+
+    pressure_Pa: float = quantity(1.0e6, "Pa", "gas pressure at mid-stroke", 2e4, 1e7)
+    gas_m3: float = quantity(60e-6, "m³", "gas volume at mid-stroke", 1e-6, 1e-2)
+    oil_m3: float = quantity(60e-6, "m³", "oil in the reservoir at mid-stroke", 1e-6, 1e-2)
+    exponent: float = quantity(1.3, "1", "polytropic exponent of the gas", 1.0, 1.67)
+
+
+@dataclass(frozen=True)
+class Seal:
+    """Rod and piston seals: LuGre friction, pressed on by the pressure in the rebound chamber."""
+
+    coulomb_N: float = quantity(28.0, "N", "sliding friction without pressure", 0.0, 5e3)
+    static_N: float = quantity(45.0, "N", "breakaway friction without pressure", 0.0, 5e3)
+    pressure_1_Pa: float = quantity(1.2e-7, "1/Pa", "relative growth of both with gauge pressure", 0.0, 1e-5)
+    stribeck_m_s: float = quantity(0.015, "m/s", "Stribeck speed", 1e-4, 1.0)
+    bristle_N_m: float = quantity(3e5, "N/m", "presliding stiffness", 1e2, 1e8)
+    bristle_Ns_m: float = quantity(150.0, "N·s/m", "presliding damping", 0.0, 1e5)
+    viscous_Ns_m: float = quantity(25.0, "N·s/m", "viscous friction, oil at 40 °C", 0.0, 1e4)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Bushing between the rig's actuator, where position and force are measured, and the rod."""
+
+    stiffness_N_m: float = quantity(3.0e6, "N/m", "stiffness of the bushing", 1e4, 1e9)
+    damping_Ns_m: float = quantity(700.0, "N·s/m", "damping of the bushing", 0.0, 1e6)
+    play_m: float = quantity(0.0, "m", "free play, end to end", 0.0, 0.02)
+
+
+@dataclass(frozen=True)
+class Heat:
+    """One lump of oil and metal that the dissipated power warms."""
+
+    start_degC: float = quantity(40.0, "°C", "temperature at the start", -40.0, 150.0)
+    ambient_degC: float = quantity(22.0, "°C", "temperature around the damper", -40.0, 60.0)
+    capacity_J_K: float = quantity(1500.0, "J/K", "heat capacity of oil and body", 10.0, 1e6)
+    loss_W_K: float = quantity(4.0, "W/K", "heat loss to the surroundings", 0.0, 1e4)
+
+
+@dataclass(frozen=True)
+class Damper:
+    """A hydraulic CES damper; raises RigError if its parts do not fit each other."""
+
+    body: Body = field(default_factory=Body)
+    oil: Oil = field(default_factory=Oil)
+    piston: Piston = field(default_factory=Piston)
+    top_checks: TopChecks = field(default_factory=TopChecks)
+    ces_valve: CesValve = field(default_factory=CesValve)
+    reservoir: Reservoir = field(default_factory=Reservoir)
+    seal: Seal = field(default_factory=Seal)
+    mount: Mount = field(default_factory=Mount)
+    heat: Heat = field(default_factory=Heat)
+
+    def __post_init__(self) -> None:
+        if self.body.rod_m >= self.body.bore_m:
+            raise RigError(f"body: rod_m {self.body.rod_m:g} is not smaller than bore_m {self.body.bore_m:g}")
+        if self.reservoir.gas_m3 <= self.rod_area_m2 * self.body.half_stroke_m:
+            raise RigError(f"reservoir: gas_m3 {self.reservoir.gas_m3:g} cannot take up the rod's volume; enlarge it")
+        if self.ces_valve.current_high_A <= self.ces_valve.current_low_A:
+            raise RigError("ces_valve: current_high_A is not above current_low_A")
+        if self.ces_valve.cracking_high_Pa < self.ces_valve.cracking_low_Pa:
+            raise RigError("ces_valve: cracking_high_Pa is below cracking_low_Pa")
+        if self.seal.static_N < self.seal.coulomb_N:
+            raise RigError(f"seal: static_N {self.seal.static_N:g} is below coulomb_N {self.seal.coulomb_N:g}")
+        self._check_valves()
+
+    def _check_valves(self) -> None:
+        checks = {
+            "piston: compression": self.piston.compression,
+            "top_checks: compression": self.top_checks.compression,
+            "top_checks: rebound": self.top_checks.rebound,
+        }
+        for where, valve in checks.items():
+            if valve.full_open_Pa <= valve.cracking_Pa:
+                raise RigError(f"{where}: full_open_Pa {valve.full_open_Pa:g} is not above cracking_Pa")
+
+    @property
+    def piston_area_m2(self) -> float:
+        """Area the compression chamber acts on."""
+        return pi / 4 * self.body.bore_m**2
+
+    @property
+    def rod_area_m2(self) -> float:
+        """Area of the rod."""
+        return pi / 4 * self.body.rod_m**2
+
+    @property
+    def annulus_area_m2(self) -> float:
+        """Area the rebound chamber acts on."""
+        return self.piston_area_m2 - self.rod_area_m2
+
+
+def damper_from(mapping: object, where: str) -> Damper:
+    """Return the damper that `mapping` (sections of `Damper`, missing keys default) describes; raises RigError."""
+    try:
+        return build(Damper, filled(mapping, Damper()), where)
+    except RigError as error:
+        raise error if str(error).startswith(where) else RigError(f"{where}: {error}") from None
+
+
+def load_damper(path: Path) -> Damper:
+    """Return the damper described in the YAML file `path`; raises RigError, or OSError if it cannot be read."""
+    return damper_from(read_yaml(path), str(path))

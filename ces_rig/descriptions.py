@@ -1,0 +1,119 @@
+"""Descriptions in YAML into frozen dataclasses: a mapping goes in, a checked object comes out, or one clear line.
+
+A field made by `quantity` carries its unit, its plausible range and what it is, so that the same declaration checks a
+file, explains an error and prints the table in the documentation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, asdict, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import yaml
+
+from ces_rig.errors import RigError
+
+T = TypeVar("T")
+REQUIRED = object()
+
+
+def quantity(
+    default: Any, unit: str, what: str, low: float = -math.inf, high: float = math.inf, above: bool = False
+) -> Any:
+    """Declare a dataclass field: a number in `unit` inside [low, high] (with `above`, strictly above `low`)."""
+    limits = {"unit": unit, "what": what, "low": low, "high": high, "above": above}
+    return field(metadata=limits) if default is REQUIRED else field(default=default, metadata=limits)
+
+
+def choice(default: str, what: str, options: tuple[str, ...]) -> Any:
+    """Declare a dataclass field that is one of the words in `options`."""
+    return field(default=default, metadata={"unit": "", "what": what, "options": options})
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Return the mapping in the YAML file `path`; raises RigError if it is not one, OSError if it cannot be read."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise RigError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(content, dict):
+        raise RigError(f"{path}: expected a mapping of keys to values, found {type(content).__name__}")
+    return content
+
+
+def build(cls: type[T], given: object, where: str) -> T:
+    """Return `cls(**given)` with every value checked against its field, nested dataclasses included.
+
+    `where` opens every message, such as `sine.yaml: stroke`. Raises RigError.
+    """
+    if not isinstance(given, Mapping):
+        raise RigError(f"{where}: expected a mapping of keys to values, found {given!r}")
+    known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
+    for key in given:
+        if key not in known:
+            raise RigError(f"{where}: unknown key '{key}'; known are {', '.join(known)}")
+    for name, f in known.items():
+        if name not in given and f.default is MISSING and f.default_factory is MISSING:
+            raise RigError(f"{where}: '{name}' is missing; expected {expected(f)}")
+    hints = get_type_hints(cls)
+    return cls(**{key: _value(known[key], hints[key], value, f"{where}: {key}") for key, value in given.items()})
+
+
+def filled(given: Any, default: Any) -> Any:
+    """Lay the nested mapping `given` over the values of the dataclass `default`, so that one key may be given alone."""
+    if not isinstance(given, Mapping) or not is_dataclass(default) or isinstance(default, type):
+        return given
+    return {**asdict(default), **{key: filled(value, getattr(default, key, None)) for key, value in given.items()}}
+
+
+def expected(f: Field[Any]) -> str:
+    """Say in words what the field `f` takes."""
+    meta = f.metadata
+    if "options" in meta:
+        return "one of " + ", ".join(meta["options"])
+    if not meta or (not math.isfinite(meta["low"]) and not math.isfinite(meta["high"])):
+        return f"a finite number in {meta['unit']}" if meta else "a value"
+    lower = f"a number {'above' if meta['above'] else 'from'} {meta['low']:g}"
+    upper = f" to {meta['high']:g}" if math.isfinite(meta["high"]) else ""
+    return f"{lower}{upper} {meta['unit']}".rstrip()
+
+
+def _value(f: Field[Any], hint: Any, value: object, where: str) -> Any:
+    if is_dataclass(hint):
+        return build(hint, value, where)  # type: ignore[arg-type]
+    if "options" in f.metadata:
+        return _word(f, value, where)
+    if hint is bool or hint is str:
+        if not isinstance(value, hint):
+            raise RigError(f"{where} is {value!r}; expected {'true or false' if hint is bool else 'a word'}")
+        return value
+    if hint == tuple[float, ...]:
+        items = value if isinstance(value, list | tuple) and value else None
+        if items is None:
+            raise RigError(f"{where} is {value!r}; expected a list of numbers")
+        return tuple(_number(f, item, where) for item in items)
+    number = _number(f, value, where)
+    if hint is int and not number.is_integer():
+        raise RigError(f"{where} is {value!r}; expected a whole number")
+    return int(number) if hint is int else number
+
+
+def _word(f: Field[Any], value: object, where: str) -> str:
+    if value not in f.metadata["options"]:
+        raise RigError(f"{where} is {value!r}; expected {expected(f)}")
+    return str(value)
+
+
+def _number(f: Field[Any], value: object, where: str) -> float:
+    try:  # YAML 1.1 reads 1e6 as a word, so words that are numbers are taken
+        number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        number = math.nan
+    low, high = f.metadata.get("low", -math.inf), f.metadata.get("high", math.inf)
+    inside = low < number <= high if f.metadata.get("above") else low <= number <= high
+    if not math.isfinite(number) or not inside:
+        raise RigError(f"{where} is {value!r}; expected {expected(f)}")
+    return number

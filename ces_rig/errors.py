@@ -1,0 +1,7 @@
+"""The rig's branch of the error family."""
+
+from ces_observer.errors import CesError
+
+
+class RigError(CesError):
+    """A damper or experiment description that cannot be used."""

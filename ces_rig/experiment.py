@@ -1,0 +1,161 @@
+"""An experiment on the virtual rig: its description (YAML) goes in, a recording as a logger would have it comes out.
+
+Stamps count from a fixed epoch and every random number from the seed, so an experiment repeats exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.recording import Channel, Recording
+from ces_rig.currents import Current, make_current
+from ces_rig.damper import Damper, damper_from, load_damper
+from ces_rig.descriptions import build, filled, quantity, read_yaml
+from ces_rig.errors import RigError
+from ces_rig.sensors import Sensors
+from ces_rig.stepper import rest_force, simulate
+from ces_rig.strokes import Stroke, make_stroke
+
+Array = NDArray[np.float64]
+
+EPOCH_NS = 1_293_840_000_000_000_000  # 2011-01-01 00:00 UTC, the year of the thesis
+GRID_S = 0.5e-3  # [s] grid of the commands and of the true signals
+KEYS = ("name", "description", "duration_s", "seed", "tare", "stroke", "current", "damper", "sensors")
+STREAMS = {"stroke": 0, "current": 1, "position": 2, "measured_current": 3, "force": 4, "temperature": 5}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The plain settings of an experiment."""
+
+    name: str = ""
+    description: str = ""
+    duration_s: float = quantity(30.0, "s", "duration", 0.1, 7200.0)
+    seed: int = quantity(1, "1", "seed of everything random", 0, 2**31)
+    tare: bool = True
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What is moved how, with which current, damper and sensors; with `tare` the cell reads 0 under gas force alone."""
+
+    settings: Settings
+    stroke: Stroke
+    current: Current
+    damper: Damper
+    sensors: Sensors
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Noise-free signals on the uniform grid `time_s`; every array of shape (n,)."""
+
+    time_s: Array
+    stroke_m: Array
+    commanded_A: Array
+    coil_A: Array
+    force_N: Array
+    oil_degC: Array
+
+
+def packaged() -> dict[str, Path]:
+    """Return the experiments that come with the package, by name."""
+    folder = Path(str(files("ces_rig"))) / "experiments"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def find_experiment(name_or_path: str) -> Path:
+    """Return the path of an experiment file given as a path or as a packaged name; raises RigError if it is neither."""
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    if name_or_path in packaged():
+        return packaged()[name_or_path]
+    known = ", ".join(packaged())
+    raise RigError(f"{name_or_path}: no such file, and no packaged experiment; packaged are {known}")
+
+
+def load_experiment(path: Path) -> Experiment:
+    """Return the experiment described in the YAML file `path`; raises RigError, OSError."""
+    return experiment_from(read_yaml(path), str(path), path)
+
+
+def experiment_from(given: Mapping[str, Any], where: str, path: Path | None = None) -> Experiment:
+    """Return the experiment that the mapping `given` describes; files it names are looked up beside `path`."""
+    for key in given:
+        if key not in KEYS:
+            raise RigError(f"{where}: unknown key '{key}'; known are {', '.join(KEYS)}")
+    for key in ("stroke", "current"):
+        if key not in given:
+            raise RigError(f"{where}: '{key}' is missing; expected a mapping with its kind")
+    plain = {key: given[key] for key in ("name", "description", "duration_s", "seed", "tare") if key in given}
+    plain.setdefault("name", path.stem if path else "experiment")
+    return Experiment(
+        build(Settings, plain, where),
+        make_stroke(given["stroke"], f"{where}: stroke"),
+        make_current(given["current"], f"{where}: current"),
+        _damper(given.get("damper", {}), f"{where}: damper", path),
+        _sensors(given.get("sensors", {}), f"{where}: sensors"),
+    )
+
+
+def truth(experiment: Experiment) -> Truth:
+    """Run the experiment and return its noise-free signals; raises RigError if the stroke leaves the damper."""
+    settings = experiment.settings
+    time = np.arange(round(settings.duration_s / GRID_S) + 1, dtype=np.float64) * GRID_S
+    stroke = experiment.stroke.samples(time, _rng(settings.seed, "stroke"))
+    command = experiment.current.samples(time, stroke, _rng(settings.seed, "current"))
+    run = simulate(experiment.damper, GRID_S, stroke, command)
+    force = run.force_N - (rest_force(experiment.damper) if settings.tare else 0.0)
+    return Truth(time, stroke, command, run.state("coil_A"), force, run.state("oil_degC"))
+
+
+def run(experiment: Experiment) -> Recording:
+    """Run the experiment and return what its sensors logged: position, current, force (and temperature)."""
+    return measure(experiment, truth(experiment))
+
+
+def measure(experiment: Experiment, true: Truth) -> Recording:
+    """Return what the experiment's sensors log of the signals `true`."""
+    sensors, seed = experiment.sensors, experiment.settings.seed
+    current = true.coil_A if sensors.current_source == "measured" else true.commanded_A
+
+    def logged(name: str, unit: str, signal: Array, stream: str) -> Channel:
+        sensor = getattr(sensors, name)
+        return sensor.measure(name, unit, true.time_s, signal, EPOCH_NS, _rng(seed, stream))  # type: ignore[no-any-return]
+
+    channels = [
+        logged("position", "m", true.stroke_m, "position"),
+        logged("current", "A", current, "measured_current"),
+        logged("force", "N", true.force_N, "force"),
+    ]
+    if sensors.log_temperature:
+        channels.append(logged("temperature", "degC", true.oil_degC, "temperature"))
+    return Recording(experiment.settings.name, {c.name: c for c in channels})
+
+
+def reseeded(experiment: Experiment, seed: int) -> Experiment:
+    """Return the same experiment with another seed."""
+    return replace(experiment, settings=replace(experiment.settings, seed=seed))
+
+
+def _rng(seed: int, stream: str) -> np.random.Generator:
+    """One generator for each use, so that a change in one leaves the random numbers of the others alone."""
+    return np.random.default_rng([seed, STREAMS[stream]])
+
+
+def _damper(given: object, where: str, path: Path | None) -> Damper:
+    if isinstance(given, str):
+        return load_damper((path.parent if path else Path()) / given)
+    return damper_from(given, where)
+
+
+def _sensors(given: object, where: str) -> Sensors:
+    return build(Sensors, filled(given, Sensors()), where)

@@ -1,0 +1,114 @@
+"""The figures of docs/rig.md.
+
+python -m ces_rig.figures docs/img
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+
+from ces_rig.characteristic import current_step, cycle, rise_time, steady_force
+from ces_rig.damper import Damper
+from ces_rig.experiment import Truth, load_experiment, packaged, truth
+from ces_rig.stepper import rest_force
+
+CURRENTS = (0.29, 0.40, 0.50, 0.60, 0.70)  # [A]
+STYLE: Any = {
+    "figure.dpi": 130, "font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "grid.color": "#dddddd", "grid.linewidth": 0.6, "axes.axisbelow": True, "legend.frameon": False,
+    "lines.linewidth": 1.6, "figure.constrained_layout.use": True,
+}  # fmt: skip
+
+
+def main(folder: Path) -> None:
+    """Write all figures into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    makers = {"steady": steady, "loops": loops, "step": step, "experiments": experiments}
+    with plt.rc_context(STYLE):
+        for name, make in makers.items():
+            figure = make(Damper())
+            figure.savefig(folder / f"rig_{name}.png", metadata={"Software": None})
+            plt.close(figure)
+
+
+def steady(damper: Damper) -> Any:
+    """Steady force over speed for several currents."""
+    speeds = np.concatenate([np.geomspace(0.004, 0.04, 8), np.linspace(0.05, 0.2, 31), np.linspace(0.22, 0.8, 12)])
+    signed = np.concatenate([-speeds[::-1], speeds])
+    figure, axes = plt.subplots(figsize=(6.4, 4.6))
+    for current in CURRENTS:
+        forces = [steady_force(damper, v, current) for v in signed]
+        axes.plot(signed, np.array(forces) / 1e3, color=_colour(current), label=f"{current:.2f} A")
+    _zero_lines(axes)
+    axes.set(xlabel="speed [m/s], positive in compression", ylabel="force [kN]", title="Steady force over speed")
+    axes.legend(title="current", loc="lower right")
+    return figure
+
+
+def loops(damper: Damper) -> Any:
+    """Force over speed for sines of 4 and 12 Hz."""
+    figure, both = plt.subplots(1, 2, figsize=(9.6, 4.4), sharey=True, sharex=True)
+    for axes, (amplitude, frequency) in zip(both, ((0.018, 4.0), (0.006, 12.0)), strict=True):
+        for current in CURRENTS[::2]:
+            loop = cycle(damper, amplitude, frequency, current)
+            axes.plot(loop.speed_m_s, loop.force_N / 1e3, color=_colour(current), label=f"{current:.2f} A")
+        _zero_lines(axes)
+        axes.set(xlabel="speed [m/s]", title=f"{frequency:.0f} Hz, ±{amplitude * 1e3:.0f} mm")
+    both[0].set_ylabel("force [kN]")
+    both[0].legend(title="current", loc="upper left")
+    return figure
+
+
+def step(damper: Damper) -> Any:
+    """Force after steps of current at constant rebound speed."""
+    figure, axes = plt.subplots(figsize=(6.4, 4.0))
+    for first, last, colour in ((0.29, 0.70, _colour(0.70)), (0.70, 0.29, _colour(0.29))):
+        run, at = current_step(damper, -0.2, first, last)
+        label = f"{first:.2f} → {last:.2f} A: 63 % after {rise_time(run, at) * 1e3:.0f} ms"
+        axes.plot((run.time_s - at) * 1e3, (run.force_N - rest_force(damper)) / 1e3, color=colour, label=label)
+    axes.axvline(0.0, color="#888888", linewidth=0.8)
+    axes.set(xlim=(-10, 80), xlabel="time after the step [ms]", ylabel="force [kN]", ylim=(-3.6, 0.6))
+    axes.set_title("Step of current at 0.2 m/s rebound")
+    axes.legend(loc="upper right")
+    return figure
+
+
+def experiments(_: Damper) -> Any:
+    """A second of each sample experiment: stroke, current and force."""
+    names = ("sine_4hz", "sweep", "noise", "road")
+    figure, grid = plt.subplots(3, 4, figsize=(11.0, 5.6), sharex="col", sharey="row")
+    for column, name in zip(grid.T, names, strict=True):
+        _second(column, name, truth(load_experiment(packaged()[name])))
+    for axes, label in zip(grid[:, 0], ("stroke [mm]", "current [A]", "force [kN]"), strict=True):
+        axes.set_ylabel(label)
+    return figure
+
+
+def _second(column: Any, name: str, true: Truth) -> None:
+    part = slice(20_000, 22_001)
+    signals = (true.stroke_m * 1e3, true.coil_A, true.force_N / 1e3)
+    for axes, signal in zip(column, signals, strict=True):
+        axes.plot(true.time_s[part], signal[part], color=_colour(0.5), linewidth=1.2)
+    column[0].set_title(name)
+    column[2].set(xlabel="time [s]", xticks=(10.0, 10.5, 11.0))
+
+
+def _colour(current_A: float) -> Any:
+    return mpl.colormaps["viridis"](0.05 + 0.8 * (current_A - 0.29) / 0.41)
+
+
+def _zero_lines(axes: Any) -> None:
+    axes.axhline(0.0, color="#888888", linewidth=0.8)
+    axes.axvline(0.0, color="#888888", linewidth=0.8)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/img"))

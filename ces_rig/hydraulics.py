@@ -1,0 +1,402 @@
+"""The numerical kernel of the damper: the equations of docs/rig.md, integrated with a fixed fine step.
+
+Scheme: ROS2 (Verwer et al., SIAM J. Sci. Comput. 20, 1999), a linearly implicit two-stage method that is of second
+order with any Jacobian and L-stable with the true one; the Jacobian here holds the stiff part (bushing, piston,
+pressures) exactly and the rest by its diagonal. Plain loops over arrays; slow readable twin in the tests.
+"""
+
+from __future__ import annotations
+
+from math import exp, log1p, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ATMOSPHERE_PA = 101_325.0
+TRANSITION_PA = 4e3  # [Pa] drop below which an orifice flows laminar
+VAPOUR_WIDTH_PA = 400.0  # [Pa] softness of the vapour floor
+LOWEST_PA = 50.0  # [Pa] numerical guard below the vapour floor
+REFERENCE_DEGC = 40.0
+STANDSTILL_M_S = 1e-6  # [m/s] rounds |speed| in the friction law
+GAMMA = 1.0 - sqrt(0.5)
+
+# Unknowns of the differential equations, then memory of the current path, then the last input.
+PISTON, SPEED, P_COMPRESSION, P_REBOUND, P_GAS = 0, 1, 2, 3, 4
+POPPET, PISTON_CHECK, TOP_COMPRESSION, TOP_REBOUND, BRISTLE, TEMPERATURE = 5, 6, 7, 8, 9, 10
+UNKNOWNS, STIFF = 11, 5
+COIL, PILOT, PLAY, PLAYS = 11, 12, 13, 4
+LAST_STROKE, LAST_SPEED, LAST_CURRENT = 17, 18, 19
+STATE_SIZE = 20
+STATE_NAMES = (
+    "piston_m", "piston_m_s", "p_compression_Pa", "p_rebound_Pa", "p_gas_Pa", "poppet", "piston_check",
+    "top_compression", "top_rebound", "bristle_m", "oil_degC", "coil_A", "pilot_Pa", "play1_A", "play2_A", "play3_A",
+    "play4_A", "stroke_m", "stroke_m_s", "current_A",
+)  # fmt: skip
+Q_CHECK, Q_BLEED, Q_BLOW_OFF, Q_TOP_COMPRESSION, Q_TOP_REBOUND, Q_CES, FLOWS = 0, 1, 2, 3, 4, 5, 6
+
+
+class Coefficients(NamedTuple):
+    """What the kernel needs of a damper: SI units, effective areas, all numbers."""
+
+    piston_area: float
+    annulus_area: float
+    rod_area: float
+    compression_volume: float
+    rebound_volume: float
+    mass: float
+    bump_clearance: float
+    bump_stiffness: float
+    density: float
+    bulk: float
+    air: float
+    air_inverse_exponent: float
+    vapour: float
+    viscosity_fall: float
+    check_area: float
+    check_crack: float
+    check_full: float
+    check_open_s: float
+    check_close_s: float
+    bleed_area: float
+    leakage: float
+    blow_off: float
+    blow_off_area: float
+    blow_off_band: float
+    top_c_area: float
+    top_c_crack: float
+    top_c_full: float
+    top_c_open_s: float
+    top_c_close_s: float
+    top_r_area: float
+    top_r_crack: float
+    top_r_full: float
+    top_r_open_s: float
+    top_r_close_s: float
+    ces_area: float
+    ces_band: float
+    poppet_s: float
+    pilot_area: float
+    crack_low: float
+    crack_high: float
+    current_low: float
+    current_high: float
+    saturation: float
+    solenoid_s: float
+    pilot_rise_s: float
+    pilot_fall_s: float
+    hysteresis: float
+    gas_pressure: float
+    gas_volume: float
+    reservoir_volume: float
+    gas_inverse_exponent: float
+    coulomb: float
+    static: float
+    seal_pressure: float
+    stribeck: float
+    bristle: float
+    bristle_damping: float
+    viscous: float
+    mount: float
+    mount_damping: float
+    play: float
+    ambient: float
+    heat_capacity: float
+    heat_loss: float
+
+
+@njit(cache=True)
+def softplus(u: float) -> float:
+    """Return log(1 + exp(u)) without overflow."""
+    return max(u, 0.0) + log1p(exp(-abs(u)))
+
+
+@njit(cache=True)
+def specific_volume(c: Coefficients, p: float) -> tuple[float, float]:
+    """Volume of the aerated oil at pressure `p` [Pa] over that at atmospheric pressure, and minus its slope [1/Pa]."""
+    oil = (1.0 - c.air) * exp((ATMOSPHERE_PA - p) / c.bulk)
+    air = c.air * (ATMOSPHERE_PA / p) ** c.air_inverse_exponent
+    u = (c.vapour - p) / VAPOUR_WIDTH_PA
+    volume, slope = oil + air, oil / c.bulk + air * c.air_inverse_exponent / p
+    if u > -30.0:
+        volume += softplus(u)
+        slope += 1.0 / (1.0 + exp(-u)) / VAPOUR_WIDTH_PA
+    return volume, slope
+
+
+@njit(cache=True)
+def gas_volume(c: Coefficients, p: float) -> float:
+    """Gas volume [m³] in the reservoir at pressure `p` [Pa], polytropic."""
+    return float(c.gas_volume * (c.gas_pressure / p) ** c.gas_inverse_exponent)
+
+
+@njit(cache=True)
+def oil_mass(c: Coefficients, piston: float, p_c: float, p_r: float, p_g: float) -> float:
+    """Mass of oil [kg] in both chambers and the reservoir; the equations conserve it."""
+    chambers = (c.compression_volume - c.piston_area * piston) / specific_volume(c, p_c)[0]
+    chambers += (c.rebound_volume + c.annulus_area * piston) / specific_volume(c, p_r)[0]
+    reservoir = (c.reservoir_volume - gas_volume(c, p_g)) / specific_volume(c, p_g)[0]
+    return float(c.density * (chambers + reservoir))
+
+
+@njit(cache=True)
+def orifice(c: Coefficients, area: float, drop: float) -> tuple[float, float]:
+    """Flow [m³/s] through an effective area [m²] at a pressure drop [Pa], and its slope; laminar near zero."""
+    k = area * sqrt(2.0 / c.density)
+    square = drop * drop + TRANSITION_PA * TRANSITION_PA
+    root = sqrt(sqrt(square))
+    return k * drop / root, k * (square - 0.5 * drop * drop) / (square * root)
+
+
+@njit(cache=True)
+def opening(drop: float, crack: float, full: float) -> float:
+    """Share of its area a spring-loaded valve opens at a pressure drop [Pa]: 0 at `crack`, 1 at `full`, smooth ends."""
+    u = min(max((drop - crack) / (full - crack), 0.0), 1.0)
+    return u * u * (3.0 - 2.0 * u)
+
+
+@njit(cache=True)
+def flows(c: Coefficients, u: Array, q: Array, slope: Array) -> None:
+    """Fill `q` [m³/s] and `slope` [m³/(s·Pa)], each of shape (FLOWS,), from the unknowns `u`."""
+    p_c, p_r, p_g = u[P_COMPRESSION], u[P_REBOUND], u[P_GAS]
+    q[Q_CHECK], slope[Q_CHECK] = orifice(c, c.check_area * u[PISTON_CHECK], p_c - p_r)
+    thin = exp(c.viscosity_fall * (u[TEMPERATURE] - REFERENCE_DEGC))
+    q[Q_BLEED], slope[Q_BLEED] = orifice(c, c.bleed_area, p_c - p_r)
+    q[Q_BLEED] += c.leakage * thin * (p_c - p_r)
+    slope[Q_BLEED] += c.leakage * thin
+    blow = c.blow_off_area * opening(p_r - p_c, c.blow_off, c.blow_off + c.blow_off_band)
+    q[Q_BLOW_OFF], slope[Q_BLOW_OFF] = orifice(c, blow, p_r - p_c)
+    q[Q_TOP_COMPRESSION], slope[Q_TOP_COMPRESSION] = orifice(c, c.top_c_area * u[TOP_COMPRESSION], p_g - p_c)
+    q[Q_TOP_REBOUND], slope[Q_TOP_REBOUND] = orifice(c, c.top_r_area * u[TOP_REBOUND], p_g - p_r)
+    q[Q_CES], slope[Q_CES] = orifice(c, c.pilot_area + c.ces_area * u[POPPET], p_r - p_g)
+
+
+@njit(cache=True)
+def mount_force(c: Coefficients, u: Array, stroke: float, speed: float) -> tuple[float, float]:
+    """Force [N] in the bushing, positive in compression, and 1.0 if its play is taken up, else 0.0."""
+    bend = stroke - u[PISTON]
+    half = 0.5 * c.play
+    if -half < bend < half:
+        return 0.0, 0.0
+    bend = bend - half if bend > 0.0 else bend + half
+    return c.mount * bend + c.mount_damping * (speed - u[SPEED]), 1.0
+
+
+@njit(cache=True)
+def friction(c: Coefficients, u: Array) -> tuple[float, float, float]:
+    """LuGre seal friction [N], the bristle's rate [m/s] and minus its relaxation rate [1/s]."""
+    v = u[SPEED]
+    press = 1.0 + c.seal_pressure * max(u[P_REBOUND] - ATMOSPHERE_PA, 0.0)
+    level = press * (c.coulomb + (c.static - c.coulomb) * exp(-((v / c.stribeck) ** 2))) + 1e-9
+    relax = -c.bristle * sqrt(v * v + STANDSTILL_M_S * STANDSTILL_M_S) / level
+    rate = v + relax * u[BRISTLE]
+    thick = exp(-c.viscosity_fall * (u[TEMPERATURE] - REFERENCE_DEGC))
+    return c.bristle * u[BRISTLE] + c.bristle_damping * rate + c.viscous * thick * v, rate, relax
+
+
+@njit(cache=True)
+def bump_force(c: Coefficients, piston: float) -> tuple[float, float]:
+    """Force [N] of the bump stops at a piston position [m], and its slope [N/m]."""
+    into = abs(piston) - c.bump_clearance
+    if into <= 0.0:
+        return 0.0, 0.0
+    return c.bump_stiffness * into * (1.0 if piston > 0.0 else -1.0), c.bump_stiffness
+
+
+@njit(cache=True)
+def lag(target: float, value: float, opening_s: float, closing_s: float) -> float:
+    """Rate [1/s] of a valve plate towards its `target` opening."""
+    return (target - value) / (opening_s if target > value else closing_s)
+
+
+@njit(cache=True)
+def capacities(c: Coefficients, u: Array, cap: Array) -> None:
+    """Fill `cap` (6,): dV/dp [m³/Pa] of compression chamber, rebound chamber and reservoir, then volume factors [1]."""
+    v_c, s_c = specific_volume(c, u[P_COMPRESSION])
+    v_r, s_r = specific_volume(c, u[P_REBOUND])
+    v_g, s_g = specific_volume(c, u[P_GAS])
+    gas = gas_volume(c, u[P_GAS])
+    cap[0] = (c.compression_volume - c.piston_area * u[PISTON]) * s_c / v_c
+    cap[1] = (c.rebound_volume + c.annulus_area * u[PISTON]) * s_r / v_r
+    cap[2] = (c.reservoir_volume - gas) * s_g / v_g + gas * c.gas_inverse_exponent / u[P_GAS]
+    cap[3], cap[4], cap[5] = v_c, v_r, v_g
+
+
+@njit(cache=True)
+def rates(c: Coefficients, u: Array, stroke: float, speed: float, pilot: float, work: Array, f: Array) -> None:
+    """Fill `f` (UNKNOWNS,) with du/dt; `work` (3, FLOWS) keeps flows, slopes and capacities for the Jacobian."""
+    q, cap = work[0], work[2]
+    flows(c, u, q, work[1])
+    capacities(c, u, cap)
+    p_c, p_r, p_g, v = u[P_COMPRESSION], u[P_REBOUND], u[P_GAS], u[SPEED]
+    across = q[Q_CHECK] + q[Q_BLEED] - q[Q_BLOW_OFF]
+    f_mount, _ = mount_force(c, u, stroke, speed)
+    f_seal, bristle_rate, _ = friction(c, u)
+    pressure = c.piston_area * p_c - c.annulus_area * p_r - c.rod_area * ATMOSPHERE_PA
+    f[PISTON] = v
+    f[SPEED] = (f_mount - pressure - f_seal - bump_force(c, u[PISTON])[0]) / c.mass
+    f[P_COMPRESSION] = (c.piston_area * v + cap[3] * (q[Q_TOP_COMPRESSION] - across)) / cap[0]
+    f[P_REBOUND] = (-c.annulus_area * v + cap[4] * (across + q[Q_TOP_REBOUND] - q[Q_CES])) / cap[1]
+    f[P_GAS] = cap[5] * (q[Q_CES] - q[Q_TOP_COMPRESSION] - q[Q_TOP_REBOUND]) / cap[2]
+    f[POPPET] = lag(opening(p_r - p_g, pilot, pilot + c.ces_band), u[POPPET], c.poppet_s, c.poppet_s)
+    target = opening(p_c - p_r, c.check_crack, c.check_full)
+    f[PISTON_CHECK] = lag(target, u[PISTON_CHECK], c.check_open_s, c.check_close_s)
+    target = opening(p_g - p_c, c.top_c_crack, c.top_c_full)
+    f[TOP_COMPRESSION] = lag(target, u[TOP_COMPRESSION], c.top_c_open_s, c.top_c_close_s)
+    target = opening(p_g - p_r, c.top_r_crack, c.top_r_full)
+    f[TOP_REBOUND] = lag(target, u[TOP_REBOUND], c.top_r_open_s, c.top_r_close_s)
+    f[BRISTLE] = bristle_rate
+    heat = across * (p_c - p_r) + q[Q_CES] * (p_r - p_g) + f_seal * v
+    heat += q[Q_TOP_COMPRESSION] * (p_g - p_c) + q[Q_TOP_REBOUND] * (p_g - p_r)
+    f[TEMPERATURE] = (heat - c.heat_loss * (u[TEMPERATURE] - c.ambient)) / c.heat_capacity
+
+
+@njit(cache=True)
+def stiff_matrix(c: Coefficients, u: Array, stroke: float, speed: float, gh: float, work: Array, m: Array) -> None:
+    """Fill `m` (STIFF, STIFF) with I - gh·J of bushing, piston and pressures, openings held."""
+    g, cap = work[1], work[2]
+    taken_up = mount_force(c, u, stroke, speed)[1]
+    across = g[Q_CHECK] + g[Q_BLEED] + g[Q_BLOW_OFF]
+    m[:] = 0.0
+    m[PISTON, PISTON] = 1.0
+    m[PISTON, SPEED] = -gh
+    m[SPEED, PISTON] = gh * (taken_up * c.mount + bump_force(c, u[PISTON])[1]) / c.mass
+    m[SPEED, SPEED] = 1.0 + gh * (taken_up * c.mount_damping + c.bristle_damping + c.viscous) / c.mass
+    m[SPEED, P_COMPRESSION] = gh * c.piston_area / c.mass
+    m[SPEED, P_REBOUND] = -gh * c.annulus_area / c.mass
+    a, b, d = gh / cap[0], gh / cap[1], gh / cap[2]
+    m[P_COMPRESSION, SPEED] = -a * c.piston_area
+    m[P_COMPRESSION, P_COMPRESSION] = 1.0 + a * cap[3] * (g[Q_TOP_COMPRESSION] + across)
+    m[P_COMPRESSION, P_REBOUND] = -a * cap[3] * across
+    m[P_COMPRESSION, P_GAS] = -a * cap[3] * g[Q_TOP_COMPRESSION]
+    m[P_REBOUND, SPEED] = b * c.annulus_area
+    m[P_REBOUND, P_COMPRESSION] = -b * cap[4] * across
+    m[P_REBOUND, P_REBOUND] = 1.0 + b * cap[4] * (across + g[Q_TOP_REBOUND] + g[Q_CES])
+    m[P_REBOUND, P_GAS] = -b * cap[4] * (g[Q_TOP_REBOUND] + g[Q_CES])
+    m[P_GAS, P_COMPRESSION] = -d * cap[5] * g[Q_TOP_COMPRESSION]
+    m[P_GAS, P_REBOUND] = -d * cap[5] * (g[Q_CES] + g[Q_TOP_REBOUND])
+    m[P_GAS, P_GAS] = 1.0 + d * cap[5] * (g[Q_CES] + g[Q_TOP_COMPRESSION] + g[Q_TOP_REBOUND])
+
+
+@njit(cache=True)
+def diagonal(c: Coefficients, u: Array, gh: float, d: Array) -> None:
+    """Fill `d` (UNKNOWNS,) with 1 - gh·J of the unknowns after the stiff ones."""
+    d[POPPET] = 1.0 + gh / c.poppet_s
+    d[PISTON_CHECK] = 1.0 + gh / c.check_open_s
+    d[TOP_COMPRESSION] = 1.0 + gh / c.top_c_open_s
+    d[TOP_REBOUND] = 1.0 + gh / c.top_r_open_s
+    d[BRISTLE] = 1.0 - gh * friction(c, u)[2]
+    d[TEMPERATURE] = 1.0
+
+
+@njit(cache=True)
+def factorise(m: Array) -> None:
+    """LU factors of the small matrix `m` in place, without pivoting (its diagonal dominates)."""
+    n = m.shape[0]
+    for k in range(n):
+        for i in range(k + 1, n):
+            m[i, k] /= m[k, k]
+            for j in range(k + 1, n):
+                m[i, j] -= m[i, k] * m[k, j]
+
+
+@njit(cache=True)
+def solve(m: Array, d: Array, x: Array) -> None:
+    """Solve in place: the stiff unknowns by the LU factors `m`, the others by the diagonal `d`."""
+    n = m.shape[0]
+    for i in range(n):
+        for j in range(i):
+            x[i] -= m[i, j] * x[j]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            x[i] -= m[i, j] * x[j]
+        x[i] /= m[i, i]
+    for i in range(n, x.shape[0]):
+        x[i] /= d[i]
+
+
+@njit(cache=True)
+def cracking(c: Coefficients, current: float) -> float:
+    """Cracking drop [Pa] of the CES valve at rest for a current [A]: magnet force ~ current², softly clipped."""
+    w = c.saturation
+    clipped = c.current_low + w * softplus((current - c.current_low) / w) - w * softplus((current - c.current_high) / w)
+    low, high = c.current_low**2, c.current_high**2
+    return float(c.crack_low + (c.crack_high - c.crack_low) * (clipped * clipped - low) / (high - low))
+
+
+@njit(cache=True)
+def current_path(c: Coefficients, state: Array, current: float, h: float) -> None:
+    """Advance coil current, magnetic hysteresis (Prandtl–Ishlinskii, equal weights) and pilot by `h` seconds."""
+    if c.solenoid_s > 0.0:
+        state[COIL] = current + (state[COIL] - current) * exp(-h / c.solenoid_s)
+    else:
+        state[COIL] = current
+    seen = 0.0  # mean over the step
+    for k in range(PLAYS):
+        half = 2.0 * c.hysteresis * (k + 0.5) / PLAYS
+        before = state[PLAY + k]
+        state[PLAY + k] = min(max(before, state[COIL] - half), state[COIL] + half)
+        seen += 0.5 * (before + state[PLAY + k]) / PLAYS
+    target = cracking(c, seen)
+    pilot_s = c.pilot_rise_s if target > state[PILOT] else c.pilot_fall_s
+    state[PILOT] = target + (state[PILOT] - target) * exp(-h / pilot_s)
+
+
+@njit(cache=True)
+def advance(
+    c: Coefficients, state: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int,
+    force: Array, states: Array,
+) -> None:  # fmt: skip
+    """Integrate from the last input in `state` through the given inputs, one every `interval` seconds.
+
+    `state` (STATE_SIZE,) changes in place; `stroke` [m], `speed` [m/s], `current` [A] and the resulting `force` [N]
+    have shape (n,). `states` of shape (n, STATE_SIZE) receives the states, or nothing if it has no rows. Between the
+    inputs the stroke is the cubic through both positions and speeds, the current a straight line.
+    """
+    h = interval / substeps
+    u = state[:UNKNOWNS]
+    k1, k2, mid = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
+    work, m, d = np.empty((3, FLOWS)), np.empty((STIFF, STIFF)), np.empty(UNKNOWNS)
+    for n in range(stroke.shape[0]):
+        x0, v0, i0 = state[LAST_STROKE], state[LAST_SPEED], state[LAST_CURRENT]
+        x1, v1, i1 = stroke[n], speed[n], current[n]
+        bend2, bend3 = 3.0 * (x1 - x0) - (2.0 * v0 + v1) * interval, 2.0 * (x0 - x1) + (v0 + v1) * interval
+        xa, va = x0, v0
+        for k in range(1, substeps + 1):
+            s = k / substeps
+            xb = x0 + s * (v0 * interval + s * (bend2 + s * bend3))
+            vb = v0 + s * (2.0 * bend2 + 3.0 * s * bend3) / interval
+            pilot = state[PILOT]
+            current_path(c, state, i0 + (s - 0.5 / substeps) * (i1 - i0), h)
+            rates(c, u, xa, va, pilot, work, k1)
+            stiff_matrix(c, u, xa, va, GAMMA * h, work, m)
+            diagonal(c, u, GAMMA * h, d)
+            factorise(m)
+            solve(m, d, k1)
+            for j in range(UNKNOWNS):
+                mid[j] = u[j] + h * k1[j]
+            guard(mid)
+            rates(c, mid, xb, vb, state[PILOT], work, k2)
+            for j in range(UNKNOWNS):
+                k2[j] -= 2.0 * k1[j]
+            solve(m, d, k2)
+            for j in range(UNKNOWNS):
+                u[j] += h * (1.5 * k1[j] + 0.5 * k2[j])
+            guard(u)
+            xa, va = xb, vb
+        state[LAST_STROKE], state[LAST_SPEED], state[LAST_CURRENT] = x1, v1, i1
+        force[n] = mount_force(c, u, x1, v1)[0]
+        if states.shape[0] > 0:
+            states[n] = state
+
+
+@njit(cache=True)
+def guard(u: Array) -> None:
+    """Keep pressures above the numerical guard and openings inside 0 to 1."""
+    for j in range(P_COMPRESSION, P_GAS + 1):
+        u[j] = max(u[j], LOWEST_PA)
+    for j in range(POPPET, TOP_REBOUND + 1):
+        u[j] = min(max(u[j], 0.0), 1.0)

@@ -1,0 +1,61 @@
+"""Sensors of the rig: a true signal on a fine grid goes in, a channel as a logger would have it comes out.
+
+Each sensor has its own rate, phase, stamp jitter, noise, quantum and dropouts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from ces_identify.recording import Channel
+from ces_rig.descriptions import choice, quantity
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One sensor; noise and quantum are in the signal's own SI unit."""
+
+    noise: float = quantity(0.0, "(signal's unit)", "standard deviation of white noise", 0.0, 1e6)
+    quantum: float = quantity(0.0, "(signal's unit)", "quantisation step; 0 for none", 0.0, 1e6)
+    bias: float = quantity(0.0, "(signal's unit)", "constant error", -1e6, 1e6)
+    rate_Hz: float = quantity(1000.0, "Hz", "samples a second", 0.1, 1e4)
+    phase_s: float = quantity(0.0, "s", "time of the first sample", 0.0, 10.0)
+    jitter_s: float = quantity(0.0, "s", "standard deviation of the stamp's error", 0.0, 0.1)
+    dropout: float = quantity(0.0, "1", "probability that a sample is not logged", 0.0, 0.9)
+
+    def sampled(self, time_s: Array, true: Array) -> tuple[Array, Array]:
+        """Return sampling times [s] and noise-free values of the signal `true` known at uniform `time_s`.
+
+        Interpolation is monotone (PCHIP), so that a switched current does not ring.
+        """
+        at = np.arange(time_s[0] + self.phase_s, time_s[-1] + 1e-9, 1.0 / self.rate_Hz)
+        return at, np.asarray(PchipInterpolator(time_s, true)(at))
+
+    def measure(self, name: str, unit: str, time_s: Array, true: Array, epoch_ns: int, rng: Generator) -> Channel:
+        """Return the channel as logged; stamps stay in order however large the jitter."""
+        at, value = self.sampled(time_s, true)
+        value = value + self.bias + self.noise * rng.standard_normal(len(at))
+        if self.quantum > 0.0:
+            value = self.quantum * np.round(value / self.quantum)
+        stamps = epoch_ns + np.round(1e9 * (at + self.jitter_s * rng.standard_normal(len(at)))).astype(np.int64)
+        kept = rng.random(len(at)) >= self.dropout
+        return Channel(name, unit, np.maximum.accumulate(stamps[kept]), value[kept])
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """The rig's sensors. The current is measured in the coil, or logged as commanded."""
+
+    position: Sensor = field(default_factory=lambda: Sensor(noise=15e-6, quantum=12e-6, phase_s=0.4e-3, jitter_s=20e-6))
+    current: Sensor = field(default_factory=lambda: Sensor(noise=1.5e-3, quantum=1e-3, rate_Hz=500.0, jitter_s=30e-6))
+    force: Sensor = field(default_factory=lambda: Sensor(noise=8.0, quantum=1.0, phase_s=0.6e-3, jitter_s=20e-6))
+    temperature: Sensor = field(default_factory=lambda: Sensor(noise=0.2, quantum=0.1, rate_Hz=10.0))
+    current_source: str = choice("measured", "which current is logged", ("measured", "commanded"))
+    log_temperature: bool = False

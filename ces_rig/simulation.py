@@ -1,0 +1,76 @@
+"""The rig's damper as a simulation of a recording: position and current as recorded in, force out.
+
+The recorded position is noisy and its derivative drives a stiff bushing, so it is smoothed first, without delay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from ces_rig.damper import Damper, damper_from
+from ces_rig.descriptions import read_yaml
+from ces_rig.errors import RigError
+from ces_rig.experiment import GRID_S, experiment_from
+from ces_rig.stepper import rest_force, simulate
+
+Array = NDArray[np.float64]
+RigForce = Callable[[Array, Array, Array], Array]
+
+SMOOTHING_HZ = 70.0  # [Hz] zero-phase 4th-order low-pass of the position: well above any stroke, well below its noise
+
+
+def load_rig(path: Path | str) -> RigForce:
+    """Return function(time_s, position_m, current_A) -> force_N for a rig description, arrays of shape (n,).
+
+    `path` is an experiment (its damper, `tare` and logged current count) or a damper description alone (tared,
+    measured current). The force is noise-free and positive in compression. A measured current is taken as the coil's,
+    so the coil's lag is not applied twice. Raises RigError, OSError.
+    """
+    path = Path(path)
+    given = read_yaml(path)
+    if "stroke" in given:
+        experiment = experiment_from(given, str(path), path)
+        measured = experiment.sensors.current_source == "measured"
+        return recorded_force(experiment.damper, experiment.settings.tare, measured)
+    return recorded_force(damper_from(given, str(path)))
+
+
+def recorded_force(damper: Damper, tare: bool = True, measured_current: bool = True) -> RigForce:
+    """Return the function that `load_rig` returns, for a damper already at hand."""
+    driven = replace(damper, ces_valve=replace(damper.ces_valve, solenoid_s=0.0)) if measured_current else damper
+    zero = rest_force(damper) if tare else 0.0
+
+    def force(time_s: Array, position_m: Array, current_A: Array) -> Array:
+        time, position, current = _checked(time_s, position_m, current_A)
+        grid = np.arange(time[0], time[-1] + GRID_S, GRID_S)
+        stroke = _smoothed(np.interp(grid, time, position))
+        run = simulate(driven, GRID_S, stroke, np.interp(grid, time, current))
+        return np.asarray(np.interp(np.asarray(time_s), grid, run.force_N - zero))
+
+    return force
+
+
+def _smoothed(position: Array) -> Array:
+    sos = butter(4, SMOOTHING_HZ, fs=1.0 / GRID_S, output="sos")
+    pad = min(len(position) - 1, round(0.2 / GRID_S))
+    return np.asarray(sosfiltfilt(sos, position, padlen=pad))
+
+
+def _checked(time_s: Array, position_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
+    """Return the three as floats in order of time, repeated times once."""
+    time, position, current = (np.asarray(a, dtype=np.float64) for a in (time_s, position_m, current_A))
+    if time.ndim != 1 or not time.shape == position.shape == current.shape:
+        raise RigError(f"rig: times {time.shape}, positions {position.shape}, currents {current.shape}; expected equal")
+    for name, values in (("time", time), ("position", position), ("current", current)):
+        if not np.isfinite(values).all():
+            raise RigError(f"rig: {name} sample {int(np.argmin(np.isfinite(values)))} is not finite; clean it first")
+    time, first = np.unique(time, return_index=True)
+    if len(time) < 10 or time[-1] - time[0] < 0.05:
+        raise RigError(f"rig: {len(time)} samples; expected at least 10 over at least 0.05 s")
+    return time, position[first], current[first]

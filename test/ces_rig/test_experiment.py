@@ -1,0 +1,128 @@
+"""Experiments: the packaged ones run and repeat, seeds and settings act, mistakes cost one clear line."""
+
+import numpy as np
+import pytest
+
+from ces_rig.damper import damper_from
+from ces_rig.errors import RigError
+from ces_rig.experiment import (
+    EPOCH_NS,
+    experiment_from,
+    find_experiment,
+    load_experiment,
+    measure,
+    packaged,
+    reseeded,
+    run,
+    truth,
+)
+
+SHORT = {
+    "duration_s": 1.0,
+    "stroke": {"kind": "noise", "peak_to_peak_m": 0.02},
+    "current": {"kind": "filtered_noise"},
+}
+
+
+def short(**changes):
+    return experiment_from({**SHORT, **changes}, "e.yaml")
+
+
+def same(a, b):
+    return all(
+        np.array_equal(a.channel(n).values, b.channel(n).values)
+        and np.array_equal(a.channel(n).stamps_ns, b.channel(n).stamps_ns)
+        for n in a.channels
+    )
+
+
+@pytest.mark.parametrize("name", ["sine_4hz", "sine_12hz", "sweep", "noise", "road", "fm_binary"])
+def test_packaged_experiments_run(name):
+    experiment = load_experiment(packaged()[name])
+    recording = run(experiment)
+    assert set(recording.channels) == {"position", "current", "force"}
+    assert recording.name == name
+    assert len(recording.channel("position")) == pytest.approx(1000 * experiment.settings.duration_s, abs=1)
+    force = recording.channel("force").values
+    assert -4500 < force.min() < -2000
+    assert 500 < force.max() < 2000
+    assert recording.channel("position").stamps_ns[0] == pytest.approx(EPOCH_NS + 400_000, abs=200_000)
+
+
+def test_a_run_repeats_and_seeds_differ():
+    assert same(run(short()), run(short()))
+    assert not same(run(short()), run(reseeded(short(), 2)))
+
+
+def test_one_sensor_s_noise_leaves_the_others_alone():
+    plain, noisy = run(short()), run(short(sensors={"force": {"noise": 50.0}}))
+    assert np.array_equal(plain.channel("position").values, noisy.channel("position").values)
+    assert np.array_equal(plain.channel("current").values, noisy.channel("current").values)
+    assert np.std(noisy.channel("force").values - plain.channel("force").values) == pytest.approx(42.0, rel=0.1)
+
+
+def test_tare_takes_the_gas_force_away():
+    tared, raw = truth(short()), truth(short(tare=False))
+    assert raw.force_N - tared.force_N == pytest.approx(np.full(len(raw.time_s), 228.7), abs=0.1)
+    assert abs(tared.force_N[0]) < 1.0
+
+
+def test_logged_current_is_the_coil_s_or_the_command():
+    base = {"noise": 0.0, "quantum": 0.0}
+    binary = {"kind": "binary"}
+    true = truth(short(current=binary))
+    coil = measure(short(current=binary, sensors={"current": base}), true).channel("current").values
+    command = measure(short(current=binary, sensors={"current": base, "current_source": "commanded"}), true)
+    assert np.isin(np.round(command.channel("current").values, 3), (0.29, 0.7)).mean() > 0.97
+    assert np.max(np.abs(coil - command.channel("current").values)) > 0.1
+
+
+def test_temperature_is_logged_on_demand():
+    channel = run(short(sensors={"log_temperature": True})).channel("temperature")
+    assert (channel.unit, len(channel)) == ("degC", 11)
+    assert channel.values == pytest.approx(np.full(11, 40.0), abs=1.5)
+
+
+def test_damper_by_file_beside_the_experiment_or_in_place(tmp_path):
+    (tmp_path / "d.yaml").write_text("seal: {coulomb_N: 60.0, static_N: 80.0}\n")
+    path = tmp_path / "e.yaml"
+    path.write_text("stroke: {kind: rest}\ncurrent: {kind: constant, current_A: 0.5}\ndamper: d.yaml\n")
+    expected = damper_from({"seal": {"coulomb_N": 60.0, "static_N": 80.0}}, "x")
+    assert load_experiment(path).damper == expected
+    assert short(damper={"seal": {"coulomb_N": 60.0, "static_N": 80.0}}).damper == expected
+
+
+def test_a_stroke_beyond_the_damper_is_refused():
+    with pytest.raises(RigError, match=r"the stroke reaches 0\.07 m; the damper's ends are at ±0\.06 m"):
+        run(short(stroke={"kind": "sine", "amplitude_m": 0.07, "frequency_Hz": 1.25}, duration_s=3.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"strokes": {}}, "e.yaml: unknown key 'strokes'; known are name"),
+        ({"duration_s": -1}, "e.yaml: duration_s is -1; expected a number from 0.1 to 7200 s"),
+        ({"duration_s": "long"}, "duration_s is 'long'"),
+        ({"seed": 1.5}, "seed is 1.5; expected a whole number"),
+        ({"tare": 3}, "tare is 3; expected true or false"),
+        ({"stroke": {"kind": "sine"}}, "e.yaml: stroke: 'amplitude_m' is missing"),
+        ({"current": None}, "e.yaml: current: kind is None"),
+        ({"damper": {"seal": {"x": 1}}}, "e.yaml: damper: seal: unknown key 'x'"),
+        ({"damper": {"body": {"rod_m": 0.05}}}, "e.yaml: damper: body: rod_m 0.05 is not smaller"),
+        ({"sensors": {"force": {"rate_Hz": 0}}}, "e.yaml: sensors: force: rate_Hz is 0"),
+        ({"sensors": {"speed": {}}}, "e.yaml: sensors: unknown key 'speed'"),
+        ({"sensors": {"current_source": "guessed"}}, "expected one of measured, commanded"),
+    ],
+)
+def test_mistakes_are_one_line(change, says):
+    with pytest.raises(RigError, match=says) as caught:
+        short(**change)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_parts_and_files():
+    with pytest.raises(RigError, match="'current' is missing"):
+        experiment_from({"stroke": {"kind": "rest"}}, "e.yaml")
+    with pytest.raises(RigError, match="no such file, and no packaged experiment; packaged are fm_binary"):
+        find_experiment("sine_5hz")
+    assert find_experiment("sweep") == packaged()["sweep"]
