@@ -48,7 +48,7 @@ $(VENV)/.installed-dev: setup.py pyproject.toml | $(VENV)/bin/python
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-	  { echo "make: $(PYTHON) is older than 3.11; give a newer one: make PYTHON=python3.12" >&2; exit 2; }
+	  { echo "make: $(PYTHON) is missing or older than 3.11; name a newer one: make PYTHON=python3.12" >&2; exit 2; }
 	@$(PYTHON) -c 'import ensurepip' 2> /dev/null || \
 	  { echo "make: Python's venv module is missing; install it: sudo apt install python3-venv" >&2; exit 2; }
 	env -u PYTHONPATH $(PYTHON) -m venv $(VENV)

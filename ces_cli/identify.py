@@ -6,8 +6,9 @@ import argparse
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ces_cli import terminal
 from ces_cli.search_progress import SearchProgress
@@ -34,7 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     bags, validation = _recordings(options, options.bags), _recordings(options, options.validate)
     split = options.split if options.split is not None else 1.0 if validation else 0.75
     limits = Limits(options.terms, options.time, options.target, options.starts, options.seed, options.threads)
-    how = Options(split, load_rules(options.candidates), limits, options.rate, options.bandwidth)
+    rules, certify = load_rules(options.candidates), not options.no_certificate
+    how = Options(split, rules, limits, options.rate, options.bandwidth, certify)
     with SearchProgress(limits) as progress:
         result = identify(bags, validation, how, progress.listen)
     result.model.save(options.out)
@@ -66,6 +68,7 @@ def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] |
     )
     if not any(e.role == "validation" for e in result.evaluations):
         terminal.note("nothing was held out: these costs say how well the model fits, not how good it is")
+    _tell_certificate(result.model.certificate)
     print(f"model:  {options.out}")
     if options.report is None:
         return
@@ -78,6 +81,16 @@ def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] |
     }
     write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
     print(f"report: {options.report}")
+
+
+def _tell_certificate(certificate: Mapping[str, Any] | None) -> None:
+    if certificate is None:
+        terminal.note("--no-certificate: nothing proves that this model stays stable; the observer will refuse it")
+        return
+    print(
+        f"stable: past forces count for at most {certificate['gain']:.3f} < 1 for any input (proved); "
+        f"|force| <= {certificate['force_bound_N']:.0f} N"
+    )
 
 
 def _parser() -> terminal.Parser:
@@ -111,6 +124,9 @@ def _parser() -> terminal.Parser:
     p.add_argument("--seed", type=whole(0, 2**31), default=1, metavar="N", help="seed of the first start (default 1)")
     p.add_argument(
         "--threads", type=whole(1, 256), default=os.cpu_count() or 1, metavar="N", help="default: all processors"
+    )
+    p.add_argument(
+        "--no-certificate", action="store_true", help="consider models whose stability is not proved, too (unsafe)"
     )
     p.add_argument("--rate", type=number(1.0, 1e5), metavar="HZ", help="rate of the model (default: from the data)")
     p.add_argument(

@@ -21,19 +21,24 @@ from ces_identify.sampling import choose_sampling
 from ces_identify.selection import Found, Limits, Listener, search
 from ces_identify.series import Series, prepare
 from ces_observer import __version__
+from ces_observer.certificate import certify
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling, Term
 
 
 @dataclass(frozen=True)
 class Options:
-    """What to identify and how: share of each recording to identify on, rules, limits, and numbers given by hand."""
+    """What to identify and how: share of each recording to identify on, rules, limits, and numbers given by hand.
+
+    With `certify`, only models whose stability is proved (ces_observer.certificate) are considered.
+    """
 
     split: float = 0.75
     rules: Rules = field(default_factory=lambda: load_rules(None))
     limits: Limits = field(default_factory=Limits)
     rate_Hz: float | None = None
     bandwidth_Hz: float | None = None
+    certify: bool = True
 
 
 @dataclass(frozen=True)
@@ -61,12 +66,11 @@ def identify(
     sampling = choose_sampling(recordings, options.rate_Hz, options.bandwidth_Hz)
     whole = [prepare(recording, sampling) for recording in recordings]
     training = [series.part(0.0, options.split) for series in whole]
-    problem = pose(training, _useful_rules(options.rules, training).candidates())
-    found = search(problem, options.limits, listener)
-    best = found[0]
-    if not len(best.chosen):
-        raise CesError(f"no candidate lowered the cost below 100 % ({best.ended}); check signs, signals and rules")
-    model = _model(problem, sampling, best)
+    problem = pose(training, _useful_rules(options.rules, training).candidates(), options.certify)
+    found = [f for f in search(problem, options.limits, listener) if len(f.chosen)]
+    if not found:
+        raise CesError("no candidate lowered the cost below 100 %: check signs, signals and rules, or give more time")
+    model, found = _best_model(problem, sampling, found, options.certify)
     held_out = _held_out(whole, options.split) + [prepare(recording, sampling) for recording in validation]
     evaluations = evaluate(model, training, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     identified = Identified(model, tuple(evaluations), tuple(found), len(problem.candidates))
@@ -81,9 +85,25 @@ def _useful_rules(rules: Rules, training: Sequence[Series]) -> Rules:
     return rules.without("current") if constant else rules
 
 
+def _best_model(problem: Problem, sampling: Sampling, found: Sequence[Found], prove: bool) -> tuple[Model, list[Found]]:
+    """Return the model of the best start, with `prove` of the best whose proof succeeds, and the starts from it on."""
+    for i, best in enumerate(found):
+        model = _model(problem, sampling, best)
+        if not prove:
+            return model, list(found)
+        certificate = certify(model)
+        if certificate.holds:
+            return replace(model, certificate=certificate.to_mapping()), list(found[i:])
+    raise CesError(
+        "no model found could be proved stable; let past forces be multiplied by fewer different lags, or give "
+        "--no-certificate"
+    )
+
+
 def _model(problem: Problem, sampling: Sampling, best: Found) -> Model:
-    coefficients = refitted(problem, best)
-    terms = [Term(float(c), problem.candidates[i].factors) for c, i in zip(coefficients, best.chosen, strict=True)]
+    terms = [
+        Term(float(c), problem.candidates[i].factors) for c, i in zip(refitted(problem, best), best.chosen, strict=True)
+    ]
     return Model("polynomial_narx", sampling, tuple(terms), problem.envelope, problem.force_envelope)
 
 

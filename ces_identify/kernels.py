@@ -24,7 +24,7 @@ STATUS_OK, STATUS_ORDER, STATUS_OUTLIER, STATUS_RESTART = 0, 1, 2, 3
 
 @njit(cache=True, nogil=True)
 def track(
-    stamps: I, positions: F, rate: float, bandwidth: float, max_gap_ns: int, outlier: float
+    stamps: I, positions: F, rate: float, bandwidth: float, max_gap_ns: int, outlier: float, order: int = 3
 ) -> tuple[F, I, I, NDArray[np.int8], F, float]:
     """Twin of `ces_observer.tracker.Tracker` over n finite samples.
 
@@ -41,8 +41,9 @@ def track(
     total = np.zeros(n, np.int64)
     status = np.zeros(n, np.int8)
     ahead = np.zeros(n)
-    half = -0.5 * 2.0 * pi * bandwidth
-    turn = sqrt(0.75) * 2.0 * pi * bandwidth
+    damping = 0.5 if order == 3 else sqrt(0.5)
+    decay = -damping * 2.0 * pi * bandwidth
+    turn = sqrt(1.0 - damping * damping) * 2.0 * pi * bandwidth
     m = 0
     last = 0
     rejected = 0
@@ -81,17 +82,21 @@ def track(
             total[i] = m
             continue
         old_x, old_v, old_tau = x, v, tau
-        radius = exp(half * interval)
+        radius = exp(decay * interval)
         pair = 2.0 * radius * cos(turn * interval)
-        real = radius * radius
-        sum1, sum2, product = real + pair, real + pair * real, real * real
-        third = 0.5 * (1.0 - sum1 + sum2 - product)
-        second = product + 2.0 - sum1 - third
+        square = radius * radius
         innovation = positions[i] - predicted
         squares += innovation * innovation
+        if order == 3:
+            product = square * square
+            third = 0.5 * (1.0 - square) * (1.0 - pair + square)
+            second = product + 2.0 - pair - square - third
+            v += interval * a + second * innovation / interval
+            a += 2.0 * third * innovation / (interval * interval)
+        else:
+            product = square
+            v += (1.0 - pair + square) * innovation / interval
         x = positions[i] - product * innovation
-        v += interval * a + second * innovation / interval
-        a += 2.0 * third * innovation / (interval * interval)
         stamp = stamps[i]
         tau = (stamp - origin) * (rate * 1e-9)
         newest = floor(tau + 0.5)
@@ -130,7 +135,7 @@ def power_row(values: F, power: float, signed: bool) -> F:
             p = s * sqrt(s)
         else:
             p = s**power
-        row[k] = -p if signed and values[k] < 0.0 else p
+        row[k] = -p if signed and np.copysign(1.0, values[k]) < 0.0 else p
     return row
 
 
@@ -376,6 +381,31 @@ def regressor_columns(
 
 
 @njit(cache=True, nogil=True)
+def probed_gain(probes: F, outputs: I, coefficients: F) -> float:
+    """Return the largest sum over output lags of |sum of coefficient * probe| over the probed inputs.
+
+    `probes` (terms, points) holds the product of each term's input factors at each point, for terms with a past force.
+    """
+    largest = 0.0
+    for point in range(probes.shape[1]):
+        total = 0.0
+        for t in range(len(outputs)):
+            if outputs[t] == 0:
+                continue
+            first = True
+            for r in range(t):
+                first &= outputs[r] != outputs[t]
+            if first:
+                share = 0.0
+                for r in range(t, len(outputs)):
+                    if outputs[r] == outputs[t]:
+                        share += coefficients[r] * probes[r, point]
+                total += abs(share)
+        largest = max(largest, total)
+    return largest
+
+
+@njit(cache=True, nogil=True)
 def first_better(
     gram: F,
     chosen: I,
@@ -393,12 +423,15 @@ def first_better(
     recordings: I,
     best: float,
     ridge: float,
+    probes: F,
+    most_gain: float,
     drop: bool,
 ) -> tuple[int, float, F]:
     """Try each candidate of `trial` added to (or, with `drop`, each place of `trial` taken out of) `chosen`.
 
-    Fits by least squares on `gram`, judges by free run, and stops at the first cost below `best`. Returns the place in
-    `trial` (-1 if none was better), the cost and the coefficients.
+    Fits by least squares on `gram`, passes over what has a probed gain of `most_gain` or more, judges by free run, and
+    stops at the first cost below `best`. Returns the place in `trial` (-1 if none was better), the cost and the
+    coefficients.
     """
     n = len(chosen) - 1 if drop else len(chosen) + 1
     terms = np.empty(n, np.int64)
@@ -415,7 +448,7 @@ def first_better(
             terms[: n - 1] = chosen
             terms[n - 1] = trial[place]
         coefficients, independent = solve_normal(gram, terms, ridge)
-        if not independent:
+        if not independent or probed_gain(probes[terms], outputs[terms], coefficients) >= most_gain:
             continue
         cost = free_run_cost(
             powers,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import qmc
 
 from ces_identify import kernels
 from ces_identify.compiled import CompiledTerms, compile_terms, power_table
@@ -26,6 +27,7 @@ I = NDArray[np.int64]  # noqa: E741
 BLOCK_S = 1.0  # [s] of estimation and selection in turn
 ESTIMATION_BLOCKS, PERIOD_BLOCKS = 2, 3
 LEAST_TICKS = 200
+MOST_GAIN = 0.98  # of past forces, at the probed inputs: the proof over all inputs then has room
 CHUNK = 4096  # ticks per block of regressors held in memory
 INPUT_MARGIN = 0.1  # of an input's span
 EXTENSION = 0.5  # of the measured force's span, by which the force envelope exceeds it on each side
@@ -36,7 +38,9 @@ class Problem:
     """Candidates with their Gram matrix on the estimation ticks, and what a free run on the selection ticks needs.
 
     `gram` (n + 1, n + 1) holds the measured force as its last row and column. Weights over the ticks: `fit` of all
-    ticks least squares could use, `selection` and `everything` of the free-run cost. See kernels.py for the rest.
+    ticks least squares could use, `selection` and `everything` of the free-run cost. `probes` (n, points) are the
+    inputs' factors over the envelope, by which models of gain `most_gain` or more are passed over. See kernels.py for
+    the rest.
     """
 
     candidates: tuple[Term, ...]
@@ -51,10 +55,15 @@ class Problem:
     selection: F
     everything: F
     gram: F
+    probes: F
+    most_gain: float
 
 
-def pose(series: Sequence[Series], candidates: Sequence[Term]) -> Problem:
-    """Return the problem of choosing among `candidates` on `series`; raises RecordingError if they hold too little."""
+def pose(series: Sequence[Series], candidates: Sequence[Term], stable: bool = True) -> Problem:
+    """Return the problem of choosing among `candidates` on `series`; raises RecordingError if they hold too little.
+
+    With `stable`, only models that are contractions at the probed inputs are considered.
+    """
     for one in series:
         require_force(one)
     envelope = envelope_of(series)
@@ -88,6 +97,8 @@ def pose(series: Sequence[Series], candidates: Sequence[Term]) -> Problem:
         selection=selection,
         everything=everything,
         gram=gram,
+        probes=probe(compiled, envelope),
+        most_gain=MOST_GAIN if stable else np.inf,
     )
 
 
@@ -101,6 +112,48 @@ def envelope_of(series: Sequence[Series]) -> Envelope:
         return float(low - margin), float(high + margin)
 
     return Envelope(span("position"), span("speed"), span("current"))
+
+
+def probe(compiled: CompiledTerms, envelope: Envelope) -> F:
+    """Return the product of each term's input factors (terms, points) at inputs spread over the envelope.
+
+    Each lagged input is a dimension of its own: a full grid of up to two, a Sobol sequence with the corners beyond.
+    """
+    rows = [_lagged_inputs(compiled, t) for t in range(len(compiled.outputs))]
+    dimensions = sorted({key for t, row in enumerate(rows) if compiled.outputs[t] for key in row.values()})
+    unit = _unit_points(len(dimensions))
+    ranges = {"position": envelope.position_m, "speed": envelope.speed_m_s, "current": envelope.current_A}
+    points = np.ones((len(rows), unit.shape[1]))
+    for t, row in enumerate(rows):
+        if not compiled.outputs[t]:
+            continue
+        for f, key in row.items():
+            signal, power, signed = compiled.powers[compiled.columns[t, f]]
+            low, high = ranges[signal]
+            points[t] *= kernels.power_row(low + (high - low) * unit[dimensions.index(key)], power, signed)
+    return points
+
+
+def _lagged_inputs(compiled: CompiledTerms, term: int) -> dict[int, tuple[str, int]]:
+    """Return signal and lag of each factor of a term."""
+    return {
+        f: (compiled.powers[compiled.columns[term, f]][0], int(compiled.lags[term, f]))
+        for f in range(compiled.counts[term])
+    }
+
+
+def _unit_points(dimensions: int) -> F:
+    """Return points (dimensions, n) of the unit cube."""
+    if dimensions == 0:
+        return np.empty((0, 1))
+    if dimensions <= 2:
+        axes = [np.linspace(0.0, 1.0, n) for n in (61, 9)[:dimensions]]
+        return np.array([axis.ravel() for axis in np.meshgrid(*axes)]).reshape(dimensions, -1)
+    inside = qmc.Sobol(dimensions, seed=0).random(512).T
+    corners = np.array(np.meshgrid(*[[0.0, 1.0]] * min(dimensions, 9))).reshape(min(dimensions, 9), -1)
+    filled = np.full((dimensions, corners.shape[1]), 0.5)
+    filled[: len(corners)] = corners
+    return np.concatenate([inside, filled], axis=1)
 
 
 def gram_matrix(compiled: CompiledTerms, powers: F, measured: F, segments: I, weights: F) -> F:

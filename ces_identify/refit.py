@@ -17,9 +17,9 @@ def refitted(problem: Problem, found: Found) -> F:
     compiled = problem.compiled.subset(found.chosen)
     gram = gram_matrix(compiled, problem.powers, problem.measured, problem.segments, problem.fit)
     coefficients, independent = kernels.solve_normal(gram, np.arange(len(found.chosen)), RIDGE)
-    if independent and _cost(problem, found, coefficients) <= _cost(problem, found, found.coefficients):
-        return np.asarray(coefficients)
-    return found.coefficients
+    stable = kernels.probed_gain(problem.probes[found.chosen], compiled.outputs, coefficients) < problem.most_gain
+    better = independent and stable and _cost(problem, found, coefficients) <= _cost(problem, found, found.coefficients)
+    return np.asarray(coefficients) if better else found.coefficients
 
 
 def _cost(problem: Problem, found: Found, coefficients: F) -> float:

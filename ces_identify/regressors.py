@@ -6,8 +6,9 @@ The number of candidates is counted before any is built, and refused if it is mo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -42,25 +43,23 @@ class SignalRule:
 
 @dataclass(frozen=True)
 class Rules:
-    """Rules by signal, and the products of signals that make a term; () is the constant term."""
+    """Rules by signal, and the products of signals that make a term; () is the constant term.
+
+    `beside_force` holds other rules for the signals that multiply a past force. Few different lags there keep the proof
+    of stability short (ces_observer.certificate).
+    """
 
     signals: Mapping[str, SignalRule]
     products: tuple[tuple[str, ...], ...]
+    beside_force: Mapping[str, SignalRule] = field(default_factory=dict)
 
     def count(self) -> int:
         """Return how many candidates the rules make."""
-        sizes = {signal: len(rule.factors(signal)) for signal, rule in self.signals.items()}
-        total = 0
-        for signals in self.products:
-            here = 1
-            for signal in signals:
-                here *= sizes[signal]
-            total += here
-        return total
+        return sum(prod(len(factors) for factors in self._factors(signals)) for signals in self.products)
 
     def without(self, signal: str) -> Rules:
         """Return the rules with every product that holds `signal` left out."""
-        return Rules(self.signals, tuple(p for p in self.products if signal not in p))
+        return Rules(self.signals, tuple(p for p in self.products if signal not in p), self.beside_force)
 
     def candidates(self) -> tuple[Term, ...]:
         """Return one term (coefficient 1) for each candidate; raises CesError with the count if they are too many."""
@@ -68,19 +67,22 @@ class Rules:
             raise CesError(
                 f"candidate rules make {self.count()} terms; at most {MOST_CANDIDATES}: drop lags, powers or products"
             )
-        return tuple(
-            Term(1.0, factors)
-            for signals in self.products
-            for factors in product(*(self.signals[s].factors(s) for s in signals))
-        )
+        return tuple(Term(1.0, factors) for signals in self.products for factors in product(*self._factors(signals)))
+
+    def _factors(self, signals: tuple[str, ...]) -> list[tuple[Factor, ...]]:
+        rules = {**self.signals, **self.beside_force} if "force" in signals else self.signals
+        return [rules[signal].factors(signal) for signal in signals]
 
 
 DEFAULT_RULES = """\
 # Candidate regressors for a polynomial NARX. A term is a product of one factor from each signal of a product.
 #   lags    in ticks of the model's rate, from 0 on (force: from 1 on)
 #   powers  also non-integer; the factor is sign(s) |s|^p (signed) or |s|^p (magnitude); signed with power 0 is sign(s)
+#   force: speed, current  what may multiply a past force instead, kept to one lag each so that stability can be proved
 force:
   lags: [1, 2]
+  speed: {lags: [0], powers: [0.5, 1.0, 1.5], forms: [signed, magnitude]}
+  current: {lags: [8], powers: [1.0, 2.0], forms: [magnitude]}
 speed:
   lags: [0, 3, 8]
   powers: [0.5, 1.0, 2.0]
@@ -125,8 +127,18 @@ def parse_rules(raw: object, source: str) -> Rules:
     unknown = sorted(set(map(str, raw)) - {*SIGNALS, "products"})
     if unknown:
         raise CesError(f"{source}: unknown key '{unknown[0]}'; expected {', '.join(SIGNALS)} or products")
-    signals = {s: _signal_rule(s, raw[s], f"{source}: {s}") for s in SIGNALS if s in raw}
-    return Rules(signals, _products(raw.get("products"), signals, source))
+    force, beside = _split_force(raw.get("force"), source)
+    given = {**raw, "force": force} if "force" in raw else raw
+    signals = {s: _signal_rule(s, given[s], f"{source}: {s}") for s in SIGNALS if s in given}
+    return Rules(signals, _products(raw.get("products"), signals, source), beside)
+
+
+def _split_force(raw: object, source: str) -> tuple[object, dict[str, SignalRule]]:
+    """Return the rule of past forces without, and with alone, the rules of the signals beside them."""
+    if not isinstance(raw, Mapping):
+        return raw, {}
+    beside = {s: _signal_rule(s, raw[s], f"{source}: force: {s}") for s in SIGNALS[1:] if s in raw}
+    return {key: value for key, value in raw.items() if key not in beside}, beside
 
 
 def _signal_rule(signal: str, raw: object, where: str) -> SignalRule:

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,14 @@ I = NDArray[np.int64]  # noqa: E741
 
 GAINS = (0.2, 0.05, 0.02, 0.007, 0.003)  # relative gain asked of a new term, round by round
 PRUNE_LOSS = 0.001  # relative loss at which a term is no longer worth keeping
+SHAKEN = 0.4  # share of the terms taken out at the beginning of a round
 BATCH = 32  # candidates tried between two looks at the clock
 RIDGE = 1e-9  # least pivot of the scaled Gram matrix, below which columns count as dependent
 
 
 @dataclass(frozen=True)
 class Limits:
-    """When to stop: most terms, seconds, target cost [%], number of starts, first seed, threads."""
+    """When to stop: most terms, seconds, target cost [%], number of starts, first seed, threads, rounds of a start."""
 
     most_terms: int = 15
     seconds: float = 60.0
@@ -38,6 +39,7 @@ class Limits:
     starts: int = 8
     seed: int = 1
     threads: int = 4
+    rounds: int = 12
 
 
 @dataclass(frozen=True)
@@ -101,16 +103,36 @@ class _Start:
         self.trials = 0
 
     def run(self) -> Found:
-        ended = "candidates exhausted"
+        """Search, then shake and search again; return the best model."""
+        self._climb()
+        for _ in range(self.limits.rounds):
+            if self._reason_to_end():
+                break
+            best = self.found
+            self._shake()
+            self._climb()
+            if self.found.cost >= best.cost:
+                self.found = best
+        ended = self._reason_to_end() or "candidates exhausted"
+        self.found = replace(self.found, trials=self.trials, ended=ended)
+        self.listener(self.found)
+        return self.found
+
+    def _climb(self) -> None:
+        """Add and prune terms until no candidate gives the least gain."""
         for gain in GAINS:
             while self._one_success(gain):
                 self.listener(self.found)
-            ended = self._reason_to_end() or ended
-            if self._reason_to_end():
-                break
-        self.found = Found(self.found.chosen, self.found.coefficients, self.found.cost, self.seed, self.trials, ended)
-        self.listener(self.found)
-        return self.found
+
+    def _shake(self) -> None:
+        """Take a random part of the terms out."""
+        n = len(self.found.chosen)
+        keep = self.random.permutation(n)[: max(1, round((1.0 - SHAKEN) * n))]
+        less = self.found.chosen[np.sort(keep)]
+        place, cost, coefficients = self._try(less[:-1], less[-1:], np.inf, False)
+        if place < 0:
+            less, cost, coefficients = np.empty(0, np.int64), 100.0, np.empty(0)
+        self.found = Found(less, coefficients, cost, self.seed, self.trials, "running")
 
     def _reason_to_end(self) -> str:
         if self.stop.is_set():
@@ -182,6 +204,8 @@ class _Start:
             p.recordings,
             bound,
             RIDGE,
+            p.probes,
+            p.most_gain,
             drop,
         )
         self.trials += len(trial) if place < 0 else place + 1

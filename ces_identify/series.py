@@ -96,8 +96,11 @@ def held_current(recording: Recording, stamps_ns: I, max_age_s: float) -> F:
     if "current" in recording.constants:
         return np.full(len(stamps_ns), float(recording.constants["current"]))
     channel = recording.channel("current")
-    finite = np.isfinite(channel.values)
-    stamps, values = channel.stamps_ns[finite], channel.values[finite]
+    finite = np.flatnonzero(np.isfinite(channel.values))
+    order = finite[np.argsort(channel.stamps_ns[finite], kind="stable")]
+    if not len(order):
+        return np.full(len(stamps_ns), np.nan)
+    stamps, values = channel.stamps_ns[order], channel.values[order]
     newest = np.searchsorted(stamps, stamps_ns, side="right") - 1
     known = newest >= 0
     held = np.full(len(stamps_ns), np.nan)
@@ -147,6 +150,7 @@ def track_samples(samples: Samples, sampling: Sampling) -> tuple[F, I, I, NDArra
         sampling.bandwidth_Hz,
         round(sampling.max_gap_s * 1e9),
         sampling.outlier_m,
+        sampling.order,
     )
     return tracked
 

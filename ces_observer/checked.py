@@ -68,12 +68,12 @@ class Checked:
             raise self._wrong(key, "true or false")
         return value
 
-    def range(self, key: str) -> tuple[float, float]:
-        """Return the pair [low, high] of finite numbers under `key`."""
+    def range(self, key: str, most: float = math.inf) -> tuple[float, float]:
+        """Return the pair [low, high] of finite numbers under `key`, neither larger than `most`."""
         value = self._get(key)
-        pair = isinstance(value, list) and len(value) == 2 and all(_is_finite(v) for v in value)
+        pair = isinstance(value, list) and len(value) == 2 and all(_is_finite(v) and abs(v) <= most for v in value)
         if not pair or value[0] > value[1]:
-            raise self._wrong(key, "[low, high], both finite")
+            raise self._wrong(key, f"[low, high], both finite and at most {most:g}")
         return float(value[0]), float(value[1])
 
     def mapping_or_none(self, key: str) -> Mapping[str, Any] | None:

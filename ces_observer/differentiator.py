@@ -1,10 +1,11 @@
-"""Speed from position, causally: a third-order observer that is exact for constant acceleration and tolerates jitter.
+"""Speed from position, causally: an observer of constant acceleration (or constant speed) that tolerates jitter.
 
 Position samples with their intervals go in; filtered position, speed and acceleration come out at each sample's time.
-It is the steady-state Kalman filter of a triple integrator (white jerk, white position noise), whose poles form a
-Butterworth pattern of radius `bandwidth` = (jerk intensity / noise intensity)^(1/6); see Bar-Shalom, Li &
-Kirubarajan, Estimation with Applications to Tracking and Navigation, sec. 6.5. Placing the poles anew for each
-interval keeps the same bandwidth at any sampling rate. docs/differentiator.md says why this one.
+It is the steady-state Kalman filter of a chain of `order` integrators driven by white noise, whose poles form a
+Butterworth pattern of radius `bandwidth`; see Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking
+and Navigation, sec. 6.5. Order 3 (white jerk) has no delay at low frequency; order 2 (white acceleration) lags by
+1.41 / (2 pi bandwidth) but does not amplify what lies near the bandwidth. Placing the poles anew for each interval
+keeps the bandwidth at any sampling rate. docs/differentiator.md says why this one.
 """
 
 from __future__ import annotations
@@ -13,18 +14,24 @@ from math import cos, exp, isfinite, pi, sqrt
 
 from ces_observer.errors import ModelError
 
+ORDERS = (2, 3)
+
 
 class Differentiator:
-    """Filtered position [m], speed [m/s] and acceleration [m/s2] after each `step`."""
+    """Filtered position [m], speed [m/s] and acceleration [m/s2, 0 in order 2] after each `step`."""
 
-    __slots__ = ("_half", "_turn", "acceleration", "bandwidth_Hz", "position", "speed")
+    __slots__ = ("_decay", "_turn", "acceleration", "bandwidth_Hz", "order", "position", "speed")
 
-    def __init__(self, bandwidth_Hz: float) -> None:
+    def __init__(self, bandwidth_Hz: float, order: int = 3) -> None:
         if not (isfinite(bandwidth_Hz) and bandwidth_Hz > 0.0):
             raise ModelError(f"differentiator bandwidth is {bandwidth_Hz!r} Hz; expected a positive number")
+        if order not in ORDERS:
+            raise ModelError(f"differentiator order is {order!r}; expected 2 or 3")
         self.bandwidth_Hz = bandwidth_Hz
-        self._half = -0.5 * 2.0 * pi * bandwidth_Hz
-        self._turn = sqrt(0.75) * 2.0 * pi * bandwidth_Hz
+        self.order = order
+        damping = 0.5 if order == 3 else sqrt(0.5)
+        self._decay = -damping * 2.0 * pi * bandwidth_Hz
+        self._turn = sqrt(1.0 - damping * damping) * 2.0 * pi * bandwidth_Hz
         self.reset(0.0)
 
     def reset(self, position: float) -> None:
@@ -39,13 +46,17 @@ class Differentiator:
 
     def step(self, interval: float, position: float) -> None:
         """Take the position [m] measured `interval` > 0 seconds after the last sample."""
-        radius = exp(self._half * interval)
+        radius = exp(self._decay * interval)
         pair = 2.0 * radius * cos(self._turn * interval)
-        real = radius * radius
-        total, pairs, product = real + pair, real + pair * real, real * real
-        third = 0.5 * (1.0 - total + pairs - product)
-        second = product + 2.0 - total - third
+        square = radius * radius
         innovation = position - self.predict(interval)
+        if self.order == 3:  # the real pole exp(-2 pi bandwidth interval) is `square` too
+            product = square * square
+            third = 0.5 * (1.0 - square) * (1.0 - pair + square)
+            second = product + 2.0 - pair - square - third
+            self.speed += interval * self.acceleration + second * innovation / interval
+            self.acceleration += 2.0 * third * innovation / (interval * interval)
+        else:
+            product = square
+            self.speed += (1.0 - pair + square) * innovation / interval
         self.position = position - product * innovation
-        self.speed += interval * self.acceleration + second * innovation / interval
-        self.acceleration += 2.0 * third * innovation / (interval * interval)

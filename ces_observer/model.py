@@ -23,6 +23,9 @@ MAX_BYTES = 1_000_000
 MAX_TERMS = 500
 MAX_LAG = 1000
 MAX_POWER = 8.0
+MOST_INPUT = 1e6  # [m, m/s, A] and [N]: beyond any damper, and far from where powers overflow
+MOST_FORCE_N = 1e9
+MOST_COEFFICIENT = 1e30
 
 Range = tuple[float, float]
 
@@ -68,6 +71,7 @@ class Sampling:
     max_gap_s: float = 0.05  # [s] a longer silence restarts the estimator
     max_current_age_s: float = 0.2  # [s] an older current is no current
     warm_up_s: float = 0.5  # [s] withheld, and left out of costs, after each restart
+    order: int = 3  # of the differentiator: 2 (white acceleration) or 3 (white jerk)
 
 
 @dataclass(frozen=True)
@@ -150,7 +154,7 @@ def parse_model(text: str, source: str) -> Model:
         sampling=sampling,
         terms=tuple(_term(item) for item in root.items("terms", 1, MAX_TERMS)),
         envelope=_envelope(root.at("input_envelope")),
-        force_envelope_N=root.range("force_envelope_N"),
+        force_envelope_N=root.range("force_envelope_N", MOST_FORCE_N),
         certificate=root.mapping_or_none("certificate"),
         provenance=root.mapping_or_none("provenance") or {},
     )
@@ -164,18 +168,19 @@ def _sampling(node: Checked) -> Sampling:
         max_gap_s=node.number("max_gap_s", 1e-4, 10.0),
         max_current_age_s=node.number("max_current_age_s", 1e-4, 1e6),
         warm_up_s=node.number("warm_up_s", 0.0, 60.0),
+        order=node.whole("order", 2, 3),
     )
 
 
 def _envelope(node: Checked) -> Envelope:
-    return Envelope(node.range("position_m"), node.range("speed_m_s"), node.range("current_A"))
+    return Envelope(*(node.range(key, MOST_INPUT) for key in ("position_m", "speed_m_s", "current_A")))
 
 
 def _term(node: Checked) -> Term:
     factors = tuple(_factor(item) for item in node.items("factors", 0, 8))
     if sum(f.signal == "force" for f in factors) > 1:
         raise ModelError(f"{node.where}: more than one past force; expected at most one, so that bounds can be proved")
-    return Term(node.number("coefficient"), factors)
+    return Term(node.number("coefficient", -MOST_COEFFICIENT, MOST_COEFFICIENT), factors)
 
 
 def _factor(node: Checked) -> Factor:

@@ -40,7 +40,7 @@ class Tracker:
     )
 
     def __init__(self, sampling: Sampling) -> None:
-        self._differentiator = Differentiator(sampling.bandwidth_Hz)
+        self._differentiator = Differentiator(sampling.bandwidth_Hz, sampling.order)
         self._max_gap_ns = round(sampling.max_gap_s * 1e9)
         self._outlier_m = sampling.outlier_m
         self._scale = sampling.rate_Hz * 1e-9

@@ -11,16 +11,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_identify.cost import cost
 from ces_identify.recording import Recording
 from ces_rig.experiment import Experiment, load_experiment, measure, packaged, truth
 from ces_rig.simulation import recorded_force
 
 Array = NDArray[np.float64]
-
-
-def cost(measured: Array, simulated: Array) -> float:
-    """J = 100 · ‖y − ŷ‖ / ‖y − mean(y)‖ (thesis eq. 3.5)."""
-    return float(100.0 * np.linalg.norm(measured - simulated) / np.linalg.norm(measured - measured.mean()))
 
 
 def floors(experiment: Experiment) -> tuple[float, float]:

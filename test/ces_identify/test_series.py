@@ -56,6 +56,11 @@ def test_an_old_current_is_no_current():
     np.testing.assert_array_equal(held, [np.nan, 1.0, 1.0, np.nan])
 
 
+def test_no_finite_current_is_no_current():
+    channel = Channel("current", "A", np.array([0]), np.array([np.nan]))
+    assert np.isnan(held_current(Recording("r", {"current": channel}), np.array([5]), 1.0)).all()
+
+
 def test_a_constant_current_needs_no_channel():
     made = recording()
     passive = Recording("p", {"position": made.channel("position")}, constants={"current": 0.0})

@@ -47,7 +47,10 @@ def test_longest_lag():
         (lambda m: m.pop("terms"), "key 'terms' is missing"),
         (lambda m: m["sampling"].pop("rate_Hz"), "sampling: key 'rate_Hz' is missing"),
         (lambda m: m.update(schema="ces-model/9"), "schema is 'ces-model/9'"),
-        (lambda m: m["terms"][0].update(coefficient=float("nan")), r"terms\[0\]: coefficient is nan; expected a finite"),
+        (
+            lambda m: m["terms"][0].update(coefficient=float("nan")),
+            r"terms\[0\]: coefficient is nan; expected a finite",
+        ),
         (lambda m: m["terms"][0].update(coefficient=float("inf")), "coefficient is inf"),
         (lambda m: m["terms"][0].update(coefficient="1"), "coefficient is '1'"),
         (lambda m: m["terms"][0].update(coefficient=True), "coefficient is True"),
@@ -61,6 +64,8 @@ def test_longest_lag():
         (lambda m: m.update(structure="pickle"), "structure is 'pickle'"),
         (lambda m: m["input_envelope"].update(speed_m_s=[1.0, -1.0]), "speed_m_s is .*expected \\[low, high\\]"),
         (lambda m: m["sampling"].update(rate_Hz=0), "rate_Hz is 0"),
+        (lambda m: m["input_envelope"].update(speed_m_s=[-1e308, 1e308]), "at most 1e\\+06"),
+        (lambda m: m["terms"][0].update(coefficient=1e300), "coefficient is 1e\\+300"),
     ],
 )
 def test_what_is_wrong_is_named(change, message):

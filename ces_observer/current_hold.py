@@ -1,0 +1,82 @@
+"""The current that holds at a position sample: the newest one stamped no later, if it is not too old.
+
+Stamped currents go in as they arrive; `at` gives the current for a position's stamp, by the same rule as offline
+(`ces_identify.series.held_current`). A short history is kept because position and current come in separate queues, so
+that a current may arrive before a position that was measured earlier.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from math import isfinite, nan
+
+HISTORY = 256  # currents kept: more than a subscription's queue holds
+JUMP_NS = 1_000_000_000  # a current stamped this much earlier than the newest one means that its clock was set back
+
+
+class CurrentHold:
+    """Newest current [A] at or before a stamp [ns], NaN if there is none or it is older than `max_age_s`."""
+
+    __slots__ = ("_max_age_ns", "_stamps", "_values")
+
+    def __init__(self, max_age_s: float) -> None:
+        self._max_age_ns = round(max_age_s * 1e9)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every current."""
+        self._stamps: list[int] = []
+        self._values: list[float] = []
+
+    def put(self, stamp_ns: int, current_A: float) -> None:
+        """Take a current; one that is not finite counts as not received."""
+        if not isfinite(current_A):
+            return
+        stamps = self._stamps
+        if stamps and stamp_ns < stamps[-1] - JUMP_NS:
+            self.reset()
+            stamps = self._stamps
+        place = bisect_right(stamps, stamp_ns)
+        stamps.insert(place, stamp_ns)
+        self._values.insert(place, current_A)
+        if len(stamps) > HISTORY:
+            del stamps[0], self._values[0]
+
+    def at(self, stamp_ns: int) -> float:
+        """Return the current [A] that holds at `stamp_ns`, or NaN."""
+        newest = bisect_right(self._stamps, stamp_ns) - 1
+        if newest < 0 or stamp_ns - self._stamps[newest] > self._max_age_ns:
+            return nan
+        return self._values[newest]
+
+    def why(self, stamp_ns: int) -> str:
+        """Return why `at` gives NaN at `stamp_ns`; empty if no current was received at all."""
+        if not self._stamps:
+            return ""
+        newest = bisect_right(self._stamps, stamp_ns) - 1
+        limit = self._max_age_ns * 1e-9
+        if newest < 0:
+            ahead = (self._stamps[0] - stamp_ns) * 1e-9
+            question = ": are both on one clock?" if ahead > limit else ""
+            return f"the position was measured {ahead:.3g} s before the first current that is known" + question
+        age = (stamp_ns - self._stamps[newest]) * 1e-9
+        return f"the newest current is {age:.3g} s older than the position; the model allows {limit:g} s"
+
+
+class ConstantCurrent:
+    """A current that is known and not measured, such as the 0 A of a passive damper."""
+
+    __slots__ = ("_value",)
+
+    def __init__(self, current_A: float) -> None:
+        self._value = current_A
+
+    def at(self, stamp_ns: int) -> float:
+        """Return the current [A]."""
+        del stamp_ns
+        return self._value
+
+    def why(self, stamp_ns: int) -> str:
+        """Return nothing: a constant current is always there."""
+        del stamp_ns
+        return ""

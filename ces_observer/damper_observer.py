@@ -1,0 +1,133 @@
+"""One damper as the observer node sees it: samples in, a force or a reason why not out, and counts for its health.
+
+It knows no ROS: stamps are integers, and the node's clock comes in as an argument.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import isfinite
+
+from ces_observer.current_hold import ConstantCurrent, CurrentHold
+from ces_observer.estimator import UNBOUNDED, Estimator
+from ces_observer.model import Model
+from ces_observer.tracker import OK, OUT_OF_ORDER
+
+SILENT = "no position samples arrive"
+POSITION_NOT_FINITE = "position is not finite"
+NO_CURRENT = "no usable current"
+OFF_CLOCK = "position stamps are off the node's clock"
+
+
+@dataclass
+class Tally:
+    """Counts since the start: position samples, forces given, of these with clamped inputs, and withheld by reason."""
+
+    samples: int = 0
+    estimates: int = 0
+    clamped: int = 0
+    unreadable: int = 0  # messages of either signal without the described field
+    withheld: dict[str, int] = field(default_factory=dict)
+
+    def copy(self) -> Tally:
+        """Return the counts as they are now."""
+        return Tally(self.samples, self.estimates, self.clamped, self.unreadable, dict(self.withheld))
+
+
+class DamperObserver:
+    """The estimator of one damper with the current that holds for it.
+
+    After `step`: `reason` is "ok" or why the force was withheld, `position` [m] and `speed` [m/s] what was used.
+    `max_age_s` is the largest difference between a position's stamp and the node's clock, in either direction,
+    at which its force is still given; 0 switches that check off. The estimator itself runs on, so a replay gives
+    the same forces whether or not they are given.
+    """
+
+    def __init__(self, model: Model, current: CurrentHold | ConstantCurrent, max_age_s: float) -> None:
+        self.model = model
+        self.current = current
+        self.tally = Tally()
+        self.reason = SILENT
+        self.stamp_ns = 0
+        self.age_ns = 0
+        self.position_error = ""
+        self.current_error = ""
+        self._estimator = Estimator(model)
+        self.allow_age(max_age_s)
+
+    @property
+    def position(self) -> float:
+        """Filtered position [m] that the last force was estimated from."""
+        return self._estimator.position
+
+    @property
+    def speed(self) -> float:
+        """Speed [m/s] that the last force was estimated from."""
+        return self._estimator.speed
+
+    def allow_age(self, max_age_s: float) -> None:
+        """Set the largest difference [s] between stamp and clock; 0 for any."""
+        self._max_age_ns = round(max_age_s * 1e9)
+
+    def take_current(self, stamp_ns: int, current_A: float) -> None:
+        """Take a current sample; ignored if the current is constant."""
+        self.current_error = "" if isfinite(current_A) else f"the current is {current_A}"
+        if isinstance(self.current, CurrentHold):
+            self.current.put(stamp_ns, current_A)
+
+    def step(self, stamp_ns: int, position_m: float, now_ns: int) -> float | None:
+        """Return the force [N] at `stamp_ns`, or None with `reason` set; `now_ns` is the node's clock."""
+        self.tally.samples += 1
+        self.stamp_ns, self.age_ns = stamp_ns, now_ns - stamp_ns
+        self.position_error = ""
+        current = self.current.at(stamp_ns)
+        force = self._estimator.step(stamp_ns, position_m, current)
+        self.reason = self._judge(force, position_m, current)
+        if self.reason != OK:
+            self.tally.withheld[self.reason] = self.tally.withheld.get(self.reason, 0) + 1
+            return None
+        self.tally.estimates += 1
+        self.tally.clamped += self._estimator.clamped
+        return force
+
+    def unreadable_position(self, error: str) -> None:
+        """Count a position message without the described field; only silence that follows makes it a reason."""
+        self.tally.unreadable += 1
+        self.position_error = error
+
+    def unreadable_current(self, error: str) -> None:
+        """Count a current message without the described field; a current that grows too old makes it a reason."""
+        self.tally.unreadable += 1
+        self.current_error = error
+
+    def silence(self) -> None:
+        """Tell that no position sample has come for too long."""
+        self.reason = SILENT
+
+    def explain(self) -> str:
+        """Return what there is to add to `reason`, empty if nothing."""
+        if self.reason == SILENT:
+            return self.position_error
+        if self.reason == NO_CURRENT:
+            return self.current_error or self.current.why(self.stamp_ns)
+        if self.reason in (OFF_CLOCK, OUT_OF_ORDER) and self.stamp_ns == 0:
+            return "the header stamp is 0: the publisher does not fill it in"
+        return self._clock_difference() if self.reason == OFF_CLOCK else ""
+
+    def _judge(self, force: float | None, position: float, current: float) -> str:
+        if not isfinite(position):
+            return POSITION_NOT_FINITE
+        if self._max_age_ns and abs(self.age_ns) > self._max_age_ns:
+            return OFF_CLOCK
+        if not isfinite(current):
+            return NO_CURRENT
+        if force is None:
+            return self._estimator.reason
+        return OK if isfinite(force) and isfinite(self.position) and isfinite(self.speed) else UNBOUNDED
+
+    def _clock_difference(self) -> str:
+        side = "behind" if self.age_ns > 0 else "ahead of"
+        return (
+            f"{abs(self.age_ns) * 1e-9:.3g} s {side} it, max_age_s allows {self._max_age_ns * 1e-9:g} s; "
+            "for a replay or a simulation set use_sim_time: true and let it publish /clock, or set max_age_s: 0.0"
+        )

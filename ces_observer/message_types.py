@@ -1,0 +1,51 @@
+"""Message types by name: a described signal in, its message class out, checked to hold the described field."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosidl_runtime_py.utilities import get_message
+
+from ces_observer.errors import SignalsError
+from ces_observer.signals import Signal
+
+
+def message_class(signal: Signal) -> Any:
+    """Return the class of the signal's message type; raises SignalsError if it or the field is not there."""
+    try:
+        kind = get_message(signal.type)
+        _check_field(signal, kind())
+    except (ImportError, AttributeError, ValueError):
+        raise SignalsError(
+            f"signal '{signal.name}': message type '{signal.type}' is not installed; check {signal.name}.type, or "
+            "source the workspace that holds it"
+        ) from None
+    return kind
+
+
+def is_stamped(kind: Any) -> bool:
+    """Tell whether messages of this class carry a std_msgs/Header."""
+    return bool(kind.get_fields_and_field_types().get("header") == "std_msgs/Header")
+
+
+def header_stamp_ns(message: Any) -> int:
+    """Return the header stamp of a stamped message [ns]."""
+    stamp = message.header.stamp
+    return int(stamp.sec * 1_000_000_000 + stamp.nanosec)
+
+
+def _check_field(signal: Signal, message: Any) -> None:
+    """Walk the field path of an empty message as far as an empty message goes."""
+    where = f"signal '{signal.name}': field '{signal.field.text}' of {signal.type}"
+    value = message
+    for name, element in signal.field.steps:
+        fields = value.get_fields_and_field_types() if hasattr(value, "get_fields_and_field_types") else {}
+        if name not in fields:
+            raise SignalsError(f"{where}: there is no '{name}'; there are {', '.join(fields) or 'no fields'}")
+        value = getattr(value, name)
+        if element is not None:
+            if isinstance(value, str) or not hasattr(value, "__len__"):
+                raise SignalsError(f"{where}: '{name}' is no array; leave [{element}] out")
+            return
+    if not isinstance(value, int | float):
+        raise SignalsError(f"{where} is a {type(value).__name__}; expected the path to a number")

@@ -1,0 +1,21 @@
+"""Small models for tests: a plain damper with one past force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+
+RATE_HZ = 1000.0
+
+
+def plain_damper(warm_up_s: float = 0.1, **sampling: float) -> Model:
+    """Return F[k] = 0.9 F[k-1] + 200 v[k] + 100 v[k] i[k]: about 2.5 kN at 1 m/s and 0.5 A, slow by 10 ticks."""
+    terms = (
+        Term(0.9, (Factor("force", 1),)),
+        Term(200.0, (Factor("speed", 0),)),
+        Term(100.0, (Factor("speed", 0), Factor("current", 0))),
+    )
+    envelope = Envelope((-0.1, 0.1), (-2.0, 2.0), (0.0, 2.0))
+    settings = replace(Sampling(rate_Hz=RATE_HZ, bandwidth_Hz=60.0, outlier_m=0.02), warm_up_s=warm_up_s, **sampling)
+    return Model("polynomial_narx", settings, terms, envelope, (-8000.0, 8000.0))

@@ -1,0 +1,85 @@
+import math
+import random
+
+import pytest
+from test_model import make_model
+
+from ces_observer.certificate import certify, is_contraction, power_interval, product
+from ces_observer.model import Envelope, Factor, Term
+from ces_observer.polynomial import Polynomial
+
+ENVELOPE = Envelope((-0.1, 0.1), (-1.2, 0.9), (0.29, 0.7))
+I8 = Factor("current", 8, 2.0, signed=False)
+
+
+def model(*terms):
+    return make_model(terms=terms, envelope=ENVELOPE, force_envelope_N=(-1e9, 1e9))
+
+
+def output(coefficient, *inputs, lag=1):
+    return Term(coefficient, (Factor("force", lag), *inputs))
+
+
+def test_bounds_are_exact_where_they_are_known():
+    c = certify(
+        model(output(0.5), output(0.3, Factor("speed", 0, 0.5, signed=False)), Term(-40.0, (Factor("speed", 3),)))
+    )
+    assert c.gain == pytest.approx(0.5 + 0.3 * math.sqrt(1.2), rel=3e-3)
+    assert c.drive_N == pytest.approx(48.0, rel=3e-3)
+    assert c.force_N >= 48.0 / (1.0 - 0.5 - 0.3 * math.sqrt(1.2))
+
+
+def test_terms_that_cancel_are_seen_to_cancel():
+    """Interval arithmetic alone would bound 2.1 |v| - 2 |v| by 2.1 * 1.2."""
+    v = Factor("speed", 0, 1.0, signed=False)
+    c = certify(model(output(2.1, v), output(-2.0, v), Term(1.0, ())))
+    assert c.gain == pytest.approx(0.12, rel=0.01)
+
+
+def test_different_output_lags_add_up():
+    assert certify(model(output(0.5), output(-0.4, lag=2))).gain == pytest.approx(0.9, rel=3e-3)
+
+
+def test_what_is_no_contraction_gets_no_certificate():
+    c = certify(model(output(0.9), output(0.4, Factor("speed", 0, 1.0), I8)))
+    assert not c.holds
+    assert c.force_N == math.inf
+    assert not is_contraction(model(output(0.9), output(0.4, Factor("speed", 0, 1.0), I8)))
+    assert is_contraction(model(output(0.9), output(0.1, Factor("speed", 0, 1.0), I8)))
+
+
+def test_a_signed_power_of_zero_is_a_sign():
+    assert certify(model(output(0.6, Factor("speed", 0, 0.0)))).gain == pytest.approx(0.6, rel=3e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_run_leaves_the_proved_bound(seed):
+    """Against the worst inputs a random search finds, jumping through the whole envelope at every tick."""
+    chance = random.Random(seed)
+    terms = [
+        output(
+            chance.uniform(-0.15, 0.15), Factor("speed", 0, chance.choice([0.5, 1.0, 1.5]), chance.random() < 0.5), I8
+        )
+        for _ in range(3)
+    ]
+    made = model(output(0.7), *terms, Term(300.0, (Factor("speed", 0, 0.5),)), Term(90.0, (Factor("current", 2),)))
+    certificate = certify(made)
+    assert certificate.holds
+    run, largest = Polynomial(made), 0.0
+    for k in range(3000):
+        speed = chance.choice([-1.2, 0.9, chance.uniform(-1.2, 0.9)]) if k % 50 else 5.0
+        largest = max(largest, abs(run.tick(0.0, speed, chance.choice([0.29, 0.7, -3.0]))))
+    assert 0.02 * certificate.force_N < largest <= certificate.force_N
+
+
+def test_intervals_hold_what_they_should():
+    chance = random.Random(1)
+    for _ in range(300):
+        a, b = sorted((chance.uniform(-2, 2), chance.uniform(-2, 2)))
+        factor = Factor("speed", 0, chance.choice([0.0, 0.25, 0.5, 1.0, 1.7]), chance.random() < 0.5)
+        low, high = power_interval(factor, (a, b))
+        c, d = product((low, high), (a, b))
+        for s in (a, b, chance.uniform(a, b), 0.0 if a <= 0.0 <= b else a):
+            value = abs(s) ** factor.power * (-1.0 if factor.signed and s < 0 else 1.0)
+            assert low <= value <= high
+            assert c <= value * s <= d

@@ -1,0 +1,69 @@
+"""The two installations: what setup.py gives to pip and to colcon, and that it agrees with package.xml."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from ces_cli.main import PROGRAMS
+from ces_observer import __version__
+
+ROOT = Path(__file__).resolve().parent.parent
+COLLECT = """
+import sys, setuptools
+{before}
+setuptools.setup = lambda **given: print(repr({{k: given[k] for k in ("version", "entry_points", "packages")}}))
+exec(compile(open("setup.py").read(), "setup.py", "exec"), {{"__file__": "setup.py", "__name__": "__main__"}})
+"""
+
+
+def arguments(before: str) -> dict[str, object]:
+    """Return some of what setup.py hands to setuptools, as a build that has run `before` would see it."""
+    code = COLLECT.format(before=before)
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    return dict(ast.literal_eval(done.stdout))
+
+
+def programs(given: dict[str, object]) -> dict[str, str]:
+    scripts = dict(given["entry_points"])["console_scripts"]  # type: ignore[call-overload]
+    return dict(script.split(" = ") for script in scripts)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _setuptools() -> None:
+    pytest.importorskip("setuptools")
+
+
+def test_pip_gets_one_program() -> None:
+    assert programs(arguments("import setuptools.build_meta")) == {"ces": "ces_cli.main:main"}
+
+
+def test_colcon_gets_the_node_and_every_program() -> None:
+    found = programs(arguments(""))
+    assert found.pop("observer") == "ces_observer.observer:main"
+    assert found == dict.fromkeys(PROGRAMS, "ces_cli.ros_program:main")
+
+
+def test_packages_are_the_four_without_tests() -> None:
+    found = arguments("")["packages"]
+    assert isinstance(found, list)
+    assert {"ces_observer", "ces_identify", "ces_rig", "ces_cli"} <= set(found)
+    assert all(name.startswith("ces_") for name in found)
+
+
+def test_version_is_one() -> None:
+    manifest = ElementTree.parse(ROOT / "package.xml").getroot()
+    assert manifest.findtext("version") == __version__ == arguments("")["version"]
+
+
+def test_package_files_are_where_ament_looks() -> None:
+    manifest = ElementTree.parse(ROOT / "package.xml").getroot()
+    assert manifest.get("format") == "3"
+    assert manifest.findtext("name") == "ces_observer"
+    assert manifest.findtext("export/build_type") == "ament_python"
+    assert (ROOT / "resource" / "ces_observer").exists()
