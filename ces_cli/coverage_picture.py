@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.text import Text
 
 from ces_identify.coverage import Coverage
 from ces_observer.errors import CesError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 STEPS = (0.0005, 0.002, 0.01, 0.03)  # shares of time from which the next darker block is used
 BLOCKS = "·░▒▓█"
@@ -70,6 +74,13 @@ def save_picture(coverage: Coverage, title: str, path: Path) -> None:
     axes.set_title(title, loc="left", fontsize=10)
     axes.spines[["top", "right"]].set_visible(False)
     figure.colorbar(mesh, label="share of time per cell [%]", format="%g")
+    put_picture(figure, path)
+
+
+def put_picture(figure: Figure, path: Path) -> None:
+    """Save and close a figure; the image file appears under its name only when it is complete."""
+    from matplotlib import pyplot as plt
+
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         figure.savefig(part, dpi=150)

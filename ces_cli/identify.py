@@ -11,13 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli import terminal
+from ces_cli.cost_picture import save_cost_picture
+from ces_cli.coverage_picture import require_picture_name
 from ces_cli.search_progress import SearchProgress
 from ces_cli.simulations import open_simulation, taught
 from ces_cli.tables import cost_table
 from ces_identify.identify import Identified, Options, identify
+from ces_identify.limits import BOTH, METHODS, Limits
 from ces_identify.recording import Recording
 from ces_identify.regressors import DEFAULT_RULES, load_rules
-from ces_identify.selection import Limits
 from ces_observer.errors import CesError
 
 FORCE = ("position", "current", "force")
@@ -31,10 +33,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
-    _require_writable(options.out, options.report)
+    _require_writable(options.out, options.report, options.picture)
+    if options.picture is not None:
+        require_picture_name(options.picture)
     bags, validation = _recordings(options, options.bags), _recordings(options, options.validate)
     split = options.split if options.split is not None else 1.0 if validation else 0.75
-    limits = Limits(options.terms, options.time, options.target, options.starts, options.seed, options.threads)
+    limits = Limits(
+        options.terms,
+        options.time,
+        options.target,
+        options.starts,
+        options.seed,
+        options.threads,
+        method=options.method,
+    )
     rules, certify = load_rules(options.candidates), not options.no_certificate
     how = Options(split, rules, limits, options.rate, options.bandwidth, certify)
     with SearchProgress(limits) as progress:
@@ -70,6 +82,8 @@ def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] |
         terminal.note("nothing was held out: these costs say how well the model fits, not how good it is")
     _tell_certificate(result.model.certificate)
     print(f"model:  {options.out}")
+    if options.picture is not None:
+        save_cost_picture(result.evaluations, options.picture)
     if options.report is None:
         return
     from ces_identify.report import write_report
@@ -87,17 +101,14 @@ def _tell_certificate(certificate: Mapping[str, Any] | None) -> None:
     if certificate is None:
         terminal.note("--no-certificate: nothing proves that this model stays stable; the observer will refuse it")
         return
-    print(
-        f"stable: past forces count for at most {certificate['gain']:.3f} < 1 for any input (proved); "
-        f"|force| <= {certificate['force_bound_N']:.0f} N"
-    )
+    print(f"stable: past forces count for at most {certificate['gain']:.3f} < 1 for any input in the envelope (proved)")
 
 
 def _parser() -> terminal.Parser:
     p = terminal.parser(
         "identify",
-        "Identify a polynomial NARX model of the damping force: random forward selection of regressors judged by "
-        "free-run simulation, over any number of recordings at once.",
+        "Identify a polynomial NARX model of the damping force from any number of recordings at once: regressors are "
+        "selected by the cost of the free run, and the model is proved stable.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
     )
     number, whole = terminal.within, terminal.whole
@@ -108,6 +119,7 @@ def _parser() -> terminal.Parser:
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, default=Path("model.json"), metavar="FILE", help="default: model.json")
     p.add_argument("--report", type=Path, metavar="FILE", help="write a report page (HTML)")
+    p.add_argument("--picture", type=Path, metavar="FILE", help="draw speed-force and time plots (.png, .svg, .pdf)")
     p.add_argument(
         "--split",
         type=number(0.05, 1.0),
@@ -117,6 +129,13 @@ def _parser() -> terminal.Parser:
     p.add_argument("--teacher", metavar="SIM", help="learn this simulation's force instead of the measured one")
     p.add_argument("--candidates", type=Path, metavar="FILE", help="candidate rules (YAML; see --show-candidates)")
     p.add_argument("--show-candidates", action="store_true", help="print the built-in candidate rules and exit")
+    p.add_argument(
+        "--method",
+        choices=METHODS,
+        default=BOTH,
+        help="how terms are chosen: random forward selection as in the thesis, Gauss-Newton gain on the free-run "
+        "error, or both in turn (default)",
+    )
     p.add_argument("--terms", type=whole(1, 200), default=15, metavar="N", help="most terms (default 15)")
     p.add_argument("--time", type=number(0.1, 1e6), default=60.0, metavar="S", help="most seconds (default 60)")
     p.add_argument("--target", type=number(0.0, 100.0), default=0.0, metavar="J", help="stop at this cost in percent")

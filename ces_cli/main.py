@@ -16,6 +16,7 @@ PROGRAMS = {
     "validate": "judge a model on recordings by free-run simulation",
     "replay": "run the estimator over a recording as the observer node would",
     "simulate": "run any simulation over a recording and write its force as CSV",
+    "export": "write a model as C source for a microcontroller",
 }
 MODULES = {"import": "import_"}
 

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli import terminal
+from ces_cli.cost_picture import save_cost_picture
+from ces_cli.coverage_picture import require_picture_name
 from ces_cli.tables import cost_table
 from ces_identify.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_identify.series import prepare
@@ -18,6 +20,8 @@ from ces_observer.model import load_model
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = _parser().parse_args(argv)
+    if options.picture is not None:
+        require_picture_name(options.picture)
     model = load_model(options.model)
     recordings = terminal.read_all(options.bags, terminal.signals_of(options), ("position", "current", "force"))
     shares = _seen(model.provenance)
@@ -29,6 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         series = prepare(recording, model.sampling).part(*options.part)
         evaluations += evaluate(model, [series], IDENTIFICATION if seen else VALIDATION)
     terminal.out.print(cost_table(evaluations, f"{options.model}: {len(model.terms)} terms"))
+    if options.picture is not None:
+        save_cost_picture(evaluations, options.picture)
     if options.report is not None:
         from ces_identify.report import write_report
 
@@ -64,4 +70,5 @@ def _parser() -> terminal.Parser:
     terminal.add_signals(p)
     terminal.add_part(p)
     p.add_argument("--report", type=Path, metavar="FILE", help="write a report page (HTML)")
+    p.add_argument("--picture", type=Path, metavar="FILE", help="draw speed-force and time plots (.png, .svg, .pdf)")
     return p

@@ -13,15 +13,16 @@ from typing import Any
 import numpy as np
 
 from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
+from ces_identify.limits import Found, Limits, Listener
 from ces_identify.problem import Problem, pose
 from ces_identify.recording import Recording
 from ces_identify.refit import refitted
 from ces_identify.regressors import Rules, load_rules
 from ces_identify.sampling import choose_sampling
-from ces_identify.selection import Found, Limits, Listener, search
+from ces_identify.selection import search
 from ces_identify.series import Series, prepare
 from ces_observer import __version__
-from ces_observer.certificate import certify
+from ces_observer.certificate import certify, is_contraction
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling, Term
 
@@ -67,7 +68,7 @@ def identify(
     whole = [prepare(recording, sampling) for recording in recordings]
     training = [series.part(0.0, options.split) for series in whole]
     problem = pose(training, _useful_rules(options.rules, training).candidates(), options.certify)
-    found = [f for f in search(problem, options.limits, listener) if len(f.chosen)]
+    found = [f for f in search(problem, options.limits, listener) if f.cost < 100.0]
     if not found:
         raise CesError("no candidate lowered the cost below 100 %: check signs, signals and rules, or give more time")
     model, found = _best_model(problem, sampling, found, options.certify)
@@ -91,9 +92,8 @@ def _best_model(problem: Problem, sampling: Sampling, found: Sequence[Found], pr
         model = _model(problem, sampling, best)
         if not prove:
             return model, list(found)
-        certificate = certify(model)
-        if certificate.holds:
-            return replace(model, certificate=certificate.to_mapping()), list(found[i:])
+        if is_contraction(model):
+            return replace(model, certificate=certify(model).to_mapping()), list(found[i:])
     raise CesError(
         "no model found could be proved stable; let past forces be multiplied by fewer different lags, or give "
         "--no-certificate"
@@ -129,7 +129,7 @@ def _provenance(
             for e in identified.evaluations
         ],
         "selection": {
-            "method": "random forward selection with pruning, judged by free run",
+            "method": f"{limits.method}, judged by free run",
             "candidates": identified.candidates,
             "starts": len(identified.found),
             "first_seed": limits.seed,

@@ -150,7 +150,7 @@ def index_records(buffer: Bytes) -> tuple[Bytes, Index, Index, int]:
     return opcodes[:count].copy(), starts[:count].copy(), lengths[:count].copy(), end
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)
 def _scan(buffer: Bytes, opcodes: Bytes, starts: Index, lengths: Index) -> tuple[int, int]:
     """Fill in opcode, start and length of each whole record: one opcode byte, a u64 length, and so many bytes."""
     count, position, size = 0, 0, len(buffer)

@@ -34,13 +34,14 @@ class Spectrum:
 
 
 def sample_rate(recording: Recording) -> float:
-    """Return the median rate of the position samples [Hz]."""
+    """Return the rate of the position samples [Hz]: jitter averaged out, lost samples and repeated stamps left out."""
     stamps = recording.channel("position").stamps_ns
     steps = np.diff(stamps)
     steps = steps[steps > 0]
     if len(steps) < 10:
         raise RecordingError(f"{recording.name}: {len(stamps)} position samples; expected at least ten in time order")
-    return float(1e9 / np.median(steps))
+    typical = np.median(steps)
+    return float(1e9 / steps[np.abs(steps - typical) < 0.5 * typical].mean())
 
 
 def position_spectrum(recording: Recording, max_gap_s: float) -> Spectrum:

@@ -27,7 +27,7 @@ I = NDArray[np.int64]  # noqa: E741
 BLOCK_S = 1.0  # [s] of estimation and selection in turn
 ESTIMATION_BLOCKS, PERIOD_BLOCKS = 2, 3
 LEAST_TICKS = 200
-MOST_GAIN = 0.98  # of past forces, at the probed inputs: the proof over all inputs then has room
+MOST_GAIN = 0.995  # of past forces, at the probed inputs: the proof over all inputs then has room
 CHUNK = 4096  # ticks per block of regressors held in memory
 INPUT_MARGIN = 0.1  # of an input's span
 EXTENSION = 0.5  # of the measured force's span, by which the force envelope exceeds it on each side
@@ -57,6 +57,13 @@ class Problem:
     gram: F
     probes: F
     most_gain: float
+
+    def selection_cost(self, chosen: I, coefficients: F) -> float:
+        """Return the free-run cost J [%] of the terms at the indices `chosen` on the selection ticks."""
+        room = np.empty((1 + len(chosen), kernels.BLOCK)), np.empty(self.powers.shape[1])
+        arrays = self.compiled.subset(chosen).arrays
+        run = (self.powers, self.segments, self.selection, self.measured, *arrays, coefficients, *self.force_envelope)
+        return float(kernels.free_run_cost(*run, self.recordings, np.inf, *room))
 
 
 def pose(series: Sequence[Series], candidates: Sequence[Term], stable: bool = True) -> Problem:
@@ -117,20 +124,17 @@ def envelope_of(series: Sequence[Series]) -> Envelope:
 def probe(compiled: CompiledTerms, envelope: Envelope) -> F:
     """Return the product of each term's input factors (terms, points) at inputs spread over the envelope.
 
-    Each lagged input is a dimension of its own: a full grid of up to two, a Sobol sequence with the corners beyond.
+    Each lagged input is a dimension of its own: a full grid of up to two, a Sobol sequence beyond.
     """
     rows = [_lagged_inputs(compiled, t) for t in range(len(compiled.outputs))]
     dimensions = sorted({key for t, row in enumerate(rows) if compiled.outputs[t] for key in row.values()})
-    unit = _unit_points(len(dimensions))
     ranges = {"position": envelope.position_m, "speed": envelope.speed_m_s, "current": envelope.current_A}
-    points = np.ones((len(rows), unit.shape[1]))
+    inputs = _spread([ranges[signal] for signal, _ in dimensions])
+    points = np.ones((len(rows), inputs.shape[1]))
     for t, row in enumerate(rows):
-        if not compiled.outputs[t]:
-            continue
-        for f, key in row.items():
-            signal, power, signed = compiled.powers[compiled.columns[t, f]]
-            low, high = ranges[signal]
-            points[t] *= kernels.power_row(low + (high - low) * unit[dimensions.index(key)], power, signed)
+        for f, key in row.items() if compiled.outputs[t] else ():
+            _, power, signed = compiled.powers[compiled.columns[t, f]]
+            points[t] *= kernels.power_row(inputs[dimensions.index(key)], power, signed)
     return points
 
 
@@ -142,18 +146,24 @@ def _lagged_inputs(compiled: CompiledTerms, term: int) -> dict[int, tuple[str, i
     }
 
 
-def _unit_points(dimensions: int) -> F:
-    """Return points (dimensions, n) of the unit cube."""
-    if dimensions == 0:
+def _spread(ranges: Sequence[Range]) -> F:
+    """Return points (ranges, n) over a box, denser towards zero, where powers below one bend most."""
+    if not ranges:
         return np.empty((0, 1))
-    if dimensions <= 2:
-        axes = [np.linspace(0.0, 1.0, n) for n in (61, 9)[:dimensions]]
-        return np.array([axis.ravel() for axis in np.meshgrid(*axes)]).reshape(dimensions, -1)
-    inside = qmc.Sobol(dimensions, seed=0).random(512).T
-    corners = np.array(np.meshgrid(*[[0.0, 1.0]] * min(dimensions, 9))).reshape(min(dimensions, 9), -1)
-    filled = np.full((dimensions, corners.shape[1]), 0.5)
-    filled[: len(corners)] = corners
-    return np.concatenate([inside, filled], axis=1)
+    if len(ranges) <= 2:
+        axes = [_from_zero(np.linspace(0.0, 1.0, n), one) for n, one in zip((81, 13), ranges[::-1], strict=False)]
+        return np.array([axis.ravel() for axis in np.meshgrid(*axes)])[::-1].copy()
+    inside = qmc.Sobol(len(ranges), seed=0).random(1024).T
+    return np.array([_from_zero(unit, one) for unit, one in zip(inside, ranges, strict=True)])
+
+
+def _from_zero(unit: F, one: Range) -> F:
+    """Return the numbers of `one` at shares `unit` of it, denser towards zero if it holds zero."""
+    low, high = one
+    if not low < 0.0 < high:
+        return low + (high - low) * unit
+    side = 2.0 * unit - 1.0
+    return np.asarray(np.where(side < 0.0, -low, high) * side * np.abs(side))
 
 
 def gram_matrix(compiled: CompiledTerms, powers: F, measured: F, segments: I, weights: F) -> F:

@@ -1,40 +1,23 @@
-"""The last fit: a selected structure on all identification ticks, kept only if its free run does not get worse."""
+"""The last fit: the free-run error on all identification ticks, kept only if it does no harm."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify import kernels
-from ces_identify.problem import Problem, gram_matrix
-from ces_identify.selection import RIDGE, Found
+from ces_identify.free_run_fit import fit_free_run
+from ces_identify.limits import Found
+from ces_identify.problem import Problem
 
 F = NDArray[np.float64]
+ITERATIONS = 20
 
 
 def refitted(problem: Problem, found: Found) -> F:
-    """Return coefficients fitted on all identification ticks, or the found ones if those have the better free run."""
-    compiled = problem.compiled.subset(found.chosen)
-    gram = gram_matrix(compiled, problem.powers, problem.measured, problem.segments, problem.fit)
-    coefficients, independent = kernels.solve_normal(gram, np.arange(len(found.chosen)), RIDGE)
-    stable = kernels.probed_gain(problem.probes[found.chosen], compiled.outputs, coefficients) < problem.most_gain
-    better = independent and stable and _cost(problem, found, coefficients) <= _cost(problem, found, found.coefficients)
-    return np.asarray(coefficients) if better else found.coefficients
+    """Return coefficients fitted to the free run on all identification ticks.
 
-
-def _cost(problem: Problem, found: Found, coefficients: F) -> float:
-    return float(
-        kernels.free_run_cost(
-            problem.powers,
-            problem.segments,
-            problem.everything,
-            problem.measured,
-            *problem.compiled.subset(found.chosen).arrays,
-            coefficients,
-            *problem.force_envelope,
-            problem.recordings,
-            np.inf,
-            np.empty((1 + len(coefficients), kernels.BLOCK)),
-            np.empty(problem.powers.shape[1]),
-        )
-    )
+    The found ones are kept if the fit makes the free run on the selection ticks worse.
+    """
+    fit = fit_free_run(problem, found.chosen, found.coefficients, problem.everything, ITERATIONS)
+    harmless = np.isfinite(fit.error) and problem.selection_cost(found.chosen, fit.coefficients) <= found.cost
+    return fit.coefficients if harmless else found.coefficients

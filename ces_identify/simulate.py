@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ces_identify import kernels
 from ces_identify.compiled import compile_terms, power_table
+from ces_identify.lagged_run import run_fuzzy, run_network
 from ces_identify.recording import Channel, Recording
 from ces_identify.series import Series, prepare, track_samples, usable_samples
 from ces_observer.model import Model
@@ -31,11 +32,22 @@ class FreeRun:
 
 def simulate_series(model: Model, series: Series) -> FreeRun:
     """Return the free run of `model` over a prepared series."""
+    inputs = np.stack([series.position, series.speed, series.current])
+    if model.network is not None:
+        force, diverged = run_network(model, model.network, inputs, series.segments)
+    elif model.fuzzy is not None:
+        force, diverged = run_fuzzy(model, model.fuzzy, inputs, series.segments)
+    else:
+        force, diverged = _run_polynomial(model, series)
+    return FreeRun(force, outside_envelope(model, series), diverged)
+
+
+def _run_polynomial(model: Model, series: Series) -> tuple[F, int]:
     terms = compile_terms(model.terms)
     powers = power_table(terms.powers, model.envelope, series.position, series.speed, series.current)
     coefficients = np.array([term.coefficient for term in model.terms])
     force, diverged = kernels.free_run(powers, series.segments, *terms.arrays, coefficients, *model.force_envelope_N)
-    return FreeRun(force, outside_envelope(model, series), int(diverged))
+    return force, int(diverged)
 
 
 def outside_envelope(model: Model, series: Series) -> NDArray[np.bool_]:

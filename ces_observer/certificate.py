@@ -5,7 +5,9 @@ before, each clamped to the envelope. If sum_j |a_j(u)| <= g < 1 for every u in 
 contraction: two runs from different pasts approach each other as g^(k / longest output lag), and from a past of zeros
 |y| <= max |b| / (1 - g) for ever. Both maxima are bounded by interval arithmetic with outward rounding (Moore, Kearfott
 & Cloud, Introduction to Interval Analysis, 2009, ch. 5-6): boxes of inputs are halved, the worst first, until bound
-and an actual value meet. Nothing is sampled; every lagged input is free to be anything in its range.
+and an actual value meet. Each box is bounded by the tighter of the natural
+and the centred form, which shrinks with the square of the box. Nothing is sampled; every lagged input is free to be
+anything in its range.
 """
 
 from __future__ import annotations
@@ -13,14 +15,18 @@ from __future__ import annotations
 import heapq
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import copysign, inf, nextafter
+from math import copysign, inf
 
+from ces_observer import fuzzy_bounds, network_bounds
+from ces_observer.intervals import Interval, down, product, up
 from ces_observer.model import Envelope, Factor, Model, Term
 
-GAP = 0.002  # relative distance of bound and actual value at which halving stops
 MOST_BOXES = 40_000
+GAIN_GAP = 0.002  # relative distance of bound and actual value at which halving stops
+DRIVE_GAP, DRIVE_BOXES = 0.05, 4_000  # the drive has many inputs and need not be tight
+CLAIM = "sum |a_j(u)| <= gain < 1 and |b(u)| <= drive_N for every input in the input envelope"
+METHOD = "interval branch and bound, outward rounding"
 
-Interval = tuple[float, float]
 Variable = tuple[str, int]  # signal, lag
 Box = tuple[Interval, ...]
 
@@ -32,6 +38,8 @@ class Certificate:
     gain: float
     drive_N: float
     boxes: int
+    claim: str = CLAIM
+    method: str = METHOD
 
     @property
     def holds(self) -> bool:
@@ -46,8 +54,8 @@ class Certificate:
     def to_mapping(self) -> dict[str, object]:
         """Return what the model file keeps of the proof."""
         return {
-            "claim": "sum |a_j(u)| <= gain < 1 and |b(u)| <= drive_N for every input in the input envelope",
-            "method": "interval branch and bound, outward rounding",
+            "claim": self.claim,
+            "method": self.method,
             "gain": self.gain,
             "drive_N": self.drive_N,
             "force_bound_N": self.force_N,
@@ -56,14 +64,31 @@ class Certificate:
 
 
 def certify(model: Model) -> Certificate:
-    """Return the proved bounds of `model`; they may be loose (never wrong) if MOST_BOXES is reached."""
+    """Return the proved bounds of `model`; they may be loose (never wrong) if the boxes run out.
+
+    Networks and neuro-fuzzy models have their own proofs: `network_bounds`, `fuzzy_bounds`.
+    """
+    if model.network is not None:
+        return Certificate(
+            *network_bounds.bounds(model.network, model.envelope.by_signal),
+            1,
+            network_bounds.CLAIM,
+            network_bounds.METHOD,
+        )
+    if model.fuzzy is not None:
+        return Certificate(
+            *fuzzy_bounds.bounds(model.fuzzy, model.envelope.by_signal), 1, fuzzy_bounds.CLAIM, fuzzy_bounds.METHOD
+        )
     gain, boxes = maximum(_by_output_lag(model), model.envelope)
-    drive, more = maximum([[term for term in model.terms if not term.output_lag]], model.envelope)
+    inputs_alone = [term for term in model.terms if not term.output_lag]
+    drive, more = maximum([inputs_alone], model.envelope, gap=DRIVE_GAP, most_boxes=DRIVE_BOXES)
     return Certificate(gain, drive, boxes + more)
 
 
 def is_contraction(model: Model) -> bool:
     """Prove anew, and no more than needed, that past forces count for less than one: what a vehicle asks of a model."""
+    if model.structure != "polynomial_narx":
+        return certify(model).holds
     return maximum(_by_output_lag(model), model.envelope, enough=down(1.0))[0] < 1.0
 
 
@@ -72,7 +97,13 @@ def _by_output_lag(model: Model) -> list[list[Term]]:
     return [[term for term in model.terms if term.output_lag == lag] for lag in lags]
 
 
-def maximum(groups: Sequence[Sequence[Term]], envelope: Envelope, enough: float = 0.0) -> tuple[float, int]:
+def maximum(
+    groups: Sequence[Sequence[Term]],
+    envelope: Envelope,
+    enough: float = 0.0,
+    gap: float = GAIN_GAP,
+    most_boxes: int = MOST_BOXES,
+) -> tuple[float, int]:
     """Return an upper bound on the maximum over the envelope of the sum over groups of |sum of the group's terms|.
 
     Past forces in the terms are left out. The second number is how many boxes it took. A bound of at most `enough`, or
@@ -87,7 +118,7 @@ def maximum(groups: Sequence[Sequence[Term]], envelope: Envelope, enough: float 
     while True:
         bound, _, box = heap[0]
         settled = -bound <= enough or (enough and reached > enough)
-        if settled or -bound <= reached + GAP * max(abs(reached), 1e-3) or count >= MOST_BOXES or not box:
+        if settled or -bound <= reached + gap * max(abs(reached), 1e-3) or count >= most_boxes or not box:
             return -bound, count
         heapq.heappop(heap)
         for half in _halves(box, root):
@@ -95,16 +126,6 @@ def maximum(groups: Sequence[Sequence[Term]], envelope: Envelope, enough: float 
             reached = max(reached, _value(groups, half, place))
             heapq.heappush(heap, (-value, count, half))
             count += 1
-
-
-def up(value: float) -> float:
-    """Return the next larger float: rounding outward."""
-    return nextafter(value, inf)
-
-
-def down(value: float) -> float:
-    """Return the next smaller float: rounding outward."""
-    return nextafter(value, -inf)
 
 
 def power_interval(factor: Factor, at: Interval) -> Interval:
@@ -120,24 +141,69 @@ def power_interval(factor: Factor, at: Interval) -> Interval:
     return max(0.0, down(down(smallest**factor.power))), up(up(largest**factor.power))
 
 
-def product(one: Interval, two: Interval) -> Interval:
-    """Return an interval that holds every product of a number of `one` and a number of `two`."""
-    a, b, c, d = one[0] * two[0], one[0] * two[1], one[1] * two[0], one[1] * two[1]
-    return down(min(a, b, c, d)), up(max(a, b, c, d))
-
-
 def _bound(groups: Sequence[Sequence[Term]], box: Box, place: Mapping[Variable, int]) -> float:
     """Return an upper bound of the sum of absolute group sums over `box`."""
     total = 0.0
     for group in groups:
-        low = high = 0.0
-        for term in group:
-            a, b = term.coefficient, term.coefficient
-            for f in term.inputs:
-                a, b = product((a, b), power_interval(f, box[place[(f.signal, f.lag)]]))
-            low, high = down(low + a), up(high + b)
+        low, high = _natural(group, box, place)
+        if any(a < b for a, b in box):
+            c_low, c_high = _centred(group, box, place)
+            low, high = max(low, c_low), min(high, c_high)
         total = up(total + max(abs(low), abs(high)))
     return total
+
+
+def _natural(group: Sequence[Term], box: Box, place: Mapping[Variable, int]) -> Interval:
+    """Return an interval that holds the group's sum: each factor's range, multiplied and added."""
+    low = high = 0.0
+    for term in group:
+        value = (term.coefficient, term.coefficient)
+        for f in term.inputs:
+            value = product(value, power_interval(f, box[place[(f.signal, f.lag)]]))
+        low, high = down(low + value[0]), up(high + value[1])
+    return low, high
+
+
+def _centred(group: Sequence[Term], box: Box, place: Mapping[Variable, int]) -> Interval:
+    """Return an interval that holds the group's sum: its value in the middle, plus slopes times distances."""
+    middle = _middle(box)
+    low, high = _natural(group, middle, place)
+    for i, (a, b) in enumerate(box):
+        if a == b:
+            continue
+        slope = _slope(group, box, place, i)
+        if slope is None:
+            return -inf, inf
+        moved = product(slope, (down(a - middle[i][0]), up(b - middle[i][0])))
+        low, high = down(low + moved[0]), up(high + moved[1])
+    return low, high
+
+
+def _slope(group: Sequence[Term], box: Box, place: Mapping[Variable, int], i: int) -> Interval | None:
+    """Return an interval that holds the group's derivative by variable `i`, None where it may be unbounded."""
+    low = high = 0.0
+    for term in group:
+        for n, differentiated in enumerate(term.inputs):
+            if place[(differentiated.signal, differentiated.lag)] != i:
+                continue
+            steep = slope_interval(differentiated, box[i])
+            if steep is None:
+                return None
+            value = product((term.coefficient, term.coefficient), steep)
+            for m, f in enumerate(term.inputs):
+                if m != n:
+                    value = product(value, power_interval(f, box[place[(f.signal, f.lag)]]))
+            low, high = down(low + value[0]), up(high + value[1])
+    return low, high
+
+
+def slope_interval(factor: Factor, at: Interval) -> Interval | None:
+    """Return an interval that holds the derivative of the factor over `at`, None if `at` holds zero."""
+    if at[0] <= 0.0 <= at[1]:
+        return None
+    ends = [factor.power * abs(s) ** (factor.power - 1.0) for s in at]
+    low, high = down(down(down(min(ends)))), up(up(up(max(ends))))
+    return (low, high) if factor.signed or at[0] > 0.0 else (-high, -low)
 
 
 def _value(groups: Sequence[Sequence[Term]], box: Box, place: Mapping[Variable, int]) -> float:

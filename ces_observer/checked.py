@@ -76,6 +76,14 @@ class Checked:
             raise self._wrong(key, f"[low, high], both finite and at most {most:g}")
         return float(value[0]), float(value[1])
 
+    def numbers(self, key: str, count: int, most: float) -> tuple[float, ...]:
+        """Return the list of `count` finite numbers under `key`, none larger than `most`."""
+        value = self._get(key)
+        good = isinstance(value, list) and all(_is_finite(v) and abs(v) <= most for v in value)
+        if not good or len(value) != count:
+            raise self._wrong(key, f"a list of {count} finite numbers, each at most {most:g}")
+        return tuple(map(float, value))
+
     def mapping_or_none(self, key: str) -> Mapping[str, Any] | None:
         """Return the object under `key`, or None if it is null."""
         value = self._get(key)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import inf, isfinite
 
 from ces_observer.model import Model
-from ces_observer.polynomial import Polynomial
+from ces_observer.predictors import predictor
 from ces_observer.tracker import NOT_FINITE, OK, RESTARTED, Tracker
 
 WARMING_UP = "warming up"
@@ -23,19 +23,19 @@ class Estimator:
     values used; `clamped` tells whether the inputs lay outside what the model was identified on.
     """
 
-    __slots__ = ("_newest", "_polynomial", "_previous", "_tracker", "_wait", "_warm_up", "model", "reason")
+    __slots__ = ("_newest", "_predictor", "_previous", "_tracker", "_wait", "_warm_up", "model", "reason")
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self._tracker = Tracker(model.sampling)
-        self._polynomial = Polynomial(model)
+        self._predictor = predictor(model)
         self._warm_up = round(model.sampling.warm_up_s * model.sampling.rate_Hz)
         self.reset()
 
     def reset(self) -> None:
         """Bring the estimator back to new."""
         self._tracker.reset()
-        self._polynomial.reset()
+        self._predictor.reset()
         self._wait = self._warm_up
         self._newest = self._previous = 0.0
         self.reason = WARMING_UP
@@ -53,7 +53,7 @@ class Estimator:
     @property
     def clamped(self) -> bool:
         """True if the last inputs lay outside the model's envelope and were clamped to it."""
-        return self._polynomial.clamped
+        return self._predictor.clamped
 
     def step(self, stamp_ns: int, position_m: float, current_A: float) -> float | None:
         """Return the force [N] at `stamp_ns`, or None with `reason` set. Bad samples count as missing."""
@@ -62,7 +62,7 @@ class Estimator:
             return None
         outcome = self._tracker.advance(stamp_ns, position_m)
         if outcome == RESTARTED:
-            self._polynomial.reset()
+            self._predictor.reset()
             self._wait = self._warm_up
             self._newest = 0.0
         elif outcome != OK:
@@ -73,7 +73,7 @@ class Estimator:
     def _run(self, current: float) -> float | None:
         for position, speed in self._tracker.ticks:
             self._wait -= 1
-            force = self._polynomial.tick(position, speed, current)
+            force = self._predictor.tick(position, speed, current)
             if force == inf:
                 self._give_up()
                 return None
@@ -85,7 +85,7 @@ class Estimator:
         return self._newest + (self._newest - self._previous) * self._tracker.ahead
 
     def _give_up(self) -> None:
-        self._polynomial.reset()
+        self._predictor.reset()
         self._wait = self._warm_up
         self._newest = self._previous = 0.0
         self.reason = UNBOUNDED

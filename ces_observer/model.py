@@ -15,9 +15,11 @@ from typing import Any
 
 from ces_observer.checked import Checked, write_beside
 from ces_observer.errors import ModelError
+from ces_observer.fuzzy import Fuzzy, fuzzy_from
+from ces_observer.network import Network, network_from
 
 SCHEMA = "ces-model/1"
-STRUCTURES = ("polynomial_narx",)
+STRUCTURES = ("polynomial_narx", "sigmoid_narx", "anfis")
 SIGNALS = ("force", "speed", "current", "position")
 MAX_BYTES = 1_000_000
 MAX_TERMS = 500
@@ -82,10 +84,18 @@ class Envelope:
     speed_m_s: Range
     current_A: Range
 
+    @property
+    def by_signal(self) -> Mapping[str, Range]:
+        """The ranges by the signals' names."""
+        return {"position": self.position_m, "speed": self.speed_m_s, "current": self.current_A}
+
 
 @dataclass(frozen=True)
 class Model:
-    """A force model ready to run: force [N] from position [m], speed [m/s] and current [A] at `sampling.rate_Hz`."""
+    """A force model ready to run: force [N] from position [m], speed [m/s] and current [A] at `sampling.rate_Hz`.
+
+    `structure` tells which of `terms` (polynomial_narx), `network` (sigmoid_narx) and `fuzzy` (anfis) makes the force.
+    """
 
     structure: str
     sampling: Sampling
@@ -94,11 +104,20 @@ class Model:
     force_envelope_N: Range
     certificate: Mapping[str, Any] | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    network: Network | None = None
+    fuzzy: Fuzzy | None = None
 
     @property
     def max_lag(self) -> int:
-        """Longest lag of any factor in ticks."""
-        return max((f.lag for t in self.terms for f in t.factors), default=0)
+        """Longest lag of any factor or regressor in ticks."""
+        body = self.network or self.fuzzy
+        return body.max_lag if body else max((f.lag for t in self.terms for f in t.factors), default=0)
+
+    @property
+    def size(self) -> str:
+        """How large the model is, for people."""
+        body = self.network or self.fuzzy
+        return body.size if body else f"{len(self.terms)} terms"
 
     def to_json(self) -> str:
         """Return the text of the model file."""
@@ -107,13 +126,20 @@ class Model:
             "structure": self.structure,
             "units": {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"},
             "sampling": asdict(self.sampling),
-            "terms": [_term_to_json(term) for term in self.terms],
+            **self._body(),
             "input_envelope": asdict(self.envelope),
             "force_envelope_N": self.force_envelope_N,
             "certificate": self.certificate,
             "provenance": self.provenance,
         }
         return json.dumps(body, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def _body(self) -> dict[str, Any]:
+        if self.network is not None:
+            return {"network": self.network.to_json()}
+        if self.fuzzy is not None:
+            return {"fuzzy": self.fuzzy.to_json()}
+        return {"terms": [_term_to_json(term) for term in self.terms]}
 
     def save(self, path: Path) -> None:
         """Write the model file beside `path`, then rename it into place."""
@@ -148,15 +174,19 @@ def parse_model(text: str, source: str) -> Model:
     schema = root.text("schema")
     if schema != SCHEMA:
         raise ModelError(f"{source}: schema is '{schema}'; this version reads '{SCHEMA}': identify the model anew")
+    structure = root.choice("structure", STRUCTURES)
     sampling = _sampling(root.at("sampling"))
+    envelope = _envelope(root.at("input_envelope"))
     return Model(
-        structure=root.choice("structure", STRUCTURES),
+        structure=structure,
         sampling=sampling,
-        terms=tuple(_term(item) for item in root.items("terms", 1, MAX_TERMS)),
-        envelope=_envelope(root.at("input_envelope")),
+        terms=_terms(root) if structure == "polynomial_narx" else (),
+        envelope=envelope,
         force_envelope_N=root.range("force_envelope_N", MOST_FORCE_N),
         certificate=root.mapping_or_none("certificate"),
         provenance=root.mapping_or_none("provenance") or {},
+        network=network_from(root.at("network")) if structure == "sigmoid_narx" else None,
+        fuzzy=fuzzy_from(root.at("fuzzy"), envelope.by_signal) if structure == "anfis" else None,
     )
 
 
@@ -174,6 +204,10 @@ def _sampling(node: Checked) -> Sampling:
 
 def _envelope(node: Checked) -> Envelope:
     return Envelope(*(node.range(key, MOST_INPUT) for key in ("position_m", "speed_m_s", "current_A")))
+
+
+def _terms(root: Checked) -> tuple[Term, ...]:
+    return tuple(_term(item) for item in root.items("terms", 1, MAX_TERMS))
 
 
 def _term(node: Checked) -> Term:

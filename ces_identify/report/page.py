@@ -14,6 +14,7 @@ from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation
 from ces_identify.report.figures import MOST_DOTS, speed_force, time_plot
 from ces_identify.report.grid import make_grid
 from ces_identify.report.maps import coverage_map, error_map
+from ces_identify.report.parameters import parameter_table
 from ces_identify.report.summary import cost_rows, headline, in_order, of_role, three_figures, warnings
 from ces_identify.report.terms import term_rows
 from ces_identify.report.window import choose_window
@@ -35,7 +36,8 @@ def render(title: str, model: Model, evaluations: Sequence[Evaluation], facts: M
         rows=cost_rows(judged),
         recordings=[_recording(i, e, model) for i, e in enumerate(judged)],
         most_dots=MOST_DOTS,
-        terms=term_rows(model, of_role(judged, VALIDATION) or judged),
+        terms=term_rows(model, of_role(judged, VALIDATION) or judged) if model.terms else [],
+        parameters=parameter_table(model),
         maps=_maps(judged, model),
         settings=_settings(model),
         history={k: v for k, v in model.provenance.items() if not _plain(v)},

@@ -97,9 +97,11 @@ def test_validate_gives_the_cost_identify_gave(work, capsys):
         for row in json.loads((work / "model.json").read_text())["provenance"]["cost_J_percent"]
         if row["role"] == "validation"
     )
-    assert ces("validate", work / "model.json", work / "two", "--report", work / "v.html") == 0
+    words = ("--report", work / "v.html", "--picture", work / "v.png")
+    assert ces("validate", work / "model.json", work / "two", *words) == 0
     assert f"{expected:.2f}" in capsys.readouterr().out
     assert (work / "v.html").stat().st_size > 1000
+    assert (work / "v.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_validate_says_when_the_model_has_seen_the_recording(work, capsys):
@@ -262,6 +264,7 @@ def test_a_broken_model(work, tmp_path, capsys, change, expected):
         (("simulate", "--sim", "no_module:f", "one", "--out", "x.csv"), "cannot be imported"),
         (("identify", "one", "--out", "none/m.json"), "none/m.json"),
         (("replay", "model.json", "one", "--out", "two"), "two"),
+        (("validate", "model.json", "two", "--picture", "p.bmp"), "p.bmp"),
     ],
 )
 def test_wrong_words(work, monkeypatch, capsys, words, expected):

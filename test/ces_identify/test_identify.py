@@ -7,9 +7,9 @@ import pytest
 
 from ces_identify.evaluate import IDENTIFICATION, VALIDATION
 from ces_identify.identify import Options, identify
+from ces_identify.limits import Limits
 from ces_identify.recording import Channel, Recording
 from ces_identify.regressors import parse_rules
-from ces_identify.selection import Limits
 from ces_identify.series import prepare
 from ces_identify.simulate import simulate_series
 from ces_observer.errors import CesError
@@ -117,3 +117,21 @@ def test_a_constant_force_is_refused():
 def test_a_recording_too_short_is_refused():
     with pytest.raises(CesError, match=r"warm-up|at least|too short"):
         identify([planted(6, seconds=0.8)], (), options())
+
+
+@pytest.mark.parametrize("method", ["random", "gauss-newton"])
+def test_either_method_finds_the_planted_terms(method):
+    limits = Limits(6, 30.0, 0.0, 2, 1, 2, method=method)
+    found = identify([planted(1), planted(2)], (), options(split=1.0, limits=limits)).model.terms
+    assert {t.factors for t in PLANTED.terms} <= {t.factors for t in found}
+
+
+def test_the_model_comes_with_its_certificate(result):
+    certificate = result.model.certificate
+    assert certificate["gain"] == pytest.approx(0.6, rel=0.05)
+    assert identify([planted(1)], (), options(certify=False)).model.certificate is None
+
+
+def test_a_search_out_of_time_says_so():
+    with pytest.raises(CesError, match="no candidate lowered the cost"):
+        identify([planted(1)], (), options(limits=Limits(6, 0.0, 0.0, 2, 1, 2)))

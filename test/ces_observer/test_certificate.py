@@ -4,7 +4,7 @@ import random
 import pytest
 from test_model import make_model
 
-from ces_observer.certificate import certify, is_contraction, power_interval, product
+from ces_observer.certificate import certify, is_contraction, power_interval, product, slope_interval
 from ces_observer.model import Envelope, Factor, Term
 from ces_observer.polynomial import Polynomial
 
@@ -83,3 +83,15 @@ def test_intervals_hold_what_they_should():
             value = abs(s) ** factor.power * (-1.0 if factor.signed and s < 0 else 1.0)
             assert low <= value <= high
             assert c <= value * s <= d
+            slope = slope_interval(factor, (a, b))
+            if slope and s and factor.power:
+                sign = 1.0 if factor.signed or s > 0 else -1.0
+                assert slope[0] <= sign * factor.power * abs(s) ** (factor.power - 1.0) <= slope[1]
+
+
+def test_a_proof_with_much_cancellation_is_short():
+    v = [Factor("speed", 0, p, signed=False) for p in (0.5, 1.0, 1.5)]
+    made = model(output(4.0, v[0]), output(-8.0, v[1]), output(4.0, v[2]), output(0.2, I8))
+    c = certify(made)
+    assert c.gain == pytest.approx(0.2 * 0.49 + 4.0 * (1 / 3) * (1 - 1 / 3) ** 2, rel=3e-3)
+    assert c.boxes < 5000

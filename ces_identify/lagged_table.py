@@ -1,0 +1,61 @@
+"""Scaled regressors over whole series, as the kernels of networks and fuzzy models read them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_observer.lagged import COLUMNS, Regressor
+from ces_observer.model import Envelope
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741
+
+
+@dataclass(frozen=True)
+class Table:
+    """Regressors over the ticks: `values` (ticks, regressors), 0 where a past force belongs.
+
+    `past_lags` (regressors,) is the lag of a past force, 0 for an input; `past_means` and `past_spreads` scale it.
+    """
+
+    values: F
+    past_lags: I
+    past_means: F
+    past_spreads: F
+
+    @property
+    def arrays(self) -> tuple[F, I, F, F]:
+        """Values, lags, means and spreads, in the order every kernel takes them."""
+        return self.values, self.past_lags, self.past_means, self.past_spreads
+
+
+def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs: F, segments: I) -> Table:
+    """Return the regressors of `inputs` (3, ticks): position [m], speed [m/s] and current [A], clamped to `envelope`.
+
+    Inputs before a segment's start are its first ones.
+    """
+    bounds = (envelope.position_m, envelope.speed_m_s, envelope.current_A)
+    clamped = [np.clip(row, low, high) for row, (low, high) in zip(inputs, bounds, strict=True)]
+    values = np.zeros((inputs.shape[1], len(regressors)))
+    for j, r in enumerate(regressors):
+        if r.signal != "force":
+            values[:, j] = (delayed(clamped[COLUMNS[r.signal]], r.lag, segments) - r.mean) / r.spread
+    past = [r if r.signal == "force" else Regressor("force", 0, 0.0, 1.0) for r in regressors]
+    return Table(
+        values,
+        np.array([r.lag for r in past], np.int64),
+        np.array([r.mean for r in past]),
+        np.array([r.spread for r in past]),
+    )
+
+
+def delayed(values: F, lag: int, segments: I) -> F:
+    """Return `values` (ticks,) `lag` ticks ago, within each segment."""
+    index = np.arange(len(values)) - lag
+    for start, stop in segments:
+        index[start:stop] = np.maximum(index[start:stop], start)
+    return values[np.maximum(index, 0)]

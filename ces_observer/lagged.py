@@ -1,0 +1,104 @@
+"""Lagged, scaled regressors, as networks and fuzzy rules see them: inputs of each tick in, a vector of numbers out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from math import inf
+from typing import Any
+
+from ces_observer.checked import Checked
+
+SIGNALS = ("force", "speed", "current", "position")
+COLUMNS = {"position": 0, "speed": 1, "current": 2}
+MOST_REGRESSORS = 64
+MOST_LAG = 1000
+MOST_NUMBER = 1e9  # weights and means: far beyond any fit, far below overflow
+LEAST_SPREAD = 1e-9
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """A signal `lag` ticks ago as (value - mean) / spread; mean and spread in the signal's unit (m, m/s, A, N).
+
+    A `force` is the model's own past output (lag >= 1).
+    """
+
+    signal: str
+    lag: int
+    mean: float
+    spread: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what the model file keeps."""
+        return asdict(self)
+
+
+def regressor_from(node: Checked) -> Regressor:
+    """Check one regressor of a model file; raises ModelError."""
+    signal = node.choice("signal", SIGNALS)
+    return Regressor(
+        signal,
+        node.whole("lag", 1 if signal == "force" else 0, MOST_LAG),
+        node.number("mean", -MOST_NUMBER, MOST_NUMBER),
+        node.number("spread", LEAST_SPREAD, MOST_NUMBER),
+    )
+
+
+def regressors_from(node: Checked) -> tuple[Regressor, ...]:
+    """Check the list `regressors` of a model file; raises ModelError."""
+    return tuple(regressor_from(item) for item in node.items("regressors", 1, MOST_REGRESSORS))
+
+
+def number_from(node: Checked, key: str) -> float:
+    """Return a weight of a model file; raises ModelError."""
+    return node.number(key, -MOST_NUMBER, MOST_NUMBER)
+
+
+class Lagged:
+    """The past of a free run; `clamped` tells whether the last tick's inputs were outside the envelope.
+
+    Forces before the first tick count as zero, inputs before it as the first ones, as in `ces_observer.polynomial`.
+    """
+
+    __slots__ = ("_bounds", "_depth", "_forces", "_limits", "_rows", "clamped")
+
+    def __init__(self, depth: int, bounds: Mapping[str, Range], limits: Range) -> None:
+        """Keep `depth` ticks; clamp inputs to `bounds` (by signal) and force to `limits`."""
+        self._depth = depth + 1
+        self._bounds = (*bounds["position"], *bounds["speed"], *bounds["current"])
+        self._limits = limits
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._rows: list[tuple[float, float, float]] = []
+        self._forces = [0.0] * self._depth
+        self.clamped = False
+
+    def arrive(self, position: float, speed: float, current: float) -> None:
+        """Take the inputs [m, m/s, A] of a new tick."""
+        x0, x1, v0, v1, c0, c1 = self._bounds
+        self.clamped = not (x0 <= position <= x1 and v0 <= speed <= v1 and c0 <= current <= c1)
+        row = (min(max(position, x0), x1), min(max(speed, v0), v1), min(max(current, c0), c1))
+        if not self._rows:
+            self._rows.extend([row] * self._depth)
+        self._rows.insert(0, row)
+        self._rows.pop()
+
+    def values(self, regressors: Sequence[Regressor]) -> list[float]:
+        """Return the scaled regressors of this tick, whose own force is not known yet."""
+        rows, forces = self._rows, self._forces
+        return [
+            ((forces[r.lag - 1] if r.signal == "force" else rows[r.lag][COLUMNS[r.signal]]) - r.mean) / r.spread
+            for r in regressors
+        ]
+
+    def keep(self, force: float) -> float:
+        """Remember this tick's force [N]; returns it, or infinity if it left the force envelope."""
+        self._forces.insert(0, force)
+        self._forces.pop()
+        low, high = self._limits
+        return force if low <= force <= high else inf

@@ -1,0 +1,88 @@
+"""`ces export` from a model file to C files that compile, and its one-line errors."""
+
+import json
+import shutil
+import subprocess
+
+import pytest
+
+from ces_cli.main import main
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+
+SPEED = Factor("speed", 0)
+FIRST = Factor("force", 1)
+
+
+def model_file(path, past=0.8):
+    terms = (Term(past, (FIRST,)), Term(900.0, (SPEED,)), Term(100.0, (SPEED, Factor("current", 3))))
+    envelope = Envelope((-0.1, 0.1), (-2.0, 2.0), (0.0, 2.0))
+    Model("polynomial_narx", Sampling(1000.0, 60.0, 0.02), terms, envelope, (-3e4, 3e4)).save(path)
+    return path
+
+
+def export(*words):
+    return main(["export", *(str(word) for word in words)])
+
+
+def complaint(capsys, *words):
+    """Run a program that must fail; return its one line."""
+    assert export(*words) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("ces export: error: ")
+    return lines[0]
+
+
+def test_two_files_that_bear_the_files_name(tmp_path, capsys):
+    assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "Rear-Damper.c") == 0
+    told = capsys.readouterr().out
+    assert "rear_damper_step and rear_damper_tick, 3 terms" in told
+    assert "stable: past forces count for at most 0.800 < 1" in told
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["Rear-Damper.c", "Rear-Damper.h", "m.json"]
+    assert '#include "Rear-Damper.h"' in (tmp_path / "Rear-Damper.c").read_text()
+    assert "never exceeds" in (tmp_path / "Rear-Damper.h").read_text()
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) on this machine")
+def test_a_name_of_ones_own_and_it_compiles(tmp_path):
+    assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "a.c", "--name", "LeftRear") == 0
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror"]
+    (tmp_path / "main.c").write_text(
+        '#include "a.h"\n'
+        "int main(void)\n{\n    LeftRear_state state;\n    double force_N;\n    LeftRear_reset(&state);\n"
+        "    return LeftRear_step(&state, 0, 0.0, 0.5, &force_N) == LEFTREAR_WARMING_UP ? 0 : 1;\n}\n"
+    )
+    subprocess.run(["cc", *strict, "-o", "run", "a.c", "main.c", "-lm"], cwd=tmp_path, check=True)
+    subprocess.run([tmp_path / "run"], check=True)
+
+
+def test_an_unstable_model_only_on_demand_and_loudly(tmp_path, capsys):
+    words = (model_file(tmp_path / "m.json", past=1.01), "--out", tmp_path / "m.c")
+    assert "stability cannot be proved (past forces may count for 1.010, 1 or more)" in complaint(capsys, *words)
+    assert not (tmp_path / "m.c").exists()
+    assert export(*words, "--allow-uncertified") == 0
+    assert "warning: --allow-uncertified" in capsys.readouterr().err
+    assert "NOT PROVED" in (tmp_path / "m.h").read_text()
+
+
+def test_what_the_file_says_of_its_stability_is_not_believed(tmp_path, capsys):
+    path = model_file(tmp_path / "m.json", past=1.01)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "certificate": {"gain": 0.5}}))
+    assert "cannot be proved" in complaint(capsys, path, "--out", tmp_path / "m.c")
+
+
+@pytest.mark.parametrize(
+    ("out", "more", "message"),
+    [
+        ("m.cpp", (), "expected a name that ends in .c"),
+        ("missing/m.c", (), "missing/m.h: cannot be written"),
+        ("math.c", (), "no standard header's"),
+        ("m.c", ("--name", "2; x"), "name '2; x': not usable in C; choose one such as 'model_2_x'"),
+    ],
+)
+def test_a_name_that_cannot_be_used(tmp_path, capsys, out, more, message):
+    assert message in complaint(capsys, model_file(tmp_path / "m.json"), "--out", tmp_path / out, *more)
+
+
+def test_no_model_file(tmp_path, capsys):
+    assert "no such model file" in complaint(capsys, tmp_path / "none.json", "--out", tmp_path / "m.c")

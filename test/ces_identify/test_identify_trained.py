@@ -1,0 +1,151 @@
+"""Planted networks and neuro-fuzzy models are found again, and nothing held out is seen."""
+
+import json
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted import FUZZY, NETWORK, RATE_HZ, planted
+
+from ces_identify.evaluate import IDENTIFICATION, VALIDATION
+from ces_identify.identify import Options
+from ces_identify.identify_trained import FuzzyShape, Lags, NetworkShape, identify_anfis, identify_network
+from ces_identify.limits import Limits
+from ces_identify.recording import Channel
+from ces_identify.simulation_error import MOST_GAIN
+from ces_observer.certificate import is_contraction
+from ces_observer.errors import CesError
+from ces_observer.model import parse_model
+
+LAGS = Lags((1,), (0.0, 1 / RATE_HZ), (3 / RATE_HZ,))
+KINDS = {
+    "network": (identify_network, NETWORK, NetworkShape(3, LAGS, 1e-8)),
+    "fuzzy": (identify_anfis, FUZZY, FuzzyShape(2, 1, 3 / RATE_HZ, LAGS, 1e-8)),
+}
+NOISE_N = 4.0
+
+
+def options(**changes):
+    fields = {"limits": Limits(seconds=30.0, starts=2, threads=2), "rate_Hz": RATE_HZ, "bandwidth_Hz": 40.0}
+    return Options(**{"split": 1.0, **fields, **changes})
+
+
+def found(kind, split=1.0, training=None, listener=lambda found: None, **changes):
+    identify, model, shape = KINDS[kind]
+    recordings = training or [planted(model, 1), planted(model, 2)]
+    fresh = planted(model, 3, name="fresh")
+    return identify(recordings, [fresh], options(split=split, **changes), listener, shape)
+
+
+@pytest.fixture(scope="module", params=list(KINDS))
+def result(request):
+    return request.param, found(request.param)
+
+
+def test_cost_on_a_fresh_recording_is_the_noise_floor(result):
+    _, identified = result
+    fresh = next(e for e in identified.evaluations if e.name == "fresh")
+    assert fresh.role == VALIDATION
+    assert fresh.rms_N == pytest.approx(NOISE_N, rel=0.1)
+
+
+def test_the_model_is_certified_and_its_proof_stands(result):
+    _, identified = result
+    assert identified.model.certificate["gain"] < MOST_GAIN + 1e-9
+    assert is_contraction(identified.model)
+
+
+def test_the_same_seed_gives_the_same_model(result):
+    kind, identified = result
+    assert found(kind).model == identified.model
+
+
+def test_the_file_holds_the_model_and_where_it_came_from(result):
+    _, identified = result
+    again = parse_model(identified.model.to_json(), "m.json")
+    assert (again.network, again.fuzzy) == (identified.model.network, identified.model.fuzzy)
+    history = json.loads(identified.model.to_json())["provenance"]
+    assert [r["recording"] for r in history["identification"]] == ["planted", "planted"]
+    assert history["selection"]["parameters"] == len(identified.found[0].coefficients)
+    assert [c["J"] for c in history["cost_J_percent"]] == [round(e.cost, 4) for e in identified.evaluations]
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_held_out_data_do_not_change_the_model(kind):
+    clean = planted(KINDS[kind][1], 1)
+    force = clean.channel("force")
+    values = force.values.copy()
+    late = round(0.75 * len(values)) + 1
+    values[late:] = np.random.default_rng(0).normal(0, 1e4, len(values))[late:]
+    spoiled = replace(clean, channels={**clean.channels, "force": replace(force, values=values)})
+    few = Limits(seconds=30.0, starts=1, threads=1)
+    one = found(kind, 0.75, [clean], limits=few)
+    other = found(kind, 0.75, [spoiled], limits=few)
+    assert (one.model.network, one.model.fuzzy) == (other.model.network, other.model.fuzzy)
+    assert [e.role for e in one.evaluations] == [IDENTIFICATION, VALIDATION, VALIDATION]
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_a_constant_current_is_left_out(kind):
+    clean = planted(KINDS[kind][1], 4)
+    current = clean.channel("current")
+    fixed = {**clean.channels, "current": replace(current, values=np.full(len(current), 0.5))}
+    identified = found(kind, 1.0, [replace(clean, channels=fixed)], limits=Limits(seconds=30.0, starts=1))
+    body = identified.model.network or identified.model.fuzzy
+    assert not any(r.signal == "current" for r in body.regressors)
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
+    heard = []
+    quick = found(kind, limits=Limits(seconds=0.3, starts=1, threads=1), listener=heard.append)
+    assert quick.found[0].ended in {"time is up", "no more gain on the selection ticks"}
+    costs = [f.cost for f in heard]
+    assert costs == sorted(costs, reverse=True)
+    assert costs[-1] == quick.found[0].cost
+
+    def interrupt(*args, **kwargs):
+        if threading.current_thread() is threading.main_thread() and len(heard) > 3:
+            monkeypatch.undo()
+            raise KeyboardInterrupt
+        return set(), set(args[0])
+
+    heard.clear()
+    monkeypatch.setattr("ces_identify.simulation_error.wait", interrupt)
+    broken_off = found(kind, limits=Limits(seconds=60.0, starts=1, threads=1), listener=heard.append)
+    assert broken_off.found[0].ended == "interrupted"
+    assert np.isfinite(broken_off.found[0].cost)
+
+
+def test_without_a_certificate_none_is_written():
+    loose = found("network", certify=False, limits=Limits(seconds=10.0, starts=1, target=20.0))
+    assert loose.model.certificate is None
+    assert loose.found[0].ended == "target cost reached"
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_a_preload_far_from_zero_is_no_obstacle(kind):
+    recording = planted(KINDS[kind][1], 1)
+    force = recording.channel("force")
+    loaded = {**recording.channels, "force": replace(force, values=force.values - 5000.0)}
+    identified = found(kind, 1.0, [replace(recording, channels=loaded)], limits=Limits(seconds=20.0, starts=1))
+    assert identified.evaluations[0].rms_N < 2.0 * NOISE_N
+
+
+def test_a_damper_slower_than_may_be_proved_is_met_as_nearly_as_may_be():
+    slow = replace(NETWORK, network=replace(NETWORK.network, linear=(0.99, 0.05, 0.03, 0.0), constant=0.0, units=()))
+    once = Limits(seconds=20.0, starts=1)
+    identified = identify_network([planted(slow, 1)], [], options(limits=once), shape=NetworkShape(2, LAGS, 1e-8))
+    assert 0.95 < identified.model.certificate["gain"] < MOST_GAIN + 1e-9
+    assert identified.evaluations[0].cost < 20.0
+
+
+def test_recordings_without_enough_are_refused():
+    with pytest.raises(CesError, match=r"warm-up|at least|too short"):
+        found("network", training=[planted(NETWORK, 6, seconds=0.8)])
+    flat = planted(NETWORK, 5)
+    force = flat.channel("force")
+    still = Channel("force", "N", force.stamps_ns, np.zeros(len(force)))
+    with pytest.raises(CesError, match="measured force is constant"):
+        found("network", training=[replace(flat, channels={**flat.channels, "force": still})])

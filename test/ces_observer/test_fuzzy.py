@@ -1,0 +1,125 @@
+import json
+import math
+
+import pytest
+from trained_models import FUZZY, fuzzy_model
+
+from ces_observer.errors import ModelError
+from ces_observer.fuzzy import Bell, Fuzzy, FuzzyRun, Premise, Rule, least_firing
+from ces_observer.lagged import Regressor
+from ces_observer.model import load_model, parse_model
+from ces_observer.predictors import predictor
+
+BOUNDS = {"position": (-0.1, 0.1), "speed": (-1.0, 1.0), "current": (0.0, 1.0)}
+
+
+def run(fuzzy, limits=(-9e3, 9e3)):
+    return FuzzyRun(fuzzy, BOUNDS, limits)
+
+
+def test_a_bell_is_one_at_its_centre_and_a_half_a_width_away():
+    bell = Bell(0.3, 0.2, 2.5)
+    assert bell.at(0.3) == 1.0
+    assert bell.at(0.5) == pytest.approx(0.5)
+    assert bell.at(0.1) == pytest.approx(0.5)
+    assert bell.at(0.7) == pytest.approx(1.0 / (1.0 + 2.0**5))
+
+
+def test_force_is_the_blend_of_the_rules():
+    v = Regressor("speed", 0, 0.0, 0.5)
+    low, high = Bell(-0.5, 0.5, 1.0), Bell(0.5, 0.5, 1.0)
+    rules = (Rule((0,), 1.0, (2.0,)), Rule((1,), -1.0, (3.0,)))
+    force = run(Fuzzy((v,), 100.0, (Premise("speed", 0, (low, high)),), rules)).tick(0.0, 0.3, 0.0)
+    a, b = 1 / (1 + (0.8 / 0.5) ** 2), 1 / (1 + (0.2 / 0.5) ** 2)
+    assert force == pytest.approx(100.0 * (a * (1.0 + 2.0 * 0.6) + b * (-1.0 + 3.0 * 0.6)) / (a + b), rel=1e-12)
+
+
+def test_one_rule_is_an_affine_model():
+    rules = (Rule((0,), 0.5, (0.8, 2.0)),)
+    regressors = (Regressor("force", 1, 0.0, 100.0), Regressor("speed", 0, 0.0, 1.0))
+    r = run(Fuzzy(regressors, 100.0, (Premise("current", 3, (Bell(0.5, 0.1, 4.0),)),), rules))
+    first = r.tick(0.0, 0.1, 0.9)
+    assert first == pytest.approx(70.0)
+    assert r.tick(0.0, 0.1, 0.2) == pytest.approx(70.0 + 0.8 * first)
+
+
+def test_premises_look_back_by_their_lag():
+    rules = (Rule((0,), 0.0, (0.0,)), Rule((1,), 1.0, (0.0,)))
+    sharp = (Bell(0.0, 0.3, 8.0), Bell(1.0, 0.3, 8.0))
+    r = run(Fuzzy((Regressor("speed", 0, 0.0, 1.0),), 1.0, (Premise("current", 2, sharp),), rules))
+    forces = [r.tick(0.0, 0.0, current) for current in (0.0, 1.0, 1.0, 1.0)]
+    assert forces == pytest.approx([0.0, 0.0, 0.0, 1.0], abs=1e-3)
+
+
+def test_inputs_are_clamped_and_it_shows():
+    r, edge = run(FUZZY), run(FUZZY)
+    assert r.tick(0.0, 7.0, -2.0) == edge.tick(0.0, 1.0, 0.0)
+    assert r.clamped
+    assert not edge.clamped
+
+
+def test_a_force_out_of_its_envelope_is_infinite():
+    assert run(FUZZY, (-1.0, 1.0)).tick(0.0, 1.0, 0.5) == math.inf
+
+
+def test_reset_brings_it_back_to_new():
+    r = predictor(fuzzy_model())
+    inputs = [(0.01 * math.sin(k), math.cos(k), 0.5 + 0.5 * math.sin(0.1 * k)) for k in range(50)]
+    first = [r.tick(*row) for row in inputs]
+    assert [r.tick(*row) for row in inputs] != first
+    r.reset()
+    assert [r.tick(*row) for row in inputs] == first
+
+
+def test_rules_together_fire_at_least_what_is_said():
+    least = least_firing(FUZZY, BOUNDS)
+    for v in range(-10, 11):
+        for i in range(11):
+            grades = [[b.at(x) for b in p.memberships] for p, x in zip(FUZZY.premises, (v / 10, i / 10), strict=True)]
+            assert sum(grades[0][r.memberships[0]] * grades[1][r.memberships[1]] for r in FUZZY.rules) >= least > 0.0
+
+
+def test_a_saved_model_reads_back_equal(tmp_path):
+    fuzzy_model().save(tmp_path / "m.json")
+    again = load_model(tmp_path / "m.json")
+    assert again == fuzzy_model()
+    assert again.max_lag == 5
+    assert again.size == "4 rules on 5 regressors"
+
+
+def needles(m):
+    for premise in m["fuzzy"]["premises"]:
+        for bell in premise["memberships"]:
+            bell.update(width=1e-6, slope=10.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m.pop("fuzzy"), "key 'fuzzy' is missing"),
+        (lambda m: m["fuzzy"].pop("premises"), "fuzzy: key 'premises' is missing"),
+        (lambda m: m["fuzzy"]["premises"][0].update(signal="force"), "signal is 'force'; expected one of speed"),
+        (lambda m: m["fuzzy"]["premises"][0]["memberships"][0].update(width=0.0), "width is 0.0"),
+        (lambda m: m["fuzzy"]["premises"][0]["memberships"][0].update(slope=1e3), "slope is 1000.0"),
+        (lambda m: m["fuzzy"]["premises"][0]["memberships"][0].update(centre=float("inf")), "centre is inf"),
+        (lambda m: m["fuzzy"]["rules"][2].update(memberships=[0, 2]), r"rules\[2\]: membership 2 of current"),
+        (lambda m: m["fuzzy"]["rules"][2].update(memberships=[0, 0.5]), r"rules\[2\]: membership 0.5 of current"),
+        (lambda m: m["fuzzy"]["rules"][2].update(memberships=[-1, 0]), r"rules\[2\]: membership -1 of speed"),
+        (lambda m: m["fuzzy"]["rules"][2].update(memberships=[0]), "memberships is .*a list of 2"),
+        (lambda m: m["fuzzy"]["rules"][0].update(linear=[1.0]), "linear is .*a list of 5"),
+        (lambda m: m["fuzzy"]["rules"][0].update(constant=None), "constant is None"),
+        (lambda m: m["fuzzy"].update(rules=[]), "rules is .*a list of 1 to 200"),
+        (needles, "none is felt in all of the input envelope"),
+    ],
+)
+def test_what_is_wrong_is_named(change, message):
+    raw = json.loads(fuzzy_model().to_json())
+    change(raw)
+    with pytest.raises(ModelError, match=message) as caught:
+        parse_model(json.dumps(raw), "m.json")
+    assert str(caught.value).startswith("m.json")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_steepest_bell_far_away_does_not_overflow():
+    assert 0.0 <= Bell(1e9, 1e-6, 10.0).at(-1e6) < 1e-290

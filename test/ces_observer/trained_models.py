@@ -1,0 +1,47 @@
+"""Small sigmoid networks and neuro-fuzzy models for tests."""
+
+from __future__ import annotations
+
+from ces_observer.fuzzy import Bell, Fuzzy, Premise, Rule
+from ces_observer.lagged import Regressor
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.network import Network, Unit
+
+SAMPLING = Sampling(1000.0, 60.0, 0.005)
+ENVELOPE = Envelope((-0.1, 0.1), (-1.0, 1.0), (0.0, 1.0))
+REGRESSORS = (
+    Regressor("force", 1, 0.0, 500.0),
+    Regressor("force", 3, 100.0, 400.0),
+    Regressor("speed", 0, 0.1, 0.4),
+    Regressor("current", 5, 0.5, 0.2),
+    Regressor("position", 2, 0.0, 0.05),
+)
+NETWORK = Network(
+    REGRESSORS,
+    500.0,
+    0.1,
+    (0.5, 0.1, 0.2, 0.0, 0.05),
+    (Unit(1.5, -0.3, (0.2, 0.0, 2.0, 1.0, 0.0)), Unit(-0.6, 0.5, (0.5, -0.1, -1.0, 0.4, 0.3))),
+)
+FUZZY = Fuzzy(
+    REGRESSORS,
+    500.0,
+    (
+        Premise("speed", 0, (Bell(-0.5, 0.4, 2.0), Bell(0.5, 0.4, 1.5))),
+        Premise("current", 4, (Bell(0.2, 0.5, 2.0), Bell(0.9, 0.3, 3.0))),
+    ),
+    (
+        Rule((0, 0), -0.2, (0.6, 0.1, 0.3, 0.1, 0.0)),
+        Rule((0, 1), -0.1, (0.2, -0.1, 0.9, 0.3, 0.1)),
+        Rule((1, 0), 0.3, (0.5, 0.2, 0.5, 0.0, 0.2)),
+        Rule((1, 1), 0.0, (-0.3, 0.0, 1.1, -0.2, 0.0)),
+    ),
+)
+
+
+def network_model(network: Network = NETWORK) -> Model:
+    return Model("sigmoid_narx", SAMPLING, (), ENVELOPE, (-9e3, 9e3), network=network)
+
+
+def fuzzy_model(fuzzy: Fuzzy = FUZZY) -> Model:
+    return Model("anfis", SAMPLING, (), ENVELOPE, (-9e3, 9e3), fuzzy=fuzzy)
