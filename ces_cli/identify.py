@@ -15,8 +15,9 @@ from ces_cli.cost_picture import save_cost_picture
 from ces_cli.coverage_picture import require_picture_name
 from ces_cli.search_progress import SearchProgress
 from ces_cli.simulations import open_simulation, taught
+from ces_cli.structures import add_structure, identifier
 from ces_cli.tables import cost_table
-from ces_identify.identify import Identified, Options, identify
+from ces_identify.identify import Identified, Options
 from ces_identify.limits import BOTH, METHODS, Limits
 from ces_identify.recording import Recording
 from ces_identify.regressors import DEFAULT_RULES, load_rules
@@ -50,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     rules, certify = load_rules(options.candidates), not options.no_certificate
     how = Options(split, rules, limits, options.rate, options.bandwidth, certify)
     with SearchProgress(limits) as progress:
-        result = identify(bags, validation, how, progress.listen)
+        result = identifier(options)(bags, validation, how, progress.listen)
     result.model.save(options.out)
     _tell(result, options, argv)
     return 0
@@ -73,8 +74,7 @@ def _require_writable(*paths: Path | None) -> None:
 
 def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] | None) -> None:
     best = result.found[0]
-    terms = len(result.model.terms)
-    terminal.out.print(cost_table(result.evaluations, f"{terms} terms out of {result.candidates} candidates"))
+    terminal.out.print(cost_table(result.evaluations, result.model.size))
     terminal.out.print(
         f"start {best.seed} of {len(result.found)} was best; it ended because {best.ended}", highlight=False
     )
@@ -107,8 +107,8 @@ def _tell_certificate(certificate: Mapping[str, Any] | None) -> None:
 def _parser() -> terminal.Parser:
     p = terminal.parser(
         "identify",
-        "Identify a polynomial NARX model of the damping force from any number of recordings at once: regressors are "
-        "selected by the cost of the free run, and the model is proved stable.",
+        "Identify a model of the damping force from any number of recordings at once, judged by the cost of its free "
+        "run and proved stable: a polynomial NARX with selected terms, a sigmoid network, or neuro-fuzzy rules.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
     )
     number, whole = terminal.within, terminal.whole
@@ -117,6 +117,7 @@ def _parser() -> terminal.Parser:
         "--validate", nargs="+", type=Path, default=[], metavar="BAG", help="recordings only to judge the model on"
     )
     terminal.add_signals(p)
+    add_structure(p)
     p.add_argument("--out", type=Path, default=Path("model.json"), metavar="FILE", help="default: model.json")
     p.add_argument("--report", type=Path, metavar="FILE", help="write a report page (HTML)")
     p.add_argument("--picture", type=Path, metavar="FILE", help="draw speed-force and time plots (.png, .svg, .pdf)")

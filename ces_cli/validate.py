@@ -32,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             terminal.note(f"{recording.name}: the model was identified on part of this")
         series = prepare(recording, model.sampling).part(*options.part)
         evaluations += evaluate(model, [series], IDENTIFICATION if seen else VALIDATION)
-    terminal.out.print(cost_table(evaluations, f"{options.model}: {len(model.terms)} terms"))
+    terminal.out.print(cost_table(evaluations, f"{options.model}: {model.size}"))
     if options.picture is not None:
         save_cost_picture(evaluations, options.picture)
     if options.report is not None:

@@ -30,7 +30,7 @@ LEAST_TICKS = 200
 MOST_GAIN = 0.995  # of past forces, at the probed inputs: the proof over all inputs then has room
 CHUNK = 4096  # ticks per block of regressors held in memory
 INPUT_MARGIN = 0.1  # of an input's span
-EXTENSION = 0.5  # of the measured force's span, by which the force envelope exceeds it on each side
+EXTENSION = 0.5  # of the measured force's span, by which the force envelope exceeds it; it holds 0, where runs start
 
 
 @dataclass(frozen=True)
@@ -89,13 +89,13 @@ def pose(series: Sequence[Series], candidates: Sequence[Term], stable: bool = Tr
             f"{np.count_nonzero(estimation)} ticks to estimate from; expected at least {LEAST_TICKS}: record longer"
         )
     gram = gram_matrix(compiled, powers, measured, segments, estimation)
-    force = (float(measured[everything > 0].min()), float(measured[everything > 0].max()))
-    margin = EXTENSION * (force[1] - force[0])
+    known = measured[everything > 0]
+    margin = EXTENSION * float(np.ptp(known))
     return Problem(
         candidates=tuple(candidates),
         compiled=compiled,
         envelope=envelope,
-        force_envelope=(force[0] - margin, force[1] + margin),
+        force_envelope=(min(float(known.min()) - margin, 0.0), max(float(known.max()) + margin, 0.0)),
         powers=powers,
         measured=measured,
         segments=segments,

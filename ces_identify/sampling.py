@@ -105,7 +105,8 @@ def responses(
     z = np.exp(2j * np.pi * spectrum.frequency / spectrum.rate_Hz)
     d = z - 1.0
     innovation = 1.0 / (1.0 + gains[0] / d + gains[1] * z / d**2 + gains[2] * z * (z + 1.0) / d**3)
-    return (gains[1] * z / d + 2.0 * gains[2] * z / d**2) * innovation * spectrum.rate_Hz, innovation
+    speed = (gains[1] * z / d + 2.0 * gains[2] * z / d**2) * innovation * spectrum.rate_Hz
+    return np.asarray(speed, np.complex128), np.asarray(innovation, np.complex128)
 
 
 def _gains(cycles: float, order: int) -> tuple[float, float, float]:
