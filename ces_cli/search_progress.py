@@ -46,7 +46,7 @@ class SearchProgress:
             self._best[found.seed] = found
             best = min(self._best.values(), key=lambda f: f.cost)
             ended = sum(f.ended != "running" for f in self._best.values())
-            text = f"selection cost J = {best.cost:.2f} % with {len(best.chosen)} terms, {ended} starts ended"
+            text = f"selection cost J = {best.cost:.2f} % of size {len(best.chosen)}, {ended} starts ended"
             now = time.monotonic()
             self._bar.update(self._task, completed=now - self._began, description=text)
             if self._bar.disable and now - self._logged > LOG_EVERY_S:
