@@ -7,7 +7,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
 from rich.console import Console
 
@@ -17,6 +17,8 @@ from ces_identify.recording import Recording
 from ces_identify.signals_file import load_signals
 from ces_observer.errors import CesError
 from ces_observer.signals import Signals
+
+Number = TypeVar("Number", int, float)
 
 USER_ERROR = 2
 INTERRUPTED = 130
@@ -69,29 +71,22 @@ def part(text: str) -> tuple[float, float]:
 
 def within(low: float, high: float) -> Callable[[str], float]:
     """Return a reader of a number in [low, high]."""
-
-    def number(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is outside {low:g} to {high:g}")
-        return value
-
-    return number
+    return _bounded(float, "a number", low, high)
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
     """Return a reader of a whole number in [low, high]."""
+    return _bounded(int, "a whole number", low, high)
 
-    def number(text: str) -> int:
+
+def _bounded(kind: Callable[[str], Number], name: str, low: Number, high: Number) -> Callable[[str], Number]:
+    def number(text: str) -> Number:
         try:
-            value = int(text)
+            value = kind(text)
         except ValueError:
-            raise argparse.ArgumentTypeError(f"'{text}' is not a whole number") from None
+            raise argparse.ArgumentTypeError(f"'{text}' is not {name}") from None
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is outside {low} to {high}")
+            raise argparse.ArgumentTypeError(f"{text} is outside {low:g} to {high:g}")
         return value
 
     return number
