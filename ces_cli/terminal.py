@@ -86,7 +86,7 @@ def _bounded(kind: Callable[[str], Number], name: str, low: Number, high: Number
         except ValueError:
             raise argparse.ArgumentTypeError(f"'{text}' is not {name}") from None
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is outside {low:g} to {high:g}")
+            raise argparse.ArgumentTypeError(f"{text} is outside {low:.10g} to {high:.10g}")
         return value
 
     return number
