@@ -58,7 +58,10 @@ setup(
         "lz4>=4",
         "backports.zstd; python_version < '3.14'",
     ],
-    extras_require={"dev": ["pytest>=7.4", "hypothesis>=6.98", "mcap>=1.1", "ruff>=0.6", "mypy>=1.11", "types-PyYAML"]},
+    extras_require={
+        "test": ["pytest>=7.4"],  # by which colcon test knows its runner
+        "dev": ["pytest>=7.4", "hypothesis>=6.98", "mcap>=1.1", "ruff>=0.6", "mypy>=1.11", "types-PyYAML"],
+    },
     zip_safe=True,
     entry_points={"console_scripts": ROS_PROGRAMS if FOR_ROS else ["ces = ces_cli.main:main"]},
 )
