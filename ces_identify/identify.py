@@ -6,7 +6,7 @@ is kept only if it does not make their free run worse.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,6 +25,8 @@ from ces_observer import __version__
 from ces_observer.certificate import certify, is_contraction
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling, Term
+
+LEAST_SCORED = 50  # ticks of a held-out part worth judging
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,6 @@ class Identified:
     model: Model
     evaluations: tuple[Evaluation, ...]
     found: tuple[Found, ...]
-    candidates: int
 
 
 def identify(
@@ -72,11 +73,52 @@ def identify(
     if not found:
         raise CesError("no candidate lowered the cost below 100 %: check signs, signals and rules, or give more time")
     model, found = _best_model(problem, sampling, found, options.certify)
-    held_out = _held_out(whole, options.split) + [prepare(recording, sampling) for recording in validation]
-    evaluations = evaluate(model, training, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
-    identified = Identified(model, tuple(evaluations), tuple(found), len(problem.candidates))
-    history = _provenance(recordings, validation, options, identified)
-    return replace(identified, model=replace(model, provenance=history))
+    how = {
+        "method": f"{options.limits.method}, judged by free run",
+        "candidates": len(problem.candidates),
+        "most_terms": options.limits.most_terms,
+    }
+    return judged(model, found, how, (recordings, whole), validation, options)
+
+
+def judged(
+    model: Model,
+    found: Sequence[Found],
+    how: Mapping[str, Any],
+    source: tuple[Sequence[Recording], Sequence[Series]],
+    validation: Sequence[Recording],
+    options: Options,
+) -> Identified:
+    """Return `model` with its costs and where it comes from.
+
+    `source` holds the recordings it was identified on and their whole series; `how` tells how it was chosen.
+    """
+    recordings, whole = source
+    seen = [series.part(0.0, options.split) for series in whole]
+    held_out = _held_out(whole, options.split) + [prepare(recording, model.sampling) for recording in validation]
+    evaluations = evaluate(model, seen, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
+    history = {
+        "tool": f"ces_observer {__version__}",
+        "identification": [_origin(r) | {"share": [0.0, options.split]} for r in recordings],
+        "validation": [_origin(r) for r in validation],
+        "cost_J_percent": [
+            {"recording": e.name, "role": e.role, "J": round(e.cost, 4) if np.isfinite(e.cost) else None}
+            for e in evaluations
+        ],
+        "selection": {**how, **_search_facts(found, options.limits)},
+    }
+    return Identified(replace(model, provenance=history), tuple(evaluations), tuple(found))
+
+
+def _search_facts(found: Sequence[Found], limits: Limits) -> dict[str, Any]:
+    return {
+        "starts": len(found),
+        "first_seed": limits.seed,
+        "best_seed": found[0].seed,
+        "seconds": limits.seconds,
+        "trials": sum(f.trials for f in found),
+        "ended": found[0].ended,
+    }
 
 
 def _useful_rules(rules: Rules, training: Sequence[Series]) -> Rules:
@@ -110,36 +152,7 @@ def _model(problem: Problem, sampling: Sampling, best: Found) -> Model:
 def _held_out(whole: Sequence[Series], split: float) -> list[Series]:
     """Return the rest of each series after `split`, where it is long enough to be judged."""
     rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
-    return [series for series in rest if series.scored.sum() >= 50]
-
-
-def _provenance(
-    recordings: Sequence[Recording],
-    validation: Sequence[Recording],
-    options: Options,
-    identified: Identified,
-) -> dict[str, Any]:
-    best, limits = identified.found[0], options.limits
-    return {
-        "tool": f"ces_observer {__version__}",
-        "identification": [_origin(r) | {"share": [0.0, options.split]} for r in recordings],
-        "validation": [_origin(r) for r in validation],
-        "cost_J_percent": [
-            {"recording": e.name, "role": e.role, "J": round(e.cost, 4) if np.isfinite(e.cost) else None}
-            for e in identified.evaluations
-        ],
-        "selection": {
-            "method": f"{limits.method}, judged by free run",
-            "candidates": identified.candidates,
-            "starts": len(identified.found),
-            "first_seed": limits.seed,
-            "best_seed": best.seed,
-            "most_terms": limits.most_terms,
-            "seconds": limits.seconds,
-            "trials": sum(f.trials for f in identified.found),
-            "ended": best.ended,
-        },
-    }
+    return [series for series in rest if series.scored.sum() >= LEAST_SCORED]
 
 
 def _origin(recording: Recording) -> dict[str, str]:

@@ -8,21 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from ces_identify.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_identify.fuzzy_fit import FuzzyFit, Grid
-from ces_identify.identify import Identified, Options
+from ces_identify.identify import Identified, Options, judged
 from ces_identify.limits import Listener
 from ces_identify.network_fit import NetworkFit
 from ces_identify.recording import Recording
 from ces_identify.sampling import choose_sampling
-from ces_identify.series import Series, prepare
+from ces_identify.series import prepare
 from ces_identify.simulation_error import Family, train
 from ces_identify.training import SIGNALS, Training, training
-from ces_observer import __version__
 from ces_observer.certificate import certify
 from ces_observer.errors import CesError
 from ces_observer.lagged import Regressor
@@ -30,7 +27,6 @@ from ces_observer.model import Model
 
 NETWORK, ANFIS = "sigmoid", "anfis"
 LEAST_CHANGE = 1e-3  # of a signal, relative: less is a constant, and no regressor
-LEAST_SCORED = 50
 
 
 @dataclass(frozen=True)
@@ -137,11 +133,11 @@ def _identify(
     if not found:
         raise CesError(f"no start of the {structure} fit gave a stable model: give more time, more starts or more data")
     model = _proved(family.model(found[0].coefficients, sampling), options.certify)
-    held_out = _held_out(whole, options.split) + [prepare(recording, sampling) for recording in validation]
-    evaluations = evaluate(model, seen, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
-    identified = Identified(model, tuple(evaluations), tuple(found), len(found[0].coefficients))
-    history = _provenance(recordings, validation, options, identified)
-    return replace(identified, model=replace(model, provenance=history))
+    how = {
+        "method": "Levenberg-Marquardt on the free-run error, stopped early",
+        "parameters": len(found[0].coefficients),
+    }
+    return judged(model, found, how, (recordings, whole), validation, options)
 
 
 def _proved(model: Model, prove: bool) -> Model:
@@ -151,37 +147,3 @@ def _proved(model: Model, prove: bool) -> Model:
     if not certificate.holds:
         raise CesError("the model found could not be proved stable; give --no-certificate")
     return replace(model, certificate=certificate.to_mapping())
-
-
-def _held_out(whole: Sequence[Series], split: float) -> list[Series]:
-    rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
-    return [series for series in rest if series.scored.sum() >= LEAST_SCORED]
-
-
-def _provenance(
-    recordings: Sequence[Recording], validation: Sequence[Recording], options: Options, identified: Identified
-) -> dict[str, Any]:
-    best, limits = identified.found[0], options.limits
-    return {
-        "tool": f"ces_observer {__version__}",
-        "identification": [_origin(r) | {"share": [0.0, options.split]} for r in recordings],
-        "validation": [_origin(r) for r in validation],
-        "cost_J_percent": [
-            {"recording": e.name, "role": e.role, "J": round(e.cost, 4) if np.isfinite(e.cost) else None}
-            for e in identified.evaluations
-        ],
-        "selection": {
-            "method": "Levenberg-Marquardt on the free-run error, stopped early",
-            "parameters": identified.candidates,
-            "starts": len(identified.found),
-            "first_seed": limits.seed,
-            "best_seed": best.seed,
-            "seconds": limits.seconds,
-            "steps": best.trials,
-            "ended": best.ended,
-        },
-    }
-
-
-def _origin(recording: Recording) -> dict[str, str]:
-    return {"recording": recording.name, "sha256": recording.sha256}
