@@ -1,0 +1,58 @@
+"""Progress of a campaign: a live bar on a terminal, a line for each cell in a log."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from ces_cli import terminal
+from ces_identify.campaign.cell import DONE, Row
+
+
+class CampaignProgress:
+    """Shows how many of `total` cells are there, `already` of them from an earlier run."""
+
+    def __init__(self, total: int, already: int) -> None:
+        self.total, self.there, self.failed = total, already, 0
+        self._bar = Progress(
+            TextColumn("cells"),
+            BarColumn(bar_width=24),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            TextColumn("{task.description}"),
+            console=terminal.err,
+            transient=True,
+            disable=not terminal.err.is_terminal,
+        )
+        text = f"{already} from an earlier run" if already else "(Ctrl-C keeps what is finished)"
+        if already and self._bar.disable:
+            terminal.err.print(f"{already} of {total} cells are there from an earlier run", highlight=False)
+        self._task = self._bar.add_task(text, total=total, completed=already)
+
+    def __enter__(self) -> CampaignProgress:
+        self._bar.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
+        self._bar.stop()
+
+    def listen(self, row: Row) -> None:
+        """Hear of a cell that ended."""
+        self.there += 1
+        self.failed += row["status"] != DONE
+        text = f"{row['bags']}, {row['structure']}, seed {row['seed']}: {told(row)}"
+        failures = f"; {self.failed} failed" if self.failed else ""
+        self._bar.update(self._task, completed=self.there, description=text + failures)
+        if self._bar.disable:
+            terminal.err.print(f"{self.there:5}/{self.total}  {text}", highlight=False, soft_wrap=True)
+
+
+def told(row: Row) -> str:
+    """Say in a few words how a cell ended."""
+    if row["status"] != DONE:
+        return f"{row['status']}: {row['reason']}"
+    cost = "diverged" if row["selection_J"] is None else f"{row['selection_J']:.2f} %"
+    return f"selection J {cost}, {row['parameters']} parameters, {row['seconds']:.1f} s"

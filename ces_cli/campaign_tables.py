@@ -1,0 +1,180 @@
+"""The table at the end of a campaign: for the terminal, as CSV with every recording, and as Markdown."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+from ces_identify.campaign.cell import DONE, Row
+from ces_identify.campaign.front import WITHIN, front, recommended
+from ces_identify.campaign.plan import Campaign, Job
+from ces_observer.checked import write_beside
+
+IDENTIFICATION = "identification"
+FRONT, BEST = "○", "●"
+HONEST = (
+    "The front and the recommendation go by the selection cost, which the search had; the validation costs beside it "
+    "chose nothing."
+)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The rows of a campaign that are there, in the plan's sets of bags and by size; and what varies among them."""
+
+    rows: tuple[Row, ...]
+    planned: int
+    bags: tuple[str, ...]
+    sets: tuple[str, ...]
+    varied: tuple[str, ...]
+
+    @classmethod
+    def of(cls, campaign: Campaign, todo: Sequence[Job], found: Mapping[str, Row]) -> Summary:
+        """Take the rows of the plan's cells from all that were found; names are the plan's."""
+        rows = [{**found[j.key], "bags": j.cell.bags, **j.cell.settings} for j in todo if j.key in found]
+        bags = tuple(campaign.bags)
+        rows.sort(key=lambda r: (bags.index(r["bags"]), r.get("parameters", 1e9), r.get("selection_J") or 1e9))
+        sets = dict.fromkeys(cost["set"] for row in rows for cost in row.get("costs", ()))
+        axes = [(name, axis) for own in campaign.structures.values() for name, axis in own.items()]
+        axes += list(campaign.common.items())
+        varied = tuple(dict.fromkeys(name for name, axis in axes if len(axis) > 1))
+        return cls(tuple(rows), len(todo), bags, tuple(s for s in sets if s != IDENTIFICATION), varied)
+
+    def of_bags(self, name: str) -> list[Row]:
+        """Return the rows of one set of bags."""
+        return [row for row in self.rows if row["bags"] == name]
+
+    def describe(self, row: Row) -> str:
+        """Tell a row from the others in words."""
+        return ", ".join([row["bags"], row["structure"], *filter(None, [self.settings(row)])])
+
+    def settings(self, row: Row) -> str:
+        """Return the settings of a row on the axes that vary."""
+        return ", ".join(f"{name} {_word(row[name])}" for name in self.varied if name in row)
+
+    def marks(self) -> dict[str, str]:
+        """Return by key the marks of the models on a front and of those recommended."""
+        marks = {}
+        for rows in map(self.of_bags, self.bags):
+            marks.update({row["key"]: FRONT for row in front(rows)})
+            best = recommended(rows)
+            marks.update({best["key"]: BEST} if best else {})
+        return marks
+
+    def lines(self) -> list[str]:
+        """Say what the marks mean and which model is recommended for each set of bags."""
+        lines = [
+            f"{FRONT} on the front of selection cost against size, {BEST} recommended: the smallest on it within "
+            f"{WITHIN:.0%} of the lowest cost"
+        ]
+        lines.append(HONEST)
+        for name in self.bags:
+            best = recommended(self.of_bags(name))
+            if best is not None:
+                lines.append(f"{name}: models/{best['key']}.json ({self.describe(best)}: {best['size']})")
+        return lines
+
+
+def mean_cost(row: Row, name: str) -> float | None:
+    """Return the mean J [%] of a row over the recordings of a set; None if it has none, or one diverged."""
+    costs = [cost["J"] for cost in row.get("costs", ()) if cost["set"] == name]
+    return sum(costs) / len(costs) if costs and None not in costs else None
+
+
+def summary_tables(summary: Summary, most: int) -> list[Table]:
+    """Return a table for each set of bags, for a terminal; of more than `most` rows in all only those on a front."""
+    marks = summary.marks()
+    done = [row for row in summary.rows if row["status"] == DONE]
+    shown = [row for row in done if row["key"] in marks] if len(done) > most else done
+    told = f"{len(done)} models of {summary.planned} cells" + ("; those on a front" if len(shown) < len(done) else "")
+    tables = []
+    for name in dict.fromkeys(row["bags"] for row in shown):
+        tables.append(_empty_table(f"identified on {name} ({told}); costs J in %", summary))
+        for row in (row for row in shown if row["bags"] == name):
+            mark, _, structure, settings, *numbers, _ = _cells(summary, row, marks)
+            model = ", ".join(filter(None, (structure, settings)))
+            tables[-1].add_row(mark, model, *numbers, style="bold" if mark == BEST else "")
+    return tables
+
+
+def _empty_table(title: str, summary: Summary) -> Table:
+    """Return a table with structure and settings in one column, and none of bags, which the title names, and keys."""
+    look: dict[str, Any] = {"title_justify": "left", "header_style": "bold", "box": box.SIMPLE_HEAD}
+    table = Table(title=title, padding=0, pad_edge=False, **look)
+    table.add_column("")
+    table.add_column("model", no_wrap=True)
+    for heading in _headings(summary)[4:-1]:
+        table.add_column(heading.removeprefix("J ").replace(IDENTIFICATION, "fit"), justify="right")
+    return table
+
+
+def write_markdown(summary: Summary, path: Path) -> None:
+    """Write the table of all models, what failed, and how to read it."""
+    marks, headings = summary.marks(), _headings(summary)
+    right = ["---:" if i > 3 else "---" for i in range(len(headings))]
+    rows = [_cells(summary, row, marks) for row in summary.rows if row["status"] == DONE]
+    lines = ["| " + " | ".join(cells) + " |" for cells in (headings, right, *rows)]
+    lines += ["", "Costs J in percent, means over a set's recordings. Size: parameters, of a polynomial its terms."]
+    lines += ["Models: `models/KEY….json`.", ""]
+    lines += ["* " + line for line in summary.lines()]
+    lines += [f"* {row['status']}: {summary.describe(row)}: {row['reason']}" for row in summary.rows if "reason" in row]
+    write_beside(path, "\n".join(["# Campaign", "", "![cost against parameters](pareto.svg)", "", *lines, ""]))
+
+
+def write_csv(summary: Summary, path: Path) -> None:
+    """Write a line for each cell, with the cost on each recording in a column of its own."""
+    columns = dict.fromkeys(_column(cost) for row in summary.rows for cost in row.get("costs", ()))
+    plain = ["key", "status", "bags", "structure"]
+    plain += list(dict.fromkeys(name for row in summary.rows for name in row if name not in (*plain, "costs")))
+    marks = {FRONT: "front", BEST: "recommended"}
+    found = summary.marks()
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*plain, "mark", *columns])
+    for row in summary.rows:
+        costs = {_column(cost): cost["J"] for cost in row.get("costs", ())}
+        mark = marks.get(found.get(row["key"], ""), "")
+        writer.writerow([*(row.get(name) for name in plain), mark, *(costs.get(name) for name in columns)])
+    write_beside(path, text.getvalue())
+
+
+def _column(cost: Row) -> str:
+    return f"J {cost['set']}: {cost['recording']}"
+
+
+def _headings(summary: Summary) -> list[str]:
+    costs = [f"J {name}" for name in ("selection", IDENTIFICATION, *summary.sets)]
+    return ["", "bags", "structure", "settings", "size", *costs, "gain", "s", "key"]
+
+
+def _cells(summary: Summary, row: Row, marks: Mapping[str, str]) -> list[str]:
+    costs = [mean_cost(row, name) for name in (IDENTIFICATION, *summary.sets)]
+    seen = [any(cost["set"] == name for cost in row["costs"]) for name in (IDENTIFICATION, *summary.sets)]
+    told = [_number(cost, "diverged" if there else "–") for cost, there in zip(costs, seen, strict=True)]
+    return [
+        marks.get(row["key"], ""),
+        row["bags"],
+        row["structure"],
+        summary.settings(row),
+        str(row["parameters"]),
+        _number(row["selection_J"], "–"),
+        *told,
+        "not proved" if row["gain"] is None else f"{row['gain']:.3f}",
+        f"{row['seconds']:.1f}",
+        row["key"][:8],
+    ]
+
+
+def _number(value: float | None, otherwise: str) -> str:
+    return otherwise if value is None else f"{value:.2f}"
+
+
+def _word(value: object) -> str:
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)

@@ -1,0 +1,67 @@
+"""The axes a campaign can vary, for each structure and for all, and its limits: what each takes and its default."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ces_identify.campaign.plan import ANFIS, AUTO, BUILT_IN, POLYNOMIAL, SIGMOID, Setting
+from ces_identify.limits import BOTH, METHODS
+
+MOST_RULES = 60
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What an axis takes: a test for one value, the same in words, and what it holds if it is not given."""
+
+    good: Callable[[Any], bool]
+    expected: str
+    default: tuple[Setting, ...]
+
+
+def whole(low: int, high: int) -> Callable[[Any], bool]:
+    """Return a test for a whole number in [low, high]."""
+    return lambda value: isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+
+
+def number(low: float, high: float) -> Callable[[Any], bool]:
+    """Return a test for a finite number in [low, high]."""
+    return lambda v: isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) and low <= v <= high
+
+
+def number_or_auto(low: float, high: float) -> Callable[[Any], bool]:
+    """Return a test for `auto` or a finite number in [low, high]."""
+    return lambda value: value == AUTO or number(low, high)(value)
+
+
+def _grid(value: Any) -> bool:
+    speeds, _, currents = value.partition("x") if isinstance(value, str) else ("", "", "")
+    if not (speeds.isdecimal() and currents.isdecimal()):
+        return False
+    return int(speeds) >= 2 and int(currents) >= 1 and int(speeds) * int(currents) <= MOST_RULES
+
+
+STRUCTURES: Mapping[str, Mapping[str, Axis]] = {
+    POLYNOMIAL: {
+        "terms": Axis(whole(1, 200), "whole numbers from 1 to 200", (15,)),
+        "method": Axis(lambda value: value in METHODS, f"of {', '.join(METHODS)}", (BOTH,)),
+        "candidates": Axis(lambda value: isinstance(value, str), f"{BUILT_IN} or files with rules", (BUILT_IN,)),
+    },
+    SIGMOID: {"units": Axis(whole(1, 60), "whole numbers from 1 to 60", (10,))},
+    ANFIS: {"rules": Axis(_grid, f"memberships VxI such as 7x2, at most {MOST_RULES} rules", ("7x2",))},
+}
+COMMON: Mapping[str, Axis] = {
+    "rate_Hz": Axis(number_or_auto(1.0, 1e5), f"{AUTO} or numbers from 1 to 1e+05", (AUTO,)),
+    "bandwidth_Hz": Axis(number_or_auto(0.01, 5e4), f"{AUTO} or numbers from 0.01 to 5e+04", (AUTO,)),
+    "certificate": Axis(lambda value: isinstance(value, bool), "of true and false", (True,)),
+    "seeds": Axis(whole(0, 2**31), "whole numbers from 0 to 2147483648", (1,)),
+}
+LIMITS: Mapping[str, Axis] = {
+    "seconds": Axis(number(0.1, 1e6), "a number from 0.1 to 1e+06", (60.0,)),
+    "target": Axis(number(0.0, 100.0), "a number from 0 to 100", (0.0,)),
+    "starts": Axis(whole(1, 10000), "a whole number from 1 to 10000", (1,)),
+    "threads": Axis(whole(1, 256), "a whole number from 1 to 256", (1,)),
+}

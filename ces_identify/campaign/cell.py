@@ -1,0 +1,114 @@
+"""One cell: recordings in, a row of results and the model's text out. Runs in a worker, here or on another machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ces_identify.campaign.plan import ANFIS, AUTO, SIGMOID, Cell, Job
+from ces_identify.evaluate import Evaluation
+from ces_identify.identify import Identified, Options, identify
+from ces_identify.identify_trained import FuzzyShape, NetworkShape, identify_anfis, identify_network
+from ces_identify.limits import Limits
+from ces_identify.recording import Recording
+from ces_observer.errors import CesError
+
+DONE, FAILED, CRASHED = "done", "failed", "crashed"
+REST = "rest"  # what `split` leaves of a recording, as a validation set
+INTERRUPTED = "interrupted"
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The row of a cell, and the text of its model unless it failed."""
+
+    row: Row
+    model: str | None = None
+
+
+def compute(job: Job, recordings: Sequence[Recording], validation: Sequence[Recording]) -> Outcome:
+    """Identify and judge the model of a cell; recordings are in the order of the job's.
+
+    A CesError makes the cell `failed`, which it would be again; any other error makes it `crashed`, to be tried again.
+    A search that Ctrl-C cut short raises KeyboardInterrupt: it is not the cell's result.
+    """
+    began = time.monotonic()
+    try:
+        result = identifier(job.cell)(recordings, validation, _options(job))
+    except CesError as error:
+        return failure(job, FAILED, str(error))
+    except Exception as error:  # one cell must not cost the others of the night
+        return failure(job, CRASHED, f"{type(error).__name__}: {' '.join(str(error).split())}")
+    if any(found.ended == INTERRUPTED for found in result.found):
+        raise KeyboardInterrupt
+    return Outcome(_row(job, result, time.monotonic() - began), result.model.to_json())
+
+
+def failure(job: Job, status: str, reason: str) -> Outcome:
+    """Return the outcome of a cell without a model."""
+    return Outcome({**_identity(job), "status": status, "reason": reason})
+
+
+def identifier(cell: Cell) -> Callable[..., Identified]:
+    """Return the function that identifies the cell's structure: (recordings, validation, options)."""
+    if cell.structure == SIGMOID:
+        return partial(identify_network, shape=NetworkShape(units=int(cell.settings["units"])))
+    if cell.structure == ANFIS:
+        speeds, _, currents = str(cell.settings["rules"]).partition("x")
+        return partial(identify_anfis, shape=FuzzyShape(speeds=int(speeds), currents=int(currents)))
+    return identify
+
+
+def _options(job: Job) -> Options:
+    given, asked = job.cell.settings, job.limits
+    limits = Limits(
+        seconds=asked.seconds, target=asked.target, starts=asked.starts, seed=job.cell.seed, threads=asked.threads
+    )
+    if job.rules is not None:
+        limits = replace(limits, most_terms=int(given["terms"]), method=str(given["method"]))
+    rate_Hz, bandwidth_Hz = (None if given[k] == AUTO else float(given[k]) for k in ("rate_Hz", "bandwidth_Hz"))
+    options = Options(job.split, limits=limits, rate_Hz=rate_Hz, bandwidth_Hz=bandwidth_Hz)
+    options = replace(options, certify=bool(given["certificate"]))
+    return replace(options, rules=job.rules) if job.rules is not None else options
+
+
+def _identity(job: Job) -> Row:
+    return {"key": job.key, "bags": job.cell.bags, "structure": job.cell.structure, **job.cell.settings}
+
+
+def _row(job: Job, result: Identified, seconds: float) -> Row:
+    best, certificate = result.found[0], result.model.certificate
+    return {
+        **_identity(job),
+        "status": DONE,
+        "size": result.model.size,
+        "parameters": len(best.coefficients),
+        "selection_J": _finite(best.cost),
+        "costs": _costs(job, result.evaluations),
+        "gain": None if certificate is None else certificate["gain"],
+        "seconds": round(seconds, 3),
+        "trials": sum(found.trials for found in result.found),
+        "ended": best.ended,
+    }
+
+
+def _costs(job: Job, evaluations: Sequence[Evaluation]) -> list[Row]:
+    """Return a row for each evaluation: identification, what `split` left of those recordings, validation in turn."""
+    given = len(evaluations) - len(job.validation)
+    sets = ["identification"] * len(job.recordings) + [REST] * (given - len(job.recordings))
+    sets += [name for name, _ in job.validation]
+    return [
+        {"set": name, "recording": e.name, "role": e.role, "J": _finite(e.cost), "rms_N": _finite(e.rms_N)}
+        for name, e in zip(sets, evaluations, strict=True)
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return round(float(value), 6) if np.isfinite(value) else None

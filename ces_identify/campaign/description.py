@@ -1,0 +1,171 @@
+"""A campaign's description: a YAML file in, a checked `Campaign` out; every mistake is one line with file and key.
+
+Paths in the file are relative to its folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ces_identify.campaign.axes import COMMON, LIMITS, STRUCTURES, Axis, number
+from ces_identify.campaign.plan import BUILT_IN, POLYNOMIAL, Campaign, Candidates, CellLimits, Setting
+from ces_identify.regressors import DEFAULT_RULES, load_rules
+from ces_identify.safe_yaml import load_mapping
+from ces_observer.errors import CesError
+
+KEYS = (
+    "bags",
+    "validate",
+    "structures",
+    "seeds",
+    "rate_Hz",
+    "bandwidth_Hz",
+    "certificate",
+    "limits",
+    "split",
+    "signals",
+)
+MOST_CELLS = 100_000
+NOMINAL_HZ = 1000.0  # rate at which candidates are counted
+_NAME = re.compile(r"[\w.+-]+\Z")
+
+
+class CampaignError(CesError):
+    """A campaign that cannot be run."""
+
+
+def load_campaign(path: Path) -> Campaign:
+    """Read a campaign file; raises CampaignError, or CesError about a file with candidate rules that it names."""
+    content = load_mapping(path, CampaignError, "a campaign with bags and structures")
+    return _Reader(path, content).campaign()
+
+
+class _Reader:
+    """Checks the values under the keys of a campaign file."""
+
+    def __init__(self, path: Path, content: Mapping[str, Any]) -> None:
+        self.path, self.content = path, content
+        self._only("", content, KEYS)
+
+    def campaign(self) -> Campaign:
+        if "structures" not in self.content:
+            raise CampaignError(f"{self.path}: no 'structures'; expected some of {', '.join(STRUCTURES)}")
+        structures = self._structures(self.content["structures"])
+        validate = self._sets("validate") if "validate" in self.content else {}
+        common = {key.removesuffix("s"): self._axis("", key, axis, self.content) for key, axis in COMMON.items()}
+        campaign = Campaign(
+            source=self.path,
+            bags=self._sets("bags"),
+            validate=validate,
+            structures=structures,
+            common=common,
+            limits=self._limits(),
+            split=self._one("split", Axis(number(0.05, 1.0), "a number from 0.05 to 1", (1.0 if validate else 0.75,))),
+            signals=self._signals(),
+            candidates=self._candidates(structures),
+        )
+        self._require_size(campaign)
+        return campaign
+
+    def _sets(self, key: str) -> dict[str, tuple[Path, ...]]:
+        given = self.content.get(key)
+        if not isinstance(given, Mapping) or not given:
+            raise self._wrong(key, given, "sets of bags by name, such as {road: [road_1, road_2]}")
+        for name in given:
+            if not _NAME.match(str(name)):
+                raise CampaignError(f"{self.path}: {key}: name {name!r}; expected letters, digits and any of _ . + -")
+        return {str(name): self._bags(f"{key}: {name}", paths) for name, paths in given.items()}
+
+    def _bags(self, where: str, given: Any) -> tuple[Path, ...]:
+        paths = [given] if isinstance(given, str) else given
+        if not isinstance(paths, list) or not paths or not all(isinstance(p, str) and p for p in paths):
+            raise self._wrong(where, given, "a list of bags")
+        self._require_different(where, paths)
+        return tuple(self._beside(path) for path in paths)
+
+    def _structures(self, given: Any) -> dict[str, dict[str, tuple[Setting, ...]]]:
+        if not isinstance(given, Mapping) or not given:
+            raise self._wrong("structures", given, f"a mapping with some of {', '.join(STRUCTURES)}")
+        self._only("structures", given, STRUCTURES)
+        return {str(name): self._structure(str(name), axes) for name, axes in given.items()}
+
+    def _structure(self, name: str, given: Any) -> dict[str, tuple[Setting, ...]]:
+        where, axes = f"structures: {name}", STRUCTURES[name]
+        if given is not None and not isinstance(given, Mapping):
+            raise self._wrong(where, given, f"a mapping with any of {', '.join(axes)}")
+        self._only(where, given or {}, axes)
+        return {key: self._axis(f"{where}: ", key, axis, given or {}) for key, axis in axes.items()}
+
+    def _axis(self, where: str, key: str, axis: Axis, given: Mapping[str, Any]) -> tuple[Setting, ...]:
+        """Return the values on an axis; a single value may be given without brackets."""
+        if key not in given:
+            return axis.default
+        values = given[key] if isinstance(given[key], list) else [given[key]]
+        if not values or not all(map(axis.good, values)):
+            raise self._wrong(f"{where}{key}", given[key], f"one or a list of: {axis.expected}")
+        self._require_different(f"{where}{key}", values)
+        return tuple(values)
+
+    def _limits(self) -> CellLimits:
+        given = self.content.get("limits", {})
+        if not isinstance(given, Mapping):
+            raise self._wrong("limits", given, f"a mapping with any of {', '.join(LIMITS)}")
+        self._only("limits", given, LIMITS)
+        for key, value in given.items():
+            if not LIMITS[key].good(value):
+                raise self._wrong(f"limits: {key}", value, LIMITS[key].expected)
+        return CellLimits(**given)
+
+    def _one(self, key: str, axis: Axis) -> Any:
+        value = self.content.get(key, axis.default[0])
+        if not axis.good(value):
+            raise self._wrong(key, value, axis.expected)
+        return value
+
+    def _signals(self) -> Path | None:
+        given = self._one("signals", Axis(lambda v: v is None or isinstance(v, str), "a signals file", ("",)))
+        return self._beside(given) if given else None
+
+    def _candidates(self, structures: Mapping[str, Mapping[str, tuple[Setting, ...]]]) -> dict[str, Candidates]:
+        names = map(str, structures.get(POLYNOMIAL, {}).get("candidates", ()))
+        return {name: _load_candidates(None if name == BUILT_IN else self._beside(name)) for name in names}
+
+    def _require_size(self, campaign: Campaign) -> None:
+        """Count the cells before any is made."""
+        count = math.prod(map(len, campaign.common.values())) * len(campaign.bags)
+        count *= sum(math.prod(map(len, axes.values())) for axes in campaign.structures.values())
+        if count > MOST_CELLS:
+            raise CampaignError(f"{self.path}: {count} cells; at most {MOST_CELLS}: drop some values")
+
+    def _beside(self, given: str) -> Path:
+        return self.path.parent / Path(given).expanduser()
+
+    def _only(self, where: str, given: Mapping[str, Any], known: Any) -> None:
+        for key in given:
+            if key not in known:
+                at = f"{self.path}: {where}" if where else f"{self.path}"
+                raise CampaignError(f"{at}: unknown key '{key}'; known are {', '.join(known)}")
+
+    def _require_different(self, where: str, values: list[Any]) -> None:
+        for i, value in enumerate(values):
+            if value in values[:i]:
+                raise CampaignError(f"{self.path}: {where}: {value!r} is given twice; keep one")
+
+    def _wrong(self, where: str, value: object, expected: str) -> CampaignError:
+        return CampaignError(f"{self.path}: {where} is {value!r}; expected {expected}")
+
+
+def _load_candidates(path: Path | None) -> Candidates:
+    """Return checked rules; raises CesError if they cannot be read or make too many candidates."""
+    rules = load_rules(path)
+    try:
+        rules.at_rate(NOMINAL_HZ).candidates()
+    except CesError as error:
+        raise CesError(f"{path}: {error}" if path else str(error)) from None
+    text = DEFAULT_RULES.encode() if path is None else path.read_bytes()
+    return Candidates(rules, hashlib.sha256(text).hexdigest())

@@ -1,0 +1,52 @@
+"""The front and the recommendation, by selection cost alone."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ces_identify.campaign.cell import DONE, FAILED
+from ces_identify.campaign.front import WITHIN, front, recommended
+
+
+def row(parameters, cost, gain=0.5, status=DONE, validation=1.0):
+    costs = [{"set": "road", "J": validation}]
+    return {"parameters": parameters, "selection_J": cost, "gain": gain, "status": status, "costs": costs}
+
+
+def sizes(rows):
+    return [r["parameters"] for r in rows]
+
+
+def test_a_front():
+    assert sizes(front([row(9, 2.0), row(4, 5.0), row(6, 5.5), row(5, 3.0), row(12, 2.0)])) == [4, 5, 9]
+
+
+def test_validation_costs_choose_nothing():
+    rows = [row(4, 5.0, validation=0.1), row(8, 2.0, validation=90.0)]
+    assert recommended(rows)["parameters"] == 8
+
+
+def test_the_smallest_within_a_tenth_is_recommended():
+    assert recommended([row(4, 2.3), row(6, 2.19), row(20, 2.0)])["parameters"] == 6
+
+
+def test_models_without_proof_count_only_if_none_has_one():
+    assert sizes(front([row(4, 1.0, gain=None), row(6, 2.0)])) == [6]
+    assert sizes(front([row(4, 1.0, gain=None), row(6, 2.0, gain=None)])) == [4]
+
+
+def test_failed_and_diverged_cells_are_left_out():
+    assert front([{"status": FAILED}, row(4, None)]) == []
+    assert recommended([]) is None
+
+
+@given(st.lists(st.tuples(st.integers(1, 30), st.floats(0.1, 100.0)), min_size=1))
+def test_nothing_beats_the_front_and_the_front_beats_the_rest(points):
+    rows = [row(*point) for point in points]
+    best = front(rows)
+    for r in rows:
+        better = [b for b in best if b["parameters"] <= r["parameters"] and b["selection_J"] <= r["selection_J"]]
+        assert better
+        if r in best:
+            assert better == [r]
+    chosen = recommended(rows)["selection_J"]
+    assert chosen <= (1.0 + WITHIN) * min(r["selection_J"] for r in rows)

@@ -1,0 +1,70 @@
+"""Results on disk: whole lines only, models before their rows, one run at a time."""
+
+import json
+
+import pytest
+
+from ces_identify.campaign.cell import CRASHED, DONE, FAILED, Outcome
+from ces_identify.campaign.results import open_results
+from ces_observer.errors import CesError
+
+
+def outcome(key, status=DONE):
+    return Outcome({"key": key, "status": status, "bags": "µ"}, "{}\n" if status == DONE else None)
+
+
+def test_rows_and_models_come_back(tmp_path):
+    with open_results(tmp_path / "new" / "out") as results:
+        results.add(outcome("a"))
+        assert (tmp_path / "new/out/results.jsonl").read_bytes().endswith(b"}\n")
+    with open_results(tmp_path / "new" / "out") as results:
+        assert results.rows == {"a": {"key": "a", "status": DONE, "bags": "µ"}}
+        assert results.model("a").read_text() == "{}\n"
+
+
+@pytest.mark.parametrize("cut", [1, 7, 20])
+def test_a_torn_last_line_is_dropped_and_the_next_one_whole(tmp_path, cut):
+    with open_results(tmp_path) as results:
+        results.add(outcome("a"))
+        results.add(outcome("b"))
+    path = tmp_path / "results.jsonl"
+    path.write_bytes(path.read_bytes()[:-cut])
+    with open_results(tmp_path) as results:
+        assert list(results.rows) == ["a"]
+        results.add(outcome("c"))
+    assert [json.loads(line)["key"] for line in path.read_text().splitlines()] == ["a", "c"]
+
+
+def test_a_file_with_nothing_but_a_torn_line(tmp_path):
+    (tmp_path / "results.jsonl").write_bytes(b'{"key": "a"')
+    with open_results(tmp_path) as results:
+        assert results.rows == {}
+        results.add(outcome("b"))
+    assert len((tmp_path / "results.jsonl").read_text().splitlines()) == 1
+
+
+def test_a_broken_line_in_the_middle_is_named(tmp_path):
+    (tmp_path / "results.jsonl").write_text('{"key": "a"}\nnonsense\n{"key": "b"}\n')
+    with pytest.raises(CesError, match=r"results\.jsonl:2: is not a result"), open_results(tmp_path):
+        pass
+
+
+def test_what_need_not_be_computed_again(tmp_path):
+    with open_results(tmp_path) as results:
+        for key, status in (("done", DONE), ("lost", DONE), ("failed", FAILED), ("crashed", CRASHED)):
+            results.add(outcome(key, status))
+        results.model("lost").unlink()
+        there = {key: results.has(key) for key in ("done", "lost", "failed", "crashed", "new")}
+    assert there == {"done": True, "lost": False, "failed": True, "crashed": False, "new": False}
+
+
+def test_a_second_run_is_told(tmp_path):
+    pytest.importorskip("fcntl")
+    with open_results(tmp_path), pytest.raises(CesError, match="another run is writing"), open_results(tmp_path):
+        pass
+
+
+def test_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CesError, match="cannot be written"), open_results(tmp_path / "file" / "out"):
+        pass

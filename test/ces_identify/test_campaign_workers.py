@@ -1,0 +1,95 @@
+"""Processes of this machine and the workers of a real Dask cluster give what this process gives."""
+
+import socket
+from dataclasses import replace
+
+import pytest
+from campaign_parts import CAMPAIGN, RULES, made
+
+from ces_identify.campaign import workers
+from ces_identify.campaign.cell import compute
+from ces_identify.campaign.description import load_campaign
+from ces_identify.campaign.plan import jobs
+from ces_identify.campaign.workers import on_cluster, on_this_machine
+from ces_observer.errors import CesError
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """The jobs of a small campaign, one of which must fail, and its recordings."""
+    folder = tmp_path_factory.mktemp("campaign")
+    (folder / "rules.yaml").write_text(RULES)
+    (folder / "c.yaml").write_text(
+        CAMPAIGN.replace("  both:", "  short: [short]\n  both:").replace("  sigmoid: {units: 2}\n", "")
+    )
+    campaign = load_campaign(folder / "c.yaml")
+    recordings = {path: made(seed, name=path.name) for seed, path in enumerate(campaign.paths, start=1)}
+    short = next(path for path in campaign.paths if path.name == "short")
+    recordings[short] = made(9, seconds=1.0, name="short")
+    return jobs(campaign, recordings, ""), recordings
+
+
+@pytest.fixture(scope="module")
+def expected(work):
+    found, recordings = work
+    return told(
+        compute(job, [recordings[p] for p in job.recordings], [recordings[p] for _, p in job.validation])
+        for job in found
+    )
+
+
+def told(outcomes):
+    """What each outcome says, but for the time it took."""
+    return {o.row["key"]: ({k: v for k, v in o.row.items() if k != "seconds"}, o.model) for o in outcomes}
+
+
+def test_processes_on_this_machine(work, expected):
+    assert told(on_this_machine(*work, processes=2)) == expected
+    assert sorted({row["status"] for row, _ in expected.values()}) == ["done", "failed"]
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """The address of a scheduler with two workers, each a process of its own."""
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as made_cluster:
+        yield made_cluster.scheduler_address
+
+
+def test_two_workers_of_a_dask_scheduler(work, expected, cluster):
+    assert told(on_cluster(*work, address=cluster)) == expected
+
+
+def test_a_crash_on_a_worker_is_a_row(work, cluster):
+    found, recordings = work
+    broken = replace(found[0], cell=replace(found[0].cell, settings={}))
+    rows = [outcome.row for outcome in on_cluster([broken], recordings, address=cluster)]
+    assert [row["status"] for row in rows] == ["crashed"]
+    assert "KeyError" in rows[0]["reason"]
+
+
+def test_workers_of_another_version_are_named(work, cluster, monkeypatch):
+    monkeypatch.setattr(workers, "__version__", "99.0")
+    with pytest.raises(CesError, match=r"worker tcp://.* has ces_observer .*; install 99\.0 there"):
+        list(on_cluster(*work, address=cluster))
+
+
+def test_no_scheduler_is_one_line(work, monkeypatch):
+    pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    monkeypatch.setattr(workers, "CONNECT_S", 1.0)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+        with pytest.raises(CesError, match=f"--dask {address}: no scheduler answered within 1 s"):
+            list(on_cluster(*work, address=address))
+
+
+def test_no_dask_is_one_line(work, monkeypatch):
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(workers, "import_module", missing)
+    with pytest.raises(CesError, match=r"pip install 'ces_observer\[dask\]'"):
+        list(on_cluster(*work, address="127.0.0.1:8786"))
