@@ -57,10 +57,23 @@ setup(
         "rosbags>=0.11",
         "lz4>=4",
         "backports.zstd; python_version < '3.14'",
+        "joblib>=1.3",
     ],
     extras_require={
+        "bench": ["sysidentpy>=0.9", "fastcan>=0.6", "anfis-toolbox>=0.2"],  # the peers in bench/
+        "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
-        "dev": ["pytest>=7.4", "hypothesis>=6.98", "mcap>=1.1", "ruff>=0.6", "mypy>=1.11", "types-PyYAML"],
+        "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
+        "dev": [
+            "pytest>=7.4",
+            "hypothesis>=6.98",
+            "mcap>=1.1",
+            "distributed>=2022.12",
+            "fmpy>=0.3.20",
+            "ruff>=0.6",
+            "mypy>=1.11",
+            "types-PyYAML",
+        ],
     },
     zip_safe=True,
     entry_points={"console_scripts": ROS_PROGRAMS if FOR_ROS else ["ces = ces_cli.main:main"]},

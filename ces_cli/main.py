@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from importlib import import_module
+from types import FrameType
+from typing import NoReturn
 
 from ces_observer import __version__
 
@@ -16,7 +21,7 @@ PROGRAMS = {
     "validate": "judge a model on recordings by free-run simulation",
     "replay": "run the estimator over a recording as the observer node would",
     "simulate": "run any simulation over a recording and write its force as CSV",
-    "export": "write a model as C source for a microcontroller",
+    "export": "write a model as C source for a microcontroller, or as an FMU",
 }
 MODULES = {"import": "import_"}
 
@@ -50,9 +55,22 @@ def _run(name: str, words: Sequence[str]) -> int:
     if name not in PROGRAMS:
         print(f"ces: error: no program '{name}'; there are {', '.join(PROGRAMS)}", file=sys.stderr)
         return 2
+    _quit_at_ctrl_c()
     from ces_cli.terminal import run
 
     return run(name, import_module(f"ces_cli.{MODULES.get(name, name)}").main, words)
+
+
+def _quit_at_ctrl_c() -> None:
+    """End at Ctrl-C with one line while modules are imported; `terminal.run` takes over from here."""
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    if threading.current_thread() is threading.main_thread() and not ignored:
+        signal.signal(signal.SIGINT, _quit)
+
+
+def _quit(number: int, frame: FrameType | None) -> NoReturn:
+    os.write(2, b"ces: interrupted\n")
+    os._exit(130)
 
 
 if __name__ == "__main__":

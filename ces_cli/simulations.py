@@ -1,4 +1,4 @@
-"""`SIM` on a command line: a model file, a rig description, module:function, or predictions recorded in the bag."""
+"""`SIM` on a command line: a model, a rig description, an FMU, module:function, or predictions recorded in a bag."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ces_identify.bag_reader import list_topics, read_recording
+from ces_identify.fmu_ports import SPEC
 from ces_identify.recording import Channel, Recording
 from ces_identify.simulation import (
     FunctionSimulation,
@@ -20,7 +21,11 @@ from ces_observer.errors import CesError
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
-HELP = "MODEL.json, RIG.yaml, module:function or topic:/name"
+HELP = (
+    "MODEL.json, RIG.yaml, module:function, topic:/name, or a co-simulation FILE.fmu (native code, and run: "
+    "only from whom you trust; FILE.fmu:position=NAME,current=NAME,force=NAME names its variables)"
+)
+EXPECTED = "MODEL.json, RIG.yaml, FILE.fmu, module:function or topic:/name"
 FIELDS = {
     "std_msgs/msg/Float64": "data",
     "std_msgs/msg/Float32": "data",
@@ -34,6 +39,8 @@ def open_simulation(spec: str) -> Simulation:
     """Return the simulation that `spec` names; raises CesError."""
     if spec.startswith("topic:"):
         return RecordedSimulation(spec.removeprefix("topic:"))
+    if SPEC.fullmatch(spec):
+        return _fmu(spec)
     suffix = Path(spec).suffix.lower()
     opener = _OPENERS.get(suffix)
     if opener is not None:
@@ -41,7 +48,7 @@ def open_simulation(spec: str) -> Simulation:
     if ":" in spec:
         sys.path.insert(0, str(Path.cwd()))
         return function_simulation(spec)
-    raise CesError(f"--sim '{spec}': expected {HELP}")
+    raise CesError(f"--sim '{spec}': expected {EXPECTED}")
 
 
 def with_predictions(simulation: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
@@ -70,6 +77,12 @@ def taught(teacher: Simulation, path: Path, recording: Recording, signals: Signa
 
 def _model(path: Path) -> Simulation:
     return ModelSimulation(load_model(path))
+
+
+def _fmu(spec: str) -> Simulation:
+    from ces_identify.fmu_simulation import open_fmu
+
+    return open_fmu(spec)
 
 
 def _rig(path: Path) -> Simulation:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import NoReturn, TypeVar
+from typing import NoReturn, TextIO, TypeVar
 
 from rich.console import Console
 
 from ces_identify.bag_reader import read_recording
 from ces_identify.checks import require_usable
+from ces_identify.consistency import require_consistent
 from ces_identify.recording import Recording
 from ces_identify.signals_file import load_signals
 from ces_observer.errors import CesError
@@ -108,6 +113,12 @@ def read_one(path: Path, signals: Signals, need: Sequence[str] = ("position", "c
     return recording
 
 
+def compare(recordings: Sequence[Recording]) -> None:
+    """Warn of differences between recordings that belong together; raises CesError if units or signs differ."""
+    for finding in require_consistent(recordings):
+        note(finding.text)
+
+
 def note(text: str) -> None:
     """Print a warning line to the error stream."""
     print(f"warning: {text}", file=sys.stderr)
@@ -121,15 +132,42 @@ def signals_of(options: argparse.Namespace) -> Signals:
 def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None = None) -> int:
     """Run `program`; a user's mistake becomes one line on stderr and exit status 2, Ctrl-C status 130."""
     try:
-        return program(argv)
+        interrupt_as_exception()
+        status = program(argv)
+        sys.stdout.flush()
+        return status
     except CesError as error:
-        print(f"ces {name}: error: {error}", file=sys.stderr)
+        _tell(name, f"error: {error}")
     except BrokenPipeError:
-        sys.stderr.close()
+        _silence(sys.stdout)
         return 0
     except OSError as error:
-        print(f"ces {name}: error: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+        _tell(name, f"error: {_of_system(error)}")
+        _silence(sys.stdout)
     except KeyboardInterrupt:
-        print(f"ces {name}: interrupted", file=sys.stderr)
+        _tell(name, "interrupted")
         return INTERRUPTED
     return USER_ERROR
+
+
+def interrupt_as_exception() -> None:
+    """Let Ctrl-C raise KeyboardInterrupt from here on, whatever it did while modules were imported."""
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _tell(name: str, text: str) -> None:
+    with suppress(OSError):  # the error stream may be full or gone, too
+        print(f"ces {name}: {text}", file=sys.stderr)
+
+
+def _of_system(error: OSError) -> str:
+    """Return what the system says, with the file if it says which."""
+    what = error.strerror or str(error)
+    return f"{error.filename}: {what}" if error.filename else f"{what}, while reading or writing"
+
+
+def _silence(stream: TextIO) -> None:
+    """Send what is left in a stream that cannot be written nowhere, so that Python's exit does not fail over it."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -11,6 +11,8 @@ import numpy as np
 from ces_identify.recording import Channel, Recording, Stamps
 from ces_observer.errors import RecordingError
 
+ERROR, WARNING = "error", "warning"
+MOST_STROKE_M, MOST_CURRENT_A = 1.0, 100.0  # beyond these a unit is likelier to be wrong than the damper to be so large
 BAD_SHARE = 0.01  # of samples that are NaN or infinite; preparation can leave out fewer
 RATE_RATIO = 100.0
 MISSING_SHARE = 0.01  # of the position's span that the current may be absent from
@@ -31,19 +33,20 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
 
     Errors: position constant; a channel empty, or with more than 1 % NaN or infinite samples; time running backwards;
     two rates a factor of 100 apart; current absent for part of the time. Warnings: fewer NaN or infinite samples, a
-    short absence of the current.
+    short absence of the current, a stroke or a current so large that its unit is in doubt.
     """
     start_ns = min((int(c.stamps_ns[0]) for c in recording.channels.values() if len(c)), default=0)
     found = [finding for channel in recording.channels.values() for finding in _in_channel(channel, start_ns)]
     found += [*_constant_position(recording), *_rates_apart(recording), *_current_missing(recording, start_ns)]
-    return tuple(sorted(found, key=lambda finding: finding.severity != "error"))
+    found += _implausible(recording)
+    return tuple(sorted(found, key=lambda finding: finding.severity != ERROR))
 
 
 def require_usable(recording: Recording) -> tuple[Finding, ...]:
     """Return the warnings about a recording; raises RecordingError with the first error if there is one."""
     found = findings(recording)
     for finding in found:
-        if finding.severity == "error":
+        if finding.severity == ERROR:
             raise RecordingError(f"{recording.source or recording.name}: {finding.text}")
     return found
 
@@ -56,16 +59,16 @@ def rate_of(channel: Channel) -> float:
 
 def _in_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
     if not len(channel):
-        yield Finding("error", f"{channel.name}: the channel is empty; expected samples")
+        yield Finding(ERROR, f"{channel.name}: the channel is empty; expected samples")
         return
     bad = ~np.isfinite(channel.values)
     if bad.any():
         first = (int(channel.stamps_ns[np.argmax(bad)]) - start_ns) / SECOND
         told = f"{int(bad.sum())} of {len(bad)} samples are NaN or infinite, the first at {first:.3f} s"
         if bad.mean() > BAD_SHARE:
-            yield Finding("error", f"{channel.name}: {told}; expected at most {BAD_SHARE:.0%}")
+            yield Finding(ERROR, f"{channel.name}: {told}; expected at most {BAD_SHARE:.0%}")
         else:
-            yield Finding("warning", f"{channel.name}: {told}; they are left out")
+            yield Finding(WARNING, f"{channel.name}: {told}; they are left out")
     steps = np.diff(channel.stamps_ns)
     if (steps < 0).any():
         row = int(np.argmax(steps < 0))
@@ -73,16 +76,16 @@ def _in_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
         told = (
             f"time runs backwards {int((steps < 0).sum())} times, first at {at:.3f} s by {-steps[row] / SECOND:.6f} s"
         )
-        yield Finding("error", f"{channel.name}: {told}; expected stamps in order (did a clock jump, or a bag loop?)")
+        yield Finding(ERROR, f"{channel.name}: {told}; expected stamps in order (did a clock jump, or a bag loop?)")
 
 
 def _constant_position(recording: Recording) -> Iterator[Finding]:
     values = recording.channels["position"].values if "position" in recording.channels else np.empty(0)
     values = values[np.isfinite(values)]
     if "position" in recording.constants:
-        yield Finding("error", "position: is a constant in the signals; expected a recorded stroke")
+        yield Finding(ERROR, "position: is a constant in the signals; expected a recorded stroke")
     elif len(values) and values.min() == values.max():
-        yield Finding("error", f"position: constant at {values[0]:g} m; expected a stroke (is it the right field?)")
+        yield Finding(ERROR, f"position: constant at {values[0]:g} m; expected a stroke (is it the right field?)")
 
 
 def _rates_apart(recording: Recording) -> Iterator[Finding]:
@@ -90,7 +93,7 @@ def _rates_apart(recording: Recording) -> Iterator[Finding]:
     for (slow, low), (fast, high) in combinations(sorted(rates.items(), key=lambda item: item[1]), 2):
         if high >= RATE_RATIO * low and "temperature" not in (slow, fast):
             yield Finding(
-                "error",
+                ERROR,
                 f"{slow} at {low:.4g} Hz and {fast} at {high:.4g} Hz: rates more than {RATE_RATIO:g} times apart",
             )
 
@@ -108,8 +111,25 @@ def _current_missing(recording: Recording, start_ns: int) -> Iterator[Finding]:
     told = f"from {(begin - start_ns) / SECOND:.3f} s to {(end - start_ns) / SECOND:.3f} s"
     if len(stretches) > 1:
         told += f" and {len(stretches) - 1} times more"
-    severity = "error" if share > MISSING_SHARE else "warning"
+    severity = ERROR if share > MISSING_SHARE else WARNING
     yield Finding(severity, f"current: absent {told}, {share:.1%} of the time; expected it wherever there is position")
+
+
+def _implausible(recording: Recording) -> Iterator[Finding]:
+    """Doubt the unit of a position or current that hardly any damper has; robust, since wild samples are no unit."""
+    for name, unit, other, most in (("position", "m", "mm", MOST_STROKE_M), ("current", "A", "mA", MOST_CURRENT_A)):
+        values = recording.channels[name].values if name in recording.channels else np.empty(0)
+        values = values[np.isfinite(values)]
+        if not len(values):
+            continue
+        low, high = np.percentile(values, (1.0, 99.0))
+        reach = high - low if name == "position" else max(abs(low), abs(high))
+        if reach > most:
+            yield Finding(
+                WARNING,
+                f"{name}: {'spans' if name == 'position' else 'reaches'} {reach:.4g} {unit}; if it is in {other}, give "
+                f"it scale: 0.001 in the signals file",
+            )
 
 
 def missing_stretches(reference_ns: Stamps, stamps_ns: Stamps) -> list[tuple[int, int]]:

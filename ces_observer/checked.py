@@ -6,6 +6,7 @@ import math
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -100,26 +101,46 @@ class Checked:
         return ModelError(f"{self.where}: {key} is {_short(self.value[key])}; expected {expected}")
 
 
-def write_beside(path: Path, text: str) -> None:
-    """Write `text` to a temporary file beside `path` and rename it, so that `path` is whole or untouched.
+def write_beside(path: Path, content: str | bytes) -> None:
+    """Write `content` (texts as UTF-8) to a temporary file beside `path` and rename it: `path` is whole or untouched.
 
     Raises CesError naming the path if the folder is missing, read-only or full.
     """
-    path = Path(path)
-    temporary = None
+    write_together({Path(path): content})
+
+
+def write_together(files: Mapping[Path, str | bytes]) -> None:
+    """Write files that belong together, as `write_beside`: none is renamed before all are written."""
+    ready: dict[Path, Path] = {}
     try:
+        for path, content in files.items():
+            _write_temporary(path, content, ready)
+        for path, temporary in ready.items():
+            with _told(path):
+                temporary.replace(path)
+    finally:
+        for temporary in ready.values():
+            temporary.unlink(missing_ok=True)
+
+
+def _write_temporary(path: Path, content: str | bytes, ready: dict[Path, Path]) -> None:
+    """Write a temporary file beside `path`, named in `ready` from the moment it exists."""
+    with _told(path):
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
+        ready[path] = Path(temporary)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content.encode("utf-8") if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
+        ready[path].chmod(0o644)
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise CesError(f"{path}: cannot be written: {error.strerror}; choose a folder that can be") from None
-    finally:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
 
 
 def _is_finite(value: object) -> bool:

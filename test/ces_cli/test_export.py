@@ -3,6 +3,7 @@
 import json
 import shutil
 import subprocess
+import zipfile
 
 import pytest
 
@@ -74,7 +75,12 @@ def test_what_the_file_says_of_its_stability_is_not_believed(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("out", "more", "message"),
     [
-        ("m.cpp", (), "expected a name that ends in .c"),
+        ("m.cpp", (), "m.cpp: expected a name that ends in .c (C99, its header is written beside it) or .fmu (FMI 2.0"),
+        ("m.c", ("--format", "fmu"), "m.c: expected a name that ends in .fmu (FMI 2.0 co-simulation)"),
+        ("m", ("--format", "c"), "m: expected a name that ends in .c"),
+        ("m.c", ("--sources-only",), "--sources-only: is for --format fmu"),
+        ("missing/m.fmu", ("--sources-only",), "missing/m.fmu: cannot be written"),
+        ("m.fmu", ("--name", "2; x"), "name '2; x': not usable in C"),
         ("missing/m.c", (), "missing/m.h: cannot be written"),
         ("math.c", (), "no standard header's"),
         ("m.c", ("--name", "2; x"), "name '2; x': not usable in C; choose one such as 'model_2_x'"),
@@ -86,3 +92,33 @@ def test_a_name_that_cannot_be_used(tmp_path, capsys, out, more, message):
 
 def test_no_model_file(tmp_path, capsys):
     assert "no such model file" in complaint(capsys, tmp_path / "none.json", "--out", tmp_path / "m.c")
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) on this machine")
+def test_an_fmu_by_its_ending(tmp_path, capsys):
+    assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "Rear-Damper.fmu") == 0
+    told = capsys.readouterr().out
+    assert "Rear-Damper.fmu: FMI 2.0 co-simulation rear_damper, 3 terms, binaries/" in told
+    assert "stable: past forces count for at most 0.800 < 1" in told
+    with zipfile.ZipFile(tmp_path / "Rear-Damper.fmu") as archive:
+        names = set(archive.namelist())
+    sources = {f"sources/{name}" for name in ("rear_damper.c", "rear_damper.h", "fmi2_rear_damper.c", "BUILD.txt")}
+    assert names > sources | {"modelDescription.xml"}
+    assert any(name.startswith("binaries/") for name in names)
+
+
+def test_an_fmu_without_a_compiler_only_on_demand(tmp_path, capsys, monkeypatch):
+    words = (model_file(tmp_path / "m.json"), "--format", "fmu", "--out", tmp_path / "m.fmu")
+    monkeypatch.setenv("CC", "no-such-compiler")
+    assert "CC=no-such-compiler is not found; install one, or give --sources-only" in complaint(capsys, *words)
+    assert not (tmp_path / "m.fmu").exists()
+    assert export(*words, "--sources-only") == 0
+    assert "sources only" in capsys.readouterr().out
+
+
+def test_an_unstable_model_becomes_no_fmu_unless_told(tmp_path, capsys):
+    words = (model_file(tmp_path / "m.json", past=1.01), "--out", tmp_path / "m.fmu", "--sources-only")
+    assert "stability cannot be proved" in complaint(capsys, *words)
+    assert export(*words, "--allow-uncertified") == 0
+    with zipfile.ZipFile(tmp_path / "m.fmu") as archive:
+        assert "STABILITY NOT PROVED" in archive.read("modelDescription.xml").decode()

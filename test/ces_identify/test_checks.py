@@ -11,7 +11,7 @@ START = 7_000_000_000
 
 def channel(name, n=10_000, period_ms=1.0, start_ms=0.0, values=None):
     stamps = START + ((start_ms + period_ms * np.arange(n)) * MS).astype(np.int64)
-    return Channel(name, "", stamps, np.sin(np.arange(n)) if values is None else values)
+    return Channel(name, "", stamps, 0.02 * np.sin(np.arange(n)) if values is None else values)
 
 
 def recording(*channels, **constants):
@@ -19,7 +19,7 @@ def recording(*channels, **constants):
 
 
 def with_values(n, at, value):
-    values = np.sin(np.arange(n))
+    values = 0.02 * np.sin(np.arange(n))
     values[at] = value
     return values
 
@@ -74,7 +74,7 @@ def test_time_running_backwards_says_where():
 
 def test_repeated_stamps_are_no_backward_time():
     stamps = np.repeat(START + np.arange(5000) * MS, 2)
-    assert findings(recording(Channel("position", "m", stamps, np.sin(stamps)), channel("current", 5000))) == ()
+    assert findings(recording(Channel("position", "m", stamps, 0.02 * np.sin(stamps)), channel("current", 5000))) == ()
 
 
 @pytest.mark.parametrize(("period_ms", "wrong"), [(99.0, False), (101.0, True)])
@@ -134,3 +134,21 @@ def test_errors_come_before_warnings():
 def test_rate():
     assert rate_of(channel("force", 1001, 2.0)) == 500.0
     assert rate_of(channel("force", 1)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("position", "current", "expected"),
+    [
+        (1000.0, 1.0, "position: spans 39.98 m; if it is in mm, give it scale: 0.001 in the signals file"),
+        (1.0, 50_000.0, "current: reaches 999.5 A; if it is in mA, give it scale: 0.001 in the signals file"),
+    ],
+)
+def test_a_stroke_or_current_beyond_any_damper_puts_its_unit_in_doubt(position, current, expected):
+    both = [channel(name).values * scale for name, scale in (("position", position), ("current", current))]
+    found = only(recording(channel("position", values=both[0]), channel("current", values=both[1])))
+    assert found == Finding("warning", expected)
+
+
+def test_wild_samples_put_no_unit_in_doubt():
+    wild = channel("position", values=with_values(10_000, slice(0, 10_000, 200), 900.0))
+    assert findings(recording(wild, channel("current", values=with_values(10_000, slice(0, 10_000, 200), 900.0)))) == ()

@@ -1,0 +1,298 @@
+"""What goes wrong in practice: data that cannot carry what is asked, recordings that do not belong together, Ctrl-C at
+any moment, a full disk. Each ends in one clear line, and nothing is ever half written."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ces_cli import terminal
+from ces_cli.main import main
+from ces_cli.search_progress import SearchProgress
+from ces_identify.bag_writer import recording_topics, write_bag
+from ces_identify.recording import Channel, Recording
+from ces_observer.checked import write_together
+from ces_observer.errors import CesError
+from ces_observer.model import load_model
+from ces_observer.signals import Signals
+
+DEFAULT = Signals.from_mapping({}, "defaults")
+INPUTS = ("speed", "current", "position")
+RULES = """\
+force: {lags: [1]}
+speed: {lags: [0], powers: [0.5, 1.0], forms: [signed, magnitude]}
+current: {lags: [0], powers: [1.0], forms: [magnitude]}
+products: [[], [speed], [speed, current], [force]]
+"""
+COLLINEAR = """\
+force: {lags: [1]}
+speed: {lags: [0, 0], powers: [1.0, 1.0], forms: [signed]}
+position: {lags: [0], powers: [1.0], forms: [signed]}
+current: {lags: [0], powers: [1.0], forms: [signed, magnitude]}
+products: [[], [speed], [position], [current], [speed, current], [force]]
+"""
+
+
+def made(seconds=12.0, seed=1, rate=500.0, driven=None, **scales):
+    """Return the channels of a made-up damper; `scales` multiply them, `driven` makes the current of the position."""
+    dice = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate)) / rate
+    x = 0.01 * np.sin(2 * np.pi * 3 * t) + 0.004 * np.sin(2 * np.pi * 7.3 * t + seed)
+    v = np.gradient(x, t)
+    i = 0.5 + 0.15 * np.sin(2 * np.pi * 0.7 * t) if driven is None else driven(x)
+    force = np.sign(v) * np.abs(v) ** 0.5 * (400 + 1500 * i) + 100 * v + dice.normal(0, 3, len(t))
+    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
+    columns = {"position": (x, "m"), "current": (i, "A"), "force": (force, "N")}
+    return {n: Channel(n, unit, stamps, scales.get(n, 1.0) * values) for n, (values, unit) in columns.items()}
+
+
+def bag(path, **how):
+    write_bag(path, recording_topics(Recording(path.name, made(**how)), DEFAULT))
+    return path
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A folder with two bags that belong together, rules, and a model."""
+    folder = tmp_path_factory.mktemp("work")
+    (folder / "rules.yaml").write_text(RULES)
+    bag(folder / "one"), bag(folder / "two", seed=2)
+    assert ces(*identify(folder, "one"), "--out", folder / "model.json") == 0
+    return folder
+
+
+def ces(*words):
+    return main([str(word) for word in words])
+
+
+def identify(folder, *bags, terms=4):
+    words = ["identify", *(folder / name for name in bags), "--candidates", folder / "rules.yaml", "--terms", terms]
+    return [*words, "--starts", 2, "--time", 10, "--threads", 2]
+
+
+def told(capsys, status, *words):
+    """Run a program that must end with `status`; return its one line, warnings left out."""
+    capsys.readouterr()
+    assert ces(*words) == status
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+# ------------------------------------------------------------------------------- data that cannot carry what is asked
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"seconds": 0.6}, "0 ticks with a measured force past warm-up; expected at least 50"),
+        ({"seconds": 1.2}, "too short to share between estimation and selection; expected over 4 s"),
+        ({"seconds": 6.0, "rate": 40.0}, "ticks to estimate from; expected at least 200: record longer"),
+    ],
+)
+def test_too_few_samples(work, tmp_path, capsys, how, message):
+    bag(tmp_path / "short", **how)
+    words = [*identify(work, tmp_path / "short", terms=100), "--out", tmp_path / "m.json"]
+    assert message in told(capsys, 2, *words)
+    assert not (tmp_path / "m.json").exists()
+
+
+def test_more_terms_than_the_candidates_give_is_fewer_terms(work, tmp_path):
+    assert ces(*identify(work, "one", terms=200), "--out", tmp_path / "m.json") == 0
+    assert 1 <= len(load_model(tmp_path / "m.json").terms) <= 10
+
+
+@pytest.mark.parametrize("driven", [lambda x: 0.5 + 0.0 * x, lambda x: 0.5 + 20.0 * x], ids=["constant", "as position"])
+def test_collinear_candidates_give_a_model_with_finite_coefficients(tmp_path, driven):
+    (tmp_path / "rules.yaml").write_text(COLLINEAR)
+    bag(tmp_path / "one", driven=driven)
+    assert ces(*identify(tmp_path, "one", terms=8), "--out", tmp_path / "m.json") == 0
+    model = load_model(tmp_path / "m.json")
+    assert max(abs(term.coefficient) for term in model.terms) < 1e6
+    assert len({term.factors for term in model.terms}) == len(model.terms)
+
+
+def test_rules_that_explode_are_refused_with_their_count(work, tmp_path, capsys):
+    lags, powers = list(range(200)), [0.5, 1.0, 1.5, 2.0]
+    rows = [f"{name}: {{lags: {lags}, powers: {powers}, forms: [signed, magnitude]}}" for name in INPUTS]
+    (tmp_path / "rules.yaml").write_text(
+        "\n".join(["force: {lags: [1]}", *rows, "products: [[speed, current, position]]"])
+    )
+    line = told(
+        capsys, 2, *identify(work, "one"), "--candidates", tmp_path / "rules.yaml", "--out", tmp_path / "m.json"
+    )
+    assert f"{1600**3} terms; at most" in line.replace(",", "")
+
+
+# ------------------------------------------------------------------------- recordings that do not belong together
+
+
+@pytest.mark.parametrize(
+    ("scales", "message"),
+    [
+        ({"position": 1000.0}, "position: spans 27"),
+        ({"current": 1000.0}, "A in odd, 0.6"),
+        ({"force": 1e-3}, "is one of them in kN?"),
+        ({"force": -1.0}, "force goes against speed"),
+        ({"position": -1.0}, "force goes against speed"),
+    ],
+)
+def test_recordings_in_other_units_or_of_another_sign_are_refused(work, tmp_path, capsys, scales, message):
+    odd = bag(tmp_path / "odd", seed=2, **scales)
+    for words in ([*identify(work, "one", odd)], [*identify(work, "one"), "--validate", odd]):
+        line = told(capsys, 2, *words, "--out", tmp_path / "m.json")
+        assert message in line
+        assert " odd" in line
+        assert " one" in line
+    assert not (tmp_path / "m.json").exists()
+
+
+def test_alone_such_recordings_are_a_warning(work, tmp_path, capsys):
+    bag(tmp_path / "odd", force=-1.0, position=1000.0)
+    assert ces(*identify(work, tmp_path / "odd"), "--out", tmp_path / "m.json") == 0
+    err = capsys.readouterr().err
+    assert "warning: odd: position: spans 27" in err
+    assert "warning: force goes against speed" in err
+
+
+# --------------------------------------------------------------------------------------------- Ctrl-C at any moment
+
+
+def interrupt(*_, **__):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    "moment",
+    [
+        "ces_cli.terminal.read_recording",
+        "ces_identify.identify.choose_sampling",
+        "ces_identify.identify.pose",
+        "ces_identify.identify.evaluate",
+        "ces_observer.checked.os.fsync",
+        "ces_identify.report.render",
+    ],
+)
+def test_ctrl_c_leaves_nothing_half_written(work, tmp_path, capsys, monkeypatch, moment):
+    monkeypatch.setattr(moment, interrupt)
+    words = [*identify(work, "one"), "--out", tmp_path / "m.json", "--report", tmp_path / "r.html"]
+    assert told(capsys, 130, *words) == "ces identify: interrupted"
+    finished = ["m.json"] if moment == "ces_identify.report.render" else []
+    assert [path.name for path in tmp_path.iterdir()] == finished
+
+
+def test_ctrl_c_leaves_an_old_file_as_it_was(work, tmp_path, capsys, monkeypatch):
+    (tmp_path / "m.json").write_text("old")
+    monkeypatch.setattr(Path, "replace", interrupt)
+    told(capsys, 130, *identify(work, "one"), "--out", tmp_path / "m.json")
+    assert (tmp_path / "m.json").read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_ctrl_c_in_the_search_writes_the_best_so_far(work, tmp_path, monkeypatch):
+    pressed = []
+
+    def listen(self, found):
+        if not pressed:
+            pressed.append(threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)))
+            pressed[0].start()
+
+    monkeypatch.setattr(SearchProgress, "listen", listen)
+    words = ["identify", work / "one", "--terms", 60, "--time", 600, "--starts", 4, "--threads", 2]
+    began = time.monotonic()
+    assert ces(*words, "--out", tmp_path / "m.json", "--report", tmp_path / "r.html") == 0
+    assert time.monotonic() - began < 60.0
+    assert load_model(tmp_path / "m.json").certificate is not None
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["m.json", "r.html"]
+
+
+@pytest.mark.parametrize(
+    "words", [("replay", "model.json", "one", "--out"), ("simulate", "--sim", "model.json", "one", "--out")]
+)
+def test_ctrl_c_while_a_bag_or_table_is_written(work, tmp_path, capsys, monkeypatch, words):
+    monkeypatch.setattr("ces_identify.bag_writer._put_in_place", interrupt)
+    monkeypatch.setattr("ces_observer.checked.os.fsync", interrupt)
+    paths = [work / word if word in ("model.json", "one") else word for word in words]
+    assert told(capsys, 130, *paths, tmp_path / "out") == f"ces {words[0]}: interrupted"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_programs_turn_ctrl_c_into_an_exception_whatever_it_was_before():
+    before = signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        assert terminal.run("x", lambda _: os.kill(os.getpid(), signal.SIGINT) or 0) == 130
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as nohup and shells in the background have it
+        assert terminal.run("x", lambda _: os.kill(os.getpid(), signal.SIGINT) or 0) == 0
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+# ------------------------------------------------------------------------------------------------------- a full disk
+
+
+@contextmanager
+def files_of_at_most(size):
+    """Let this process write files of at most so many bytes, as if the disk were full then."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize(
+    ("words", "name", "size"),
+    [
+        (("simulate", "--sim", "model.json", "one", "--out"), "x.csv", 5000),
+        (("replay", "model.json", "one", "--out"), "x", 5000),
+        (("export", "model.json", "--out"), "x.c", 6000),
+        (("export", "model.json", "--sources-only", "--out"), "x.fmu", 3000),
+        (("validate", "model.json", "one", "--report"), "x.html", 5000),
+    ],
+)
+def test_a_full_disk_is_one_line_and_leaves_nothing(work, tmp_path, capsys, words, name, size):
+    given = [work / word if word in ("model.json", "one") else word for word in words]
+    with files_of_at_most(size):
+        line = told(capsys, 2, *given, tmp_path / name)
+    assert "cannot be written: File too large" in line
+    assert str(tmp_path / "x") in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_keeps_the_model_that_was_there(work, tmp_path, capsys, monkeypatch):
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "m.json").write_text("old")
+    monkeypatch.setattr("ces_observer.checked.os.fsync", full)
+    line = told(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json")
+    assert line.endswith("m.json: cannot be written: No space left on device; choose a folder that can be")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("m.json", "old")]
+
+
+def test_files_that_belong_together_come_together_or_not_at_all(tmp_path):
+    (tmp_path / "a").write_text("old")
+    with pytest.raises(CesError, match="missing/b: cannot be written"):
+        write_together({tmp_path / "a": "new", tmp_path / "missing" / "b": b"new"})
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a", "old")]
+    write_together({tmp_path / "a": "new", tmp_path / "b": b"\x00"})
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a": b"new", "b": b"\x00"}
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_an_output_stream_that_is_full_is_one_line(work):
+    with Path("/dev/full").open("w") as full:
+        words = [sys.executable, "-m", "ces_cli.main", "info", str(work / "one")]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("warning: ")]
+    assert lines == ["ces info: error: No space left on device, while reading or writing"]
