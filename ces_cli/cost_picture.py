@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ces_cli.coverage_picture import put_picture
-from ces_cli.tables import percent
+from ces_cli.tables import interval_text, percent
+from ces_identify.cost_interval import cost_interval
 from ces_identify.evaluate import VALIDATION, Evaluation
 from ces_identify.report.window import choose_window
 
@@ -60,7 +61,9 @@ def _time(axis: Axes, evaluation: Evaluation) -> None:
     axis.plot(time, evaluation.series.force[ticks], color=MEASURED, lw=1.4, label="measured")
     axis.plot(time, evaluation.run.force[ticks], color=SIMULATED, lw=1.1, label="simulated (free run)")
     role = "validation" if evaluation.role == VALIDATION else "identification"
-    axis.set_title(f"{evaluation.name}, {role}: J = {percent(evaluation.cost)} %", fontsize=9, loc="left")
+    interval = cost_interval([evaluation])
+    sure = f" ({interval_text(interval)})" if interval else ""
+    axis.set_title(f"{evaluation.name}, {role}: J = {percent(evaluation.cost)} %{sure}", fontsize=9, loc="left")
     _plain(axis)
 
 

@@ -5,30 +5,98 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from ces_identify.evaluate import Evaluation
+from ces_identify.cost import weighted_cost
+from ces_identify.cost_interval import CostInterval, cost_interval, pooled_cost
+from ces_identify.cycle_noise import CycleNoise, cycle_noise
+from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation
+from ces_identify.folds import CrossValidation
+from ces_identify.problem import estimation_ticks
+from ces_identify.weighting import EQUAL, Weighting
+
+NONE = "-"
 
 
-def cost_table(evaluations: Sequence[Evaluation], title: str) -> Table:
-    """Return a table with a row for each evaluation."""
-    table = Table(title=title, title_justify="left", header_style="bold")
-    table.add_column("recording", overflow="fold")
-    table.add_column("seen by")
-    for heading in ("scored s", "J %", "RMS N", "outside %"):
-        table.add_column(heading, justify="right")
-    for e in evaluations:
+def cost_table(
+    evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL, exact: bool = True
+) -> Table:
+    """Return a table with a row for each evaluation, and one for all that were held out together.
+
+    The columns: what the seconds served, J and its 95 % interval, the noise floor of J where cycles reveal it, the
+    weighted J if there are weights, the RMS error, and the share of ticks outside the envelope. `exact` tells that
+    what was identified on is shown in full, so that its seconds of estimation and selection are known.
+    """
+    floors = [cycle_noise(e.series) for e in evaluations]
+    revealed = any(isinstance(floor, CycleNoise) for floor in floors)
+    table = _table(title)
+    table.add_column("recording", overflow="fold", min_width=min(14, max(len(e.name) for e in evaluations)))
+    table.add_column("served", no_wrap=True)
+    headings = ("J %", "95 %", *(["floor"] if revealed else []), *(["weighted"] if weighting else []))
+    for heading in (*headings, "RMS N", "out %"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for e, floor in zip(evaluations, floors, strict=True):
+        cells = [e.name, served(e, exact), percent(e.cost), interval_text(cost_interval([e]))]
+        cells += [f"{floor.floor:.2f}" if isinstance(floor, CycleNoise) else NONE] if revealed else []
+        cells += [_weighted(e, weighting)] if weighting else []
+        table.add_row(*cells, f"{e.rms_N:.1f}" if math.isfinite(e.rms_N) else NONE, f"{100 * e.clamped_share:.1f}")
+    held_out = [e for e in evaluations if e.role == VALIDATION and math.isfinite(e.cost)]
+    if len(held_out) > 1:
+        table.add_section()
         table.add_row(
-            e.name,
-            "fit, selection" if e.role == "identification" else "nothing",
-            f"{e.series.scored.sum() / e.series.rate_Hz:.1f}",
-            percent(e.cost),
-            f"{e.rms_N:.1f}" if math.isfinite(e.rms_N) else "-",
-            f"{100 * e.clamped_share:.1f}",
+            "all held out", _test(held_out), percent(pooled_cost(held_out)), interval_text(cost_interval(held_out))
         )
     return table
+
+
+def fold_table(result: CrossValidation) -> Table:
+    """Return a table with a row for each recording held out, and their mean and spread."""
+    table = _table("each held out once")
+    table.add_column("recording", overflow="fold")
+    table.add_column("fold", justify="right")
+    for heading in ("J %", "95 %", "model"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in result.rows:
+        table.add_row(row.recording, str(row.fold), percent(row.cost), interval_text(row.interval), row.model)
+    table.add_section()
+    spread = f"spread {result.spread:.2f}" if math.isfinite(result.spread) else NONE
+    table.add_row("mean", "", percent(result.mean), spread, "")
+    return table
+
+
+def served(evaluation: Evaluation, exact: bool = True) -> str:
+    """Return what the scored seconds of an evaluation served."""
+    series = evaluation.series
+    if evaluation.role != IDENTIFICATION:
+        return _test([evaluation])
+    if not exact:
+        return "identified on"
+    estimation = float((series.scored & estimation_ticks(series)).sum()) / series.rate_Hz
+    total = float(series.scored.sum()) / series.rate_Hz
+    return f"estimation {estimation:.1f} s\nselection {total - estimation:.1f} s"
 
 
 def percent(cost: float) -> str:
     """Return a cost J as text; a run that left its force envelope has none."""
     return f"{cost:.2f}" if math.isfinite(cost) else "diverged"
+
+
+def interval_text(interval: CostInterval | None) -> str:
+    """Return an interval as text, a dash if there is none."""
+    return NONE if interval is None else f"{interval.low:.2f}-{interval.high:.2f}"
+
+
+def _table(title: str) -> Table:
+    return Table(title=title, title_justify="left", header_style="bold", padding=(0, 1, 0, 0), box=SIMPLE_HEAD)
+
+
+def _test(evaluations: Sequence[Evaluation]) -> str:
+    return f"test {sum(float(e.series.scored.sum()) / e.series.rate_Hz for e in evaluations):.1f} s"
+
+
+def _weighted(evaluation: Evaluation, weighting: Weighting) -> str:
+    scored = evaluation.series.scored
+    weights = weighting.of(evaluation.series)[scored]
+    value = weighted_cost(evaluation.series.force[scored], evaluation.run.force[scored], weights)
+    return NONE if math.isnan(value) else percent(value)

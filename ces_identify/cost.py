@@ -17,6 +17,22 @@ def cost(measured: NDArray[np.float64], simulated: NDArray[np.float64]) -> float
     return float(100.0 * np.linalg.norm(measured - simulated) / spread)
 
 
+def weighted_cost(measured: NDArray[np.float64], simulated: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+    """Return J [%] of two arrays of shape (n,) with the weight of each tick: squared errors and the spread about the
+    weighted mean are weighed alike, so that equal weights give `cost`.
+
+    Infinite if `simulated` has a non-finite value, not a number if no tick of changing force weighs anything.
+    """
+    if not np.isfinite(simulated).all():
+        return float("inf")
+    total = float(weights.sum())
+    mean = float(weights @ measured) / total if total > 0.0 else 0.0
+    spread = float(weights @ (measured - mean) ** 2)
+    if spread <= 0.0:
+        return float("nan")
+    return float(100.0 * np.sqrt(float(weights @ (measured - simulated) ** 2) / spread))
+
+
 def series_cost(series: Series, simulated: NDArray[np.float64]) -> float:
     """Return J [%] of a simulated force (ticks,) on the scored ticks of `series`."""
     scored = series.scored

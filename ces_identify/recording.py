@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,10 @@ class Channel:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
+    def where(self, kept: NDArray[np.bool_]) -> Channel:
+        """Return the samples (n,) marked."""
+        return replace(self, stamps_ns=self.stamps_ns[kept], values=self.values[kept])
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -63,6 +67,15 @@ class Recording:
         if signal not in self.channels:
             raise RecordingError(f"{self.name}: no '{signal}' channel; it has {', '.join(self.channels) or 'none'}")
         return self.channels[signal]
+
+    def opening(self, share: float) -> Recording:
+        """Return what was logged up to the first `share` of the position samples."""
+        stamps = self.channel("position").stamps_ns
+        end = stamps[min(len(stamps) - 1, round(share * len(stamps)))] if share < 1.0 else None
+        if end is None:
+            return self
+        kept = {n: c.where(c.stamps_ns < end) for n, c in self.channels.items()}
+        return replace(self, channels=kept)
 
 
 def _frozen(array: NDArray[np.generic]) -> NDArray[np.generic]:

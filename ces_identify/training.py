@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ces_identify.problem import pose
 from ces_identify.series import Series
+from ces_identify.weighting import EQUAL, Weighting
 from ces_observer.lagged import Regressor
 from ces_observer.model import Envelope, Range, Term
 
@@ -71,9 +72,9 @@ class Training:
         return Regressor(signal, lag, float(values.mean()), spread if spread > 1e-9 else 1.0)
 
 
-def training(series: Sequence[Series]) -> Training:
+def training(series: Sequence[Series], weighting: Weighting = EQUAL) -> Training:
     """Return what to fit to; raises RecordingError if the series hold too little."""
-    problem = pose(series, (Term(1.0, ()),))
+    problem = pose(series, (Term(1.0, ()),), weighting=weighting)
     scored = problem.everything > 0.0
     return Training(
         inputs=np.stack([np.concatenate([getattr(s, name) for s in series]) for name in SIGNALS]),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ces_identify.evaluate import Evaluation
 from ces_identify.report.page import render
+from ces_identify.weighting import EQUAL, Weighting
 from ces_observer.checked import write_beside
 from ces_observer.model import Model
 
@@ -17,11 +18,17 @@ __all__ = ["write_report"]
 
 
 def write_report(
-    path: Path, title: str, model: Model, evaluations: Sequence[Evaluation], facts: Mapping[str, str]
+    path: Path,
+    title: str,
+    model: Model,
+    evaluations: Sequence[Evaluation],
+    facts: Mapping[str, str],
+    weighting: Weighting = EQUAL,
 ) -> None:
     """Write the page on how `model` does in `evaluations` to `path`.
 
-    `facts` are shown under the title as they are: date, command, noise floor and the like. Raises CesError if `path`
+    `facts` are shown under the title as they are: date, command, noise floor and the like. A `weighting` adds the
+    weighted J of each recording. Raises CesError if `path`
     cannot be written, in which case what was there is left as it was.
     """
-    write_beside(path, render(title, model, evaluations, facts))
+    write_beside(path, render(title, model, evaluations, facts, weighting))

@@ -10,19 +10,40 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
+from ces_identify.error_regions import error_cells, error_regions
 from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation
+from ces_identify.report.correlations import correlation_figure
 from ces_identify.report.figures import MOST_DOTS, speed_force, time_plot
 from ces_identify.report.grid import make_grid
 from ces_identify.report.maps import coverage_map, error_map
 from ces_identify.report.parameters import parameter_table
-from ces_identify.report.summary import cost_rows, headline, in_order, of_role, three_figures, warnings
+from ces_identify.report.summary import (
+    cost_rows,
+    headline,
+    in_order,
+    of_role,
+    pooled_row,
+    three_figures,
+    warnings,
+)
 from ces_identify.report.terms import term_rows
 from ces_identify.report.window import choose_window
+from ces_identify.residuals import residual_tests, verdicts
+from ces_identify.weighting import EQUAL, Weighting
 from ces_observer import __version__
 from ces_observer.model import Model
 
+USAGE_RULE = "usage_rule"  # in the provenance: told below the costs
+WORST_CELLS = 6  # of the table of where the error sits
 
-def render(title: str, model: Model, evaluations: Sequence[Evaluation], facts: Mapping[str, str]) -> str:
+
+def render(
+    title: str,
+    model: Model,
+    evaluations: Sequence[Evaluation],
+    facts: Mapping[str, str],
+    weighting: Weighting = EQUAL,
+) -> str:
     """Return the page as text that is both HTML and well-formed XML."""
     judged = in_order(evaluations)
     page = _template().render(
@@ -33,12 +54,17 @@ def render(title: str, model: Model, evaluations: Sequence[Evaluation], facts: M
         warnings=warnings(judged),
         facts=facts,
         model=model,
-        rows=cost_rows(judged),
+        rows=cost_rows(judged, weighting),
+        weighting=str(weighting),
+        usage_rule=str(model.provenance.get(USAGE_RULE, "")),
+        pooled=pooled_row(of_role(judged, VALIDATION)),
         recordings=[_recording(i, e, model) for i, e in enumerate(judged)],
         most_dots=MOST_DOTS,
         terms=term_rows(model, of_role(judged, VALIDATION) or judged) if model.terms else [],
         parameters=parameter_table(model),
         maps=_maps(judged, model),
+        cells=error_cells(of_role(judged, VALIDATION) or judged)[:WORST_CELLS],
+        regions=error_regions(of_role(judged, VALIDATION) or judged),
         settings=_settings(model),
         history={k: v for k, v in model.provenance.items() if not _plain(v)},
         version=__version__,
@@ -47,8 +73,10 @@ def render(title: str, model: Model, evaluations: Sequence[Evaluation], facts: M
 
 
 def _recording(number: int, evaluation: Evaluation, model: Model) -> dict[str, Any]:
-    window = choose_window(evaluation)
+    window, tests = choose_window(evaluation), residual_tests(evaluation)
     return {
+        "correlations": correlation_figure(f"rc{number}", tests, evaluation.name) if tests else None,
+        "verdicts": verdicts(tests) if tests else (),
         "window": window,
         "outside": bool(evaluation.run.clamped.any()),
         "speed_force": speed_force(f"sf{number}", evaluation, model),
@@ -81,7 +109,10 @@ def _settings(model: Model) -> dict[str, Any]:
             **{_spoken(key): _span(value) for key, value in asdict(model.envelope).items()},
             _spoken("force_N"): _span(model.force_envelope_N),
         },
-        "Origin": {**{k: v for k, v in model.provenance.items() if _plain(v)}, "model_file_sha256": model.digest()},
+        "Origin": {
+            **{k: v for k, v in model.provenance.items() if _plain(v) and k != USAGE_RULE},
+            "model_file_sha256": model.digest(),
+        },
     }
 
 

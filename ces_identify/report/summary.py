@@ -6,14 +6,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ces_identify.cost import weighted_cost
+from ces_identify.cost_interval import CostInterval, cost_interval, pooled_cost
+from ces_identify.cycle_noise import CycleNoise, cycle_noise
 from ces_identify.evaluate import VALIDATION, Evaluation
+from ces_identify.weighting import EQUAL, Weighting
 
 MUCH_OUTSIDE = 0.05  # share of the ticks outside the envelope that calls for a warning
 
 
 @dataclass(frozen=True)
 class CostRow:
-    """An evaluation as a row of the cost table; texts are ready to show, `bar` is the bar's length in percent."""
+    """An evaluation as a row of the cost table; texts are ready to show, `bar` is the bar's length in percent.
+
+    `interval` is the 95 % interval of J as text, `whisker` its start and length on the bar's scale; `floor` the noise
+    floor of J where cycles reveal it, `weighted` the weighted J if one was asked for.
+    """
 
     number: int
     name: str
@@ -27,6 +35,20 @@ class CostRow:
     outside: str
     dropped: str
     reasons: str
+    interval: str
+    whisker: tuple[float, float] | None
+    floor: str
+    weighted: str
+
+
+@dataclass(frozen=True)
+class PooledRow:
+    """All validation recordings together: how many, scored seconds, J and its interval."""
+
+    count: int
+    duration: str
+    cost: str
+    interval: str
 
 
 def in_order(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
@@ -61,10 +83,21 @@ def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
     return [f"{text}{', '.join(which)}." for text, which in zip(texts, (diverged, outside), strict=True) if which]
 
 
-def cost_rows(evaluations: Sequence[Evaluation]) -> list[CostRow]:
+def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[CostRow]:
     """Return the rows of the cost table."""
-    longest = max([e.cost for e in evaluations if math.isfinite(e.cost)] + [1e-9])
-    return [_row(i, e, longest) for i, e in enumerate(evaluations)]
+    intervals = [cost_interval([e]) for e in evaluations]
+    highest = [i.high for i in intervals if i is not None]
+    longest = max([e.cost for e in evaluations if math.isfinite(e.cost)] + highest + [1e-9])
+    return [_row(i, e, longest, intervals[i], weighting) for i, e in enumerate(evaluations)]
+
+
+def pooled_row(held_out: Sequence[Evaluation]) -> PooledRow | None:
+    """Return the row of several validation recordings together; None if there are not several, or one diverged."""
+    if len(held_out) < 2 or not all(math.isfinite(e.cost) for e in held_out):
+        return None
+    seconds = sum(float(e.series.scored.sum()) / e.series.rate_Hz for e in held_out)
+    cost = three_figures(pooled_cost(held_out))
+    return PooledRow(len(held_out), f"{seconds:.1f}", cost, _interval(cost_interval(held_out)))
 
 
 def three_figures(value: float) -> str:
@@ -74,8 +107,8 @@ def three_figures(value: float) -> str:
     return f"{value:.0f}" if value >= 99.95 else f"{value:.1f}" if value >= 9.995 else f"{value:.2f}"
 
 
-def _row(number: int, e: Evaluation, longest: float) -> CostRow:
-    finite = math.isfinite(e.cost)
+def _row(number: int, e: Evaluation, longest: float, interval: CostInterval | None, weighting: Weighting) -> CostRow:
+    finite, floor = math.isfinite(e.cost), cycle_noise(e.series)
     gaps = len(e.series.segments) - 1
     reasons = {**{reason: n for reason, n in e.series.dropped.items() if n}, **({"gaps": gaps} if gaps else {})}
     return CostRow(
@@ -91,7 +124,24 @@ def _row(number: int, e: Evaluation, longest: float) -> CostRow:
         outside=three_figures(100.0 * e.clamped_share) if e.clamped_share else "0",
         dropped=f"{sum(e.series.dropped.values())} / {gaps}",
         reasons=", ".join(f"{reason}: {n}" for reason, n in reasons.items()),
+        interval=_interval(interval),
+        whisker=(100.0 * interval.low / longest, 100.0 * (interval.high - interval.low) / longest)
+        if interval
+        else None,
+        floor=three_figures(floor.floor) if isinstance(floor, CycleNoise) else "",
+        weighted=three_figures(_weighted(e, weighting)) if weighting else "",
     )
+
+
+def _interval(interval: CostInterval | None) -> str:
+    if interval is None:
+        return "\N{EN DASH}"
+    return f"{three_figures(interval.low)} to {three_figures(interval.high)}"
+
+
+def _weighted(e: Evaluation, weighting: Weighting) -> float:
+    scored = e.series.scored
+    return weighted_cost(e.series.force[scored], e.run.force[scored], weighting.of(e.series)[scored])
 
 
 def _range(evaluations: Sequence[Evaluation]) -> str:

@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 
 from ces_identify import kernels
 from ces_identify.compiled import compile_terms, power_table
+from ces_identify.constructed_series import constructed_values
 from ces_identify.evaluate import Evaluation
 from ces_identify.report.drawing import minus
+from ces_observer.constructed import Hat, Hysteresis, Lag
 from ces_observer.model import Envelope, Factor, Model, Term
 
 F = NDArray[np.float64]
 
 SYMBOLS = {"force": "F", "speed": "v", "current": "i", "position": "x"}
-UNITS = {"speed": "m/s", "current": "A", "position": "m"}
+UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
 CHUNK = 4096  # ticks of all regressors held in memory at a time
 
 
@@ -69,7 +71,9 @@ def term_forces(model: Model, evaluation: Evaluation) -> list[tuple[int, F]]:
     At every tick they add up to the simulated force.
     """
     series, run, terms = evaluation.series, evaluation.run, compile_terms(model.terms)
-    powers = power_table(terms.powers, model.envelope, series.position, series.speed, series.current)
+    inputs = (series.position, series.speed, series.current)
+    made = constructed_values(terms.constructed, model.envelope, inputs, series.segments, series.rate_Hz)
+    powers = power_table(terms.powers, model.envelope, *inputs, made)
     gain = np.array([term.coefficient for term in model.terms])[:, None]
     pieces = []
     for s, (start, stop) in enumerate(series.segments):
@@ -90,7 +94,8 @@ def coefficient_unit(term: Term) -> Markup:
     """Return the unit of the term's coefficient: newtons per unit of its factors."""
     powers: dict[str, float] = {}
     for f in term.inputs:
-        powers[UNITS[f.signal]] = powers.get(UNITS[f.signal], 0.0) - f.power
+        if unit := _unit(f):
+            powers[unit] = powers.get(unit, 0.0) - f.power
     units = [Markup("N")] if not term.output_lag else []
     for unit, power in powers.items():
         if power:
@@ -99,13 +104,21 @@ def coefficient_unit(term: Term) -> Markup:
     return Markup("\N{NO-BREAK SPACE}").join(units) if units else Markup("1")
 
 
+def _unit(f: Factor) -> str:
+    """Return the unit of the factor's signal; a membership has none."""
+    made = f.definition
+    if made is None:
+        return UNITS[f.signal]
+    return UNITS[made.of] if isinstance(made, Hysteresis | Lag) else "" if isinstance(made, Hat) else UNITS["frequency"]
+
+
 def _outputs(term: Term) -> tuple[Factor, ...]:
     return tuple(f for f in term.factors if f.signal == "force")
 
 
 def _factor(f: Factor, never_negative: bool) -> Markup:
     lag = f"\N{MINUS SIGN}{f.lag}" if f.lag else ""
-    s = Markup('<span class="signal"><var>{}</var>(<var>k</var>{})</span>').format(SYMBOLS[f.signal], lag)
+    s = Markup('<span class="signal"><var>{}</var>(<var>k</var>{})</span>').format(SYMBOLS.get(f.signal, f.signal), lag)
     odd = f.power % 2 == 1.0
     if f.signal == "force":
         return s
@@ -123,4 +136,6 @@ def _raised(base: Markup, power: float) -> Markup:
 
 def _never_negative(f: Factor, envelope: Envelope) -> bool:
     low = {"current": envelope.current_A, "position": envelope.position_m, "speed": envelope.speed_m_s}
+    if f.definition is not None:
+        return f.definition.range(envelope.by_signal)[0] >= 0.0
     return f.signal in low and low[f.signal][0] >= 0.0

@@ -10,6 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ces_identify.cost import weighted_cost
+from ces_identify.cost_interval import pooled_cost
+from ces_identify.error_regions import error_cells
 from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.problem import envelope_of
 from ces_identify.recording import Channel, Recording
@@ -19,8 +22,10 @@ from ces_identify.report.grid import make_grid
 from ces_identify.report.marks import band, line, shade
 from ces_identify.report.terms import coefficient_unit, contributions, term_forces, typeset
 from ces_identify.report.window import choose_window
+from ces_identify.residuals import residual_tests, verdicts
 from ces_identify.series import Series, prepare
 from ces_identify.simulate import simulate_series
+from ces_identify.weighting import parse_weighting
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
 
@@ -112,7 +117,7 @@ def test_ids_are_unique_and_every_figure_has_an_accessible_name(tmp_path: Path, 
     idents = [e.get("id") for e in root.iter() if e.get("id")]
     assert len(idents) == len(set(idents))
     figures = list(root.iter(f"{SVG}svg"))
-    assert len(figures) == 2 * len(both) + 2
+    assert len(figures) == 3 * len(both) + 2
     for figure in figures:
         assert figure.get("role") == "img"
         assert set((figure.get("aria-labelledby") or "").split()) <= set(idents)
@@ -151,8 +156,10 @@ def test_cost_table_tells_each_recording_validation_first(tmp_path: Path, both: 
         error = e.series.force[e.series.scored] - e.run.force[e.series.scored]
         assert float(row[3]) == pytest.approx(e.series.scored.sum() / 500.0, abs=0.05)
         assert float(row[4]) == pytest.approx(e.cost, rel=6e-3)
-        assert float(row[5]) == pytest.approx(np.sqrt(np.mean(error**2)), rel=6e-3)
-    assert rows[0][7].startswith("0 / 1") and rows[1][7] == "0 / 0"
+        low, high = map(float, row[5].split(" to "))
+        assert low < e.cost < high
+        assert float(row[6]) == pytest.approx(np.sqrt(np.mean(error**2)), rel=6e-3)
+    assert rows[0][8].startswith("0 / 1") and rows[1][8] == "0 / 0"
     head = next(e for e in root.iter(f"{XHTML}p") if e.get("class") == "headline")
     assert words(head) == f"Validation: cost J = {rows[0][4]} % (road)."
 
@@ -230,7 +237,7 @@ def test_diverged_run_is_warned_of_and_drawn(tmp_path: Path, both: list[Evaluati
     lost = evaluate(unstable(), [both[1].series], VALIDATION)
     assert lost[0].run.diverged >= 0 and math.isinf(lost[0].cost)
     text, root = page(tmp_path, lost + both[:1], unstable())
-    assert cost_cells(root)[0][4:6] == ["∞", "–"]
+    assert cost_cells(root)[0][4:7] == ["∞", "–", "–"]
     warning = next(words(e) for e in root.iter(f"{XHTML}p") if e.get("class") == "warning")
     assert warning.startswith("Diverged") and f"{lost[0].series.time_s[lost[0].run.diverged]:.2f} s" in warning
     assert "the free run diverged on every recording" in text
@@ -275,7 +282,7 @@ def test_twelve_long_recordings_stay_small(tmp_path: Path) -> None:
     twelve, root = page(tmp_path, ran * 6)
     assert len(four) < 1_000_000
     assert len(twelve) < 3_000_000
-    assert len(cost_cells(root)) == 12
+    assert len(cost_cells(root)) == 12 + 1  # all together
 
 
 def test_grey_marks_what_is_outside_the_envelope(tmp_path: Path, both: list[Evaluation]) -> None:
@@ -372,3 +379,55 @@ def test_ticks_are_inside_evenly_spaced_and_read_back(low: float, span: float, m
 def test_a_folder_that_is_not_there_is_named_in_one_line(tmp_path: Path, both: list[Evaluation]) -> None:
     with pytest.raises(CesError, match=r"nowhere/report\.html: cannot be written"):
         write_report(tmp_path / "nowhere" / "report.html", "A model", model(), both, FACTS)
+
+
+def test_correlations_are_drawn_with_their_bands_and_told(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    for number, e in enumerate(reversed(both)):
+        tests = residual_tests(e)
+        article = next(a for a in root.iter(f"{XHTML}article") if a.get("id") == f"recording-{number}")
+        figure = next(f for f in article.iter(f"{SVG}svg") if f[0].get("id") == f"rc{number}-t")
+        bands = [r for r in figure.iter(f"{SVG}rect") if r.get("class") == "chance"]
+        stems = [p for p in figure.iter(f"{SVG}path") if "stems" in (p.get("class") or "")]
+        plots = (tests.whiteness, *tests.inputs)
+        assert len(bands) == len(stems) == len(plots)
+        assert [("simulated" in s.get("class")) for s in stems] == [not c.passed for c in plots]
+        heights = [float(b.get("height")) / c.band for b, c in zip(bands, plots, strict=True)][1:]
+        assert heights == pytest.approx([heights[0]] * len(heights), rel=0.02)  # one scale for all inputs
+        assert verdicts(tests)[1] in words(article)
+
+
+def test_a_run_that_diverged_has_no_correlations(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, evaluate(unstable(), [both[1].series], VALIDATION), unstable())
+    assert not [t for t in root.iter(f"{SVG}title") if words(t).startswith("Correlations")]
+
+
+def test_where_the_error_sits_is_a_table(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    cells, regions = (
+        [[words(c) for c in row.iter(f"{XHTML}td")] for row in table.iter(f"{XHTML}tr")][1:]
+        for table in section(root, "coverage").iter(f"{XHTML}table")
+    )
+    worst = error_cells(both[1:])[0]
+    assert cells[0][0].replace("−", "-") == worst.region
+    assert cells[0][1:3] == [f"{100 * worst.energy:.0f}", f"{100 * worst.ticks:.0f}"]
+    assert sum(int(row[1]) for row in regions if row[0] in ("compression", "rebound")) == pytest.approx(100, abs=1)
+
+
+def test_weighted_cost_has_a_column_if_asked_for(tmp_path: Path, both: list[Evaluation]) -> None:
+    path, weighting = tmp_path / "w.html", parse_weighting(["zero_crossing=3"])
+    write_report(path, "A model", model(), both, FACTS, weighting)
+    root = ET.fromstring(path.read_text(encoding="utf-8"))
+    scored = both[1].series.scored
+    expected = weighted_cost(
+        both[1].series.force[scored], both[1].run.force[scored], weighting.of(both[1].series)[scored]
+    )
+    assert float(cost_cells(root)[0][6]) == pytest.approx(expected, rel=6e-3)
+    assert "zero_crossing=3" in words(section(root, "costs"))
+
+
+def test_several_validation_recordings_are_told_together(tmp_path: Path, both: list[Evaluation]) -> None:
+    held_out = [replace(e, role=VALIDATION) for e in both]
+    _, root = page(tmp_path, held_out)
+    last = cost_cells(root)[-1]
+    assert float(last[2]) == pytest.approx(pooled_cost(held_out), rel=6e-3)

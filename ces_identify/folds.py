@@ -1,0 +1,127 @@
+"""Cross-validation over recordings: each fold of recordings is held out once and judged by a model that never saw it.
+
+A single recording is cut into as many stretches as folds; each is held out in turn, and what is left of it before and
+after are two recordings, so that no model steps across the cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ces_identify.cost_interval import CostInterval, cost_interval
+from ces_identify.evaluate import VALIDATION, Evaluation
+from ces_identify.identify import Identified, Options
+from ces_identify.recording import Recording
+from ces_observer.errors import CesError
+
+Identifier = Callable[[Sequence[Recording], Sequence[Recording], Options], Identified]
+LEAST_STRETCH_S = 2.0
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Recordings to identify on, and those held out meanwhile."""
+
+    kept: tuple[Recording, ...]
+    held_out: tuple[Recording, ...]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A recording that was held out: in which fold, the cost J [%] there, its interval, and how large the model was."""
+
+    fold: int
+    recording: str
+    cost: float
+    interval: CostInterval | None
+    model: str
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Every recording held out once; `mean` and `spread` (standard deviation, n - 1) of J [%] over the recordings.
+
+    They are infinite where a free run diverged. The spread is not the standard error of the mean: the folds share data.
+    """
+
+    rows: tuple[HeldOut, ...]
+
+    @property
+    def mean(self) -> float:
+        """Mean J [%] over the recordings."""
+        return float(np.mean([row.cost for row in self.rows]))
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of J [%] over the recordings."""
+        costs = [row.cost for row in self.rows]
+        return float(np.std(costs, ddof=1)) if np.isfinite(costs).all() else float("inf")
+
+
+def cross_validate(
+    recordings: Sequence[Recording], folds: int, identify: Identifier, options: Options
+) -> CrossValidation:
+    """Return the held-out costs of `folds` identifications, each on all but one fold of `recordings`.
+
+    As many folds as recordings leave one out at a time. Raises CesError if there are too few recordings, or whatever
+    `identify` raises.
+    """
+    options, rows = replace(options, split=1.0), []
+    for number, fold in enumerate(split_folds(recordings, folds), 1):
+        result = identify(fold.kept, fold.held_out, options)
+        judged = [e for e in result.evaluations if e.role == VALIDATION]
+        rows += [_row(number, e, result.model.size) for e in judged]
+    return CrossValidation(tuple(rows))
+
+
+def split_folds(recordings: Sequence[Recording], folds: int) -> list[Fold]:
+    """Return the folds: recordings dealt in turn, or stretches of the only one. Raises CesError if too few."""
+    if folds < 2:
+        raise CesError(f"--folds {folds}: expected at least 2")
+    if len(recordings) == 1:
+        return list(_stretches(recordings[0], folds))
+    if folds > len(recordings):
+        raise CesError(
+            f"--folds {folds}: {len(recordings)} recordings; expected at most as many folds (or a single recording, "
+            "which is cut into stretches)"
+        )
+    dealt = [i % folds for i in range(len(recordings))]
+    return [
+        Fold(
+            tuple(r for r, fold in zip(recordings, dealt, strict=True) if fold != k),
+            tuple(r for r, fold in zip(recordings, dealt, strict=True) if fold == k),
+        )
+        for k in range(folds)
+    ]
+
+
+def between(recording: Recording, start_ns: int, stop_ns: int) -> Recording:
+    """Return the samples stamped from `start_ns` to before `stop_ns`, as a recording of their own."""
+    channels = {
+        name: channel.where((channel.stamps_ns >= start_ns) & (channel.stamps_ns < stop_ns))
+        for name, channel in recording.channels.items()
+    }
+    origin = int(recording.channel("position").stamps_ns.min())
+    name = f"{recording.name} {(start_ns - origin) * 1e-9:.1f}-{(stop_ns - origin) * 1e-9:.1f} s"
+    return replace(recording, name=name, channels=channels)
+
+
+def _stretches(recording: Recording, folds: int) -> Iterator[Fold]:
+    stamps = recording.channel("position").stamps_ns
+    edges = np.linspace(stamps.min(), stamps.max() + 1, folds + 1).round().astype(np.int64).tolist()
+    if edges[1] - edges[0] < LEAST_STRETCH_S * 1e9:
+        raise CesError(
+            f"--folds {folds}: {recording.name} gives stretches of {(edges[1] - edges[0]) * 1e-9:.2f} s; expected at "
+            f"least {LEAST_STRETCH_S:g} s: ask for fewer"
+        )
+    for a, b in pairwise(edges):
+        rest = [between(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
+        yield Fold(tuple(rest), (between(recording, a, b),))
+
+
+def _row(fold: int, evaluation: Evaluation, model: str) -> HeldOut:
+    return HeldOut(fold, evaluation.name, evaluation.cost, cost_interval([evaluation]), model)

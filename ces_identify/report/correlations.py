@@ -1,0 +1,69 @@
+"""The figure of a residual's correlations: with itself, and with each input and its square, within their bands."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+
+from ces_identify.report.drawing import Axis, F, Panel, label, minus, svg
+from ces_identify.residuals import Correlation, ResidualTests
+
+COLUMNS = 5
+PANEL = (176.0, 84.0)  # width and height [px]
+GAP = (46.0, 58.0)
+LEFT, TOP, BOTTOM = 44.0, 34.0, 40.0
+ROOM = 1.15  # of the largest correlation or band
+
+
+def correlation_figure(ident: str, tests: ResidualTests, name: str) -> Markup:
+    """Return a small plot for each correlation of `tests`; those with inputs share one scale."""
+    plots = (tests.whiteness, *tests.inputs)
+    scale = ROOM * max([abs(c.values[c.worst]) for c in tests.inputs] + [c.band for c in tests.inputs] + [1e-3])
+    rows = -(-len(plots) // COLUMNS)
+    size = (LEFT + COLUMNS * PANEL[0] + (COLUMNS - 1) * GAP[0] + 12, TOP + rows * (PANEL[1] + GAP[1]) - GAP[1] + BOTTOM)
+    parts = []
+    for i, correlation in enumerate(plots):
+        box = LEFT + i % COLUMNS * (PANEL[0] + GAP[0]), TOP + i // COLUMNS * (PANEL[1] + GAP[1])
+        last = i + COLUMNS >= len(plots)
+        parts.append(_plot(_panel(correlation, box, scale if i else 1.0), correlation, last))
+    text = (
+        "Correlation of the residual with itself and of each input with the residual after it, over the lag; the band "
+        "holds 99 % of what chance gives at a lag."
+    )
+    return svg(ident, size, f"Correlations of the residual, {name}", text, parts)
+
+
+def _panel(correlation: Correlation, box: tuple[float, float], scale: float) -> Panel:
+    last = 1e3 * float(correlation.lags_s[-1])
+    left, top = box
+    return Panel(Axis(0.0, last, left, left + PANEL[0]), Axis(-scale, scale, top + PANEL[1], top))
+
+
+def _plot(p: Panel, correlation: Correlation, last: bool) -> str:
+    band = min(correlation.band, p.y.high)
+    out = [p.rect(0.0, p.x.high, "chance", -band, band), _axes(p, last)]
+    css = "error" if correlation.passed else "simulated"
+    out.append(_stems(p, 1e3 * correlation.lags_s, correlation.values, f"{css} stems"))
+    title = "residual with itself" if correlation.first == "residual" else f"{correlation.first} → {correlation.second}"
+    out.append(label(p.x.start, p.y.stop - 9, title, "name"))
+    return "\n".join(out)
+
+
+def _axes(p: Panel, last: bool) -> str:
+    out = []
+    for value, text in p.y.three_ticks():
+        y = float(p.y.px(value))
+        out.append(f'<path class="{"grid" if value else "zero"}" d="M{p.x.start:.1f},{y:.1f}H{p.x.stop:.1f}"/>')
+        out.append(label(p.x.start - 6, y + 4, text, "tick end"))
+    for value, text in p.x.ticks(3):
+        out.append(label(float(p.x.px(value)), p.y.start + 17, minus(text), "tick mid"))
+    if last:
+        out.append(label(p.x.stop, p.y.start + 34, "Lag [ms]", "name end"))
+    return "\n".join(out)
+
+
+def _stems(p: Panel, lags: F, values: F, css: str) -> str:
+    zero = float(p.y.px(0.0))
+    shown = np.arange(0, len(lags), max(1, len(lags) // int(PANEL[0] / 3)))  # no denser than the eye can part
+    ends = zip(p.x.px(lags[shown]), p.y.px(values[shown]), strict=True)
+    return f'<path class="{css}" d="{"".join(f"M{x:.1f},{zero:.1f}V{y:.1f}" for x, y in ends)}"/>'

@@ -1,0 +1,195 @@
+"""`ces validate` and `ces identify --folds` on small bags: what they print, refuse, and write into the model."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from ces_cli.main import main
+from ces_identify.bag_reader import read_recording
+from ces_identify.bag_writer import recording_topics, write_bag
+from ces_identify.cost import weighted_cost
+from ces_identify.recording import Channel, Recording
+from ces_identify.series import prepare
+from ces_identify.simulate import simulate_series
+from ces_identify.weighting import parse_weighting
+from ces_observer.certificate import certify
+from ces_observer.model import load_model
+from ces_observer.signals import Signals
+
+DEFAULT = Signals.from_mapping({}, "defaults")
+RULES = """\
+force: {lags: [1]}
+speed: {lags: [0, 2], powers: [0.5, 1.0], forms: [signed, magnitude]}
+current: {lags: [0], powers: [1.0], forms: [magnitude]}
+products: [[], [speed], [speed, current], [force]]
+"""
+RATE = 500.0
+
+
+def bag(path, seed, seconds=13.0, repeating=False):
+    random = np.random.default_rng(seed)
+    t = np.arange(round(seconds * RATE)) / RATE
+    ripple = 0.0 if repeating else 0.004 * np.sin(2 * np.pi * 7.3 * t + seed)
+    x = 0.01 * np.sin(2 * np.pi * 4 * t) + ripple
+    v = np.gradient(x, t)
+    i = 0.5 + 0.15 * np.sin(2 * np.pi * (4.0 if repeating else 0.7) * t)
+    force = np.sign(v) * np.abs(v) ** 0.5 * (400 + 1500 * i) + 100 * v + random.normal(0, 8, len(t))
+    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
+    columns = {"position": (x, "m"), "current": (i, "A"), "force": (force, "N")}
+    channels = {name: Channel(name, unit, stamps, values) for name, (values, unit) in columns.items()}
+    write_bag(path, recording_topics(Recording(path.name, channels), DEFAULT))
+    return path
+
+
+def ces(*words):
+    return main([str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A folder with three bags, one of them of repeated cycles, and a model identified with cross-validation."""
+    folder = tmp_path_factory.mktemp("validate")
+    (folder / "rules.yaml").write_text(RULES)
+    bag(folder / "one", 1), bag(folder / "two", 2), bag(folder / "cycles", 3, repeating=True)
+    words = ("--candidates", folder / "rules.yaml", "--terms", 3, "--starts", 1, "--time", 3, "--threads", 2)
+    assert ces("identify", folder / "one", folder / "two", "--folds", 2, "--out", folder / "model.json", *words) == 0
+    return folder
+
+
+@pytest.fixture()
+def told(work, capsys):
+    """What `ces validate` says with weights about a bag held out and one of repeated cycles."""
+    capsys.readouterr()
+    words = ("--weight", "zero_crossing:0.1=3", "--weight", "current:0.6..0.7=2", "--report", work / "v.html")
+    assert ces("validate", work / "model.json", work / "one", *words, "--part", "0.5:1", work / "cycles") == 0
+    return capsys.readouterr().out
+
+
+def test_costs_come_with_interval_floor_and_weighted_cost(work, told):
+    model, row = load_model(work / "model.json"), next(line for line in told.splitlines() if "cycles" in line).split()
+    series = prepare(read_recording(work / "cycles", DEFAULT), model.sampling).part(0.5, 1.0)
+    scored, force = series.scored, simulate_series(model, series).force
+    weights = parse_weighting(["zero_crossing:0.1=3", "current:0.6..0.7=2"]).of(series)[scored]
+    cost, interval, floor, weighted = row[4:8]
+    low, high = map(float, interval.split("-"))
+    assert low <= float(cost) <= high
+    noise = 100.0 * 8.0 / series.force[scored].std()
+    assert 0.6 * noise < float(floor) < 1.15 * noise  # interpolation at the ticks takes some of the noise away
+    assert float(weighted) == pytest.approx(weighted_cost(series.force[scored], force[scored], weights), abs=0.006)
+    assert "weights: zero_crossing:0.1=3 current:0.6..0.7=2" in told
+
+
+def test_residuals_and_where_the_error_sits_take_a_line_each(told):
+    lines = told.splitlines()
+    assert sum(line.startswith("residual of cycles: ") for line in lines) == 2
+    shares = [int(re.match(r"error: (\d+) % of its energy", line)[1]) for line in lines if line.startswith("error: ")]
+    assert len(shares) == 3
+    assert shares == sorted(shares, reverse=True)
+
+
+def test_the_report_shows_them_too(work, told):
+    page = (work / "v.html").read_text()
+    for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed² → residual²", "Where the error sits"):
+        assert text in page
+
+
+def test_what_each_second_served_is_in_the_table_and_in_the_model(work, capsys):
+    history = json.loads((work / "model.json").read_text())["provenance"]
+    one = next(row for row in history["usage"] if row["recording"] == "one" and not row["test_s"])
+    assert one["estimation_s"] == pytest.approx(2 * one["selection_s"], abs=1.0)
+    assert sum(row["test_s"] > 0 for row in history["usage"]) == 2
+    assert "nothing of the test seconds entered a choice" in history["usage_rule"]
+
+
+def test_folds_are_in_the_model_and_no_test_second_is_in_them_twice(work):
+    rows = json.loads((work / "model.json").read_text())["provenance"]["cross_validation"]
+    assert [(row["recording"], row["fold"]) for row in rows] == [("one", 1), ("two", 2)]
+    for row in rows:
+        low, high = row["ci95_percent"]
+        assert low < row["J_percent"] < high < 20.0
+
+
+def test_identify_prints_the_folds_and_what_seconds_served(work, tmp_path, capsys):
+    words = ("--candidates", work / "rules.yaml", "--terms", 2, "--starts", 1, "--time", 1, "--threads", 2)
+    assert ces("identify", work / "one", "--folds", 2, "--out", tmp_path / "m.json", *words) == 0
+    out = capsys.readouterr().out
+    assert "0.0-6.5 s" in out and "6.5-13.0 s" in out and "spread" in out
+    assert re.search(r"estimation \d+\.\d s", out) and re.search(r"test \d+\.\d s", out)
+    assert "of every 3 s identified on" in out
+
+
+def test_a_certificate_is_proved_again_without_a_bag(work, capsys):
+    assert ces("validate", work / "model.json", "--certificate") == 0
+    out = capsys.readouterr().out
+    proof = certify(load_model(work / "model.json"))
+    assert f"gain            {proof.gain:.6g} < 1" in out
+    assert f"{proof.force_N:.6g} N" in out
+    assert "in the file     the same bounds" in out
+
+
+def changed(work, path, change):
+    raw = json.loads((work / "model.json").read_text())
+    change(raw)
+    path.write_text(json.dumps(raw))
+    return path
+
+
+def grown(raw):
+    """Let the past count for more, as an edit by hand would."""
+    for term in raw["terms"]:
+        if any(f["signal"] == "force" for f in term["factors"]):
+            term["coefficient"] = 1.2
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (grown, "past forces may count for 1.2"),
+        (lambda m: m["certificate"].update(gain=0.01), "the file claims gain 0.01, but only"),
+        (lambda m: m["certificate"].update(force_bound_N=1.0), "the file claims force_bound_N 1, but only"),
+    ],
+)
+def test_what_is_not_proved_takes_one_line_and_status_1(work, tmp_path, capsys, change, expected):
+    raw = json.loads((work / "model.json").read_text())
+    if not any(f["signal"] == "force" for t in raw["terms"] for f in t["factors"]):
+        raw["terms"].append({"coefficient": 0.1, "factors": [{"signal": "force", "lag": 1}]})
+        (work / "model.json").write_text(json.dumps(raw))
+    path = changed(work, tmp_path / "m.json", change)
+    assert ces("validate", path, "--certificate") == 1
+    out = capsys.readouterr().out.splitlines()
+    assert len(out) == 1
+    assert expected in out[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda m: m.update(certificate=None), "in the file     no certificate"),
+        (lambda m: m["certificate"].update(drive_N=1e9), "looser bounds: drive_N"),
+        (lambda m: m["certificate"].pop("gain"), "incomplete: no gain"),
+    ],
+)
+def test_a_proof_beyond_the_files_claims_is_one(work, tmp_path, capsys, change, expected):
+    assert ces("validate", changed(work, tmp_path / "m.json", change), "--certificate") == 0
+    assert expected in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("validate", "model.json"), "no recording given"),
+        (("validate", "model.json", "one", "--weight", "everything=2"), "--weight 'everything=2'"),
+        (("identify", "one", "two", "--folds", "3"), "--folds 3: 2 recordings"),
+        (("identify", "one", "two", "--folds", "1"), "expected at least 2"),
+        (("identify", "one", "--folds", "9"), "ask for fewer"),
+    ],
+)
+def test_wrong_words(work, monkeypatch, capsys, words, expected):
+    monkeypatch.chdir(work)
+    capsys.readouterr()
+    assert main(list(words)) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
+    assert len(lines) == 1
+    assert expected in lines[0]

@@ -1,0 +1,90 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted import NETWORK, SAMPLING, planted
+
+from ces_identify.evaluate import IDENTIFICATION, VALIDATION, evaluate
+from ces_identify.folds import between, cross_validate, split_folds
+from ces_identify.identify import Identified, Options
+from ces_identify.series import prepare
+from ces_observer.errors import CesError
+
+
+def recordings(count, seconds=6.0):
+    return [planted(NETWORK, seed, seconds=seconds, name=f"r{seed}") for seed in range(count)]
+
+
+def stand_in(calls):
+    """An identifier that always finds the planted model, and remembers what it was given."""
+
+    def identify(kept, held_out, options):
+        calls.append(([r.name for r in kept], [r.name for r in held_out], options.split))
+        evaluations = evaluate(NETWORK, [prepare(r, SAMPLING) for r in kept], IDENTIFICATION)
+        evaluations += evaluate(NETWORK, [prepare(r, SAMPLING) for r in held_out], VALIDATION)
+        return Identified(NETWORK, tuple(evaluations), ())
+
+    return identify
+
+
+def test_each_recording_is_held_out_once():
+    calls = []
+    result = cross_validate(recordings(5), 2, stand_in(calls), Options())
+    assert calls == [(["r1", "r3"], ["r0", "r2", "r4"], 1.0), (["r0", "r2", "r4"], ["r1", "r3"], 1.0)]
+    assert sorted(row.recording for row in result.rows) == [f"r{i}" for i in range(5)]
+    assert [row.fold for row in result.rows] == [1, 1, 1, 2, 2]
+    costs = [row.cost for row in result.rows]
+    assert result.mean == pytest.approx(np.mean(costs))
+    assert result.spread == pytest.approx(np.std(costs, ddof=1))
+    assert all(row.interval.low < row.cost < row.interval.high for row in result.rows)
+
+
+def test_as_many_folds_as_recordings_leave_one_out():
+    calls = []
+    cross_validate(recordings(3), 3, stand_in(calls), Options())
+    assert [held for _, held, _ in calls] == [["r0"], ["r1"], ["r2"]]
+
+
+def test_a_single_recording_is_cut_into_stretches_that_no_model_steps_across():
+    one = recordings(1, 12.0)[0]
+    folds = split_folds([one], 3)
+    assert [len(f.kept) for f in folds] == [1, 2, 1]
+    stamps = one.channel("position").stamps_ns
+    for fold in folds:
+        parts = [r.channel("position").stamps_ns for r in (*fold.kept, *fold.held_out)]
+        np.testing.assert_array_equal(np.sort(np.concatenate(parts)), stamps)
+    held = np.concatenate([f.held_out[0].channel("force").values for f in folds])
+    np.testing.assert_array_equal(held, one.channel("force").values)
+    assert [f.held_out[0].name for f in folds] == ["r0 0.0-4.0 s", "r0 4.0-8.0 s", "r0 8.0-12.0 s"]
+
+
+def test_between_keeps_the_samples_of_every_channel():
+    one = recordings(1)[0]
+    origin = int(one.channel("position").stamps_ns[0])
+    part = between(one, origin + 10**9, origin + 2 * 10**9)
+    for channel in part.channels.values():
+        assert channel.stamps_ns.min() >= origin + 10**9
+        assert channel.stamps_ns.max() < origin + 2 * 10**9
+        assert len(channel) == 400
+
+
+def test_a_diverged_fold_is_no_number():
+    calls = []
+    inner = stand_in(calls)
+
+    def identify(kept, held_out, options):
+        result = inner(kept, held_out, options)
+        return replace(result, evaluations=tuple(replace(e, cost=float("inf")) for e in result.evaluations))
+
+    result = cross_validate(recordings(2), 2, identify, Options())
+    assert result.mean == result.spread == float("inf")
+    assert all(row.interval is None for row in result.rows)
+
+
+@pytest.mark.parametrize(
+    ("count", "seconds", "folds", "expected"),
+    [(3, 6.0, 1, "at least 2"), (3, 6.0, 4, "3 recordings"), (1, 6.0, 4, "ask for fewer")],
+)
+def test_too_few_for_the_folds(count, seconds, folds, expected):
+    with pytest.raises(CesError, match=expected):
+        split_folds(recordings(count, seconds), folds)
