@@ -1,6 +1,8 @@
 # make demo    identify a model from the sample recordings: costs and a report, without ROS
 # make test    everything .ci/run does: lint, types, tests; the ROS tests too where ROS 2 is sourced
 # make bench   speed, each beside what it is compared with
+# make tables  tables 5.1 to 5.3 and plots 5.1 to 5.8 of the thesis on the virtual rig, into docs/; SECONDS=60 is the
+#              most for one model's search (18 models, and 2 of four times that; done ones are kept in out/tables)
 # make clean   remove what make made
 #
 # VENV=.venv and PYTHON=python3 can be given. Nothing is installed outside VENV.
@@ -10,8 +12,9 @@ PYTHON ?= python3
 # A sourced ROS 2 puts its own Python's packages on PYTHONPATH: they have no place in this environment.
 RUN := env -u PYTHONPATH $(VENV)/bin
 OUT := out
+SECONDS ?= 60
 
-.PHONY: demo test lint suite test-ros bench clean
+.PHONY: demo test lint suite test-ros bench tables clean
 
 demo: $(VENV)/.installed
 	@mkdir -p $(OUT)
@@ -32,7 +35,10 @@ test-ros:
 	@test/ros/run
 
 bench: $(VENV)/.installed-dev
-	@for script in bench/*.py; do echo "== $$script"; $(RUN)/python $$script || exit 1; done
+	@for script in bench/bench_*.py; do echo "== $$script"; $(RUN)/python $$script || exit 1; done
+
+tables: $(VENV)/.installed-dev
+	$(RUN)/python bench/thesis_tables.py --seconds $(SECONDS)
 
 clean:
 	rm -rf $(OUT) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

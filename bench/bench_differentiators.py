@@ -27,12 +27,11 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from ces_identify.compiled import compile_terms, power_table
 from ces_identify.cost import series_cost
+from ces_identify.identify import Options, posed
 from ces_identify.kernels import free_run
 from ces_identify.limits import Limits
 from ces_identify.position_spectrum import position_spectrum, sample_rate
-from ces_identify.problem import pose
 from ces_identify.recording import Channel, Recording
-from ces_identify.regressors import load_rules
 from ces_identify.sampling import best_differentiator, choose_sampling
 from ces_identify.selection import search
 from ces_identify.series import Series, prepare, usable_samples
@@ -209,7 +208,7 @@ def with_speed(prepared: list[Series], recordings: list[Recording], speeds: list
 
 
 def found_cost(series: list[Series], seconds: float, terms: int = 20) -> str:
-    problem = pose([s.part(0.0, 0.6) for s in series], load_rules(None).candidates())
+    problem = posed([s.part(0.0, 0.6) for s in series], Options(limits=Limits(terms, seconds, threads=2)))
     costs = []
     for found in search(problem, Limits(most_terms=terms, seconds=seconds, starts=2, threads=2)):
         chosen = [problem.candidates[i] for i in found.chosen]

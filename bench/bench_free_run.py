@@ -1,4 +1,5 @@
-"""Speed of the batch free run and of the estimator step, beside plain readings of the same equations in one run.
+"""Speed of the batch free run, of the polynomial's tick and of the estimator step, beside plain readings of the same
+equations in one run.
 
 Usage: python bench/bench_free_run.py. Prints medians over repetitions; the free run works on 30,000 samples and 10
 terms, once from ready power tables and once with their computation.
@@ -7,8 +8,10 @@ terms, once from ready power tables and once with their computation.
 from __future__ import annotations
 
 import math
+import random
 import statistics
 import time
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -17,6 +20,7 @@ from ces_identify.compiled import compile_terms, power_table
 from ces_identify.kernels import free_run
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.polynomial import Polynomial
 
 N = 30_000
 
@@ -34,13 +38,13 @@ def ten_terms() -> tuple[Term, ...]:
 
 
 def median_seconds(work: Callable[[], object], repeats: int) -> float:
-    """Return the median wall time of `work` [s], after one run that is not counted."""
+    """Return the median CPU time of `work` [s], which is of one thread, after one run that is not counted."""
     work()
     times = []
     for _ in range(repeats):
-        began = time.perf_counter()
+        began = time.process_time()
         work()
-        times.append(time.perf_counter() - began)
+        times.append(time.process_time() - began)
     return statistics.median(times)
 
 
@@ -88,12 +92,68 @@ def main() -> None:
     print(f"  kernel                  {1e3 * ready:8.3f} ms   {1e9 * ready / N / len(terms):6.2f} ns a sample and term")
     print(f"  kernel + power tables   {1e3 * whole:8.3f} ms")
     print(f"  plain Python            {1e3 * plain:8.1f} ms   ratio {plain / ready:.0f}")
-    bench_estimator(Model("polynomial_narx", Sampling(1000.0, 100.0, 0.01), terms, envelope, (-1e6, 1e6)))
+    model = Model("polynomial_narx", Sampling(1000.0, 100.0, 0.01), terms, envelope, (-1e6, 1e6))
+    bench_tick(model)
+    bench_estimator(model)
+
+
+def bench_tick(model: Model) -> None:
+    """The polynomial alone: compiled, and as a reader would write a tick in Python from the terms."""
+    polynomial, plain = Polynomial(model), PlainTick(model)
+    rows = list(zip(*(column.tolist() for column in inputs()), strict=True))
+
+    def through(tick: Callable[..., object], rows: list[tuple[float, ...]]) -> Callable[[], None]:
+        def run() -> None:
+            for x, v, c in rows:
+                tick(x, v, c)
+
+        return run
+
+    mean = median_seconds(through(polynomial.tick, rows), 21) / len(rows)
+    slow = median_seconds(through(plain.tick, rows[:3000]), 5) / 3000
+    begin = median_seconds(lambda: Polynomial(model), 51)
+    print(f"polynomial tick, {len(model.terms)} terms, position + speed + current in, force out")
+    print(f"  mean                    {1e6 * mean:8.2f} us   (its compilation, once at start: {1e3 * begin:.1f} ms)")
+    print(f"  plain Python            {1e6 * slow:8.2f} us   ratio {slow / mean:.1f}")
+
+
+class PlainTick:
+    """A tick straight from the terms: every factor looked up and raised to its power, every time."""
+
+    def __init__(self, model: Model) -> None:
+        self.terms, self.depth = model.terms, model.max_lag + 1
+        self.past: dict[str, deque[float]] = {}
+
+    def tick(self, position: float, speed: float, current: float) -> float:
+        new = {"position": position, "speed": speed, "current": current}
+        if not self.past:
+            self.past = {name: deque([value] * self.depth, self.depth) for name, value in new.items()}
+            self.past["force"] = deque([0.0] * self.depth, self.depth)
+        for name, value in new.items():
+            self.past[name].appendleft(value)
+        force = sum(t.coefficient * math.prod(self.factor(f) for f in t.factors) for t in self.terms)
+        self.past["force"].appendleft(force)
+        return force
+
+    def factor(self, f: Factor) -> float:
+        value = self.past[f.signal][f.lag - (f.signal == "force")]
+        return math.copysign(abs(value) ** f.power, value) if f.signed else abs(value) ** f.power
 
 
 def bench_estimator(model: Model) -> None:
-    estimator = Estimator(model)
-    samples = [(k * 1_000_000, 0.02 * math.sin(0.025 * k), 0.5 + 0.1 * math.sin(0.003 * k)) for k in range(20_000)]
+    print(f"estimator step, {len(model.terms)} terms, stamp + position + current in, force out")
+    for stamps, jitter_ns in (("steady", 0.0), ("jittered", 1e5)):
+        mean, loop = estimator_seconds(model, jitter_ns)
+        print(
+            f"  mean, {stamps:8s} stamps   {1e6 * mean:8.2f} us   (an empty call in the same loop: {1e6 * loop:.2f} us)"
+        )
+
+
+def estimator_seconds(model: Model, jitter_ns: float) -> tuple[float, float]:
+    """Return the mean time of a step [s] and of an empty call in its place."""
+    estimator, dice = Estimator(model), random.Random(1)
+    times = [k * 1_000_000 + round(dice.gauss(0.0, jitter_ns)) for k in range(20_000)]
+    samples = [(t, 0.02 * math.sin(25e-9 * t), 0.5 + 0.1 * math.sin(3e-9 * t)) for t in times]
 
     def run() -> None:
         estimator.reset()
@@ -106,9 +166,7 @@ def bench_estimator(model: Model) -> None:
         for stamp, x, c in samples:
             step(stamp, x, c)
 
-    mean, loop = median_seconds(run, 11) / len(samples), median_seconds(empty, 11) / len(samples)
-    print(f"estimator step, {len(model.terms)} terms, stamp + position + current in, force out")
-    print(f"  mean                    {1e6 * mean:8.2f} us   (an empty call in the same loop: {1e6 * loop:.2f} us)")
+    return median_seconds(run, 11) / len(samples), median_seconds(empty, 11) / len(samples)
 
 
 if __name__ == "__main__":

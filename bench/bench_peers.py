@@ -1,0 +1,197 @@
+"""Cost of identification, and what it takes, beside the peers on the same data in the same run.
+
+Usage: python bench/bench_peers.py [--seeds E S T]. Three recordings of damper_set: E and S to identify on, T to judge
+on, by the free run's J (thesis eq. 3.5). CPU seconds are those of the identification alone, its children's included;
+compilation is done before. Peers are given more, column by column, than a user knows (`identification_peers.Feed`);
+this project is given position, speed and current. A peer that is not installed is skipped:
+pip install '.[bench]'. Takes about ten minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import blas_one_thread  # noqa: F401 - before NumPy
+import identification_peers as peers
+import numpy as np
+from bench_time_to_cost import SAMPLING, model_of
+from damper_set import RATE, WARM_UP, F, series
+from identification_peers import FED, HELPED, POWER_FED, RAW, Columns, Feed, Fitted
+from measuring import Spent, installed, print_table, say, timed
+
+from ces_identify.cost import cost
+from ces_identify.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.identify import Options, posed
+from ces_identify.identify_trained import FuzzyShape, Lags, NetworkShape, regressors
+from ces_identify.limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
+from ces_identify.network_fit import NetworkFit
+from ces_identify.refit import refitted
+from ces_identify.selection import search
+from ces_identify.series import Series
+from ces_identify.simulate import simulate_series
+from ces_identify.simulation_error import Family, train
+from ces_identify.training import Training, training
+from ces_observer.model import Model
+
+LAGS = Lags(position_s=(0.0,))
+GIVEN = "position, speed, current"
+SECONDS = 60.0  # most of a search
+QUICK_S, REPEATS = 2.0, 5  # what takes less is repeated
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A tool, what it is given, how it fits, and how J on the test and the number of terms follow from the fit."""
+
+    tool: str
+    given: str
+    fit: Callable[[], object]
+    judge: Callable[[object], tuple[float, int]]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """J [%] on the test recording, the number of terms or parameters, and what the fit took."""
+
+    entry: Entry
+    cost: float
+    terms: int
+    spent: Spent
+
+
+def peer_entries(seeds: Sequence[int]) -> list[Entry]:
+    """Return the installed peers with every feed."""
+    both_currents = tuple(replace(feed, current_now=True) for feed in (RAW, HELPED, FED))
+    tools: list[tuple[str, str, Callable[[Columns, Columns], Fitted], tuple[Feed, ...]]] = [
+        ("sysidentpy", "SysIdentPy FROLS", peers.frols, (RAW, HELPED, FED)),
+        ("sysidentpy", "SysIdentPy MetaMSS", peers.metamss, (RAW, FED)),
+        ("fastcan", "fastcan NARX, one-step", peers.fastcan_one_step, both_currents),
+        ("fastcan", "fastcan NARX, free run", peers.fastcan_free_run, both_currents),
+        ("anfis-toolbox", "anfis-toolbox", peers.anfis_toolbox, (RAW, POWER_FED)),
+    ]
+    present = {package for package in dict.fromkeys(row[0] for row in tools) if installed(package)}
+    return [
+        peer_entry(tool, fit, feed, seeds)
+        for package, tool, fit, feeds in tools
+        if package in present
+        for feed in feeds
+    ]
+
+
+def peer_entry(tool: str, fit: Callable[[Columns, Columns], Fitted], feed: Feed, seeds: Sequence[int]) -> Entry:
+    """Return a peer's run with one feed."""
+    estimation, selection, test = (feed.columns(seed) for seed in seeds)
+
+    def judge(fitted: object) -> tuple[float, int]:
+        assert isinstance(fitted, Fitted)
+        return free_run_cost(test.force, fitted.simulate(test)), fitted.terms
+
+    return Entry(tool, feed.name, partial(fit, estimation, selection), judge)
+
+
+def our_entries(seeds: Sequence[int]) -> list[Entry]:
+    """Return this project's structures and ways of selection."""
+    *seen, test = (series(seed) for seed in seeds)
+
+    def judge(model: object) -> tuple[float, int]:
+        assert isinstance(model, Model)
+        return free_run_cost(test.force, simulate_series(model, test).force), _size(model)
+
+    polynomials = [
+        Entry(f"**polynomial, {method}**", GIVEN, partial(polynomial, seen, method), judge)
+        for method in (RANDOM, GAUSS_NEWTON, BOTH)
+    ]
+    trained = [
+        Entry("**sigmoid network**", GIVEN, partial(trained_model, seen, network), judge),
+        Entry("**ANFIS**", GIVEN, partial(trained_model, seen, fuzzy), judge),
+    ]
+    return [*polynomials, *trained]
+
+
+def polynomial(seen: Sequence[Series], method: str, most_terms: int = peers.TERMS, seconds: float = SECONDS) -> Model:
+    """Identify a polynomial as `ces identify` does: one start, one thread, stable models only, refitted."""
+    problem = posed(seen, Options(limits=Limits(most_terms, seconds, threads=1)))
+    found = search(problem, Limits(most_terms, seconds, starts=1, threads=1, method=method))[0]
+    return model_of(problem, replace(found, coefficients=refitted(problem, found)))
+
+
+def network(data: Training) -> Family:
+    shape = NetworkShape(lags=LAGS)
+    return NetworkFit(data, regressors(data, shape.lags, RATE), shape.units, shape.decay)
+
+
+def fuzzy(data: Training) -> Family:
+    shape = FuzzyShape(lags=LAGS)
+    grid = (Grid("speed", 0, shape.speeds), Grid("current", round(shape.current_delay_s * RATE), shape.currents))
+    return FuzzyFit(data, regressors(data, shape.lags, RATE), grid, shape.decay)
+
+
+def trained_model(seen: Sequence[Series], family: Callable[[Training], Family], seconds: float = SECONDS) -> Model:
+    """Train on the free run: one start, one thread, stable models only."""
+    of = family(training(seen))
+    found = train(of, Limits(seconds=seconds, starts=1, threads=1))[0]
+    return of.model(found.coefficients, SAMPLING)
+
+
+def _size(model: Model) -> int:
+    if model.network is not None:
+        return 1 + len(model.network.linear) + sum(2 + len(unit.slopes) for unit in model.network.units)
+    if model.fuzzy is not None:
+        bells = sum(len(premise.memberships) for premise in model.fuzzy.premises)
+        return 3 * bells + sum(1 + len(rule.linear) for rule in model.fuzzy.rules)
+    return len(model.terms)
+
+
+def free_run_cost(measured: F, simulated: F) -> float:
+    """Return J [%] past the warm-up, infinite if the run diverged."""
+    return cost(measured[WARM_UP:], simulated[WARM_UP:])
+
+
+def run(entry: Entry) -> Outcome:
+    """Fit and judge; what is quick is fitted several times, and the medians are taken."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        fitted, spent = timed(entry.fit)
+        more = REPEATS - 1 if spent.wall < QUICK_S else 0
+        times = [spent, *(timed(entry.fit)[1] for _ in range(more))]
+        j, terms = entry.judge(fitted)
+    median = Spent(statistics.median(t.cpu for t in times), statistics.median(t.wall for t in times))
+    say(f"{entry.tool}, {entry.given}: J {j:.2f}, {median.cpu:.2f} CPU s, {terms} terms")
+    return Outcome(entry, j, terms, median)
+
+
+def warm_up(seeds: Sequence[int]) -> None:
+    """Compile what the runs call."""
+    short = [series(seed, 6.0) for seed in seeds[:2]]
+    for method in (RANDOM, GAUSS_NEWTON):
+        polynomial(short, method, 3, 2.0)
+    for family in (network, fuzzy):
+        trained_model(short, family, 2.0)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, nargs=3, default=(1, 2, 3), metavar=("E", "S", "T"))
+    seeds = parser.parse_args().seeds
+    warm_up(seeds)
+    outcomes = [run(entry) for entry in our_entries(seeds) + peer_entries(seeds)]
+    ours = next(o for o in outcomes if BOTH in o.entry.tool)
+    header = ("tool", "given", "J on the test %", "CPU s", "wall s", "terms", "J, ratio to ours", "CPU, ratio to ours")
+    print_table(header, [row(o, ours) for o in outcomes], left=2)
+
+
+def row(outcome: Outcome, ours: Outcome) -> tuple[str, ...]:
+    """Return a row of the table; `ours` is what the ratios are to."""
+    spent, j = outcome.spent, f"{outcome.cost:.2f}" if outcome.cost < 1000.0 else "diverges"
+    ratio = f"{outcome.cost / ours.cost:.2f}" if outcome.cost < 1000.0 else ""
+    times = (f"{spent.cpu:.2f}", f"{spent.wall:.2f}", str(outcome.terms))
+    return (outcome.entry.tool, outcome.entry.given, j, *times, ratio, f"{spent.cpu / ours.spent.cpu:.2f}")
+
+
+if __name__ == "__main__":
+    main()

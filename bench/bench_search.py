@@ -1,0 +1,229 @@
+"""Speed of what a search is made of, beside the peers on the same data in the same run.
+
+Usage: python bench/bench_search.py [--seconds S]. Trials of candidates (30,000 samples to fit, 30,000 to simulate, at
+most 12 terms), free run, iteration of the simulation-error fit, estimator step in Python and in exported C. Medians of
+the CPU time of interleaved repeats; threads by wall time, beside what the machine gives to threads that share nothing.
+A peer that is not installed is skipped: pip install '.[bench]'.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import statistics
+import tempfile
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import blas_one_thread  # noqa: F401 - before NumPy
+import identification_peers as peers
+import numpy as np
+from bench_export import N, called, compiled, python_steps, samples
+from bench_free_run import ten_terms
+from bench_time_to_cost import model_of
+from damper_set import series
+from identification_peers import FED
+from measuring import free_cores, installed, interleaved, print_table, say, timed, verdict
+
+from ces_identify.free_run_fit import Fit, fit_free_run
+from ces_identify.limits import RANDOM, Found, Limits
+from ces_identify.problem import Problem, pose
+from ces_identify.regressors import load_rules
+from ces_identify.selection import search
+from ces_identify.simulate import simulate_series
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.predictors import predictor
+
+TERMS, TICKS = 12, 30_000
+ENDLESS = 1_000_000  # rounds: a start ends when its time is up
+THREADS, TURNS = 4, 3
+REPEATS, SLOW_REPEATS = 15, 3
+FEW, MORE = 1, 3  # iterations of a fit, whose difference tells what one takes
+PEER_FEW, PEER_MORE = 2, 5
+AWAY = 0.1  # relative spread of the coefficients that a fit begins at
+
+
+Row = tuple[str, str, str, str, str, str]
+
+
+def split_problem() -> Problem:
+    """Fits on 30,000 ticks of one recording (the estimation part of 45 s), simulates and judges on another of 30 s."""
+    candidates = load_rules(None).at_rate(1000.0).candidates()
+    fitted, judged = pose([series(1, 45.0)], candidates), pose([series(2)], candidates)
+    return replace(judged, gram=fitted.gram, selection=judged.everything)
+
+
+def trials(problem: Problem, threads: int, seconds: float) -> tuple[float, float, Found]:
+    """Keep every thread busy with a start; return trials a second, a CPU second, and the best found."""
+    limits = Limits(TERMS, seconds, starts=threads, threads=threads, rounds=ENDLESS, method=RANDOM)
+    found, spent = timed(lambda: search(problem, limits))
+    total = sum(f.trials for f in found)
+    return total / spent.wall, total / spent.cpu, found[0]
+
+
+def trial_rows(problem: Problem, seconds: float) -> tuple[list[Row], Found]:
+    """Return rows of trials a second, alone and in threads, and a model of TERMS terms."""
+    trials(problem, 1, 1.0)  # compiles
+    rates, scalings, machine = [], [], []
+    for _ in range(TURNS):
+        alone, core, found = trials(problem, 1, seconds)
+        together, _, _ = trials(problem, THREADS, seconds)
+        rates.append(core)
+        scalings.append(together / alone)
+        machine.append(free_cores(THREADS))
+    rate, scaling, given = map(statistics.median, (rates, scalings, machine))
+    peer = peer_trials() if installed("sysidentpy") else None
+    what = f"candidates tried a CPU second, up to {TERMS} terms"
+    beside = f"a hash without locks {given:.2f}"
+    first = (
+        what,
+        f"{rate:,.0f}",
+        *_beside("SysIdentPy MetaMSS", peer, rate),
+        "at least 2,000",
+        verdict(rate, 2000.0, True),
+    )
+    second = (f"{THREADS} threads, times as many as one", f"{scaling:.2f}", beside, f"{scaling / given:.2f}")
+    return [first, (*second, "at least 3", verdict(scaling, 3.0, True))], found
+
+
+def peer_trials() -> float:
+    """Return SysIdentPy's trials of a candidate a second."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        trial = peers.metamss_trial(FED.columns(1), FED.columns(2))
+        return 1.0 / interleaved({"trial": trial}, SLOW_REPEATS)["trial"]
+
+
+def _beside(peer: str, theirs: float | None, ours: float, faster_is_more: bool = True) -> tuple[str, str]:
+    """Return the peer's figure and the ratio by which we are faster."""
+    if theirs is None:
+        return "", ""
+    ratio = ours / theirs if faster_is_more else theirs / ours
+    return f"{peer} {theirs:,.3g}", f"{ratio:,.0f}"
+
+
+def free_run_rows(problem: Problem, found: Found) -> list[Row]:
+    """Return rows of the free run, in ns a sample and term."""
+    model, test = model_of(problem, found), series(2)
+    terms = len(found.chosen)
+    works: dict[str, Callable[[], object]] = {
+        "ours": lambda: problem.selection_cost(found.chosen, found.coefficients),
+        "whole": lambda: simulate_series(model, test),
+    }
+    slow: dict[str, Callable[[], object]] = {}
+    data = FED.columns(1)
+    if installed("sysidentpy"):
+        slow["SysIdentPy"] = partial(peers.frols(data, data).simulate, data)
+    if installed("fastcan"):
+        slow["fastcan"] = partial(peers.fastcan_one_step(data, data).simulate, data)
+    times = {k: 1e9 * t / TICKS / terms for k, t in interleaved(works, REPEATS).items()}
+    times |= {k: 1e9 * t / TICKS / TERMS for k, t in interleaved(slow, SLOW_REPEATS).items()}
+    beside = "; ".join(f"{name} {times[name]:,.0f}" for name in slow)
+    ratio = "; ".join(f"{times[name] / times['ours']:,.0f}" for name in slow)
+    what = f"free run with its cost, {terms} terms, ns a sample and term"
+    first = (what, f"{times['ours']:.2f}", beside, ratio, "at most 2", verdict(times["ours"], 2.0))
+    return [first, ("a model on a prepared series, powers included, the same", f"{times['whole']:.2f}", "", "", "", "")]
+
+
+def fit_rows(problem: Problem, found: Found) -> list[Row]:
+    """Return the row of an iteration of the simulation-error fit."""
+    dice = np.random.default_rng(1)
+    start = found.coefficients * (1.0 + AWAY * dice.standard_normal(len(found.coefficients)))
+
+    def fit(iterations: int) -> Fit:
+        return fit_free_run(problem, found.chosen, start, problem.everything, iterations)
+
+    if not fit(MORE).error < fit(MORE - 1).error < fit(FEW).error:
+        say("the simulation-error fit settled early: its iterations cannot be timed by their difference")
+    times = interleaved({"few": partial(fit, FEW), "more": partial(fit, MORE)}, REPEATS)
+    ours = 1e3 * (times["more"] - times["few"]) / (MORE - FEW)
+    theirs = peer_iteration() if installed("fastcan") else None
+    what = f"iteration of the simulation-error fit, {len(start)} terms, {TICKS:,} samples, ms"
+    cells = (what, f"{ours:.2f}", *_beside("fastcan", theirs, ours, False), "at most 5", verdict(ours, 5.0))
+    return [cells]
+
+
+def peer_iteration() -> float:
+    """Return fastcan's time for a step of least squares on the free run [ms]."""
+    data = FED.columns(1)
+    model = peers.fastcan_model(data)
+
+    def fit(steps: int) -> object:
+        return model.fit(data.inputs, data.force, coef_init="one_step_ahead", max_nfev=steps)
+
+    works = {"few": partial(fit, PEER_FEW), "more": partial(fit, PEER_MORE)}
+    times = interleaved(works, 1)
+    return 1e3 * (times["more"] - times["few"]) / (PEER_MORE - PEER_FEW)
+
+
+def step_rows() -> list[Row]:
+    """Return rows of the estimator's step: the polynomial alone in Python, and all of it in exported C."""
+    envelope = Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
+    model = Model("polynomial_narx", Sampling(1000.0, 100.0, 0.01, order=3), ten_terms(), envelope, (-1e6, 1e6))
+    given = samples(0.0)
+    inputs = list(zip(given.position.tolist(), given.speed.tolist(), given.current.tolist(), strict=True))
+    run = predictor(model)
+
+    def ticks() -> None:
+        run.reset()
+        tick = run.tick
+        for x, v, i in inputs:
+            tick(x, v, i)
+
+    times = {k: 1e6 * t / N for k, t in interleaved({"tick": ticks, "step": python_steps(model, given)}, 5).items()}
+    rows: list[Row] = [
+        (
+            "tick of the 10-term polynomial in Python, µs",
+            f"{times['tick']:.2f}",
+            "",
+            "",
+            "at most 2",
+            verdict(times["tick"], 2.0),
+        ),
+        ("whole estimator step in Python, µs", f"{times['step']:.2f}", "", "", "", ""),
+    ]
+    return rows + c_rows(model, times["step"])
+
+
+def c_rows(model: Model, python_us: float) -> list[Row]:
+    """Return rows of the exported C, none without a compiler."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        say("no C compiler (cc): exported C skipped")
+        return []
+    with tempfile.TemporaryDirectory() as folder:
+        library = compiled(model, compiler, Path(folder))
+        steady, jittered = samples(0.0), samples(2e5)
+        works = {
+            "steady": called(library.steps, steady.stamps, steady.position, steady.current),
+            "jittered": called(library.steps, jittered.stamps, jittered.position, jittered.current),
+        }
+        times = {k: 1e6 * t / N for k, t in interleaved(works, 21).items()}
+    return [
+        (
+            f"whole estimator step in exported C, {stamps} stamps, µs",
+            f"{us:.3f}",
+            f"Python {python_us:.2f}",
+            f"{python_us / us:.0f}",
+            "at most 0.1",
+            verdict(us, 0.1),
+        )
+        for stamps, us in times.items()
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=4.0, help="of each of the six searches, default 4")
+    options = parser.parse_args()
+    problem = split_problem()
+    rows, found = trial_rows(problem, options.seconds)
+    rows += free_run_rows(problem, found) + fit_rows(problem, found) + step_rows()
+    print_table(("what", "ours", "peer", "times as fast", "target", ""), rows)
+
+
+if __name__ == "__main__":
+    main()

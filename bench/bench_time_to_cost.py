@@ -1,0 +1,110 @@
+"""CPU seconds until a search has found a model whose J on a recording it never saw is below a target.
+
+Usage: python bench/bench_time_to_cost.py [--method both] [--data 1,2,3 11,12,13 21,22,23] [--starts 10]. For each
+data set of three seeds of damper_set (estimation, selection, test) and each seed of a start, a search of one start in
+one thread. Estimation and selection are all that it sees: the test J of every improvement is noted along the way, and
+the time that takes is left out. Posing the problem is counted, compilation is not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import statistics
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import blas_one_thread  # noqa: F401 - before NumPy
+from damper_set import RATE, series
+from measuring import print_table, say
+
+from ces_identify.cost import series_cost
+from ces_identify.identify import Options, posed
+from ces_identify.limits import BOTH, METHODS, Found, Limits
+from ces_identify.problem import Problem
+from ces_identify.selection import search
+from ces_identify.series import Series
+from ces_identify.simulate import simulate_series
+from ces_observer.model import Model, Sampling, Term
+
+SAMPLING = Sampling(RATE, 100.0, 0.01)  # the speed is given: no differentiator has a part in it
+TARGETS = {2.44: 3.0, 2.0: 10.0}  # J [%] and CPU s to reach it in
+TERMS = 12
+SECONDS = 30.0
+
+
+@dataclass
+class Watch:
+    """Listens to a search: CPU time [s] of each improvement, the judging left out, and its J [%] on the test."""
+
+    problem: Problem
+    test: Series
+    spent: float
+    began: float = field(default_factory=time.process_time)
+    heard: list[tuple[float, float]] = field(default_factory=list)
+
+    def __call__(self, found: Found) -> None:
+        now = time.process_time()
+        model = model_of(self.problem, found)
+        j = series_cost(self.test, simulate_series(model, self.test).force)
+        self.heard.append((self.spent + now - self.began, j))
+        self.began += time.process_time() - now
+
+    def first(self, target: float) -> float:
+        """Return the CPU time [s] at which J was first at most `target`, infinite if it never was."""
+        return next((t for t, j in self.heard if j <= target), math.inf)
+
+
+def model_of(problem: Problem, found: Found) -> Model:
+    terms = [
+        Term(float(c), problem.candidates[i].factors) for c, i in zip(found.coefficients, found.chosen, strict=True)
+    ]
+    return Model("polynomial_narx", SAMPLING, tuple(terms), problem.envelope, problem.force_envelope)
+
+
+def watched(seeds: Sequence[int], start: int, method: str, seconds: float = SECONDS) -> tuple[Watch, Found]:
+    """Return what was heard of one start on one data set, and what it found."""
+    estimation, selection, test = (series(seed) for seed in seeds)
+    began = time.process_time()
+    problem = posed([estimation, selection], Options(limits=Limits(TERMS, seconds, threads=1, seed=start)))
+    watch = Watch(problem, test, time.process_time() - began)
+    found = search(problem, Limits(TERMS, seconds, starts=1, seed=start, threads=1, method=method), watch)[0]
+    return watch, found
+
+
+def row(seeds: Sequence[int], starts: int, method: str) -> tuple[str, ...]:
+    """Return a row of the table: how every start on one data set did."""
+    runs = [watched(seeds, start, method) for start in range(1, starts + 1)]
+    last = [watch.heard[-1] for watch, _ in runs]
+    cells = []
+    for target, limit in TARGETS.items():
+        times = [watch.first(target) for watch, _ in runs]
+        within = sum(t <= limit for t in times)
+        mark = "met" if within == starts else f"**missed by {starts - within}**"
+        worst = f"{max(times):.2f}" if math.isfinite(max(times)) else "never"
+        cells += [f"{statistics.median(times):.2f}", worst, f"{within} of {starts}", mark]
+    costs = [j for _, j in last]
+    final = (f"{min(costs):.2f} to {max(costs):.2f}", f"{statistics.median(t for t, _ in last):.1f}")
+    say(f"{seeds}: {cells}, J at the end {final[0]}")
+    return (", ".join(map(str, seeds)), *cells, *final)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--method", choices=METHODS, default=BOTH)
+    parser.add_argument("--data", nargs="+", default=["1,2,3", "11,12,13", "21,22,23"], metavar="E,S,T")
+    parser.add_argument("--starts", type=int, default=10, help="seeds 1 to this, default 10")
+    options = parser.parse_args()
+    watched((1, 2, 3), 1, options.method, 3.0)  # compiles
+    header = ["seeds of data"]
+    for target, limit in TARGETS.items():
+        to = f"to J {target:g}: "
+        header += [to + "median CPU s", "worst", f"starts within {limit:g} s", "target"]
+    header += ["test J at the end", "median CPU s of a start"]
+    rows = [row(tuple(map(int, data.split(","))), options.starts, options.method) for data in options.data]
+    print_table(header, rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+"""The peers, each as "recordings in, free run on another out", with what a user of theirs must hand to them.
+
+SysIdentPy (FROLS, MetaMSS), fastcan (NARX) and anfis-toolbox know whole powers only, and SysIdentPy no lag 0: its
+inputs are given one tick ahead. A `Feed` is what is handed over: columns of inputs, in three stages of help.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from damper_set import make, position_of
+from numpy.typing import NDArray
+
+F = NDArray[np.float64]
+Simulate = Callable[["Columns"], F]
+
+TERMS = 12
+VALVE_LAG = 8  # ticks
+TRUE_POWER = 0.62
+DIVERGED_N = 1e6
+MEMBERSHIPS, EPOCHS = 3, 15  # of anfis-toolbox, which wants as many memberships on every input
+STEPS = 20  # most of fastcan's least squares on the free run
+SEARCH = {"maxiter": 10, "n_agents": 6, "p_ones": 0.3, "p_zeros": 0.7, "random_state": 3}  # of MetaMSS
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Inputs (ticks, k), one column each, and the measured force (ticks,) [N]."""
+
+    inputs: F
+    force: F
+
+
+@dataclass(frozen=True)
+class Feed:
+    """What a peer is given of a recording."""
+
+    name: str
+    power: float = 1.0
+    magnitude: bool = False
+    position: bool = False
+    current_now: bool = False
+
+    def columns(self, seed: int) -> Columns:
+        """Return speed to the `power` with its sign (and without), current VALVE_LAG ticks ago, and the rest."""
+        current, speed, force = make(seed)
+        size = np.abs(speed) ** self.power
+        delayed = np.concatenate([np.full(VALVE_LAG, current[0]), current[:-VALVE_LAG]])
+        given = [np.sign(speed) * size, *([size] if self.magnitude else []), delayed]
+        given += [position_of(speed)] if self.position else []
+        given += [current] if self.current_now else []
+        return Columns(np.stack(given, axis=1), force)
+
+
+RAW = Feed("speed, current 8 ms ago")
+HELPED = Feed("and abs(v), position", magnitude=True, position=True)
+FED = Feed("hand-fed: abs(v)^0.62 for v", TRUE_POWER, True, True)
+POWER_FED = Feed("hand-fed: abs(v)^0.62, signed, for v", TRUE_POWER)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A peer's model: how to run it freely, and the number of its terms (or parameters)."""
+
+    simulate: Simulate
+    terms: int
+
+
+def frols(estimation: Columns, selection: Columns, terms: int = TERMS) -> Fitted:
+    """SysIdentPy's forward regression by error reduction ratio, degree 3; it has no use for `selection`."""
+    del selection
+    from sysidentpy.basis_function import Polynomial
+    from sysidentpy.model_structure_selection import FROLS
+    from sysidentpy.parameter_estimation import LeastSquares
+
+    model = FROLS(
+        order_selection=False,
+        n_terms=terms,
+        ylag=1,
+        xlag=[[1]] * estimation.inputs.shape[1],
+        basis_function=Polynomial(degree=3),
+        estimator=LeastSquares(),
+    )
+    model.fit(X=_ahead(estimation.inputs), y=estimation.force[:, None])
+    return Fitted(_simulated_by(model), len(model.final_model))
+
+
+def metamss(estimation: Columns, selection: Columns) -> Fitted:
+    """SysIdentPy's search by free run, degree 3: fits on `estimation`, judges on `selection`."""
+    from sysidentpy.basis_function import Polynomial
+    from sysidentpy.model_structure_selection import MetaMSS
+    from sysidentpy.parameter_estimation import LeastSquares
+
+    _mend_numpy()
+    model = MetaMSS(
+        ylag=1,
+        xlag=[[1]] * estimation.inputs.shape[1],
+        basis_function=Polynomial(degree=3),
+        estimator=LeastSquares(),
+        test_size=0.5,
+        **SEARCH,
+    )
+    model.fit(
+        X=np.concatenate([_ahead(estimation.inputs), _ahead(selection.inputs)]),
+        y=np.concatenate([estimation.force, selection.force])[:, None],
+    )
+    return Fitted(_simulated_by(model), len(model.final_model))
+
+
+def metamss_trial(estimation: Columns, selection: Columns) -> Callable[[], object]:
+    """Return one trial of a candidate of TERMS terms as MetaMSS makes it: least squares, then a free run."""
+    from sysidentpy.basis_function import Polynomial
+    from sysidentpy.parameter_estimation import LeastSquares
+    from sysidentpy.simulation import SimulateNARMAX
+
+    _mend_numpy()
+    simulator = SimulateNARMAX(
+        basis_function=Polynomial(degree=3), estimator=LeastSquares(), estimate_parameter=True, calculate_err=False
+    )
+    data = {"X_train": _ahead(estimation.inputs), "y_train": estimation.force[:, None]}
+    data |= {"X_test": _ahead(selection.inputs), "y_test": selection.force[:, None]}
+    code = _frols_code(estimation)
+    return lambda: simulator.simulate(model_code=code, **data)
+
+
+def fastcan_model(estimation: Columns) -> Any:
+    """Return fastcan's NARX of TERMS terms of degree 3, selected on the one-step errors and not yet fitted."""
+    from fastcan.narx import make_narx
+
+    return make_narx(
+        estimation.inputs, estimation.force, TERMS, max_delay=1, poly_degree=3, verbose=0, refine_verbose=0
+    )
+
+
+def fastcan_one_step(estimation: Columns, selection: Columns) -> Fitted:
+    """fastcan's selection, then least squares on measured past forces."""
+    del selection
+    return _fastcan_fitted(fastcan_model(estimation).fit(estimation.inputs, estimation.force))
+
+
+def fastcan_free_run(estimation: Columns, selection: Columns) -> Fitted:
+    """fastcan's selection, then least squares on the free run."""
+    del selection
+    model = fastcan_model(estimation)
+    model.fit(estimation.inputs, estimation.force, coef_init="one_step_ahead", max_nfev=STEPS)
+    return _fastcan_fitted(model)
+
+
+def anfis_toolbox(estimation: Columns, selection: Columns) -> Fitted:
+    """anfis-toolbox's hybrid learning on one-step errors: 27 rules on past force, speed and current."""
+    del selection
+    from anfis_toolbox import ANFISRegressor
+
+    scale, spread = estimation.inputs.std(axis=0), float(estimation.force.std())
+    rows = np.column_stack([estimation.force[:-1] / spread, estimation.inputs[1:] / scale])
+    model = ANFISRegressor(n_mfs=MEMBERSHIPS, mf_type="bell", optimizer="hybrid", epochs=EPOCHS, random_state=1)
+    model.fit(rows, estimation.force[1:] / spread)
+
+    def simulate(data: Columns) -> F:
+        inputs, force = data.inputs / scale, np.full(len(data.force), np.inf)
+        force[0] = data.force[0] / spread
+        for k in range(1, len(force)):
+            force[k] = model.predict(np.concatenate([force[k - 1 : k], inputs[k]])[None])[0]
+            if not abs(force[k]) < DIVERGED_N / spread:
+                break
+        return np.asarray(force * spread)
+
+    rules = len(model.rules_ or ())
+    return Fitted(simulate, rules * (rows.shape[1] + 1) + 3 * MEMBERSHIPS * rows.shape[1])
+
+
+def _simulated_by(model: Any) -> Simulate:
+    return lambda data: np.ravel(model.predict(X=_ahead(data.inputs), y=data.force[:, None]))
+
+
+def _fastcan_fitted(model: Any) -> Fitted:
+    return Fitted(lambda data: np.asarray(model.predict(data.inputs, y_init=data.force[: model.max_delay_])), TERMS + 1)
+
+
+def _frols_code(estimation: Columns) -> Any:
+    """Return the code of a model of TERMS terms as SysIdentPy writes it."""
+    from sysidentpy.basis_function import Polynomial
+    from sysidentpy.model_structure_selection import FROLS
+
+    lags = [[1]] * estimation.inputs.shape[1]
+    model = FROLS(order_selection=False, n_terms=TERMS, ylag=1, xlag=lags, basis_function=Polynomial(degree=3))
+    return model.fit(X=_ahead(estimation.inputs), y=estimation.force[:, None]).final_model
+
+
+def _ahead(inputs: F) -> F:
+    """Return the inputs one tick ahead, so that lag 1 is now."""
+    return np.concatenate([inputs[1:], inputs[-1:]])
+
+
+def _mend_numpy() -> None:
+    """Give MetaMSS of SysIdentPy 0.9 the function it calls by a name that NumPy 2.4 has dropped."""
+    if not hasattr(np, "in1d"):
+        np.in1d = np.isin  # type: ignore[attr-defined, unused-ignore]  # noqa: NPY201

@@ -1,0 +1,121 @@
+"""What the benchmarks share: CPU and wall time, interleaved medians, versions, tables with their verdicts."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import os
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TypeVar
+
+T = TypeVar("T")
+
+PEERS = ("sysidentpy", "fastcan", "anfis-toolbox")
+YARDSTICK = 1_000_000  # rounds of a hash, about half a second
+
+
+@dataclass(frozen=True)
+class Spent:
+    """CPU time [s], that of children included, and wall time [s]."""
+
+    cpu: float
+    wall: float
+
+
+def timed(work: Callable[[], T]) -> tuple[T, Spent]:
+    """Return what `work` returns and what it took."""
+    cpu, wall = _cpu(), time.perf_counter()
+    result = work()
+    return result, Spent(_cpu() - cpu, time.perf_counter() - wall)
+
+
+def _cpu() -> float:
+    own, children = time.process_time(), os.times()  # os.times is coarse: it is asked for finished children only
+    return own + children.children_user + children.children_system
+
+
+def interleaved(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+    """Return the median CPU time [s] of each: all run in turn, after one turn that is not counted.
+
+    CPU time, since all is work of one thread, and other programs may share the machine.
+    """
+    times: dict[str, list[float]] = {name: [] for name in works}
+    for turn in range(repeats + 1):
+        for name, work in works.items():
+            began = time.process_time()
+            work()
+            if turn:
+                times[name].append(time.process_time() - began)
+    return {name: statistics.median(seconds) for name, seconds in times.items()}
+
+
+@cache
+def installed(package: str) -> bool:
+    """Return whether a peer is there; say on standard error that it is skipped if not."""
+    try:
+        importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        say(f"{package} is not installed: skipped (pip install '.[bench]')")
+        return False
+    return True
+
+
+def free_cores(threads: int) -> float:
+    """Return how many times as much `threads` threads do as one, for work that holds no lock, now on this machine."""
+
+    def work(_: int) -> bytes:
+        return hashlib.pbkdf2_hmac("sha256", b"yard", b"stick", YARDSTICK)
+
+    with ThreadPoolExecutor(threads) as pool:
+        _, alone = timed(lambda: work(0))
+        _, together = timed(lambda: list(pool.map(work, range(threads))))
+    return threads * alone.wall / together.wall
+
+
+def say(text: str) -> None:
+    """Print on standard error: standard output holds the table alone."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> None:
+    """Print a Markdown table, its first `left` columns aligned to the left, and below it the machine and versions."""
+    print(f"| {' | '.join(header)} |")
+    print("|" + "---|" * left + "---:|" * (len(header) - left))
+    for row in rows:
+        print(f"| {' | '.join(row)} |")
+    print(f"\n{machine()}")
+
+
+def verdict(value: float, target: float, at_least: bool = False) -> str:
+    """Return "met", or loudly that a target is missed and by how much."""
+    short = target / value if at_least else value / target
+    return "met" if short <= 1.0 else f"**missed by {100.0 * (short - 1.0):.0f} %**"
+
+
+def machine() -> str:
+    """Return the processor, the number of its cores in use, and the versions that matter, in a sentence."""
+    versions = [f"Python {platform.python_version()}"]
+    for package in ("numpy", "scipy", "numba", *PEERS):
+        try:
+            versions.append(f"{package} {importlib.metadata.version(package)}")
+        except importlib.metadata.PackageNotFoundError:
+            versions.append(f"no {package}")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return f"{_processor()}, {cores} cores (load {os.getloadavg()[0]:.1f} at the end); {', '.join(versions)}."
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

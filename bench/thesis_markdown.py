@@ -1,0 +1,32 @@
+"""Markdown tables, and the marked places in documents where they go."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from ces_observer.checked import write_beside
+
+
+def markdown(rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table, its first row the heading, all but its first column to the right."""
+    rule = ["---", *["---:"] * (len(rows[0]) - 1)]
+    lines = [" | ".join(rows[0]), "|".join(rule), *(" | ".join(row) for row in rows[1:])]
+    return "\n".join(f"|{line}|" if line.startswith("---") else f"| {line} |" for line in lines)
+
+
+def put_between(path: Path, name: str, body: str) -> None:
+    """Replace what stands between the markers `name` in a Markdown file; raises ValueError if they are not there."""
+    found = between(path, name)
+    text = path.read_text("utf-8")
+    write_beside(path, f"{text[: found.start(1)]}{body}\n{text[found.end(1) :]}")
+
+
+def between(path: Path, name: str) -> re.Match[str]:
+    """Return where the markers `name` stand, its first group what is between; raises ValueError if they do not."""
+    pattern = rf"<!-- {name}: begin[^\n]*-->\n(.*?)<!-- {name}: end -->"
+    found = re.search(pattern, path.read_text("utf-8"), flags=re.DOTALL)
+    if found is None:
+        raise ValueError(f"{path}: no markers '{name}: begin' and '{name}: end'; put them where the table belongs")
+    return found

@@ -1,0 +1,169 @@
+"""The models behind the thesis' tables: which there are, how each is trained, and a store of those already trained.
+
+A `Job` says what to train; `trained` yields what each came to, in parallel processes, and keeps it on disk under the
+job, its limits and the packages' code: a rerun takes what is there, an interrupted run goes on where it stopped, and
+nothing outlives a change of the code that made it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from joblib import Memory, Parallel, delayed, parallel_config
+from thesis_one_step import one_step_model
+
+from ces_identify.identify import Options, identify
+from ces_identify.identify_trained import ANFIS, NETWORK, identify_anfis, identify_network
+from ces_identify.limits import BOTH, RANDOM, Limits
+from ces_identify.recording import Recording
+from ces_identify.regressors import load_rules, parse_rules
+from ces_observer.errors import CesError
+from ces_observer.model import Model
+from ces_rig.experiment import Experiment, find_experiment, load_experiment, reseeded, run
+
+ROOT = Path(__file__).resolve().parent.parent
+MADE_BY = ("ces_observer", "ces_identify", "ces_rig", "thesis_models", "thesis_one_step")
+FRESH = 1000  # is added to the seed of an experiment for the run that models are judged on
+
+POLYNOMIAL = "polynomial"
+THESIS, OURS = "thesis", "ours"
+BY_THESIS = {POLYNOMIAL: "its procedure", NETWORK: "one-step training", ANFIS: "one-step training"}
+TERMS = 11  # most of a polynomial in table 5.1
+POLYNOMIAL_STARTS, TRAINED_STARTS = 24, 8
+SEVERAL = 4  # times the seconds of search for a model from several experiments
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the thesis' tables: what it is called, the experiments its model is from and judged on."""
+
+    title: str
+    source: str
+    target: str
+
+
+ROWS = (
+    Row("4 Hz sine", "sine_4hz", "sine_4hz"),
+    Row("sweep 2-16 Hz", "sweep", "sweep"),
+    Row("low-pass noise", "noise", "noise"),
+    Row("4 Hz sine on the sweep model", "sweep", "sine_4hz"),
+    Row("4 Hz sine on the noise model", "noise", "sine_4hz"),
+)
+
+
+BY_LAGS = """\
+# What the thesis' procedure chooses from here: inputs and current by lags, without a lag of the valve.
+force:
+  lags: [1, 2]
+  speed: {lags: [0], powers: [0.5, 1.0, 1.5], forms: [signed, magnitude]}
+  current: {lags: [8], powers: [1.0, 2.0], forms: [magnitude]}
+speed: {lags_ms: [0, 3, 8], powers: [0.5, 1.0, 2.0], forms: [signed, magnitude]}
+current: {lags_ms: [0, 8, 16], powers: [1.0, 2.0], forms: [magnitude]}
+position: {lags: [0], powers: [1.0, 2.0], forms: [signed]}
+products:
+  - []
+  - [speed]
+  - [current]
+  - [position]
+  - [speed, current]
+  - [position, current]
+  - [force]
+  - [force, speed]
+  - [force, current]
+  - [force, speed, current]
+"""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A model to train: structure, procedure, experiments, and for a polynomial the most terms."""
+
+    structure: str
+    procedure: str
+    sources: tuple[str, ...]
+    terms: int = TERMS
+
+    def limit_s(self, seconds: float) -> float:
+        """Return the most seconds of this search, if one from a single experiment may take `seconds`."""
+        return seconds * (SEVERAL if len(self.sources) > 1 else 1)
+
+    def __str__(self) -> str:
+        size = f" of at most {self.terms} terms" if self.structure == POLYNOMIAL else ""
+        how = OURS if self.procedure == OURS else BY_THESIS[self.structure]
+        return f"{self.structure}{size}, {how}, from {' + '.join(self.sources)}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a job came to: its model, or why there is none, and the seconds it took."""
+
+    model: Model | None
+    why_none: str
+    seconds: float
+
+
+def described(name: str, fresh: bool) -> Experiment:
+    """Return a packaged experiment, with another seed if `fresh`."""
+    experiment = load_experiment(find_experiment(name))
+    return reseeded(experiment, experiment.settings.seed + FRESH) if fresh else experiment
+
+
+def trained(jobs: Sequence[Job], seconds: float, processes: int, store: Path) -> Iterator[tuple[Job, Outcome]]:
+    """Yield each job with its outcome, as they come; `seconds` is the most for a search from one experiment."""
+    code = code_digest()
+    with parallel_config("loky", n_jobs=processes, inner_max_num_threads=1):
+        work = Parallel(return_as="generator_unordered")
+        yield from work(delayed(_kept)(job, seconds, code, store) for job in jobs)
+
+
+def code_digest() -> str:
+    """Return a digest of what makes models: the loaded modules among MADE_BY, and the rig's descriptions."""
+    files = {Path(m.__file__) for n, m in sys.modules.items() if n.partition(".")[0] in MADE_BY and m.__file__}
+    digest = hashlib.sha256()
+    for path in sorted(files | set((ROOT / "ces_rig").rglob("*.yaml"))):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _kept(job: Job, seconds: float, code: str, store: Path) -> tuple[Job, Outcome]:
+    """Return the outcome, from the store or into it; Ctrl-C ends the process at once, lest half a search be kept."""
+    handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        return job, Memory(store, verbose=0).cache(outcome)(job, job.limit_s(seconds), code)
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+def outcome(job: Job, seconds: float, code: str) -> Outcome:
+    """Train `job` on first runs of its experiments for at most `seconds`; `code` tells apart versions."""
+    del code
+    recordings = [run(described(name, fresh=False)) for name in job.sources]
+    began = time.monotonic()
+    try:
+        return Outcome(_train(job, recordings, seconds), "", time.monotonic() - began)
+    except CesError as error:
+        return Outcome(None, str(error), time.monotonic() - began)
+
+
+def _train(job: Job, recordings: Sequence[Recording], seconds: float) -> Model:
+    starts = POLYNOMIAL_STARTS if job.structure == POLYNOMIAL else TRAINED_STARTS
+    ours = job.procedure == OURS
+    limits = Limits(job.terms, seconds, starts=starts, threads=1, method=BOTH if ours else RANDOM)
+    if job.structure != POLYNOMIAL and not ours:
+        return one_step_model(job.structure, recordings, limits)
+    how = {POLYNOMIAL: identify, NETWORK: identify_network, ANFIS: identify_anfis}[job.structure]
+    rules = load_rules(None) if ours else parse_rules(yaml.safe_load(BY_LAGS), "candidates by lags")
+    return how(recordings, (), Options(split=1.0, rules=rules, limits=limits, certify=ours)).model
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

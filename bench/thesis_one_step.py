@@ -1,0 +1,93 @@
+"""Networks and neuro-fuzzy models trained the conventional way: on the error one step ahead (series-parallel).
+
+Measured past forces stand where the model's own will be, which makes the fit an ordinary nonlinear least squares and
+leaves what happens in a free run to chance; that is what a polynomial's least squares does, too. Parameters are chosen
+by free run on the selection ticks, as the thesis chooses its polynomials. Nothing is proved stable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.identify_trained import NETWORK, FuzzyShape, NetworkShape, regressors
+from ces_identify.lagged_table import Table, delayed
+from ces_identify.limits import Limits
+from ces_identify.network_fit import NetworkFit
+from ces_identify.network_kernels import network_normal_equations
+from ces_identify.recording import Recording
+from ces_identify.sampling import choose_sampling
+from ces_identify.series import prepare
+from ces_identify.simulation_error import train
+from ces_identify.training import Training, training
+from ces_observer.errors import CesError
+from ces_observer.model import Model
+
+F = NDArray[np.float64]
+
+
+class OneStepNetwork(NetworkFit):
+    """A sigmoid network whose errors are those of one step."""
+
+    @cached_property
+    def known(self) -> Table:
+        """The regressors, past forces among them as measured."""
+        return with_measured_past(self.table, self.training)
+
+    def errors(self, params: F, most: float) -> tuple[float, F, F]:
+        """Return the squared one-step error with the price of decay, its matrix and its gradient."""
+        t = self.training
+        error, matrix, gradient = network_normal_equations(
+            *self.known.arrays, t.segments, t.scale_N, params, *t.loose, t.measured,
+            t.estimation, most,
+        )  # fmt: skip
+        matrix[np.diag_indices_from(matrix)] += self.decay
+        return error + self.decay * float(params @ params), matrix, gradient - self.decay * params
+
+
+class OneStepFuzzy(FuzzyFit):
+    """A neuro-fuzzy model whose errors are those of one step, in hybrid learning and after it."""
+
+    @cached_property
+    def known(self) -> Table:
+        """The regressors, past forces among them as measured."""
+        return with_measured_past(self.table, self.training)
+
+    def errors(self, params: F, most: float) -> tuple[float, F, F]:
+        """Return the squared one-step error with all prices, its matrix and its gradient."""
+        return self._errors(self.known, params, most)
+
+
+def with_measured_past(table: Table, data: Training) -> Table:
+    """Return the regressors with measured forces in place of the model's own past ones."""
+    values = table.values.copy()
+    for j in np.flatnonzero(table.past_lags):
+        past = delayed(data.measured, int(table.past_lags[j]), data.segments)
+        values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
+    return replace(table, values=values, past_lags=np.zeros_like(table.past_lags))
+
+
+def one_step_model(structure: str, recordings: Sequence[Recording], limits: Limits) -> Model:
+    """Return a model of the default size; raises CesError if no start's free run stays in the force envelope."""
+    sampling = choose_sampling(recordings)
+    data = training([prepare(recording, sampling) for recording in recordings])
+    family = _family(structure, data, sampling.rate_Hz)
+    found = train(family, limits, certify=False)
+    if not found:
+        raise CesError(f"every free run of {structure} models trained one step ahead diverged")
+    return family.model(found[0].coefficients, sampling)
+
+
+def _family(structure: str, data: Training, rate_Hz: float) -> NetworkFit | FuzzyFit:
+    if structure == NETWORK:
+        network = NetworkShape()
+        return OneStepNetwork(data, regressors(data, network.lags, rate_Hz), network.units, network.decay)
+    fuzzy = FuzzyShape()
+    current = Grid("current", round(fuzzy.current_delay_s * rate_Hz), fuzzy.currents)
+    grid = (Grid("speed", 0, fuzzy.speeds), current)
+    return OneStepFuzzy(data, regressors(data, fuzzy.lags, rate_Hz), grid, fuzzy.decay)
