@@ -11,8 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli import terminal
+from ces_cli.campaign import add_campaign, run_campaign
+from ces_cli.candidates import add_candidates, candidate_rules
 from ces_cli.cost_picture import save_cost_picture
 from ces_cli.coverage_picture import require_picture_name
+from ces_cli.folds import add_folds, require_folds, with_folds
 from ces_cli.search_progress import SearchProgress
 from ces_cli.simulations import open_simulation, taught
 from ces_cli.structures import add_structure, identifier
@@ -20,7 +23,9 @@ from ces_cli.tables import cost_table
 from ces_identify.identify import Identified, Options
 from ces_identify.limits import BOTH, METHODS, Limits
 from ces_identify.recording import Recording
-from ces_identify.regressors import DEFAULT_RULES, load_rules
+from ces_identify.regressors import DEFAULT_RULES
+from ces_identify.usage import RULE
+from ces_identify.weighting import FORMS, parse_weighting
 from ces_observer.errors import CesError
 
 FORCE = ("position", "current", "force")
@@ -28,16 +33,22 @@ FORCE = ("position", "current", "force")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = _parser().parse_args(argv)
+    parser = _parser()
+    options = parser.parse_args(argv)
     if options.show_candidates:
         print(DEFAULT_RULES, end="")
         return 0
+    if options.campaign is not None or options.dask is not None or options.jobs is not None:
+        return run_campaign(options, parser)
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
     _require_writable(options.out, options.report, options.picture)
     if options.picture is not None:
         require_picture_name(options.picture)
+    rules = candidate_rules(options)
     bags, validation = _recordings(options, options.bags), _recordings(options, options.validate)
+    terminal.compare([*bags, *validation])
+    require_folds(options, bags)
     split = options.split if options.split is not None else 1.0 if validation else 0.75
     limits = Limits(
         options.terms,
@@ -48,10 +59,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         options.threads,
         method=options.method,
     )
-    rules, certify = load_rules(options.candidates), not options.no_certificate
-    how = Options(split, rules, limits, options.rate, options.bandwidth, certify)
+    weighting = parse_weighting(options.weight)
+    how = Options(split, rules, limits, options.rate, options.bandwidth, not options.no_certificate, weighting)
     with SearchProgress(limits) as progress:
         result = identifier(options)(bags, validation, how, progress.listen)
+    result.model.save(options.out)  # before the folds, which take long
+    result = with_folds(result, options, bags, how)
     result.model.save(options.out)
     _tell(result, options, argv)
     return 0
@@ -74,7 +87,9 @@ def _require_writable(*paths: Path | None) -> None:
 
 def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] | None) -> None:
     best = result.found[0]
-    terminal.out.print(cost_table(result.evaluations, result.model.size))
+    weighting = parse_weighting(options.weight).over([e.series for e in result.evaluations])
+    terminal.out.print(cost_table(result.evaluations, result.model.size, weighting))
+    print(RULE)
     terminal.out.print(
         f"start {best.seed} of {len(result.found)} was best; it ended because {best.ended}", highlight=False
     )
@@ -128,16 +143,23 @@ def _parser() -> terminal.Parser:
         help="first share of each BAG to identify on, the rest validates (default 0.75; 1 with --validate)",
     )
     p.add_argument("--teacher", metavar="SIM", help="learn this simulation's force instead of the measured one")
-    p.add_argument("--candidates", type=Path, metavar="FILE", help="candidate rules (YAML; see --show-candidates)")
-    p.add_argument("--show-candidates", action="store_true", help="print the built-in candidate rules and exit")
+    add_candidates(p)
     p.add_argument(
         "--method",
         choices=METHODS,
         default=BOTH,
         help="how terms are chosen: random forward selection as in the thesis, Gauss-Newton gain on the free-run "
-        "error, or both in turn (default)",
+        "error, or starts of both kinds (default)",
     )
-    p.add_argument("--terms", type=whole(1, 200), default=15, metavar="N", help="most terms (default 15)")
+    p.add_argument(
+        "--weight",
+        action="append",
+        default=[],
+        metavar="REGION=W",
+        help=f"let this region's ticks count W times in fit and selection; may be repeated: {FORMS} "
+        "[m/s, share of the stroke, A, m]",
+    )
+    p.add_argument("--terms", type=whole(1, 200), default=25, metavar="N", help="most terms (default 25)")
     p.add_argument("--time", type=number(0.1, 1e6), default=60.0, metavar="S", help="most seconds (default 60)")
     p.add_argument("--target", type=number(0.0, 100.0), default=0.0, metavar="J", help="stop at this cost in percent")
     p.add_argument("--starts", type=whole(1, 10000), default=8, metavar="N", help="random starts (default 8)")
@@ -152,4 +174,6 @@ def _parser() -> terminal.Parser:
     p.add_argument(
         "--bandwidth", type=number(0.01, 5e4), metavar="HZ", help="of the differentiator (default: from the data)"
     )
+    add_folds(p)
+    add_campaign(p)
     return p

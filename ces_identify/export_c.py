@@ -18,6 +18,7 @@ from jinja2 import Environment, StrictUndefined
 
 from ces_observer import __version__, estimator, tracker
 from ces_observer.certificate import Certificate
+from ces_observer.constructed import Constructed, Frequency, Hat, Lag
 from ces_observer.errors import ModelError
 from ces_observer.model import Factor, Model, Term
 
@@ -77,7 +78,7 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
     environment = Environment(
         autoescape=False, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    environment.filters["number"] = number
+    environment.filters.update(number=number, made=made)
     texts = [environment.from_string(_template(kind)).render(facts) for kind in ("c", "h")]
     return texts[0], texts[1]
 
@@ -131,11 +132,19 @@ def _polynomial(model: Model) -> dict[str, object]:
     """Return inputs, powers, rings, reads and products of the tick, in the order they stand there."""
     factors = [factor for term in model.terms for factor in term.factors]
     powers = sorted({_power(f) for f in factors if f.signal != "force"})
+    constructed = model.constructed
+    used = {f.signal for f in factors} | {signal for one in constructed for signal in one.signals}
     rings = {ring.name: ring for ring in _rings(factors)}
     lagged = sorted({(_variable(f), f.lag) for f in factors if f.lag})
     ordered = sorted(model.terms, key=_place)
     return {
-        "inputs": _inputs(model, {signal for signal, _, _ in powers}),
+        "inputs": _inputs(model, used),
+        "remembering": [one for one in constructed if not isinstance(one, Hat)],
+        "memberships": {made(one.name): _membership(one, constructed) for one in constructed if isinstance(one, Hat)},
+        "two_pi": 2.0 * pi,
+        "gains": {
+            one.name: one.gain(model.sampling.rate_Hz) for one in constructed if isinstance(one, Frequency | Lag)
+        },
         "values": _values(powers),
         "rings": list(rings.values()),
         "histories": [ring for ring in rings.values() if ring.name != "force"],
@@ -154,6 +163,21 @@ def _inputs(model: Model, used: set[str]) -> list[dict[str, object]]:
         for name, (low, high) in ranges.items()
         if name in used
     ]
+
+
+def made(name: str) -> str:
+    """Return the variable of a constructed input."""
+    return f"made_{name}"
+
+
+def _membership(hat: Hat, constructed: Iterable[Constructed]) -> str:
+    """Return the expression for a membership."""
+    signal = made(hat.of) if hat.of in {one.name for one in constructed} else hat.of
+    low, high = (
+        "1.0" if end is None else f"membership({signal}, {number(hat.peak)}, {number(end)})"
+        for end in (hat.low, hat.high)
+    )
+    return f"({signal} < {number(hat.peak)}) ? {low} : {high}"
 
 
 def _values(powers: Iterable[Power]) -> dict[str, str]:
@@ -215,7 +239,8 @@ def _variable(factor: Factor) -> str:
 
 
 def _power(factor: Factor) -> Power:
-    return factor.signal, float(factor.power), factor.signed
+    signal = factor.signal if factor.definition is None else made(factor.signal)
+    return signal, float(factor.power), factor.signed
 
 
 def _name(power: Power) -> str:

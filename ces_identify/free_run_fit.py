@@ -32,12 +32,13 @@ class Fit:
 def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, iterations: int) -> Fit:
     """Return the coefficients after at most `iterations` steps down the weighted free-run error.
 
-    Every step is a stable model, if the first is and the problem asks for it.
+    If the problem asks for stable models, every step is one if the first is; its probed gain may come to lie halfway
+    between the most allowed and 1.
     """
     arrays, probes = problem.compiled.subset(chosen).arrays, problem.probes[chosen]
 
     def equations(c: F) -> tuple[float, F, F]:
-        if kernels.probed_gain(probes, arrays[3], c) >= problem.most_gain:
+        if kernels.probed_gain(probes, arrays[3], c) >= 0.5 * (1.0 + problem.most_gain):
             return np.inf, np.empty(0), np.empty(0)
         found: tuple[float, F, F] = normal_equations(
             problem.powers, problem.segments, weights, problem.measured, *arrays, c, *problem.force_envelope

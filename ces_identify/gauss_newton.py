@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify import kernels
-from ces_identify.free_run_fit import fit_free_run
+from ces_identify.free_run_fit import Fit, fit_free_run
 from ces_identify.limits import Found, Limits, Listener
 from ces_identify.problem import Problem
 from ces_identify.sensitivity_kernels import candidate_products, output_gains
@@ -25,13 +25,16 @@ from ces_identify.sensitivity_kernels import candidate_products, output_gains
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
-LEAST_GAIN = 0.002  # relative gain asked of a new term
+LEAST_GAIN = 0.001  # relative gain asked of a new term
 PRUNE_LOSS = 0.0005  # relative loss at which a term is no longer worth keeping
 FITTED = 4  # candidates fitted at a step
+PATIENCE = 3  # terms added in vain before a start gives up
 WEAKEST = 3  # terms tried for pruning or exchange
 PART = 0.6  # of the candidates seen at a step, but for the first start
+POLES = (0.9, 0.7, 0.97, 0.5)  # of a start from nothing, in turn
 STEPS = 4  # of Levenberg-Marquardt for a trial
-THINNING = 3  # every so many ticks tell the gains
+THINNING = 3  # every so many ticks tell the gains, or more where that leaves more than
+MOST_SAMPLED = 30_000  # ticks
 DEPENDENT = 1e-6  # share of a candidate's sensitivity that must be its own
 BACKING = (1.0, 0.5, 0.2, 0.05)  # shares of a Gauss-Newton step tried
 
@@ -54,19 +57,28 @@ class GaussNewtonStart:
         self.random = np.random.default_rng(seed)
         self.part = 1.0 if seed == limits.seed else PART
         self.weights = np.where(problem.selection > 0.0, 0.0, problem.everything)
-        self.ticks = np.flatnonzero(self.weights)[::THINNING]
-        self.found = begin or Found(np.empty(0, np.int64), np.empty(0), np.inf, seed, 0, "running")
+        self.sampled = np.zeros_like(self.weights)
+        self.sampled[np.flatnonzero(self.weights)[:: _thinning(self.weights)]] = 1.0
+        self.sampled *= self.weights
+        self.found = begin or self._pole()
         self.trials = self.found.trials
 
     def run(self) -> Found:
         """Grow, prune and exchange until nothing helps, the target is reached, time is up or it is interrupted."""
-        while len(self.found.chosen) < self.limits.most_terms and self._grown():
-            self._prune()
-        while self._exchanged():
+        self._grow()
+        while self.limits.exchanges and self._exchanged():
             self._prune()
         ended = self._reason_to_end() or "candidates exhausted"
         self._keep(replace(self.found, trials=self.trials, ended=ended))
         return self.found
+
+    def _pole(self) -> Found:
+        """Return the model that only fades, a past force alone: every candidate's gain is then told behind a lag."""
+        terms = self.problem.candidates
+        alone = [i for i, term in enumerate(terms) if term.output_lag == 1 and not term.inputs]
+        pole = POLES[(self.seed - self.limits.seed) % len(POLES)]
+        chosen, coefficients = np.array(alone[:1], np.int64), np.full(len(alone[:1]), pole)
+        return Found(chosen, coefficients, np.inf, self.seed, 0, "running")
 
     def _keep(self, found: Found) -> None:
         self.found = found
@@ -79,11 +91,18 @@ class GaussNewtonStart:
             return "target cost reached"
         return "time is up" if time.monotonic() > self.deadline else ""
 
-    def _grown(self) -> bool:
-        better = self._with_one_more(self.found, self.found.cost * (1.0 - LEAST_GAIN))
-        if better is not None:
-            self._keep(better)
-        return better is not None
+    def _grow(self) -> None:
+        """Add terms for as long as one in a few of them lowers the cost; take out what is no longer needed."""
+        model, stale = self.found, 0
+        while len(model.chosen) < self.limits.most_terms and stale <= PATIENCE and not self._reason_to_end():
+            grown = self._with_one_more(model, np.inf)
+            if grown is None:
+                return
+            model, stale = grown, stale + 1
+            if grown.cost < self.found.cost * (1.0 - LEAST_GAIN):
+                self._keep(grown)
+                self._prune()
+                model, stale = self.found, 0
 
     def _exchanged(self) -> bool:
         """Put a candidate in the place of a weak term, if that helps."""
@@ -107,19 +126,26 @@ class GaussNewtonStart:
                 return
 
     def _with_one_more(self, found: Found, bound: float) -> Found | None:
-        """Return the model with the first of the most promising candidates that brings the cost below `bound`."""
+        """Return the model with the most promising candidate that fits best, if it brings the cost below `bound`."""
+        grown = []
         for chosen, coefficients in self._promising(found):
             if self._reason_to_end():
                 return None
-            grown = self._fitted(chosen, coefficients)
-            if grown.cost < bound:
-                return grown
+            self.trials += 1
+            grown.append((chosen, fit_free_run(self.problem, chosen, coefficients, self.weights, STEPS)))
+        for chosen, fit in sorted(grown, key=lambda one: one[1].error):
+            model = self._judged(chosen, fit)
+            if model.cost < bound:
+                return model
         return None
 
     def _fitted(self, chosen: I, coefficients: F) -> Found:
         self.trials += 1
-        fit = fit_free_run(self.problem, chosen, coefficients, self.weights, STEPS)
-        cost = self.problem.selection_cost(chosen, fit.coefficients) if np.isfinite(fit.error) else np.inf
+        return self._judged(chosen, fit_free_run(self.problem, chosen, coefficients, self.weights, STEPS))
+
+    def _judged(self, chosen: I, fit: Fit) -> Found:
+        good = np.isfinite(fit.error) and self.problem.gain(chosen, fit.coefficients) < self.problem.most_gain
+        cost = self.problem.selection_cost(chosen, fit.coefficients) if good else np.inf
         return Found(chosen, fit.coefficients, cost, self.seed, self.trials, "running")
 
     def _weakest(self, found: Found) -> list[int]:
@@ -148,7 +174,7 @@ class GaussNewtonStart:
         return None
 
     def _promising(self, found: Found) -> list[tuple[I, F]]:
-        """Return the models with one more term of greatest first-order gain, most first."""
+        """Return the models with one more term, as yet at 0, of greatest first-order gain, most first."""
         p = self.problem
         rest = np.setdiff1d(np.arange(len(p.candidates)), found.chosen)
         rest = rest[self.random.random(len(rest)) < self.part]
@@ -161,17 +187,8 @@ class GaussNewtonStart:
         rest_of_error = own[:, 1] - moved @ gradient
         independent = rest_of_own > DEPENDENT * own[:, 0]
         gain = np.where(independent, rest_of_error**2 / np.where(independent, rest_of_own, 1.0), 0.0)
-        models = []
-        for i in np.argsort(-gain)[:FITTED]:
-            if gain[i] <= 0.0:
-                break
-            coefficient = rest_of_error[i] / rest_of_own[i]
-            step = np.append(inverse @ gradient - moved[i] * coefficient, coefficient)
-            chosen = np.append(found.chosen, rest[i])
-            backed = self._backed(chosen, np.append(found.coefficients, 0.0), step)
-            if backed is not None:
-                models.append((chosen, backed))
-        return models
+        best = [i for i in np.argsort(-gain)[:FITTED] if gain[i] > 0.0]
+        return [(np.append(found.chosen, rest[i]), np.append(found.coefficients, 0.0)) for i in best]
 
     def _products(self, found: Found, rest: I) -> tuple[F, F, F, F]:
         p, c = self.problem, self.problem.compiled
@@ -188,17 +205,21 @@ class GaussNewtonStart:
             rest,
             gains,
             lags,
-            self.weights,
+            self.sampled,
             p.measured - force,
-            self.ticks,
         )
         return products
+
+
+def _thinning(weights: F) -> int:
+    return max(THINNING, -(-int(np.count_nonzero(weights)) // MOST_SAMPLED))
 
 
 def _inverse(matrix: F) -> F:
     """Return the inverse of a Gauss-Newton matrix, scaled and a little regularised."""
     if not len(matrix):
         return np.zeros((0, 0))
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    diagonal = np.diag(matrix)
+    scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12 * float(diagonal.max()) or 1.0))
     inverse = np.linalg.inv(matrix * scale[:, None] * scale + 1e-10 * np.eye(len(matrix)))
     return np.asarray(inverse * scale[:, None] * scale)

@@ -6,12 +6,14 @@ is kept only if it does not make their free run worse.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from ces_identify.constructed_data import within_data
 from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.limits import Found, Limits, Listener
 from ces_identify.problem import Problem, pose
@@ -21,6 +23,9 @@ from ces_identify.regressors import Rules, load_rules
 from ces_identify.sampling import choose_sampling
 from ces_identify.selection import search
 from ces_identify.series import Series, prepare
+from ces_identify.time_constant import settled
+from ces_identify.usage import RULE, usage
+from ces_identify.weighting import EQUAL, Weighting
 from ces_observer import __version__
 from ces_observer.certificate import certify, is_contraction
 from ces_observer.errors import CesError
@@ -33,7 +38,8 @@ LEAST_SCORED = 50  # ticks of a held-out part worth judging
 class Options:
     """What to identify and how: share of each recording to identify on, rules, limits, and numbers given by hand.
 
-    With `certify`, only models whose stability is proved (ces_observer.certificate) are considered.
+    `weighting` tells which ticks matter more in fit and selection. With `certify`, only models whose stability is
+    proved (ces_observer.certificate) are considered.
     """
 
     split: float = 0.75
@@ -42,6 +48,7 @@ class Options:
     rate_Hz: float | None = None
     bandwidth_Hz: float | None = None
     certify: bool = True
+    weighting: Weighting = EQUAL
 
 
 @dataclass(frozen=True)
@@ -65,11 +72,14 @@ def identify(
     selection sees. Raises CesError if the data hold too little.
     """
     options = options or Options()
-    sampling = choose_sampling(recordings, options.rate_Hz, options.bandwidth_Hz)
+    seen_positions = [recording.opening(options.split) for recording in recordings]
+    sampling = choose_sampling(seen_positions, options.rate_Hz, options.bandwidth_Hz)
     whole = [prepare(recording, sampling) for recording in recordings]
     training = [series.part(0.0, options.split) for series in whole]
-    problem = pose(training, _useful_rules(options.rules, training).candidates(), options.certify)
-    found = [f for f in search(problem, options.limits, listener) if f.cost < 100.0]
+    began = time.monotonic()
+    problem = posed(training, options)
+    limits = replace(options.limits, seconds=max(0.0, options.limits.seconds - (time.monotonic() - began)))
+    found = [f for f in search(problem, limits, listener) if f.cost < 100.0]
     if not found:
         raise CesError("no candidate lowered the cost below 100 %: check signs, signals and rules, or give more time")
     model, found = _best_model(problem, sampling, found, options.certify)
@@ -79,6 +89,13 @@ def identify(
         "most_terms": options.limits.most_terms,
     }
     return judged(model, found, how, (recordings, whole), validation, options)
+
+
+def posed(training: Sequence[Series], options: Options) -> Problem:
+    """Return the problem of choosing terms on prepared series, with every open time constant found."""
+    rules = _useful_rules(options.rules.at_rate(training[0].rate_Hz), training)
+    rules = settled(rules, training, options.limits, options.certify, options.weighting)
+    return pose(training, rules.candidates(), options.certify, options.weighting)
 
 
 def judged(
@@ -101,13 +118,19 @@ def judged(
         "tool": f"ces_observer {__version__}",
         "identification": [_origin(r) | {"share": [0.0, options.split]} for r in recordings],
         "validation": [_origin(r) for r in validation],
+        "usage": usage(seen, held_out),
+        "usage_rule": RULE,
         "cost_J_percent": [
             {"recording": e.name, "role": e.role, "J": round(e.cost, 4) if np.isfinite(e.cost) else None}
             for e in evaluations
         ],
-        "selection": {**how, **_search_facts(found, options.limits)},
+        "selection": {**how, **_search_facts(found, options.limits), **_weights_told(options.weighting)},
     }
     return Identified(replace(model, provenance=history), tuple(evaluations), tuple(found))
+
+
+def _weights_told(weighting: Weighting) -> dict[str, str]:
+    return {"weights": str(weighting)} if weighting else {}
 
 
 def _search_facts(found: Sequence[Found], limits: Limits) -> dict[str, Any]:
@@ -122,10 +145,10 @@ def _search_facts(found: Sequence[Found], limits: Limits) -> dict[str, Any]:
 
 
 def _useful_rules(rules: Rules, training: Sequence[Series]) -> Rules:
-    """Return the rules without products of a current that does not change in the data."""
+    """Return the rules without products of a current that does not change, and with what they construct in range."""
     current = np.concatenate([series.current for series in training])
     constant = np.ptp(current) <= 1e-3 * max(1e-9, float(np.abs(current).max()))
-    return rules.without("current") if constant else rules
+    return within_data(rules.without("current") if constant else rules, training)
 
 
 def _best_model(problem: Problem, sampling: Sampling, found: Sequence[Found], prove: bool) -> tuple[Model, list[Found]]:
@@ -143,9 +166,11 @@ def _best_model(problem: Problem, sampling: Sampling, found: Sequence[Found], pr
 
 
 def _model(problem: Problem, sampling: Sampling, best: Found) -> Model:
-    terms = [
-        Term(float(c), problem.candidates[i].factors) for c, i in zip(refitted(problem, best), best.chosen, strict=True)
-    ]
+    try:
+        coefficients = refitted(problem, best)
+    except KeyboardInterrupt:
+        coefficients = best.coefficients
+    terms = [Term(float(c), problem.candidates[i].factors) for c, i in zip(coefficients, best.chosen, strict=True)]
     return Model("polynomial_narx", sampling, tuple(terms), problem.envelope, problem.force_envelope)
 
 

@@ -125,10 +125,11 @@ def _identify(
     options: Options,
     listener: Listener,
 ) -> Identified:
-    sampling = choose_sampling(recordings, options.rate_Hz, options.bandwidth_Hz)
+    seen_positions = [recording.opening(options.split) for recording in recordings]
+    sampling = choose_sampling(seen_positions, options.rate_Hz, options.bandwidth_Hz)
     whole = [prepare(recording, sampling) for recording in recordings]
     seen = [series.part(0.0, options.split) for series in whole]
-    family = make(training(seen), sampling.rate_Hz)
+    family = make(training(seen, options.weighting), sampling.rate_Hz)
     found = train(family, options.limits, options.certify, listener)
     if not found:
         raise CesError(f"no start of the {structure} fit gave a stable model: give more time, more starts or more data")

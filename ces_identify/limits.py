@@ -19,10 +19,11 @@ class Limits:
     """When to stop: most terms, seconds, target cost [%], number of starts, first seed, threads.
 
     `method` is how terms are chosen: by random forward selection (thesis fig. 3.2), each start of which goes on for
-    `rounds`, by Gauss-Newton gain, or by both in turn.
+    `rounds`, by Gauss-Newton gain, or by both: every other start goes on by the latter from what the former found.
+    Without `exchanges`, weak terms stay once the model is full.
     """
 
-    most_terms: int = 15
+    most_terms: int = 25
     seconds: float = 60.0
     target: float = 0.0
     starts: int = 8
@@ -30,6 +31,7 @@ class Limits:
     threads: int = 4
     rounds: int = 2
     method: str = BOTH
+    exchanges: bool = True
 
 
 @dataclass(frozen=True)

@@ -30,13 +30,11 @@ def deepest(lags: I) -> int:
 @njit(cache=True, nogil=True)
 def propagate(slopes: F, k: int, lags: I, gains: F) -> None:
     """Add to row k of `slopes` (ticks, parameters) what its earlier rows bring through the past forces."""
-    row = slopes[k]
     for j in range(len(lags)):
         if lags[j] > 0:
-            gain = gains[j]
-            earlier = slopes[k - lags[j]]
-            for p in range(len(row)):
-                row[p] += gain * earlier[p]
+            gain, back = gains[j], k - lags[j]
+            for p in range(slopes.shape[1]):
+                slopes[k, p] += gain * slopes[back, p]
 
 
 @njit(cache=True, nogil=True)

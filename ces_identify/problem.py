@@ -8,7 +8,7 @@ recording weighs the same in both.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,10 @@ from scipy.stats import qmc
 
 from ces_identify import kernels
 from ces_identify.compiled import CompiledTerms, compile_terms, power_table
+from ces_identify.constructed_series import constructed_values
 from ces_identify.cost import require_force
 from ces_identify.series import Series
+from ces_identify.weighting import EQUAL, Weighting
 from ces_observer.errors import RecordingError
 from ces_observer.model import Envelope, Range, Term
 
@@ -58,6 +60,10 @@ class Problem:
     probes: F
     most_gain: float
 
+    def gain(self, chosen: I, coefficients: F) -> float:
+        """Return the largest gain of past forces at the probed inputs of the terms at the indices `chosen`."""
+        return float(kernels.probed_gain(self.probes[chosen], self.compiled.outputs[chosen], coefficients))
+
     def selection_cost(self, chosen: I, coefficients: F) -> float:
         """Return the free-run cost J [%] of the terms at the indices `chosen` on the selection ticks."""
         room = np.empty((1 + len(chosen), kernels.BLOCK)), np.empty(self.powers.shape[1])
@@ -66,23 +72,49 @@ class Problem:
         return float(kernels.free_run_cost(*run, self.recordings, np.inf, *room))
 
 
-def pose(series: Sequence[Series], candidates: Sequence[Term], stable: bool = True) -> Problem:
+def coarser(problem: Problem, step: int) -> Problem:
+    """Return the problem at every `step`-th tick alone, its lags to the nearest of these, for quick looks by free run.
+
+    Past forces keep their lags in ticks, which are longer now. The Gram matrix stays that of the fine ticks.
+    """
+    kept = [np.arange(start, stop, step) for start, stop in problem.segments]
+    ends = np.cumsum([len(ticks) for ticks in kept])
+    ticks = np.concatenate(kept)
+    compiled = replace(problem.compiled, lags=np.rint(problem.compiled.lags / step).astype(np.int64))
+    return replace(
+        problem,
+        compiled=compiled,
+        powers=np.ascontiguousarray(problem.powers[:, ticks]),
+        measured=problem.measured[ticks],
+        segments=np.stack([ends - [len(ticks) for ticks in kept], ends], axis=1),
+        fit=step * problem.fit[ticks],
+        selection=step * problem.selection[ticks],
+        everything=step * problem.everything[ticks],
+    )
+
+
+def pose(
+    series: Sequence[Series], candidates: Sequence[Term], stable: bool = True, weighting: Weighting = EQUAL
+) -> Problem:
     """Return the problem of choosing among `candidates` on `series`; raises RecordingError if they hold too little.
 
-    With `stable`, only models that are contractions at the probed inputs are considered.
+    With `stable`, only models that are contractions at the probed inputs are considered. `weighting` tells which ticks
+    matter more, in the fit and in the cost.
     """
     for one in series:
         require_force(one)
     envelope = envelope_of(series)
     compiled = compile_terms(candidates)
-    stacked = [np.concatenate([getattr(s, name) for s in series]) for name in ("position", "speed", "current")]
-    powers = power_table(compiled.powers, envelope, *stacked)
-    measured = np.nan_to_num(np.concatenate([s.force for s in series]))
+    x, v, i = (np.concatenate([getattr(s, name) for s in series]) for name in ("position", "speed", "current"))
     segments, recordings = _stack_segments(series)
-    chosen = np.concatenate([_estimation_ticks(s) for s in series])
-    everything = np.concatenate([_weights(s, s.scored) for s in series])
-    selection = np.concatenate([_weights(s, s.scored & ~_estimation_ticks(s)) for s in series])
-    fit = _fit_weights(series, compiled)
+    made = constructed_values(compiled.constructed, envelope, (x, v, i), segments, series[0].rate_Hz)
+    powers = power_table(compiled.powers, envelope, x, v, i, made)
+    measured = np.nan_to_num(np.concatenate([s.force for s in series]))
+    chosen = np.concatenate([estimation_ticks(s) for s in series])
+    weighting = weighting.over(series)
+    everything = np.concatenate([_weights(s, s.scored, weighting) for s in series])
+    selection = np.concatenate([_weights(s, s.scored & ~estimation_ticks(s), weighting) for s in series])
+    fit = _fit_weights(series, compiled, weighting)
     estimation = fit * chosen
     if np.count_nonzero(estimation) < LEAST_TICKS:
         raise RecordingError(
@@ -128,30 +160,32 @@ def probe(compiled: CompiledTerms, envelope: Envelope) -> F:
     """
     rows = [_lagged_inputs(compiled, t) for t in range(len(compiled.outputs))]
     dimensions = sorted({key for t, row in enumerate(rows) if compiled.outputs[t] for key in row.values()})
-    ranges = {"position": envelope.position_m, "speed": envelope.speed_m_s, "current": envelope.current_A}
-    inputs = _spread([ranges[signal] for signal, _ in dimensions])
+    ranges = compiled.ranges(envelope)
+    inputs = _spread([ranges[s] for s, _ in dimensions], [compiled.kinks(s) for s, _ in dimensions])
     points = np.ones((len(rows), inputs.shape[1]))
     for t, row in enumerate(rows):
         for f, key in row.items() if compiled.outputs[t] else ():
-            _, power, signed = compiled.powers[compiled.columns[t, f]]
-            points[t] *= kernels.power_row(inputs[dimensions.index(key)], power, signed)
+            points[t] *= compiled.factor_values(compiled.columns[t, f], inputs[dimensions.index(key)])
     return points
 
 
 def _lagged_inputs(compiled: CompiledTerms, term: int) -> dict[int, tuple[str, int]]:
-    """Return signal and lag of each factor of a term."""
-    return {
-        f: (compiled.powers[compiled.columns[term, f]][0], int(compiled.lags[term, f]))
-        for f in range(compiled.counts[term])
-    }
+    """Return the variable, signal and lag, of each factor of a term."""
+    return {f: compiled.variable(term, f) for f in range(compiled.counts[term])}
 
 
-def _spread(ranges: Sequence[Range]) -> F:
-    """Return points (ranges, n) over a box, denser towards zero, where powers below one bend most."""
+def _spread(ranges: Sequence[Range], kinks: Sequence[Sequence[float]]) -> F:
+    """Return points (ranges, n) over a box, denser towards zero, where powers below one bend most.
+
+    A grid goes through the `kinks` of each range, too, where memberships bend.
+    """
     if not ranges:
         return np.empty((0, 1))
     if len(ranges) <= 2:
         axes = [_from_zero(np.linspace(0.0, 1.0, n), one) for n, one in zip((81, 13), ranges[::-1], strict=False)]
+        axes = [
+            np.union1d(axis, np.clip(at, *one)) for axis, at, one in zip(axes, kinks[::-1], ranges[::-1], strict=True)
+        ]
         return np.array([axis.ravel() for axis in np.meshgrid(*axes)])[::-1].copy()
     inside = qmc.Sobol(len(ranges), seed=0).random(1024).T
     return np.array([_from_zero(unit, one) for unit, one in zip(inside, ranges, strict=True)])
@@ -190,21 +224,23 @@ def _stack_segments(series: Sequence[Series]) -> tuple[I, I]:
     return np.ascontiguousarray(segments, np.int64), recordings.astype(np.int64)
 
 
-def _estimation_ticks(series: Series) -> NDArray[np.bool_]:
+def estimation_ticks(series: Series) -> NDArray[np.bool_]:
+    """Return the ticks (ticks,) that serve estimation; the others of an identified series serve selection."""
     block = np.arange(len(series)) // max(1, round(BLOCK_S * series.rate_Hz))
     return np.asarray(block % PERIOD_BLOCKS < ESTIMATION_BLOCKS)
 
 
-def _weights(series: Series, ticks: NDArray[np.bool_]) -> F:
-    """Return 1 / sum (y - mean y)^2 on `ticks`, 0 elsewhere, so that the weighted squared error is (J / 100)^2."""
-    force = series.force[ticks]
-    spread = float(((force - force.mean()) ** 2).sum()) if len(force) else 0.0
+def _weights(series: Series, ticks: NDArray[np.bool_], weighting: Weighting) -> F:
+    """Return w / sum w (y - mean y)^2 on `ticks`, 0 elsewhere, so that the weighted squared error is (J / 100)^2."""
+    weights, force = np.where(ticks, weighting.of(series), 0.0), np.where(ticks, series.force, 0.0)
+    mean = float(weights @ force) / max(float(weights.sum()), 1e-300)
+    spread = float(weights @ (force - mean) ** 2)
     if spread <= 0.0:
         raise RecordingError(f"{series.name}: too short to share between estimation and selection; expected over 4 s")
-    return np.where(ticks, 1.0 / spread, 0.0)
+    return weights / spread
 
 
-def _fit_weights(series: Sequence[Series], compiled: CompiledTerms) -> F:
+def _fit_weights(series: Sequence[Series], compiled: CompiledTerms, weighting: Weighting) -> F:
     """Return the least-squares weights (ticks,), 0 where not all past forces were measured."""
     depth = int(compiled.outputs.max(initial=0))
     weights = []
@@ -215,5 +251,6 @@ def _fit_weights(series: Sequence[Series], compiled: CompiledTerms) -> F:
             usable[lag:] &= known[:-lag]
         for start, _ in one.segments:
             usable[start : start + depth] = False
-        weights.append(np.where(usable, _weights(one, one.scored).max(), 0.0))
+        scale = _weights(one, one.scored, weighting).sum() / max(weighting.of(one)[one.scored].sum(), 1e-300)
+        weights.append(np.where(usable, scale * weighting.of(one), 0.0))
     return np.concatenate(weights)

@@ -19,7 +19,8 @@ from ces_observer.model import Sampling
 
 F = NDArray[np.float64]
 
-HIGHEST_RATE = 1000.0  # [Hz] damping forces have no content that calls for more
+HIGHEST_RATE = 1000.0  # [Hz] damping forces have no content that calls for more, but for
+TICKS_A_BANDWIDTH = 8.0  # that a differentiator this much slower than the ticks keeps its shape on them
 OUTLIER_FACTOR = 25.0  # times the standard deviation of the differentiator's innovations
 WIDEST = {2: 1.0 / 3.0, 3: 0.15}  # of the sampling rate, by order; docs/differentiator.md: stable under any jitter
 NOISE_FROM_HZ = 100.0  # [Hz] where no stroke of a damper is left; a quarter of the sampling rate if that is lower
@@ -37,17 +38,18 @@ def choose_sampling(
 ) -> Sampling:
     """Return the sampling rules for models of these recordings; numbers given are kept.
 
-    The rate is the lowest position rate among the recordings, at most 1000 Hz; a gap is more than 50 ms or ten
-    sampling intervals. With a bandwidth given and no order, the order is 3. Raises RecordingError if a position has
-    too few samples or does not move.
+    The rate is the lowest position rate among the recordings, at most 1000 Hz or 8 times the differentiator's
+    bandwidth; a gap is more than 50 ms or ten sampling intervals. With a bandwidth given and no order, the order is 3.
+    Raises RecordingError if a position has too few samples or does not move.
     """
     rates = [sample_rate(recording) for recording in recordings]
     gap = max(0.05, 10.0 / min(rates)) if max_gap_s is None else max_gap_s
-    rate = min([HIGHEST_RATE, *(float(f"{r:.4g}") for r in rates)]) if rate_Hz is None else rate_Hz
     spectra = [position_spectrum(recording, gap) for recording in recordings]
     if bandwidth_Hz is None:
         bandwidth_Hz, order = best_differentiator(spectra, tuple(WIDEST) if order is None else (order,))
     order = 3 if order is None else order
+    highest = max(HIGHEST_RATE, TICKS_A_BANDWIDTH * bandwidth_Hz)
+    rate = min([highest, *(float(f"{r:.4g}") for r in rates)]) if rate_Hz is None else rate_Hz
     outlier = max(outlier_distance(s, bandwidth_Hz, order) for s in spectra)
     return Sampling(rate, round(bandwidth_Hz, 2), float(f"{outlier:.3g}"), gap, warm_up_s=warm_up_s, order=order)
 

@@ -7,7 +7,7 @@ import time
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
 from ces_identify.gauss_newton import GaussNewtonStart
-from ces_identify.limits import GAUSS_NEWTON, RANDOM, Found, Limits, Listener
+from ces_identify.limits import BOTH, GAUSS_NEWTON, RANDOM, Found, Limits, Listener
 from ces_identify.problem import Problem
 from ces_identify.random_forward import RandomForwardStart
 
@@ -21,16 +21,23 @@ def search(problem: Problem, limits: Limits, listener: Listener = lambda found: 
     stop = threading.Event()
     deadline = time.monotonic() + limits.seconds
     with ThreadPoolExecutor(max(1, limits.threads)) as pool:
-        seeds = range(limits.seed, limits.seed + limits.starts)
-        found = _gather([pool.submit(_start, problem, limits, seed, deadline, stop, listener) for seed in seeds], stop)
+        starts: list[Future[Found]] = []
+        try:
+            seeds = range(limits.seed, limits.seed + limits.starts)
+            starts.extend(pool.submit(_start, problem, limits, seed, deadline, stop, listener) for seed in seeds)
+        except KeyboardInterrupt:
+            stop.set()
+            if not starts:
+                raise
+        found = _gather(starts, stop)
     return sorted(found, key=lambda f: (f.cost, f.seed))
 
 
 def _start(
     problem: Problem, limits: Limits, seed: int, deadline: float, stop: threading.Event, listener: Listener
 ) -> Found:
-    """Run one start by the method asked for; with both, Gauss-Newton goes on from what random selection found."""
-    if limits.method == GAUSS_NEWTON:
+    """Run one start by the method asked for; with both, every other one goes on from what random selection found."""
+    if limits.method == GAUSS_NEWTON or (limits.method == BOTH and (seed - limits.seed) % 2 == 0):
         return GaussNewtonStart(problem, limits, seed, deadline, stop, listener).run()
     found = RandomForwardStart(problem, limits, seed, deadline, stop, listener).run()
     if limits.method == RANDOM:

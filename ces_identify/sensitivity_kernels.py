@@ -2,8 +2,8 @@
 
 The free run y(k) = sum_t c_t U_t(k) y(k - j_t), without the past force for terms of the inputs alone, has the
 sensitivities s_t = dy/dc_t. They obey the same recursion, driven by the term itself:
-s_t(k) = U_t(k) y(k - j_t) + sum_r c_r U_r(k) s_t(k - j_r), r over the terms with a past force (Ljung, System
-Identification, 2nd ed., sec. 10.3). Arrays are those of kernels.py.
+s_t(k) = U_t(k) y(k - j_t) + sum_j a_j(k) s_t(k - j), where a_j(k) sums c_r U_r(k) over the terms r with the past force
+of lag j (Ljung, System Identification, 2nd ed., sec. 10.3). Arrays are those of kernels.py.
 """
 
 from __future__ import annotations
@@ -11,7 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ces_identify.kernels import BLOCK, F, I, _add_product
+from ces_identify.kernels import F, I, _add_product
+from ces_identify.normal_matrix import BLOCK, accumulate, deepest, mirror
+
+LANES = 32  # candidates whose sensitivities run side by side
 
 
 @njit(cache=True, nogil=True)
@@ -33,15 +36,12 @@ def normal_equations(
     The error is infinite if the force leaves [low, high]; matrix and gradient are then unfinished.
     """
     n_terms = len(coefficients)
-    depth = 1
-    for t in range(n_terms):
-        depth = max(depth, outputs[t])
-    matrix = np.zeros((n_terms, n_terms))
-    gradient = np.zeros(n_terms)
-    product = np.empty(BLOCK)
-    terms = np.empty((BLOCK, n_terms))
-    past = np.empty(depth + BLOCK)
-    slopes = np.empty((depth + BLOCK, n_terms))
+    output_lags = _distinct(outputs)
+    depth = deepest(output_lags)
+    matrix, gradient = np.zeros((n_terms, n_terms)), np.zeros(n_terms)
+    terms, inputs, gains = np.empty((n_terms, BLOCK)), np.empty(BLOCK), np.empty((BLOCK, len(output_lags)))
+    past, slopes = np.empty(depth + BLOCK), np.empty((depth + BLOCK, n_terms))
+    errors = np.empty(BLOCK)
     total = 0.0
     for s in range(len(segments)):
         start, stop = segments[s, 0], segments[s, 1]
@@ -51,63 +51,78 @@ def normal_equations(
             k1 = min(k0 + BLOCK, stop)
             n = k1 - k0
             for t in range(n_terms):
-                product[:n] = 0.0
-                _add_product(powers, columns[t], lags[t], counts[t], 1.0, start, k0, k1, product)
-                for i in range(n):
-                    terms[i, t] = product[i]
+                terms[t, :n] = 0.0
+                _add_product(powers, columns[t], lags[t], counts[t], 1.0, start, k0, k1, terms[t])
+            _sums(terms, outputs, output_lags, coefficients, inputs[:n], gains[:n])
+            if not _advance(inputs[:n], gains, output_lags, past, depth, low, high):
+                return np.inf, matrix, gradient
+            for t in range(n_terms):
+                for i in range(n if outputs[t] > 0 else 0):
+                    terms[t, i] *= past[depth + i - outputs[t]]
+            _run_slopes(terms, n, output_lags, gains[:n], slopes, depth)
             for i in range(n):
-                _advance(terms[i], outputs, coefficients, past, slopes, depth + i)
-                if not low <= past[depth + i] <= high:
-                    return np.inf, matrix, gradient
-            for i in range(n):
-                w = weights[k0 + i]
-                if w > 0.0:
-                    error = measured[k0 + i] - past[depth + i]
-                    total += w * error * error
-                    _accumulate(matrix, gradient, slopes[depth + i], w, error)
+                errors[i] = measured[k0 + i] - past[depth + i]
+            total += accumulate(matrix, gradient, slopes[depth : depth + n], errors[:n], weights[k0:k1])
             past[:depth] = past[n : n + depth].copy()
             slopes[:depth] = slopes[n : n + depth].copy()
-    for i in range(n_terms):
-        for j in range(i):
-            matrix[j, i] = matrix[i, j]
+    mirror(matrix)
     return total, matrix, gradient
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _advance(inputs: F, outputs: I, coefficients: F, past: F, slopes: F, k: int) -> None:
-    """One tick of the free run and of its sensitivities."""
-    row = slopes[k]
-    y = 0.0
+@njit(cache=True, nogil=True)
+def _distinct(outputs: I) -> I:
+    """Return the output lags in use, ascending."""
+    found = np.unique(outputs)
+    return found[found > 0]
+
+
+@njit(cache=True, nogil=True)
+def _sums(terms: F, outputs: I, output_lags: I, coefficients: F, inputs: F, gains: F) -> None:
+    """Fill the part of the inputs (ticks,) and what each past force is multiplied by (ticks, output lags)."""
+    inputs[:] = 0.0
+    gains[:] = 0.0
     for t in range(len(outputs)):
-        row[t] = inputs[t]
-        if outputs[t] > 0:
-            row[t] *= past[k - outputs[t]]
-        y += coefficients[t] * row[t]
-    past[k] = y
-    for r in range(len(outputs)):
-        if outputs[r] > 0:
-            gain = coefficients[r] * inputs[r]
-            earlier = slopes[k - outputs[r]]
-            for t in range(len(outputs)):
-                row[t] += gain * earlier[t]
+        if outputs[t] == 0:
+            for i in range(len(inputs)):
+                inputs[i] += coefficients[t] * terms[t, i]
+        for j in range(len(output_lags)):
+            if output_lags[j] == outputs[t]:
+                for i in range(len(inputs)):
+                    gains[i, j] += coefficients[t] * terms[t, i]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _accumulate(matrix: F, gradient: F, row: F, weight: float, error: float) -> None:
-    """Add one tick to the lower triangle and the gradient."""
-    for i in range(len(row)):
-        share = weight * row[i]
-        gradient[i] += share * error
-        for j in range(i + 1):
-            matrix[i, j] += share * row[j]
+@njit(cache=True, nogil=True)
+def _advance(inputs: F, gains: F, output_lags: I, past: F, depth: int, low: float, high: float) -> bool:
+    """Run the force on for some ticks after the first `depth` of `past`; False once it leaves [low, high]."""
+    for i in range(len(inputs)):
+        y = inputs[i]
+        for j in range(len(output_lags)):
+            y += gains[i, j] * past[depth + i - output_lags[j]]
+        past[depth + i] = y
+        if not low <= y <= high:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _run_slopes(terms: F, n: int, output_lags: I, gains: F, slopes: F, depth: int) -> None:
+    """Run the sensitivities (depth + ticks, terms) on for n ticks, driven by `terms` (terms, ticks)."""
+    for i in range(n):
+        for t in range(terms.shape[0]):
+            slopes[depth + i, t] = terms[t, i]
+        for j in range(len(output_lags)):
+            gain, back = gains[i, j], depth + i - output_lags[j]
+            for t in range(terms.shape[0]):
+                slopes[depth + i, t] += gain * slopes[back, t]
 
 
 @njit(cache=True, nogil=True)
 def output_gains(
     powers: F, segments: I, columns: I, lags: I, counts: I, outputs: I, coefficients: F, output_lags: I
 ) -> F:
-    """Return the sum of coefficient times inputs of the terms of each output lag, shape (output lags, ticks)."""
-    gains = np.zeros((len(output_lags), powers.shape[1]))
+    """Return the sum of coefficient times inputs of the terms of each output lag, shape (ticks, output lags)."""
+    gains = np.zeros((powers.shape[1], len(output_lags)))
+    product = np.empty(BLOCK)
     for j in range(len(output_lags)):
         for t in range(len(outputs)):
             if outputs[t] != output_lags[j]:
@@ -116,39 +131,55 @@ def output_gains(
                 start, stop = segments[s, 0], segments[s, 1]
                 for k0 in range(start, stop, BLOCK):
                     k1 = min(k0 + BLOCK, stop)
-                    _add_product(
-                        powers, columns[t], lags[t], counts[t], coefficients[t], start, k0, k1, gains[j, k0:k1]
-                    )
+                    product[: k1 - k0] = 0.0
+                    _add_product(powers, columns[t], lags[t], counts[t], coefficients[t], start, k0, k1, product)
+                    for k in range(k0, k1):
+                        gains[k, j] += product[k - k0]
     return gains
 
 
 @njit(cache=True, nogil=True)
-def sensitivity(
+def sensitivities(
     powers: F,
     segments: I,
     force: F,
     columns: I,
     lags: I,
-    count: int,
-    output: int,
+    counts: I,
+    outputs: I,
+    which: I,
     gains: F,
     output_lags: I,
-    slope: F,
-) -> None:
-    """Fill `slope` (ticks,) with dy/dc of one term, in the model or not, along the free run `force` (ticks,)."""
+    weights: F,
+) -> F:
+    """Return dy/dc of the terms at `which`, in the model or not, along the free run `force` (ticks,).
+
+    Shape (ticks of a weight above zero, terms).
+    """
+    n_terms, depth = len(which), deepest(output_lags)
+    out = np.empty((np.count_nonzero(weights > 0.0), n_terms))
+    terms, slopes = np.empty((n_terms, BLOCK)), np.empty((depth + BLOCK, n_terms))
+    kept = 0
     for s in range(len(segments)):
         start, stop = segments[s, 0], segments[s, 1]
-        slope[start:stop] = 0.0
+        slopes[:depth] = 0.0
         for k0 in range(start, stop, BLOCK):
             k1 = min(k0 + BLOCK, stop)
-            _add_product(powers, columns, lags, count, 1.0, start, k0, k1, slope[k0:k1])
-        for k in range(start, stop):
-            if output > 0:
-                slope[k] *= force[k - output] if k - output >= start else 0.0
-            for j in range(len(output_lags)):
-                back = k - output_lags[j]
-                if back >= start:
-                    slope[k] += gains[j, k] * slope[back]
+            n = k1 - k0
+            for t in range(n_terms):
+                c = which[t]
+                terms[t, :n] = 0.0
+                _add_product(powers, columns[c], lags[c], counts[c], 1.0, start, k0, k1, terms[t])
+                if outputs[c] > 0:
+                    for k in range(k0, k1):
+                        terms[t, k - k0] *= force[k - outputs[c]] if k - outputs[c] >= start else 0.0
+            _run_slopes(terms, n, output_lags, gains[k0:k1], slopes, depth)
+            for i in range(n):
+                if weights[k0 + i] > 0.0:
+                    out[kept] = slopes[depth + i]
+                    kept += 1
+            slopes[:depth] = slopes[n : n + depth].copy()
+    return out
 
 
 @njit(cache=True, nogil=True)
@@ -166,40 +197,29 @@ def candidate_products(
     output_lags: I,
     weights: F,
     error: F,
-    ticks: I,
 ) -> tuple[F, F, F, F]:
-    """Return the weighted inner products, over `ticks` alone, that tell what each candidate would gain.
+    """Return the weighted inner products, over the ticks of a weight above zero, that tell what candidates would gain.
 
     Sensitivities of the chosen terms with each other (chosen, chosen) and with the error (chosen,); of each candidate
     with the chosen terms (candidates, chosen); and (candidates, 2) with itself and with the error.
     """
-    n, m = len(chosen), len(ticks)
-    slope = np.empty(powers.shape[1])
-    rows = np.empty((n, m))
+    used = weights > 0.0
+    w, e = weights[used], error[used]
+    n = len(chosen)
+    run = (powers, segments, force, columns, lags, counts, outputs)
+    rows = sensitivities(*run, chosen, gains, output_lags, weights)
     matrix, gradient = np.zeros((n, n)), np.zeros(n)
     cross, own = np.zeros((len(candidates), n)), np.zeros((len(candidates), 2))
-    for i in range(n):
-        c = chosen[i]
-        sensitivity(powers, segments, force, columns[c], lags[c], counts[c], outputs[c], gains, output_lags, slope)
-        for k in range(m):
-            rows[i, k] = slope[ticks[k]]
-        for k in range(m):
-            gradient[i] += weights[ticks[k]] * rows[i, k] * error[ticks[k]]
-        for j in range(i + 1):
-            for k in range(m):
-                matrix[i, j] += weights[ticks[k]] * rows[i, k] * rows[j, k]
-            matrix[j, i] = matrix[i, j]
-    weighted = np.empty(m)
-    for i in range(len(candidates)):
-        c = candidates[i]
-        sensitivity(powers, segments, force, columns[c], lags[c], counts[c], outputs[c], gains, output_lags, slope)
-        for k in range(m):
-            weighted[k] = weights[ticks[k]] * slope[ticks[k]]
-            own[i, 0] += weighted[k] * slope[ticks[k]]
-            own[i, 1] += weighted[k] * error[ticks[k]]
-        for j in range(n):
-            total = 0.0
-            for k in range(m):
-                total += weighted[k] * rows[j, k]
-            cross[i, j] = total
+    accumulate(matrix, gradient, rows, e, w)
+    mirror(matrix)
+    for first in range(0, len(candidates), LANES):
+        last = min(first + LANES, len(candidates))
+        slopes = sensitivities(*run, candidates[first:last], gains, output_lags, weights)
+        for k in range(len(w)):
+            for c in range(last - first):
+                share = w[k] * slopes[k, c]
+                own[first + c, 0] += share * slopes[k, c]
+                own[first + c, 1] += share * e[k]
+                for j in range(n):
+                    cross[first + c, j] += share * rows[k, j]
     return matrix, gradient, cross, own

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ces_identify import kernels
 from ces_identify.compiled import compile_terms, power_table
+from ces_identify.constructed_series import constructed_values
 from ces_identify.lagged_run import run_fuzzy, run_network
 from ces_identify.recording import Channel, Recording
 from ces_identify.series import Series, prepare, track_samples, usable_samples
@@ -44,7 +45,9 @@ def simulate_series(model: Model, series: Series) -> FreeRun:
 
 def _run_polynomial(model: Model, series: Series) -> tuple[F, int]:
     terms = compile_terms(model.terms)
-    powers = power_table(terms.powers, model.envelope, series.position, series.speed, series.current)
+    inputs = (series.position, series.speed, series.current)
+    made = constructed_values(terms.constructed, model.envelope, inputs, series.segments, series.rate_Hz)
+    powers = power_table(terms.powers, model.envelope, *inputs, made)
     coefficients = np.array([term.coefficient for term in model.terms])
     force, diverged = kernels.free_run(powers, series.segments, *terms.arrays, coefficients, *model.force_envelope_N)
     return force, int(diverged)

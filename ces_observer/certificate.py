@@ -3,32 +3,29 @@
 The terms are affine in past forces, so the free run is y(k) = sum_j a_j(u) y(k - j) + b(u), with u the inputs now and
 before, each clamped to the envelope. If sum_j |a_j(u)| <= g < 1 for every u in the envelope, the recursion is a
 contraction: two runs from different pasts approach each other as g^(k / longest output lag), and from a past of zeros
-|y| <= max |b| / (1 - g) for ever. Both maxima are bounded by interval arithmetic with outward rounding (Moore, Kearfott
-& Cloud, Introduction to Interval Analysis, 2009, ch. 5-6): boxes of inputs are halved, the worst first, until bound
-and an actual value meet. Each box is bounded by the tighter of the natural
-and the centred form, which shrinks with the square of the box. Nothing is sampled; every lagged input is free to be
-anything in its range.
+|y| <= max |b| / (1 - g) for ever. Both maxima are bounded by interval arithmetic with outward rounding
+(ces_observer.interval_sums): boxes of inputs are halved, the worst first, until bound and an actual value meet. Nothing
+is sampled; every lagged input is free to be anything in its range. Sub-models blended by memberships are bounded
+together: a membership is a function of its signal, and boxes are cut where it bends.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import copysign, inf
+from math import inf
 
 from ces_observer import fuzzy_bounds, network_bounds
-from ces_observer.intervals import Interval, down, product, up
-from ces_observer.model import Envelope, Factor, Model, Term
+from ces_observer.interval_sums import Box, Sums
+from ces_observer.intervals import down, up
+from ces_observer.model import Envelope, Model, Term
 
 MOST_BOXES = 40_000
 GAIN_GAP = 0.002  # relative distance of bound and actual value at which halving stops
 DRIVE_GAP, DRIVE_BOXES = 0.05, 4_000  # the drive has many inputs and need not be tight
 CLAIM = "sum |a_j(u)| <= gain < 1 and |b(u)| <= drive_N for every input in the input envelope"
 METHOD = "interval branch and bound, outward rounding"
-
-Variable = tuple[str, int]  # signal, lag
-Box = tuple[Interval, ...]
 
 
 @dataclass(frozen=True)
@@ -109,11 +106,10 @@ def maximum(
     Past forces in the terms are left out. The second number is how many boxes it took. A bound of at most `enough`, or
     an actual value above it where it is not zero, ends the search early.
     """
-    variables = sorted({(f.signal, f.lag) for group in groups for term in group for f in term.inputs})
-    place = {variable: i for i, variable in enumerate(variables)}
-    root: Box = tuple(_range(envelope, signal) for signal, _ in variables)
-    heap = [(-_bound(groups, root, place), 0, root)]
-    reached = _bound(groups, _middle(root), place)
+    sums = Sums(groups)
+    root, kinks = sums.root(envelope), sums.kinks()
+    heap = [(-sums.bound(root), 0, root)]
+    reached = sums.value(root)
     count = 1
     while True:
         bound, _, box = heap[0]
@@ -121,113 +117,17 @@ def maximum(
         if settled or -bound <= reached + gap * max(abs(reached), 1e-3) or count >= most_boxes or not box:
             return -bound, count
         heapq.heappop(heap)
-        for half in _halves(box, root):
-            value = min(_bound(groups, half, place), -bound)
-            reached = max(reached, _value(groups, half, place))
+        for half in _halves(box, root, kinks):
+            value = min(sums.bound(half), -bound)
+            reached = max(reached, sums.value(half))
             heapq.heappush(heap, (-value, count, half))
             count += 1
 
 
-def power_interval(factor: Factor, at: Interval) -> Interval:
-    """Return an interval that holds sign(s) |s|^p (or |s|^p) for every s in `at`; powers are rounded by two floats."""
-    low, high = at
-    if factor.signed:
-        at_zero = 0.0**factor.power  # power 0 is a sign: at zero it may be taken as either
-        lowest = copysign(abs(low) ** factor.power, low) if low else -at_zero
-        highest = copysign(abs(high) ** factor.power, high) if high else at_zero
-        return down(down(lowest)), up(up(highest))
-    smallest = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
-    largest = max(abs(low), abs(high))
-    return max(0.0, down(down(smallest**factor.power))), up(up(largest**factor.power))
-
-
-def _bound(groups: Sequence[Sequence[Term]], box: Box, place: Mapping[Variable, int]) -> float:
-    """Return an upper bound of the sum of absolute group sums over `box`."""
-    total = 0.0
-    for group in groups:
-        low, high = _natural(group, box, place)
-        if any(a < b for a, b in box):
-            c_low, c_high = _centred(group, box, place)
-            low, high = max(low, c_low), min(high, c_high)
-        total = up(total + max(abs(low), abs(high)))
-    return total
-
-
-def _natural(group: Sequence[Term], box: Box, place: Mapping[Variable, int]) -> Interval:
-    """Return an interval that holds the group's sum: each factor's range, multiplied and added."""
-    low = high = 0.0
-    for term in group:
-        value = (term.coefficient, term.coefficient)
-        for f in term.inputs:
-            value = product(value, power_interval(f, box[place[(f.signal, f.lag)]]))
-        low, high = down(low + value[0]), up(high + value[1])
-    return low, high
-
-
-def _centred(group: Sequence[Term], box: Box, place: Mapping[Variable, int]) -> Interval:
-    """Return an interval that holds the group's sum: its value in the middle, plus slopes times distances."""
-    middle = _middle(box)
-    low, high = _natural(group, middle, place)
-    for i, (a, b) in enumerate(box):
-        if a == b:
-            continue
-        slope = _slope(group, box, place, i)
-        if slope is None:
-            return -inf, inf
-        moved = product(slope, (down(a - middle[i][0]), up(b - middle[i][0])))
-        low, high = down(low + moved[0]), up(high + moved[1])
-    return low, high
-
-
-def _slope(group: Sequence[Term], box: Box, place: Mapping[Variable, int], i: int) -> Interval | None:
-    """Return an interval that holds the group's derivative by variable `i`, None where it may be unbounded."""
-    low = high = 0.0
-    for term in group:
-        for n, differentiated in enumerate(term.inputs):
-            if place[(differentiated.signal, differentiated.lag)] != i:
-                continue
-            steep = slope_interval(differentiated, box[i])
-            if steep is None:
-                return None
-            value = product((term.coefficient, term.coefficient), steep)
-            for m, f in enumerate(term.inputs):
-                if m != n:
-                    value = product(value, power_interval(f, box[place[(f.signal, f.lag)]]))
-            low, high = down(low + value[0]), up(high + value[1])
-    return low, high
-
-
-def slope_interval(factor: Factor, at: Interval) -> Interval | None:
-    """Return an interval that holds the derivative of the factor over `at`, None if `at` holds zero."""
-    if at[0] <= 0.0 <= at[1]:
-        return None
-    ends = [factor.power * abs(s) ** (factor.power - 1.0) for s in at]
-    low, high = down(down(down(min(ends)))), up(up(up(max(ends))))
-    return (low, high) if factor.signed or at[0] > 0.0 else (-high, -low)
-
-
-def _value(groups: Sequence[Sequence[Term]], box: Box, place: Mapping[Variable, int]) -> float:
-    """Return what the sum can actually reach: a lower bound of its largest value on the corners and middle of `box`."""
-    points = (_middle(box), tuple((low, low) for low, _ in box), tuple((high, high) for _, high in box))
-    return max(_least(groups, point, place) for point in points)
-
-
-def _least(groups: Sequence[Sequence[Term]], point: Box, place: Mapping[Variable, int]) -> float:
-    return _bound(groups, point, place) * (1.0 - 1e-12)
-
-
-def _middle(box: Box) -> Box:
-    return tuple((0.5 * (low + high),) * 2 for low, high in box)
-
-
-def _halves(box: Box, root: Box) -> tuple[Box, Box]:
-    """Return `box` cut in two across its widest side relative to the whole envelope, at zero where it holds zero."""
+def _halves(box: Box, root: Box, kinks: Sequence[Sequence[float]]) -> tuple[Box, Box]:
+    """Return `box` cut in two across its widest side relative to the whole envelope, at one of its `kinks` if any."""
     shares = [(high - low) / max(r[1] - r[0], 1e-300) for (low, high), r in zip(box, root, strict=True)]
     side = shares.index(max(shares))
     low, high = box[side]
-    cut = 0.0 if low < 0.0 < high else 0.5 * (low + high)
+    cut = next((at for at in kinks[side] if low < at < high), 0.5 * (low + high))
     return (*box[:side], (low, cut), *box[side + 1 :]), (*box[:side], (cut, high), *box[side + 1 :])
-
-
-def _range(envelope: Envelope, signal: str) -> Interval:
-    return {"position": envelope.position_m, "speed": envelope.speed_m_s, "current": envelope.current_A}[signal]

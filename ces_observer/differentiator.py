@@ -20,7 +20,19 @@ ORDERS = (2, 3)
 class Differentiator:
     """Filtered position [m], speed [m/s] and acceleration [m/s2, 0 in order 2] after each `step`."""
 
-    __slots__ = ("_decay", "_turn", "acceleration", "bandwidth_Hz", "order", "position", "speed")
+    __slots__ = (
+        "_decay",
+        "_interval",
+        "_product",
+        "_second",
+        "_turn",
+        "_twice_third",
+        "acceleration",
+        "bandwidth_Hz",
+        "order",
+        "position",
+        "speed",
+    )
 
     def __init__(self, bandwidth_Hz: float, order: int = 3) -> None:
         if not (isfinite(bandwidth_Hz) and bandwidth_Hz > 0.0):
@@ -32,6 +44,7 @@ class Differentiator:
         damping = 0.5 if order == 3 else sqrt(0.5)
         self._decay = -damping * 2.0 * pi * bandwidth_Hz
         self._turn = sqrt(1.0 - damping * damping) * 2.0 * pi * bandwidth_Hz
+        self._interval = 0.0  # none yet
         self.reset(0.0)
 
     def reset(self, position: float) -> None:
@@ -46,17 +59,27 @@ class Differentiator:
 
     def step(self, interval: float, position: float) -> None:
         """Take the position [m] measured `interval` > 0 seconds after the last sample."""
+        self.correct(interval, position, position - self.predict(interval))
+
+    def correct(self, interval: float, position: float, innovation: float) -> None:
+        """Take a step whose `innovation` [m], position less what was predicted, is known already."""
+        if interval != self._interval:
+            self._place_poles(interval)
+        self.speed += interval * self.acceleration + self._second * innovation / interval
+        self.acceleration += self._twice_third * innovation / (interval * interval)
+        self.position = position - self._product * innovation
+
+    def _place_poles(self, interval: float) -> None:
+        """Set the gains for `interval`, kept for as long as samples come evenly."""
         radius = exp(self._decay * interval)
         pair = 2.0 * radius * cos(self._turn * interval)
         square = radius * radius
-        innovation = position - self.predict(interval)
         if self.order == 3:  # the real pole exp(-2 pi bandwidth interval) is `square` too
-            product = square * square
+            self._product = square * square
             third = 0.5 * (1.0 - square) * (1.0 - pair + square)
-            second = product + 2.0 - pair - square - third
-            self.speed += interval * self.acceleration + second * innovation / interval
-            self.acceleration += 2.0 * third * innovation / (interval * interval)
+            self._second = self._product + 2.0 - pair - square - third
         else:
-            product = square
-            self.speed += (1.0 - pair + square) * innovation / interval
-        self.position = position - product * innovation
+            self._product, third = square, 0.0
+            self._second = 1.0 - pair + square
+        self._twice_third = 2.0 * third
+        self._interval = interval

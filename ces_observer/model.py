@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ces_observer.checked import Checked, write_beside
+from ces_observer.constructed import Constructed, Hat
+from ces_observer.constructed_file import MOST_CONSTRUCTED, constructed_from
 from ces_observer.errors import ModelError
 from ces_observer.fuzzy import Fuzzy, fuzzy_from
 from ces_observer.network import Network, network_from
@@ -36,13 +38,20 @@ Range = tuple[float, float]
 class Factor:
     """One factor of a term: a signal `lag` ticks ago, as |s|^power, or as sign(s) |s|^power if `signed`.
 
-    A `force` factor is the model's own past output (lag >= 1, power 1, signed).
+    A `force` factor is the model's own past output (lag >= 1, power 1, signed). A signal that is none of SIGNALS is
+    constructed from them; its `definition` tells how.
     """
 
     signal: str
     lag: int
     power: float = 1.0
     signed: bool = True
+    definition: Constructed | None = None
+
+    @property
+    def variable(self) -> tuple[str, int]:
+        """What the factor is a function of, signal and lag: a hat is one of the signal it is of."""
+        return (self.definition.of if isinstance(self.definition, Hat) else self.signal), self.lag
 
 
 @dataclass(frozen=True)
@@ -114,6 +123,11 @@ class Model:
         return body.max_lag if body else max((f.lag for t in self.terms for f in t.factors), default=0)
 
     @property
+    def constructed(self) -> tuple[Constructed, ...]:
+        """The constructed inputs its terms use, each after those it is made of."""
+        return constructed_in(self.terms)
+
+    @property
     def size(self) -> str:
         """How large the model is, for people."""
         body = self.network or self.fuzzy
@@ -139,7 +153,8 @@ class Model:
             return {"network": self.network.to_json()}
         if self.fuzzy is not None:
             return {"fuzzy": self.fuzzy.to_json()}
-        return {"terms": [_term_to_json(term) for term in self.terms]}
+        constructed = {"constructed": [one.to_json() for one in self.constructed]} if self.constructed else {}
+        return {**constructed, "terms": [_term_to_json(term) for term in self.terms]}
 
     def save(self, path: Path) -> None:
         """Write the model file beside `path`, then rename it into place."""
@@ -148,6 +163,16 @@ class Model:
     def digest(self) -> str:
         """Return the SHA-256 of the model file's text, by which a running observer names its model."""
         return hashlib.sha256(self.to_json().encode()).hexdigest()
+
+
+def constructed_in(terms: Sequence[Term]) -> tuple[Constructed, ...]:
+    """Return the constructed inputs of `terms` by name, hats last; raises ModelError if two of a name differ."""
+    known: dict[str, Constructed] = {}
+    used = {f.definition for term in terms for f in term.factors if f.definition is not None}
+    for one in used | {one.base for one in used if isinstance(one, Hat) and one.base is not None}:
+        if known.setdefault(one.name, one) != one:
+            raise ModelError(f"constructed input '{one.name}': defined twice, differently; expected a name for each")
+    return tuple(sorted(known.values(), key=lambda one: (isinstance(one, Hat), one.name)))
 
 
 def load_model(path: Path) -> Model:
@@ -207,22 +232,27 @@ def _envelope(node: Checked) -> Envelope:
 
 
 def _terms(root: Checked) -> tuple[Term, ...]:
-    return tuple(_term(item) for item in root.items("terms", 1, MAX_TERMS))
+    given = root.items("constructed", 1, MOST_CONSTRUCTED) if "constructed" in root.value else ()
+    constructed = constructed_from(given)
+    return tuple(_term(item, constructed) for item in root.items("terms", 1, MAX_TERMS))
 
 
-def _term(node: Checked) -> Term:
-    factors = tuple(_factor(item) for item in node.items("factors", 0, 8))
+def _term(node: Checked, constructed: Mapping[str, Constructed]) -> Term:
+    factors = tuple(_factor(item, constructed) for item in node.items("factors", 0, 8))
     if sum(f.signal == "force" for f in factors) > 1:
         raise ModelError(f"{node.where}: more than one past force; expected at most one, so that bounds can be proved")
     return Term(node.number("coefficient", -MOST_COEFFICIENT, MOST_COEFFICIENT), factors)
 
 
-def _factor(node: Checked) -> Factor:
-    signal = node.choice("signal", SIGNALS)
+def _factor(node: Checked, constructed: Mapping[str, Constructed]) -> Factor:
+    signal = node.choice("signal", (*SIGNALS, *constructed))
     if signal == "force":
         return Factor("force", node.whole("lag", 1, MAX_LAG))
     lag = node.whole("lag", 0, MAX_LAG)
-    return Factor(signal, lag, node.number("power", 0.0, MAX_POWER), node.flag("signed"))
+    power, definition = node.number("power", 0.0, MAX_POWER), constructed.get(signal)
+    if isinstance(definition, Hat) and power != 1.0:
+        raise ModelError(f"{node.where}: power is {power:g}; expected 1, as '{signal}' is a membership")
+    return Factor(signal, lag, power, node.flag("signed"), definition)
 
 
 def _term_to_json(term: Term) -> dict[str, Any]:

@@ -79,11 +79,12 @@ class Tracker:
         if step_ns <= 0:
             return OUT_OF_ORDER
         interval = step_ns * 1e-9
-        if abs(position - self._differentiator.predict(interval)) > self._outlier_m:
+        innovation = position - self._differentiator.predict(interval)
+        if abs(innovation) > self._outlier_m:
             self._rejected += 1
             return OUTLIER if self._rejected <= PATIENCE else self._restart(stamp_ns, position)
         self._rejected = 0
-        self._accept(stamp_ns, interval, position)
+        self._accept(stamp_ns, interval, position, innovation)
         return OK
 
     def _restart(self, stamp_ns: int, position: float) -> str:
@@ -94,14 +95,15 @@ class Tracker:
         self.ticks.append((position, 0.0))
         return RESTARTED
 
-    def _accept(self, stamp_ns: int, interval: float, position: float) -> None:
+    def _accept(self, stamp_ns: int, interval: float, position: float, innovation: float) -> None:
         d = self._differentiator
         old_position, old_speed, old_tau = d.position, d.speed, self._tau
-        d.step(interval, position)
+        d.correct(interval, position, innovation)
         self._stamp_ns = stamp_ns
         self._tau = tau = (stamp_ns - self._origin_ns) * self._scale
-        newest = floor(tau + 0.5)
-        for tick in range(self._last_tick + 1, newest + 1):
+        newest, tick = floor(tau + 0.5), self._last_tick
+        while tick < newest:
+            tick += 1
             if tick <= tau:
                 share = (tick - old_tau) / (tau - old_tau)
                 x = old_position + share * (d.position - old_position)

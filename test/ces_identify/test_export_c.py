@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from constructed_models import TERMS as CONSTRUCTED
 
 from ces_identify.export_c import LONGEST_NAME, NAME_ENDING, REASONS, export_c, identifier, number
 from ces_observer.certificate import Certificate, certify
@@ -139,6 +140,8 @@ MODELS = {
     "its own past only": make(Term(0.9, (f("force", 1),)), Term(10.0, ())),
     "no past": make(Term(900.0, (f("speed"),)), Term(1e4, (f("position", 0, 1.0, False),))),
     "ticks every 2^20 ns": make(*PLAIN, rate_Hz=1e9 / 2**20),
+    "constructed inputs": make(*CONSTRUCTED),
+    "constructed inputs without a lag": make(*CONSTRUCTED[:3], order=2),
     "drawn, order 3": make(*drawn(1)),
     "drawn, order 2": make(*drawn(2), order=2),
 }

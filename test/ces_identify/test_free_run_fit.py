@@ -8,7 +8,7 @@ from ces_identify import kernels
 from ces_identify.free_run_fit import fit_free_run
 from ces_identify.problem import pose
 from ces_identify.regressors import parse_rules
-from ces_identify.sensitivity_kernels import candidate_products, normal_equations, output_gains, sensitivity
+from ces_identify.sensitivity_kernels import candidate_products, normal_equations, output_gains, sensitivities
 from ces_identify.series import prepare
 
 
@@ -63,14 +63,13 @@ def test_a_candidate_outside_the_model_has_its_sensitivity_at_zero(case):
     gains = output_gains(powers, SEGMENTS, *own.arrays, coefficients[:4], lags)
     force = run(powers, compiled, zero)
     expected = slopes(powers, compiled, zero)
-    slope = np.empty(len(force))
     c = compiled
-    sensitivity(powers, SEGMENTS, force, c.columns[4], c.lags[4], c.counts[4], c.outputs[4], gains, lags, slope)
-    np.testing.assert_allclose(slope, expected[:, 4], rtol=1e-5, atol=1e-6)
-    ticks = np.flatnonzero(weights)
+    every = np.ones(len(force))
+    both = sensitivities(powers, SEGMENTS, force, *c.arrays, outside, gains, lags, every)
+    np.testing.assert_allclose(both, expected[:, 4:], rtol=1e-5, atol=1e-6)
     error = measured - force
     matrix, gradient, cross, itself = candidate_products(
-        powers, SEGMENTS, force, *c.arrays, inside, outside, gains, lags, weights, error, ticks
+        powers, SEGMENTS, force, *c.arrays, inside, outside, gains, lags, weights, error
     )
     w = weights[:, None] * expected
     np.testing.assert_allclose(matrix, expected[:, :4].T @ w[:, :4], rtol=1e-5)

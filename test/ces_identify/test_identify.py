@@ -135,3 +135,24 @@ def test_the_model_comes_with_its_certificate(result):
 def test_a_search_out_of_time_says_so():
     with pytest.raises(CesError, match="no candidate lowered the cost"):
         identify([planted(1)], (), options(limits=Limits(6, 0.0, 0.0, 2, 1, 2)))
+
+
+def test_weights_pull_the_model_to_their_region():
+    """A model too poor for the whole range fits the region that weighs better, and the rest worse."""
+    from ces_identify.weighting import parse_weighting
+
+    recording = planted(2)
+    poor = parse_rules({"speed": {"lags": [0], "powers": [1.0], "forms": ["signed"]}, "products": [["speed"]]}, "poor")
+    slow = parse_weighting(["zero_crossing:0.1=1000"])
+
+    def slow_error(weighting):
+        options = Options(1.0, poor, Limits(1, 10.0, starts=1, threads=1), weighting=weighting)
+        result = identify([recording], options=options)
+        one = result.evaluations[0]
+        crossing = abs(one.series.speed[one.series.scored]) < 0.1
+        return np.abs(one.error[crossing]).mean(), np.abs(one.error[~crossing]).mean(), result.model.provenance
+
+    plain, weighted = slow_error(parse_weighting([])), slow_error(slow)
+    assert weighted[0] < 0.9 * plain[0]
+    assert weighted[1] > plain[1]
+    assert weighted[2]["selection"]["weights"] == "zero_crossing:0.1=1000"

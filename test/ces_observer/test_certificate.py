@@ -4,7 +4,9 @@ import random
 import pytest
 from test_model import make_model
 
-from ces_observer.certificate import certify, is_contraction, power_interval, product, slope_interval
+from ces_observer.certificate import certify, is_contraction
+from ces_observer.interval_sums import power_interval, slope_interval
+from ces_observer.intervals import product
 from ces_observer.model import Envelope, Factor, Term
 from ces_observer.polynomial import Polynomial
 
@@ -95,3 +97,14 @@ def test_a_proof_with_much_cancellation_is_short():
     c = certify(made)
     assert c.gain == pytest.approx(0.2 * 0.49 + 4.0 * (1 / 3) * (1 - 1 / 3) ** 2, rel=3e-3)
     assert c.boxes < 5000
+
+
+def test_an_input_that_never_changes_does_not_loosen_the_bound():
+    """A range of one point, also at zero where no slope exists, leaves the centred form to the others."""
+    still = Envelope((0.0, 0.0), (0.1, 0.9), (0.5, 0.5))
+    v = [Factor("speed", 0, p, signed=False) for p in (1.0, 2.0)]
+    x, i = Factor("position", 0, 0.5, signed=False), Factor("current", 0, 1.0, signed=False)
+    made = make_model(terms=(output(4.0, v[0]), output(-4.0, v[1]), output(0.2, i), output(1.0, x)), envelope=still)
+    c = certify(made)
+    assert c.gain == pytest.approx(1.1, rel=3e-3)
+    assert c.boxes < 300

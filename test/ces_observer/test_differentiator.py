@@ -64,6 +64,20 @@ def test_jitter_costs_a_sine_little(order):
     assert error(0.45) < 1.4 * error(0.0)
 
 
+@pytest.mark.parametrize("order", [2, 3])
+def test_gains_kept_over_even_intervals_are_those_placed_anew(order):
+    """Bit for bit, at each change from even to uneven and back, and when what was predicted is known already."""
+    dice, kept = random.Random(7), Differentiator(90.0, order)
+    for k in range(400):
+        interval = 1e-3 if k % 50 < 40 else dice.uniform(5e-4, 2e-3)
+        position = dice.uniform(-0.01, 0.01)
+        new = Differentiator(90.0, order)
+        new.position, new.speed, new.acceleration = kept.position, kept.speed, kept.acceleration
+        new.correct(interval, position, position - new.predict(interval))
+        kept.step(interval, position)
+        assert (new.position, new.speed, new.acceleration) == (kept.position, kept.speed, kept.acceleration)
+
+
 @pytest.mark.parametrize(("order", "bandwidth"), [(2, 2.0), (2, 100.0), (2, 333.0), (3, 2.0), (3, 100.0), (3, 150.0)])
 def test_errors_die_out_at_any_mix_of_intervals(order, bandwidth):
     """Intervals 0.1 to 10 times 1 ms, even, mixed, and in the orders found worst: a disturbed filter forgets."""

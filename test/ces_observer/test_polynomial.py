@@ -1,0 +1,196 @@
+"""The compiled tick against a slow, readable twin, and what a run keeps from tick to tick."""
+
+import math
+import random
+import tracemalloc
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_model import make_model
+
+from ces_observer.constructed import BASE, Construction, Frequency, Hysteresis, Lag, hats
+from ces_observer.model import Envelope, Factor, Term
+from ces_observer.polynomial import Polynomial
+
+ENVELOPE = Envelope((-0.05, 0.04), (-1.5, 2.0), (-0.2, 1.5))
+STOP = Hysteresis("hysteresis", "stop", "position", 0.002)
+MADE = (STOP, Frequency("pace", 0.25, (0.5, 20.0), 1e-4), Lag("coil", "current", 0.02))
+HATS = (*hats("by_speed", "speed", (-0.5, 0.5)), *hats("by_stop", "hysteresis", (-0.001, 0.0015), STOP))
+FIRST = Factor("force", 1)
+
+
+def model(*terms, limits=(-1e9, 1e9)):
+    return make_model(terms=terms, envelope=ENVELOPE, force_envelope_N=limits)
+
+
+def driven(count, seed=1, beyond=1.0):
+    """Rows of position, speed and current that wander over `beyond` times the envelope and stand still at times."""
+    dice, rows = random.Random(seed), [(0.0, -0.0, 0.0)]
+    for _ in range(count - 1):
+        new = tuple(beyond * dice.uniform(low, high) for low, high in ENVELOPE.by_signal.values())
+        rows.append(rows[-1] if dice.random() < 0.2 else new)
+    return rows
+
+
+def slow_forces(made, rows):
+    """Return the force [N] at each of `rows`, and how large its terms are together."""
+    construction, past, forces, sizes = Construction(made.constructed, made.sampling.rate_Hz), [], [], []
+    names = [*BASE, *(one.name for one in made.constructed)]
+    for row in rows:
+        ranges = made.envelope.by_signal.values()
+        clamped = [min(max(value, low), high) for value, (low, high) in zip(row, ranges, strict=True)]
+        past.append(dict(zip(names, construction.arrive(clamped), strict=True)))
+        terms = [
+            term.coefficient * math.prod(slow_factor(f, past, forces) for f in term.factors) for term in made.terms
+        ]
+        forces.append(sum(terms))
+        sizes.append(sum(map(abs, terms)))
+    return forces, sizes
+
+
+def slow_factor(factor, past, forces):
+    if factor.signal == "force":
+        return forces[-factor.lag] if factor.lag <= len(forces) else 0.0
+    value = past[max(len(past) - 1 - factor.lag, 0)][factor.signal]
+    size = abs(value) ** factor.power
+    return math.copysign(size, value) if factor.signed else size
+
+
+powers = st.sampled_from([0.0, 0.5, 1.0, 1.5, 2.0, 3.0]) | st.floats(0.0, 8.0)
+given_factors = st.builds(Factor, st.sampled_from(BASE), st.integers(0, 12), powers, st.booleans())
+made_factors = st.builds(
+    lambda one, lag, power, signed: Factor(one.name, lag, power, signed, one),
+    st.sampled_from(MADE),
+    st.integers(0, 7),
+    powers,
+    st.booleans(),
+)
+hat_factors = st.builds(
+    lambda one, lag: Factor(one.name, lag, 1.0, False, one), st.sampled_from(HATS), st.integers(0, 7)
+)
+inputs = st.lists(given_factors | made_factors | hat_factors, max_size=4).map(tuple)
+input_terms = st.builds(Term, st.floats(-1e3, 1e3), inputs)
+past_terms = st.builds(
+    lambda c, lag, factors: Term(c, (Factor("force", lag), *factors)), st.floats(-0.3, 0.3), st.integers(1, 9), inputs
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(terms=st.lists(input_terms | past_terms, max_size=8), seed=st.integers(0, 99))
+def test_every_tick_is_the_slow_twins(terms, seed):
+    made = model(*terms)
+    run, rows = Polynomial(made), driven(40, seed, beyond=1.2)
+    for row, slow, size in zip(rows, *slow_forces(made, rows), strict=True):
+        force = run.tick(*row)
+        if not abs(slow) < 0.99e9:  # from here on the run has ended
+            break
+        assert force == pytest.approx(slow, rel=1e-9, abs=1e-10 * (1.0 + size))
+
+
+def test_a_model_as_large_as_a_file_may_be():
+    dice = random.Random(3)
+
+    def term():
+        past = (Factor("force", dice.randint(1, 20)),) if dice.random() < 0.5 else ()
+        factors = [
+            Factor(dice.choice(BASE[1:]), dice.choice([0, 3, dice.randint(0, 1000)]), dice.uniform(0.0, 8.0))
+            for _ in range(7)
+        ]
+        return Term(dice.uniform(-0.01, 0.01), (*past, *factors))
+
+    made, rows = model(*(term() for _ in range(499)), Term(1.0, (Factor("speed", 1000),))), driven(30)
+    run = Polynomial(made)
+    for row, slow, size in zip(rows, *slow_forces(made, rows), strict=True):
+        assert run.tick(*row) == pytest.approx(slow, rel=1e-9, abs=1e-12 * size)
+
+
+def test_a_long_lag_reaches_exactly_so_far_back():
+    run = Polynomial(model(Term(1.0, (Factor("current", 1000),)), Term(1.0, (Factor("force", 700),))))
+    forces = [run.tick(0.0, 0.0, 1.0 if k == 5 else 0.0) for k in range(1800)]
+    assert [k for k, force in enumerate(forces) if force] == [1005, 1705]
+
+
+def test_inputs_before_the_first_tick_count_as_the_first_and_forces_as_zero():
+    run = Polynomial(model(Term(10.0, (Factor("current", 3), Factor("speed", 1))), Term(0.5, (FIRST,))))
+    assert [run.tick(0.0, 1.0, 0.5) for _ in range(3)] == [5.0, 7.5, 8.75]
+
+
+@pytest.mark.parametrize("column", [0, 1, 2])
+@pytest.mark.parametrize("side", [0, 1])
+def test_inputs_are_clamped_and_it_shows_for_that_tick_alone(column, side):
+    term = Term(1.0, (Factor(BASE[column], 0),))
+    run, end = Polynomial(model(term)), ENVELOPE.by_signal[BASE[column]][side]
+    row = [0.0, 0.0, 0.0]
+    row[column] = end
+    assert (run.tick(*row), run.clamped) == (end, False)
+    row[column] = 1.5 * end
+    assert (run.tick(*row), run.clamped) == (end, True)
+    assert (run.tick(0.0, 0.0, 0.0), run.clamped) == (0.0, False)
+
+
+def test_a_constructed_input_is_made_of_clamped_ones():
+    run = Polynomial(model(Term(1.0, (Factor("slack", 0, definition=Hysteresis("slack", "play", "position", 0.01)),))))
+    assert run.tick(9.0, 0.0, 0.0) == 0.04
+
+
+@pytest.mark.parametrize(("current", "force"), [(0.5, 500.0), (0.501, math.inf), (-0.1, -100.0), (-0.101, math.inf)])
+def test_a_force_outside_its_envelope_is_infinite(current, force):
+    run = Polynomial(model(Term(1000.0, (Factor("current", 0),)), limits=(-100.0, 500.0)))
+    assert run.tick(0.0, 0.0, current) == pytest.approx(force)
+
+
+def test_a_force_that_is_no_number_is_infinite():
+    run = Polynomial(model(Term(1.0, (Factor("speed", 0),))))
+    assert run.tick(0.0, math.nan, 0.0) == math.inf
+
+
+def test_a_model_without_terms_has_no_force():
+    assert Polynomial(model()).tick(0.0, 1.0, 0.5) == 0.0
+
+
+def everything():
+    terms = [Term(1.0, (Factor(one.name, 3, 1.0, False, one), FIRST)) for one in (*MADE, *HATS)]
+    return model(*terms, Term(5.0, (Factor("speed", 4, 0.7), Factor("current", 2))), limits=(-1e30, 1e30))
+
+
+def test_reset_brings_a_run_back_to_new_and_a_tick_held_from_before_too():
+    run, rows = Polynomial(everything()), driven(50)
+    tick = run.tick
+    first = [tick(*row) for row in rows]
+    tick(9.0, 9.0, 9.0)
+    run.reset()
+    assert not run.clamped
+    assert [tick(*row) for row in rows] == first
+
+
+def test_two_runs_of_a_model_share_nothing():
+    made, rows = everything(), driven(50)
+    one, two = Polynomial(made), Polynomial(made)
+    alone = [one.tick(*row) for row in rows]
+    one.reset()
+    assert [(one.tick(*row), two.tick(*row))[1] for row in rows] == alone
+    one.tick(9.0, 0.0, 0.0)
+    assert one.clamped
+    assert not two.clamped
+
+
+def test_a_run_does_not_grow():
+    run, rows = Polynomial(everything()), driven(500)
+    for row in rows:
+        run.tick(*row)
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        for _ in range(10):
+            for row in rows:
+                run.tick(*row)
+        after, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert after - before < 4_000
+    assert peak - before < 20_000
+
+
+def test_the_compiled_text_reaches_no_builtins():
+    assert Polynomial(everything()).tick.__globals__["__builtins__"] == {}
