@@ -1,61 +1,81 @@
-"""The time constants of lags that rules leave open: what suits the data best, by short searches on the selection ticks.
+"""The time constants of lags that rules leave open: what suits the data best, by free run on the selection ticks.
 
-A valve's force follows its current behind coil and pilot. How fast is seen best in a free run, so each time constant of
-a grid is given a short search of its own, and the one of least selection cost is kept.
+A valve's force follows its current behind coil and pilot, and how fast is seen best in a free run. A short search with
+a guess finds a model; fitted anew with other time constants it tells the best of them, which is the next guess.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
+from functools import cache
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.free_run_fit import fit_free_run
 from ces_identify.gauss_newton import GaussNewtonStart
-from ces_identify.limits import Limits
+from ces_identify.limits import Found, Limits
 from ces_identify.problem import Problem, coarser, pose
 from ces_identify.regressors import Rules
 from ces_identify.series import Series
 from ces_identify.weighting import EQUAL, Weighting
 
-COARSE_S = (0.002, 0.005, 0.01, 0.02, 0.05)
-FINER = (0.7, 1.4)  # times the best of these
+I = NDArray[np.int64]  # noqa: E741
+
+GUESS_S = 0.01
+GRID_S = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.0085, 0.01, 0.012, 0.014, 0.017, 0.02, 0.03, 0.05)
+EVERY, AROUND = 3, 2  # of the grid: what is tried first, and how far around the best then
+GUESSES = 3  # at most, one after the other, until one is
+NEAR = (0.6, 1.7)  # times a guess before
 TERMS = 12  # of the short searches
-POLES = (0, 2)  # starts of Gauss-Newton selection, of which the better counts
-COARSE_HZ = 250.0  # rate of these searches; the lag itself is made at the model's rate
-SHARE = 0.3  # of the time for the search that all of them may take
+ITERATIONS = 12  # of a fit
+COARSE_HZ = 250.0  # rate of searches and fits; the lag itself is made at the model's rate
+SHARE = 0.2  # of the time for the search that each guess may take
 
 
 def settled(
     rules: Rules, series: Sequence[Series], limits: Limits, stable: bool = True, weighting: Weighting = EQUAL
 ) -> Rules:
     """Return `rules` with every open time constant [s] set to the one of least selection cost [%] on `series`."""
-    if not rules.open_lags:
-        return rules
-    step = max(1, round(series[0].rate_Hz / COARSE_HZ))
-    searches = len(rules.open_lags) * len(POLES) * (len(COARSE_S) + len(FINER))
-    each = SHARE * limits.seconds * limits.threads / searches
-    short = replace(limits, seconds=each, target=0.0, most_terms=min(TERMS, limits.most_terms), exchanges=False)
+    step = max(1, round(series[0].rate_Hz / COARSE_HZ)) if series else 1
+    short = replace(limits, target=0.0, most_terms=min(TERMS, limits.most_terms), exchanges=False)
 
-    def costs(name: str, choices: Sequence[float]) -> dict[float, float]:
-        tried = [rules.with_time_constant(name, seconds) for seconds in choices]
-        with ThreadPoolExecutor(max(1, limits.threads)) as pool:
-            problems = [coarser(pose(series, one.candidates(), stable, weighting), step) for one in tried]
-            found = list(pool.map(_cost, *zip(*product(problems, [short], POLES), strict=True)))
-        return {tau: min(found[i * len(POLES) : (i + 1) * len(POLES)]) for i, tau in enumerate(choices)}
+    def problem(choice: Rules, chosen: I | None = None) -> Problem:
+        terms = choice.candidates()
+        terms = terms if chosen is None else tuple(terms[i] for i in chosen)
+        return coarser(pose(series, terms, stable, weighting), step)
 
     for name in rules.open_lags:
-        known = costs(name, COARSE_S)
-        best = min(known, key=known.__getitem__)
-        known |= costs(name, [float(f"{factor * best:.3g}") for factor in FINER])
-        rules = rules.with_time_constant(name, min(known, key=known.__getitem__))
+        guess, tried = GUESS_S, list[float]()
+        while len(tried) < GUESSES and not any(NEAR[0] < guess / one < NEAR[1] for one in tried):
+            tried.append(guess)
+            rules = rules.with_time_constant(name, guess)
+            deadline = time.monotonic() + SHARE * limits.seconds
+            start = GaussNewtonStart(problem(rules), short, limits.seed, deadline, threading.Event(), lambda f: None)
+            guess = _least(_Refit(problem, rules, name, start.run()))
+        rules = rules.with_time_constant(name, guess)
     return rules
 
 
-def _cost(problem: Problem, limits: Limits, pole: int) -> float:
-    """Return the selection cost [%] a short search reaches."""
-    deadline = time.monotonic() + limits.seconds
-    start = GaussNewtonStart(problem, limits, limits.seed + pole, deadline, threading.Event(), lambda found: None)
-    return start.run().cost
+class _Refit:
+    """The selection cost [%] of the terms found, fitted anew on the estimation ticks with a time constant [s]."""
+
+    def __init__(self, problem: Callable[[Rules, I], Problem], rules: Rules, name: str, found: Found) -> None:
+        self._problem, self._rules, self._name, self._found = problem, rules, name, found
+
+    @cache  # noqa: B019 - lives no longer than the guess
+    def __call__(self, seconds: float) -> float:
+        problem = self._problem(self._rules.with_time_constant(self._name, seconds), self._found.chosen)
+        chosen = np.arange(len(self._found.chosen))
+        weights = np.where(problem.selection > 0.0, 0.0, problem.everything)
+        fit = fit_free_run(problem, chosen, self._found.coefficients, weights, ITERATIONS)
+        return problem.selection_cost(chosen, fit.coefficients) if np.isfinite(fit.error) else float("inf")
+
+
+def _least(cost: Callable[[float], float]) -> float:
+    """Return the time constant of the grid with the least cost: every few of them first, then those around the best."""
+    best = GRID_S.index(min(GRID_S[1::EVERY], key=cost))
+    return min(GRID_S[max(0, best - AROUND) : best + AROUND + 1], key=cost)
