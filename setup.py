@@ -60,7 +60,7 @@ setup(
         "joblib>=1.3",
     ],
     extras_require={
-        "bench": ["sysidentpy>=0.9", "fastcan>=0.6", "anfis-toolbox>=0.2"],  # the peers in bench/
+        "bench": ["joblib>=1.4", "sysidentpy>=0.9", "fastcan>=0.6", "anfis-toolbox>=0.2"],  # the peers in bench/
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
         "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
