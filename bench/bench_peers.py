@@ -114,7 +114,7 @@ def our_entries(seeds: Sequence[int]) -> list[Entry]:
 
 
 def polynomial(seen: Sequence[Series], method: str, most_terms: int = peers.TERMS, seconds: float = SECONDS) -> Model:
-    """Identify a polynomial as `ces identify` does: one start of each kind, one thread, stable models only, refitted."""
+    """Identify a polynomial as `ces identify` does: a start of each kind, one thread, stable models only, refitted."""
     limits = Limits(most_terms, seconds, starts=2 if method == BOTH else 1, threads=1, method=method)
     problem = posed(seen, Options(limits=limits))
     found = search(problem, limits)[0]

@@ -1,7 +1,7 @@
 """CPU seconds until a start of a search has found a model whose J on a recording it never saw is below a target.
 
-Usage: python bench/bench_time_to_cost.py [--method both] [--data 1,2,3 11,12,13 21,22,23] [--starts 10]. For each
-data set of three seeds of damper_set (estimation, selection, test) a search of so many starts, one after the other in
+Usage: python bench/bench_time_to_cost.py [--method both] [--terms 12 15 25] [--data 1,2,3 11,12,13 21,22,23]
+[--starts 10]. For each limit on the terms and each data set of three seeds of damper_set (estimation, selection, test) a search of so many starts, one after the other in
 one thread; each start is timed as if it were alone. Estimation and selection are all that it sees: the test J of every
 improvement is noted along the way, and the time that takes is left out. Posing the problem, with the valve's time
 constant found from the data, is counted for every start; compilation is not.
@@ -31,7 +31,6 @@ from ces_observer.model import Model, Sampling, Term
 
 SAMPLING = Sampling(RATE, 100.0, 0.01)  # the speed is given: no differentiator has a part in it
 TARGETS = {2.44: 3.0, 2.0: 10.0}  # J [%] and CPU s to reach it in
-TERMS = 12
 SECONDS = 30.0
 
 
@@ -71,10 +70,10 @@ def model_of(problem: Problem, found: Found) -> Model:
     return Model("polynomial_narx", SAMPLING, tuple(terms), problem.envelope, problem.force_envelope)
 
 
-def watched(seeds: Sequence[int], starts: int, method: str, seconds: float = SECONDS) -> Watch:
+def watched(terms: int, seeds: Sequence[int], starts: int, method: str, seconds: float = SECONDS) -> Watch:
     """Return what was heard of so many starts on one data set."""
     estimation, selection, test = (series(seed) for seed in seeds)
-    limits = Limits(TERMS, starts * seconds, starts=starts, threads=1, method=method)
+    limits = Limits(terms, starts * seconds, starts=starts, threads=1, method=method)
     began = time.process_time()
     problem = posed([estimation, selection], Options(limits=limits))
     watch = Watch(problem, test, time.process_time() - began)
@@ -82,9 +81,9 @@ def watched(seeds: Sequence[int], starts: int, method: str, seconds: float = SEC
     return watch
 
 
-def row(seeds: Sequence[int], starts: int, method: str) -> tuple[str, ...]:
+def row(terms: int, seeds: Sequence[int], starts: int, method: str) -> tuple[str, ...]:
     """Return a row of the table: how every start on one data set did."""
-    watch = watched(seeds, starts, method)
+    watch = watched(terms, seeds, starts, method)
     last = [heard[-1] for heard in watch.heard.values()]
     cells = [f"{watch.spent:.2f}"]
     for target, limit in TARGETS.items():
@@ -94,8 +93,8 @@ def row(seeds: Sequence[int], starts: int, method: str) -> tuple[str, ...]:
         cells += [*map(_seconds, (statistics.median(times), max(times))), f"{within} of {starts}", mark]
     costs = [j for _, j in last]
     final = (f"{min(costs):.2f} to {max(costs):.2f}", f"{statistics.median(t for t, _ in last):.1f}")
-    say(f"{seeds}: {cells}, J at the end {final[0]}")
-    return (", ".join(map(str, seeds)), *cells, *final)
+    say(f"{terms} terms, {seeds}: {cells}, J at the end {final[0]}")
+    return (str(terms), ", ".join(map(str, seeds)), *cells, *final)
 
 
 def _seconds(time_s: float) -> str:
@@ -105,16 +104,18 @@ def _seconds(time_s: float) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--method", choices=METHODS, default=BOTH)
+    parser.add_argument("--terms", type=int, nargs="+", default=[12, 15, 25], help="most terms of a model")
     parser.add_argument("--data", nargs="+", default=["1,2,3", "11,12,13", "21,22,23"], metavar="E,S,T")
     parser.add_argument("--starts", type=int, default=10, help="seeds 1 to this, default 10")
     options = parser.parse_args()
-    watched((1, 2, 3), 2, options.method, 3.0)  # compiles
-    header = ["seeds of data", "posing CPU s"]
+    watched(12, (1, 2, 3), 2, options.method, 3.0)  # compiles
+    header = ["most terms", "seeds of data", "posing CPU s"]
     for target, limit in TARGETS.items():
         to = f"to J {target:g}: "
         header += [to + "median CPU s", "worst", f"starts within {limit:g} s", "target"]
     header += ["test J at the end", "median CPU s of a start"]
-    rows = [row(tuple(map(int, data.split(","))), options.starts, options.method) for data in options.data]
+    data = [tuple(map(int, seeds.split(","))) for seeds in options.data]
+    rows = [row(terms, seeds, options.starts, options.method) for terms in options.terms for seeds in data]
     print_table(header, rows)
 
 
