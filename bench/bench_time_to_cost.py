@@ -1,10 +1,11 @@
 """CPU seconds until a start of a search has found a model whose J on a recording it never saw is below a target.
 
 Usage: python bench/bench_time_to_cost.py [--method both] [--terms 12 15 25] [--data 1,2,3 11,12,13 21,22,23]
-[--starts 10]. For each limit on the terms and each data set of three seeds of damper_set (estimation, selection, test) a search of so many starts, one after the other in
-one thread; each start is timed as if it were alone. Estimation and selection are all that it sees: the test J of every
-improvement is noted along the way, and the time that takes is left out. Posing the problem, with the valve's time
-constant found from the data, is counted for every start; compilation is not.
+[--starts 10]. For each limit on the terms and each data set of three seeds of damper_set (estimation, selection, test)
+a search of so many starts, one after the other in one thread; each start is timed as if it were alone. Estimation and
+selection are all that it sees: the test J of every improvement is noted along the way, and the time that takes is left
+out. Posing the problem, with the valve's time constant found from the data, is counted for every start; compilation is
+not.
 """
 
 from __future__ import annotations
