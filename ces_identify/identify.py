@@ -32,6 +32,7 @@ from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling, Term
 
 LEAST_SCORED = 50  # ticks of a held-out part worth judging
+LEAST_SHARE = 0.5  # of the time that is left to the search, however long posing took
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,8 @@ def identify(
     training = [series.part(0.0, options.split) for series in whole]
     began = time.monotonic()
     problem = posed(training, options)
-    limits = replace(options.limits, seconds=max(0.0, options.limits.seconds - (time.monotonic() - began)))
+    seconds = max(LEAST_SHARE * options.limits.seconds, options.limits.seconds - (time.monotonic() - began))
+    limits = replace(options.limits, seconds=seconds)
     found = [f for f in search(problem, limits, listener) if f.cost < 100.0]
     if not found:
         raise CesError("no candidate lowered the cost below 100 %: check signs, signals and rules, or give more time")
