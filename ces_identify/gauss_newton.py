@@ -2,9 +2,9 @@
 
 For the model so far, every candidate's sensitivity tells to first order how far the free-run error on the estimation
 ticks would fall if it were added and all coefficients moved with it. The most promising are fitted by
-Levenberg-Marquardt and the first that lowers the free-run cost on the selection ticks is kept. Terms that are no
-longer needed are pruned; at the end weak terms are exchanged. Each start but the first sees a random part of the
-candidates at each step.
+Levenberg-Marquardt and the one that fits best is added; the model of least free-run cost on the selection ticks is
+kept. Terms that are no longer needed are pruned; at the end weak terms are exchanged. Each start but the first sees a
+random part of the candidates at each step.
 """
 
 from __future__ import annotations

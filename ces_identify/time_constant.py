@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,24 +55,20 @@ def settled(
             rules = rules.with_time_constant(name, guess)
             deadline = time.monotonic() + SHARE * limits.seconds
             start = GaussNewtonStart(problem(rules), short, limits.seed, deadline, threading.Event(), lambda f: None)
-            guess = _least(_Refit(problem, rules, name, start.run()))
+            guess = _least(cache(partial(_refitted_cost, problem, rules, name, start.run())))
         rules = rules.with_time_constant(name, guess)
     return rules
 
 
-class _Refit:
-    """The selection cost [%] of the terms found, fitted anew on the estimation ticks with a time constant [s]."""
-
-    def __init__(self, problem: Callable[[Rules, I], Problem], rules: Rules, name: str, found: Found) -> None:
-        self._problem, self._rules, self._name, self._found = problem, rules, name, found
-
-    @cache  # noqa: B019 - lives no longer than the guess
-    def __call__(self, seconds: float) -> float:
-        problem = self._problem(self._rules.with_time_constant(self._name, seconds), self._found.chosen)
-        chosen = np.arange(len(self._found.chosen))
-        weights = np.where(problem.selection > 0.0, 0.0, problem.everything)
-        fit = fit_free_run(problem, chosen, self._found.coefficients, weights, ITERATIONS)
-        return problem.selection_cost(chosen, fit.coefficients) if np.isfinite(fit.error) else float("inf")
+def _refitted_cost(
+    problem: Callable[[Rules, I], Problem], rules: Rules, name: str, found: Found, seconds: float
+) -> float:
+    """Return the selection cost [%] of the terms found, fitted anew on the estimation ticks with a time constant."""
+    posed = problem(rules.with_time_constant(name, seconds), found.chosen)
+    chosen = np.arange(len(found.chosen))
+    weights = np.where(posed.selection > 0.0, 0.0, posed.everything)
+    fit = fit_free_run(posed, chosen, found.coefficients, weights, ITERATIONS)
+    return posed.selection_cost(chosen, fit.coefficients) if np.isfinite(fit.error) else float("inf")
 
 
 def _least(cost: Callable[[float], float]) -> float:
