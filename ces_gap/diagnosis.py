@@ -110,7 +110,7 @@ class Series:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """The experiment that would tell more: `recipe` runs on `ces rig`, `time_s`, `position_m`, `current_A` (n,) its CSV.
+    """The experiment that would tell more: `recipe` for `ces rig`; `time_s`, `position_m`, `current_A` (n,) its CSV.
 
     `separates` are the effects it tells apart and `distance_N` by how much; empty where no twin asked for it.
     """

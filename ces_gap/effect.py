@@ -6,7 +6,7 @@ zero it changes nothing. Each module of `ces_gap.effects` holds one effect in on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -52,12 +52,20 @@ class Parameter:
         return (a, b) if a <= b else (b, a)
 
 
-_TO = {"linear": float, "log": lambda v: float(np.log(v)), "inverse": lambda v: 1.0 / v if np.isfinite(v) else 0.0}
-_FROM = {
-    "linear": float,
-    "log": lambda u: float(np.exp(min(u, 700.0))),
-    "inverse": lambda u: 1.0 / u if u > 0.0 else float("inf"),
-}
+def _log(value: float) -> float:
+    return float(np.log(value))
+
+
+def _exp(searched: float) -> float:
+    return float(np.exp(min(searched, 700.0)))
+
+
+def _inverse(value: float) -> float:
+    return 1.0 / value if value > 0.0 else float("inf")
+
+
+_TO: dict[str, Callable[[float], float]] = {"linear": float, "log": _log, "inverse": _inverse}
+_FROM: dict[str, Callable[[float], float]] = {"linear": float, "log": _exp, "inverse": _inverse}
 
 
 @dataclass(frozen=True)
@@ -74,9 +82,7 @@ class Effect:
     form: ClassVar[str] = ""
     stage: ClassVar[int] = PARALLEL
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation is asked again
-    needs: ClassVar[str] = (
-        ""  # what a recording must hold for the effect to show, in words, such as "a changing current"
-    )
+    needs: ClassVar[str] = ""  # what a recording must hold for it to show, such as "a changing current"
     parameters: ClassVar[tuple[Parameter, ...]] = ()
 
     def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:

@@ -41,7 +41,7 @@ class Called:
     simulation: Simulation
 
     def force(self, trace: Trace, inputs: Inputs) -> F:
-        """Return the simulated force [N] on the grid (n,); the recording's own noise and jitter stay on the position."""
+        """Return the simulated force [N] on the grid (n,); the position keeps the noise and jitter it was logged with."""
         if inputs is trace.inputs:
             return trace.simulated
         recording = driven(trace, inputs)

@@ -75,7 +75,8 @@ class Trace:
 
     def grid_ns(self) -> NDArray[np.int64]:
         """Return the stamps [ns] of the ticks (n,)."""
-        return self.recording.channel("position").stamps_ns[0] + np.round(self.time_s * 1e9).astype(np.int64)
+        first = int(self.recording.channel("position").stamps_ns[0])
+        return np.asarray(first + np.round(self.time_s * 1e9).astype(np.int64), dtype=np.int64)
 
 
 def make_trace(recording: Recording, simulated_N: F) -> Trace:
