@@ -1,7 +1,8 @@
-"""Progress of a campaign: a live bar on a terminal, a line for each cell in a log."""
+"""Progress of many results: a live bar on a terminal, a line for each as it comes in a log."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import TracebackType
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -11,12 +12,17 @@ from ces_identify.campaign.cell import DONE, Row
 
 
 class CampaignProgress:
-    """Shows how many of `total` cells are there, `already` of them from an earlier run."""
+    """Shows how many of `total` results are there, `already` of them from an earlier run.
 
-    def __init__(self, total: int, already: int) -> None:
-        self.total, self.there, self.failed = total, already, 0
+    `things` is what they are called, `tell` says in words what a row is.
+    """
+
+    def __init__(
+        self, total: int, already: int, things: str = "cells", tell: Callable[[Row], str] | None = None
+    ) -> None:
+        self.total, self.there, self.failed, self._tell = total, already, 0, tell or _cell
         self._bar = Progress(
-            TextColumn("cells"),
+            TextColumn(things),
             BarColumn(bar_width=24),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
@@ -29,7 +35,7 @@ class CampaignProgress:
         )
         text = f"{already} from an earlier run" if already else "(Ctrl-C keeps what is finished)"
         if already and self._bar.disable:
-            terminal.err.print(f"{already} of {total} cells are there from an earlier run", highlight=False)
+            terminal.err.print(f"{already} of {total} {things} are there from an earlier run", highlight=False)
         self._task = self._bar.add_task(text, total=total, completed=already)
 
     def __enter__(self) -> CampaignProgress:
@@ -40,14 +46,18 @@ class CampaignProgress:
         self._bar.stop()
 
     def listen(self, row: Row) -> None:
-        """Hear of a cell that ended."""
+        """Hear of one that ended."""
         self.there += 1
         self.failed += row["status"] != DONE
-        text = f"{row['bags']}, {row['structure']}, seed {row['seed']}: {told(row)}"
+        text = self._tell(row)
         failures = f"; {self.failed} failed" if self.failed else ""
         self._bar.update(self._task, completed=self.there, description=text + failures)
         if self._bar.disable:
             terminal.err.print(f"{self.there:5}/{self.total}  {text}", highlight=False, soft_wrap=True)
+
+
+def _cell(row: Row) -> str:
+    return f"{row['bags']}, {row['structure']}, seed {row['seed']}: {told(row)}"
 
 
 def told(row: Row) -> str:

@@ -15,6 +15,7 @@ from ces_cli.campaign import add_campaign, run_campaign
 from ces_cli.candidates import add_candidates, candidate_rules
 from ces_cli.cost_picture import save_cost_picture
 from ces_cli.coverage_picture import require_picture_name
+from ces_cli.distillation import tell_teacher, with_teacher
 from ces_cli.folds import add_folds, require_folds, with_folds
 from ces_cli.search_progress import SearchProgress
 from ces_cli.simulations import open_simulation, taught
@@ -46,7 +47,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.picture is not None:
         require_picture_name(options.picture)
     rules = candidate_rules(options)
-    bags, validation = _recordings(options, options.bags), _recordings(options, options.validate)
+    measured = _measured(options)
+    bags, validation = _taught(options, options.bags, measured), _taught(options, options.validate, measured)
     terminal.compare([*bags, *validation])
     require_folds(options, bags)
     split = options.split if options.split is not None else 1.0 if validation else 0.75
@@ -63,6 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     how = Options(split, rules, limits, options.rate, options.bandwidth, not options.no_certificate, weighting)
     with SearchProgress(limits) as progress:
         result = identifier(options)(bags, validation, how, progress.listen)
+    if options.teacher is not None:
+        result = with_teacher(result, options.teacher, tuple(measured.values()))
     result.model.save(options.out)  # before the folds, which take long
     result = with_folds(result, options, bags, how)
     result.model.save(options.out)
@@ -70,12 +74,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _recordings(options: argparse.Namespace, paths: Sequence[Path]) -> list[Recording]:
-    signals = terminal.signals_of(options)
+def _measured(options: argparse.Namespace) -> dict[Path, Recording]:
+    """Return the recordings as logged; with a teacher, the force may be missing."""
+    paths, signals = [*options.bags, *options.validate], terminal.signals_of(options)
+    need = FORCE if options.teacher is None else FORCE[:2]
+    return dict(zip(paths, terminal.read_all(paths, signals, need), strict=True))
+
+
+def _taught(options: argparse.Namespace, paths: Sequence[Path], measured: Mapping[Path, Recording]) -> list[Recording]:
+    """Return the recordings with the force to learn."""
     if options.teacher is None:
-        return terminal.read_all(paths, signals, FORCE)
-    teacher = open_simulation(options.teacher)
-    return [taught(teacher, path, terminal.read_one(path, signals), signals) for path in paths]
+        return [measured[path] for path in paths]
+    teacher, signals = open_simulation(options.teacher), terminal.signals_of(options)
+    return [taught(teacher, path, measured[path], signals) for path in paths]
 
 
 def _require_writable(*paths: Path | None) -> None:
@@ -89,6 +100,7 @@ def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] |
     best = result.found[0]
     weighting = parse_weighting(options.weight).over([e.series for e in result.evaluations])
     terminal.out.print(cost_table(result.evaluations, result.model.size, weighting))
+    tell_teacher(result)
     print(RULE)
     terminal.out.print(
         f"start {best.seed} of {len(result.found)} was best; it ended because {best.ended}", highlight=False

@@ -22,6 +22,8 @@ PROGRAMS = {
     "replay": "run the estimator over a recording as the observer node would",
     "simulate": "run any simulation over a recording and write its force as CSV",
     "export": "write a model as C source for a microcontroller, or as an FMU",
+    "diagnose": "find where a simulation and reality disagree, which effect causes it, what it buys",
+    "blind": "make, run and score blind tests of the diagnosis (synthetic data)",
 }
 MODULES = {"import": "import_"}
 

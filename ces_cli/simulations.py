@@ -1,8 +1,10 @@
-"""`SIM` on a command line: a model, a rig description, an FMU, module:function, or predictions recorded in a bag."""
+"""`SIM` on a command line: a model, an augmented simulation, a rig description, an FMU, module:function, or predictions
+recorded in a bag."""
 
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,13 +21,13 @@ from ces_identify.simulation import (
 )
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
-from ces_observer.signals import Signals
+from ces_observer.signals import Signal, Signals
 
 HELP = (
-    "MODEL.json, RIG.yaml, module:function, topic:/name, or a co-simulation FILE.fmu (native code, and run: "
-    "only from whom you trust; FILE.fmu:position=NAME,current=NAME,force=NAME names its variables)"
+    "MODEL.json, AUGMENTED.json, RIG.yaml, module:function, topic:/name, or a co-simulation FILE.fmu (native code, and "
+    "run: only from whom you trust; FILE.fmu:position=NAME,current=NAME,force=NAME names its variables)"
 )
-EXPECTED = "MODEL.json, RIG.yaml, FILE.fmu, module:function or topic:/name"
+EXPECTED = "MODEL.json, AUGMENTED.json, RIG.yaml, FILE.fmu, module:function or topic:/name"
 FIELDS = {
     "std_msgs/msg/Float64": "data",
     "std_msgs/msg/Float32": "data",
@@ -53,19 +55,31 @@ def open_simulation(spec: str) -> Simulation:
 
 def with_predictions(simulation: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
     """Return the recording with the predictions in its bag, if that is where the simulation's force comes from."""
-    if not isinstance(simulation, RecordedSimulation):
+    topic = recorded_topic(simulation)
+    if topic is None:
         return recording
-    types = {topic.name.lstrip("/"): topic.type for topic in list_topics(path)}
-    kind = types.get(simulation.topic.lstrip("/"))
+    types = {found.name.lstrip("/"): found.type for found in list_topics(path)}
+    kind = types.get(topic.lstrip("/"))
     if kind is None:
-        raise CesError(f"{path}: no topic {simulation.topic}; it has {', '.join('/' + t for t in sorted(types))}")
-    described = {"topic": simulation.topic, "type": kind, "field": FIELDS.get(kind, "data")}
+        raise CesError(f"{path}: no topic {topic}; it has {', '.join('/' + t for t in sorted(types))}")
     given = signals.by_name.get("sim_force")
-    where = (
-        signals if given is not None else Signals.from_mapping({"sim_force": described}, f"topic {simulation.topic}")
-    )
-    only = replace(signals, by_name={**signals.by_name, "sim_force": where["sim_force"]})
-    return read_recording(path, only, ("position", "current", "sim_force"))
+    if not isinstance(given, Signal) or given.topic.lstrip("/") != topic.lstrip("/"):
+        described = {"topic": topic, "type": kind, "field": FIELDS.get(kind, "data")}
+        given = Signals.from_mapping({"sim_force": described}, f"topic {topic}")["sim_force"]
+    only = replace(signals, by_name={**signals.by_name, "sim_force": given})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # told when the recording was read
+        return read_recording(path, only, ("position", "current", "sim_force"))
+
+
+def recorded_topic(simulation: Simulation) -> str | None:
+    """Return the topic of recorded predictions that a simulation comes down to, None if it is run."""
+    while not isinstance(simulation, RecordedSimulation):
+        inside = getattr(simulation, "simulation", None)  # of an augmented one
+        if inside is None:
+            return None
+        simulation = inside
+    return simulation.topic
 
 
 def taught(teacher: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
@@ -75,8 +89,10 @@ def taught(teacher: Simulation, path: Path, recording: Recording, signals: Signa
     return replace(recording, channels={**recording.channels, "force": channel})
 
 
-def _model(path: Path) -> Simulation:
-    return ModelSimulation(load_model(path))
+def _json(path: Path) -> Simulation:
+    from ces_gap.augmented import is_augmented, load_augmented
+
+    return load_augmented(path, open_simulation) if is_augmented(path) else ModelSimulation(load_model(path))
 
 
 def _fmu(spec: str) -> Simulation:
@@ -91,4 +107,4 @@ def _rig(path: Path) -> Simulation:
     return FunctionSimulation(str(path), load_rig(path))
 
 
-_OPENERS: dict[str, Callable[[Path], Simulation]] = {".json": _model, ".yaml": _rig, ".yml": _rig}
+_OPENERS: dict[str, Callable[[Path], Simulation]] = {".json": _json, ".yaml": _rig, ".yml": _rig}

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_gap.correction import LearntCorrection
 from ces_gap.effect import Composition
+from ces_gap.surrogate import Surrogate
 from ces_gap.trace import Trace
+from ces_gap.verdict import Figures
 
 F = NDArray[np.float64]
 B = NDArray[np.bool_]
@@ -148,3 +151,7 @@ class Diagnosis:
     surrogate_cost_J: float | None  # how good the surrogate of recorded predictions is, None if the simulation was run
     held_out: tuple[Series, ...]
     notes: tuple[str, ...] = field(default=())
+    correction: LearntCorrection | None = None  # of the baseline's own error
+    surrogate: Surrogate | None = None  # of recorded predictions
+    baselines: dict[str, str] = field(default_factory=dict)  # what simpler ways of choosing would have named
+    figures: Figures | None = None  # what decided

@@ -41,7 +41,7 @@ class Called:
     simulation: Simulation
 
     def force(self, trace: Trace, inputs: Inputs) -> F:
-        """Return the simulated force [N] on the grid (n,); the position keeps the noise and jitter it was logged with."""
+        """Return the simulated force [N] on the grid (n,); the position keeps its logged noise and jitter."""
         if inputs is trace.inputs:
             return trace.simulated
         recording = driven(trace, inputs)
@@ -62,13 +62,13 @@ class Plant:
             return simulated
         return simulated + self.correction.force(trace, inputs, simulated)
 
-    def with_effects(self, composition: Composition, trace: Trace, rounds: int = 1) -> F:
-        """Return the force [N] (n,) with the effects around the plant.
+    def with_effects(self, composition: Composition, trace: Trace, rounds: int = 1, alone: F | None = None) -> F:
+        """Return the force [N] (n,) with the effects around the plant; `alone` is the plant's own, if at hand.
 
         What drives the damper may depend on its force, which is taken from the round before: from the plant alone
         at first, which is right to first order.
         """
-        force = self.force(trace, trace.inputs)
+        force = self.force(trace, trace.inputs) if alone is None else alone
         if not any(s.effect.reruns for s in composition.settings):
             return composition.respond(trace, trace.inputs, force)
         for _ in range(rounds):
@@ -76,6 +76,16 @@ class Plant:
             inside = self.force(trace, inputs)
             force = composition.respond(trace, inputs, inside)
         return force
+
+
+def _powered(trace: Trace, inputs: Inputs, constant: float | None) -> Channel:
+    """Return the current channel with what `inputs` differ added to what was logged."""
+    if constant is not None:
+        return Channel("current", "A", trace.grid_ns(), constant + inputs.current - trace.inputs.current)
+    logged = trace.recording.channel("current")
+    seconds = (logged.stamps_ns - trace.recording.channel("position").stamps_ns[0]) * 1e-9
+    added = np.interp(seconds, trace.time_s, inputs.current - trace.inputs.current)
+    return replace(logged, values=logged.values + added)
 
 
 def driven(trace: Trace, inputs: Inputs) -> Recording:
@@ -88,6 +98,5 @@ def driven(trace: Trace, inputs: Inputs) -> Recording:
     moved = np.interp(seconds, trace.time_s, inputs.position - trace.inputs.position)
     channels["position"] = replace(position, values=position.values + moved)
     if inputs.current is not trace.inputs.current:
-        channels["current"] = Channel("current", "A", trace.grid_ns(), inputs.current)
-        constants.pop("current", None)
+        channels["current"] = _powered(trace, inputs, constants.pop("current", None))
     return replace(recording, channels=channels, constants=constants)

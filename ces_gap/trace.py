@@ -10,11 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.signal import butter, firwin, sosfiltfilt, welch
 
 from ces_gap.errors import GapError
 from ces_identify.recording import Recording
 from ces_identify.series import held_current
+from ces_identify.simulation import RecordedSimulation, Simulation
 
 F = NDArray[np.float64]
 B = NDArray[np.bool_]
@@ -50,8 +52,10 @@ class Trace:
     """A recording on a uniform grid.
 
     Arrays over n ticks: `time_s` from the first position sample; `inputs`; `acceleration` [m/s2]; `force` [N] measured;
-    `simulated` [N], the simulation as given. `usable` (n,) marks the ticks at which all of them are known and filters
-    have run in; elsewhere they are bridged with plain numbers. `low_pass_Hz` is that of the position.
+    `simulated` [N], the simulation on the smoothed position, and `as_given` [N] on the position as logged. `usable` (n,)
+    marks the ticks at which all of them are known and filters have run in; elsewhere they are bridged with plain
+    numbers. `low_pass_Hz` is that of the position. `noise_N` is the
+    RMS of the force's noise on the grid: white noise as strong as what was logged in the top quarter of frequencies.
     """
 
     name: str
@@ -61,9 +65,11 @@ class Trace:
     acceleration: F
     force: F
     simulated: F
+    as_given: F
     usable: B
     recording: Recording
     low_pass_Hz: float
+    noise_N: float
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -112,10 +118,39 @@ def make_trace(recording: Recording, simulated_N: F) -> Trace:
         acceleration=derivative(speed, base_Hz)[keep],
         force=_thinned(force, factor),
         simulated=_thinned(simulated, factor),
+        as_given=_thinned(simulated, factor),
         usable=usable[keep],
         recording=recording,
         low_pass_Hz=low_pass,
+        noise_N=_noise_N(recording, clock, base, factor),
     )
+
+
+def open_trace(simulation: Simulation, recording: Recording, as_given: bool = True) -> Trace:
+    """Return the trace of a recording under a simulation, which is run on the smoothed position if it can be run.
+
+    Without `as_given` it is run once only. Raises what the simulation raises, and GapError.
+    """
+    recorded = isinstance(simulation, RecordedSimulation)
+    given = make_trace(recording, simulation.force(recording) if as_given or recorded else _nothing(recording))
+    if recorded:
+        return given
+    smooth = smoothed(recording, given)
+    trace = make_trace(smooth, simulation.force(smooth))
+    return replace(trace, as_given=given.simulated if as_given else trace.simulated)
+
+
+def _nothing(recording: Recording) -> F:
+    return np.zeros(len(recording.channel("position")))
+
+
+def smoothed(recording: Recording, trace: Trace) -> Recording:
+    """Return the recording with the trace's smoothed position at the stamps of the logged one, where it is finite."""
+    position = recording.channel("position")
+    seconds = (position.stamps_ns - position.stamps_ns[0]) * 1e-9
+    values = CubicSpline(trace.time_s, trace.inputs.position)(np.clip(seconds, 0.0, trace.time_s[-1]))
+    values = np.where(np.isfinite(position.values), values, position.values)
+    return replace(recording, channels={**recording.channels, "position": replace(position, values=values)})
 
 
 def require_usable(trace: Trace) -> None:
@@ -176,9 +211,26 @@ def _thinned(values: F, factor: int) -> F:
     """Return every `factor`-th value behind a symmetric low-pass at half the grid's rate."""
     if factor == 1:
         return values
-    taps = firwin(8 * factor + 1, 0.8 / factor)
+    taps = _taps(factor)
     padded = np.pad(values, 4 * factor, mode="edge")
     return np.asarray(np.convolve(padded, taps, mode="valid")[::factor])
+
+
+def _taps(factor: int) -> F:
+    return np.asarray(firwin(8 * factor + 1, 0.8 / factor))
+
+
+def _noise_N(recording: Recording, clock: NDArray[np.int64], base: F, factor: int) -> float:
+    """Return the RMS [N] on the grid of white noise as strong as the force logged in the top quarter of frequencies."""
+    if "force" not in recording.channels:
+        return 0.0
+    channel = recording.channel("force")
+    values = channel.values[np.isfinite(channel.values)]
+    power = welch(values, 2.0, nperseg=min(len(values), 1024), average="median")[1]
+    level = float(np.median(power[3 * len(power) // 4 : -1]))
+    drawn = np.random.default_rng(0).standard_normal(len(channel))  # what resampling leaves of it
+    resampled = _thinned(_bridged((channel.stamps_ns - clock[0]) * 1e-9, drawn, base)[0], factor)
+    return float(np.sqrt(level) * resampled.std())
 
 
 def _run_in(known: B, edge: int) -> B:

@@ -26,6 +26,7 @@ class Body:
     moving_mass_kg: float = quantity(0.6, "kg", "rod, piston and bushing eye beyond the bushing", 0.05, 20.0)
     bump_clearance_m: float = quantity(0.050, "m", "stroke, either way, where the bump stop begins", 0.001, 0.5)
     bump_stiffness_N_m: float = quantity(4e5, "N/m", "bump stop stiffness", 0.0, 1e8)
+    bump_progression_1_m: float = quantity(0.0, "1/m", "relative growth of it with the stop's bend", 0.0, 1e4)
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Oil:
     air_exponent: float = quantity(1.3, "1", "polytropic exponent of the air bubbles", 1.0, 1.67)
     vapour_pressure_Pa: float = quantity(3e3, "Pa", "pressure at which oil vapour forms", 500.0, 9e4)
     viscosity_fall_1_K: float = quantity(0.022, "1/K", "relative fall of viscosity with temperature", 0.0, 0.1)
+    discharge_rise_1_K: float = quantity(0.0, "1/K", "relative rise of all orifices' flow with temperature", 0.0, 0.1)
 
 
 @dataclass(frozen=True)

@@ -124,12 +124,16 @@ def run(experiment: Experiment) -> Recording:
 
 def measure(experiment: Experiment, true: Truth) -> Recording:
     """Return what the experiment's sensors log of the signals `true`."""
-    sensors, seed = experiment.sensors, experiment.settings.seed
+    return measured(true, experiment.sensors, experiment.settings.seed, experiment.settings.name)
+
+
+def measured(true: Truth, sensors: Sensors, seed: int, name: str) -> Recording:
+    """Return what `sensors` log of the signals `true`, as a recording of this name."""
     current = true.coil_A if sensors.current_source == "measured" else true.commanded_A
 
-    def logged(name: str, unit: str, signal: Array, stream: str) -> Channel:
-        sensor = getattr(sensors, name)
-        return sensor.measure(name, unit, true.time_s, signal, EPOCH_NS, _rng(seed, stream))  # type: ignore[no-any-return]
+    def logged(channel: str, unit: str, signal: Array, stream: str) -> Channel:
+        sensor = getattr(sensors, channel)
+        return sensor.measure(channel, unit, true.time_s, signal, EPOCH_NS, _rng(seed, stream))  # type: ignore[no-any-return]
 
     channels = [
         logged("position", "m", true.stroke_m, "position"),
@@ -138,7 +142,7 @@ def measure(experiment: Experiment, true: Truth) -> Recording:
     ]
     if sensors.log_temperature:
         channels.append(logged("temperature", "degC", true.oil_degC, "temperature"))
-    return Recording(experiment.settings.name, {c.name: c for c in channels})
+    return Recording(name, {c.name: c for c in channels})
 
 
 def reseeded(experiment: Experiment, seed: int) -> Experiment:

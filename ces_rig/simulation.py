@@ -5,7 +5,7 @@ The recorded position is noisy and its derivative drives a stiff bushing, so it 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,15 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from ces_rig.bouc_wen import BoucWen
 from ces_rig.damper import Damper, damper_from
-from ces_rig.descriptions import read_yaml
+from ces_rig.descriptions import build, read_yaml
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, experiment_from
+from ces_rig.polyviscous import Polyviscous
 from ces_rig.stepper import rest_force, simulate
 
 Array = NDArray[np.float64]
 RigForce = Callable[[Array, Array, Array], Array]
 
+LUMPED: Mapping[str, type[BoucWen] | type[Polyviscous]] = {"bouc_wen": BoucWen, "calibration": Polyviscous}
 SMOOTHING_HZ = 70.0  # [Hz] zero-phase 4th-order low-pass of the position: well above any stroke, well below its noise
 
 
@@ -29,11 +32,17 @@ def load_rig(path: Path | str) -> RigForce:
     """Return function(time_s, position_m, current_A) -> force_N for a rig description, arrays of shape (n,).
 
     `path` is an experiment (its damper, `tare` and logged current count) or a damper description alone (tared,
-    measured current). The force is noise-free and positive in compression. A measured current is taken as the coil's,
-    so the coil's lag is not applied twice. Raises RigError, OSError.
+    measured current); one with `kind: bouc_wen` or `kind: calibration` is of another damper. The force is noise-free
+    and positive in compression. A measured current is taken as the coil's, so the coil's lag is not applied twice.
+    Raises RigError, OSError.
     """
     path = Path(path)
     given = read_yaml(path)
+    kind = given.pop("kind", "hydraulic")
+    if kind in LUMPED:
+        return driven_force(build(LUMPED[kind], given, str(path)).without_coil())
+    if kind != "hydraulic":
+        raise RigError(f"{path}: kind is {kind!r}; expected one of hydraulic, {', '.join(LUMPED)}")
     if "stroke" in given:
         experiment = experiment_from(given, str(path), path)
         measured = experiment.sensors.current_source == "measured"
@@ -45,13 +54,22 @@ def recorded_force(damper: Damper, tare: bool = True, measured_current: bool = T
     """Return the function that `load_rig` returns, for a damper already at hand."""
     driven = replace(damper, ces_valve=replace(damper.ces_valve, solenoid_s=0.0)) if measured_current else damper
     zero = rest_force(damper) if tare else 0.0
+    return _on_samples(lambda stroke, current: simulate(driven, GRID_S, stroke, current).force_N - zero)
+
+
+def driven_force(damper: BoucWen | Polyviscous) -> RigForce:
+    """Return the function that `load_rig` returns, for one of the other dampers as it is driven."""
+    return _on_samples(lambda stroke, current: damper.run(GRID_S, stroke, current)[0])
+
+
+def _on_samples(run: Callable[[Array, Array], Array]) -> RigForce:
+    """Return a function of recorded samples from one of stroke and current on the rig's grid."""
 
     def force(time_s: Array, position_m: Array, current_A: Array) -> Array:
         time, position, current = _checked(time_s, position_m, current_A)
         grid = np.arange(time[0], time[-1] + GRID_S, GRID_S)
         stroke = _smoothed(np.interp(grid, time, position))
-        run = simulate(driven, GRID_S, stroke, np.interp(grid, time, current))
-        return np.asarray(np.interp(np.asarray(time_s), grid, run.force_N - zero))
+        return np.asarray(np.interp(np.asarray(time_s), grid, run(stroke, np.interp(grid, time, current))))
 
     return force
 

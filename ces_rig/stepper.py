@@ -5,7 +5,9 @@ A stroke is given with its speed because between samples it is the cubic through
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +20,7 @@ from ces_rig.damper import Damper
 from ces_rig.errors import RigError
 
 Array = NDArray[np.float64]
+NO_EXTRAS: Mapping[str, float] = MappingProxyType({})
 STEP_S = 50e-6  # integration step: halving it changes the force by less than 0.2 % (test_hydraulics)
 
 
@@ -35,14 +38,19 @@ class Run:
 
 
 class Stepper:
-    """The damper for a live rig: keeps its state between chunks; chunks give exactly what one batch gives."""
+    """The damper for a live rig: keeps its state between chunks; chunks give exactly what one batch gives.
 
-    def __init__(self, damper: Damper, interval_s: float, step_s: float = STEP_S) -> None:
+    `extras` are coefficients of the kernel that no description has (see `hydraulics.Coefficients`).
+    """
+
+    def __init__(
+        self, damper: Damper, interval_s: float, step_s: float = STEP_S, extras: Mapping[str, float] = NO_EXTRAS
+    ) -> None:
         if not interval_s > 0.0 or not step_s > 0.0:
             raise RigError(f"interval {interval_s!r} s and step {step_s!r} s; expected numbers above 0")
         self.damper, self.interval_s = damper, interval_s
         self.substeps = max(1, round(interval_s / step_s))
-        self.coefficients = coefficients(damper)
+        self.coefficients = coefficients(damper)._replace(**extras)
         self.state = np.zeros(hy.STATE_SIZE)
         self.reset()
 
@@ -67,7 +75,7 @@ class Stepper:
 
 def simulate(
     damper: Damper, interval_s: float, stroke_m: Array, current_A: Array, speed_m_s: Array | None = None,
-    step_s: float = STEP_S,
+    step_s: float = STEP_S, extras: Mapping[str, float] = NO_EXTRAS,
 ) -> Run:  # fmt: skip
     """Drive `damper` from rest with samples every `interval_s` seconds; all arrays of shape (n,), n of at least 2.
 
@@ -78,7 +86,7 @@ def simulate(
     _check_input(damper, stroke, current)
     time = np.arange(len(stroke), dtype=np.float64) * interval_s
     speed = spline_speed(time, stroke) if speed_m_s is None else np.asarray(speed_m_s, dtype=np.float64)
-    stepper = Stepper(damper, interval_s, step_s)
+    stepper = Stepper(damper, interval_s, step_s, extras)
     force, states = np.empty(len(stroke)), np.empty((len(stroke), hy.STATE_SIZE))
     force[0] = stepper.reset(stroke[0], speed[0], current[0])
     states[0] = stepper.state

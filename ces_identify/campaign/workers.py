@@ -9,11 +9,12 @@ from __future__ import annotations
 import logging
 import signal
 import socket
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ces_identify.campaign.cell import CRASHED, Outcome, compute, failure
 from ces_identify.campaign.plan import Job
@@ -24,6 +25,7 @@ from ces_observer.errors import CesError
 CONNECT_S = 10.0
 
 Recordings = Mapping[Path, Recording]
+Result = TypeVar("Result")
 
 
 def on_this_machine(jobs: Sequence[Job], recordings: Recordings, processes: int) -> Generator[Outcome, None, None]:
@@ -31,24 +33,8 @@ def on_this_machine(jobs: Sequence[Job], recordings: Recordings, processes: int)
 
     Raises CesError if a process dies.
     """
-    import joblib  # type: ignore[import-untyped]
-
-    ordered = tuple(map(int, joblib.__version__.split(".")[:2])) < (1, 4)
-    config = joblib.parallel_config(backend="loky", inner_max_num_threads=max(job.limits.threads for job in jobs))
-    tasks = (joblib.delayed(_in_process)(job, *_of(job, recordings)) for job in jobs)
-    with config:
-        pool = joblib.Parallel(
-            n_jobs=max(2, processes),  # with 1, joblib would stay in this process, where Ctrl-C would end the search
-            pre_dispatch=processes,
-            batch_size=1,
-            return_as="generator" if ordered else "generator_unordered",
-        )
-        try:
-            yield from pool(tasks)
-        except BrokenProcessPool:
-            raise CesError(
-                "a worker process died, perhaps short of memory; finished cells are kept: run again with fewer --jobs"
-            ) from None
+    threads = max(job.limits.threads for job in jobs)
+    return in_processes(compute, ((job, *_of(job, recordings)) for job in jobs), processes, threads)
 
 
 def on_cluster(jobs: Sequence[Job], recordings: Recordings, address: str) -> Generator[Outcome, None, None]:
@@ -56,40 +42,75 @@ def on_cluster(jobs: Sequence[Job], recordings: Recordings, address: str) -> Gen
 
     Each recording is sent to every worker once. Raises CesError if the cluster cannot be used, or goes away.
     """
-    distributed = _distributed()
-    client = _connect(distributed, address)
-    try:
-        _require_same_version(client, address)
+    with cluster(address) as client:
         held = dict(zip(recordings, client.scatter(list(recordings.values()), broadcast=True, hash=False), strict=True))
         futures = {client.submit(compute, job, *_of(job, held), pure=False): job for job in jobs}
-        for future in distributed.as_completed(list(futures), loop=client.loop, raise_errors=False):
-            yield _outcome(future, futures[future], address)
+        for future in dask_distributed().as_completed(list(futures), loop=client.loop, raise_errors=False):
+            reason = crash_of(future, address)
+            yield future.result() if reason is None else failure(futures[future], CRASHED, reason)
             future.release()
+
+
+def in_processes(
+    function: Callable[..., Result], tasks: Iterable[tuple[Any, ...]], processes: int, threads: int
+) -> Generator[Result, None, None]:
+    """Yield what `function` makes of each task's arguments as it ends, from so many processes of so many threads.
+
+    A task is taken from `tasks`, perhaps in another thread, when a process is free. Raises CesError if a process dies.
+    """
+    import joblib  # type: ignore[import-untyped]
+
+    ordered = tuple(map(int, joblib.__version__.split(".")[:2])) < (1, 4)
+    with joblib.parallel_config(backend="loky", inner_max_num_threads=threads):
+        pool = joblib.Parallel(
+            n_jobs=max(2, processes),  # with 1, joblib would stay in this process, where Ctrl-C would end the search
+            pre_dispatch=processes,
+            batch_size=1,
+            return_as="generator" if ordered else "generator_unordered",
+        )
+        try:
+            yield from pool(joblib.delayed(_in_process)(function, *task) for task in tasks)
+        except BrokenProcessPool:
+            raise CesError(
+                "a worker process died, perhaps short of memory; what is finished is kept: run again with fewer --jobs"
+            ) from None
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Any]:
+    """Open a client of the Dask scheduler at `address`, whose workers have this version of the package.
+
+    Raises CesError if there is none.
+    """
+    client = _connect(dask_distributed(), address)
+    try:
+        _require_same_version(client, address)
+        yield client
     finally:
         client.close()
 
 
-def _in_process(job: Job, *recordings: list[Recording]) -> Outcome:
+def crash_of(future: Any, address: str) -> str | None:
+    """Return why a task that ended has no result, None if it has one; raises CesError if the cluster went away."""
+    if future.status == "finished":
+        return None
+    if future.status != "error":
+        raise CesError(f"--dask {address}: the cluster went away; what is finished is kept: run again")
+    error = future.exception()
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def _in_process(function: Callable[..., Result], *arguments: Any) -> Result:
     """Compute in a process of our own, and leave Ctrl-C, which the terminal sends to all, to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    return compute(job, *recordings)
+    return function(*arguments)
 
 
 def _of(job: Job, held: Mapping[Path, Any]) -> tuple[list[Any], list[Any]]:
     return [held[path] for path in job.recordings], [held[path] for _, path in job.validation]
 
 
-def _outcome(future: Any, job: Job, address: str) -> Outcome:
-    if future.status == "finished":
-        outcome: Outcome = future.result()
-        return outcome
-    if future.status != "error":
-        raise CesError(f"--dask {address}: the cluster went away; finished cells are kept: run again")
-    error = future.exception()
-    return failure(job, CRASHED, f"{type(error).__name__}: {' '.join(str(error).split())}")
-
-
-def _distributed() -> Any:
+def dask_distributed() -> Any:
     """Return dask.distributed, whose log of a cluster that goes away would bury the one line that says so."""
     try:
         distributed = import_module("distributed")

@@ -138,6 +138,19 @@ def padded(low: float, high: float, share: float = 0.05) -> tuple[float, float]:
     return low - share * (high - low), high + share * (high - low)
 
 
+def span_of(*arrays: F) -> tuple[float, float]:
+    """Return the padded range of all finite values."""
+    values = np.concatenate(arrays)
+    values = values[np.isfinite(values)]
+    return padded(float(values.min()), float(values.max())) if len(values) else (-1.0, 1.0)
+
+
+def around_zero(error: F) -> tuple[float, float]:
+    """Return a padded range around zero that holds all finite values."""
+    worst = float(np.nanmax(np.abs(error), initial=0.0)) if np.isfinite(error).any() else 0.0
+    return (-1.05 * worst, 1.05 * worst) if worst > 0.0 else (-1.0, 1.0)
+
+
 def minus(text: str) -> str:
     """Return `text` with true minus signs."""
     return text.replace("-", "\N{MINUS SIGN}")

@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_identify.evaluate import Evaluation
-from ces_identify.report.drawing import F, Panel, axes, legend, note, padded, panel, svg
+from ces_identify.report.drawing import F, Panel, around_zero, axes, legend, note, panel, span_of, svg
 from ces_identify.report.marks import B, dots, line, shade
 from ces_identify.report.window import Window
 from ces_observer.model import Model
@@ -26,7 +26,7 @@ def speed_force(ident: str, evaluation: Evaluation, model: Model) -> Markup:
     order = np.random.default_rng(0).permutation(len(ticks))[:MOST_DOTS]  # no stride: it would beat with a sine
     shown = ticks[order]
     speed, measured, simulated = series.speed[shown], series.force[shown], run.force[shown]
-    p = panel(_span(series.speed[series.scored]), _span(series.force[series.scored], simulated), (58, 34, 366, 362))
+    p = panel(span_of(series.speed[series.scored]), span_of(series.force[series.scored], simulated), (58, 34, 366, 362))
     parts = [_outside_speeds(p, evaluation, model), axes(p, "Speed [m/s], positive in compression", "Force [N]", 6, 7)]
     for some in np.array_split(np.arange(len(shown)), LAYERS):
         parts.append(dots(p, speed[some], measured[some], "measured dots"))
@@ -50,8 +50,8 @@ def _window_panels(evaluation: Evaluation, window: Window) -> list[str]:
     breaks = _restarts(evaluation)[some]
     error = np.where(series.scored[some], measured - simulated, np.nan)
     span = (float(time[0]), float(time[-1]))
-    force = panel(span, _span(measured, simulated), (58, 34, 586, 170))
-    below = panel(span, _around_zero(error), (58, 238, 586, 58))
+    force = panel(span, span_of(measured, simulated), (58, 34, 586, 170))
+    below = panel(span, around_zero(error), (58, 238, 586, 58))
     return [
         *(shade(p, time, run.clamped[some], "outside") for p in (force, below)),
         axes(force, "", "Force [N]", 8, 5),
@@ -67,7 +67,7 @@ def _overview_panel(evaluation: Evaluation, window: Window) -> list[str]:
     series, run = evaluation.series, evaluation.run
     time = series.time_s
     error = np.where(series.scored, series.force - run.force, np.nan)
-    p = panel((float(time[0]), float(time[-1])), _around_zero(error), (58, 360, 586, 46))
+    p = panel((float(time[0]), float(time[-1])), around_zero(error), (58, 360, 586, 46))
     return [
         shade(p, time, run.clamped, "outside"),
         p.rect(time[window.start], time[window.stop - 1], "window"),
@@ -94,14 +94,3 @@ def _restarts(evaluation: Evaluation) -> B:
     breaks = np.zeros(len(evaluation.series), bool)
     breaks[evaluation.series.segments[:, 0]] = True
     return breaks
-
-
-def _span(*arrays: F) -> tuple[float, float]:
-    values = np.concatenate(arrays)
-    values = values[np.isfinite(values)]
-    return padded(float(values.min()), float(values.max())) if len(values) else (-1.0, 1.0)
-
-
-def _around_zero(error: F) -> tuple[float, float]:
-    worst = float(np.nanmax(np.abs(error), initial=0.0)) if np.isfinite(error).any() else 0.0
-    return (-1.05 * worst, 1.05 * worst) if worst > 0.0 else (-1.0, 1.0)

@@ -9,8 +9,9 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ces_identify.evaluate import Evaluation
-from ces_identify.report.drawing import Panel, axes, label, legend, note, panel, svg
+from ces_identify.report.drawing import Panel, axes, legend, note, panel, svg
 from ces_identify.report.grid import Grid
+from ces_identify.report.heat import cells, ramp
 from ces_observer.model import Model
 
 F = NDArray[np.float64]
@@ -19,8 +20,8 @@ SIZE = (550, 400)
 BOX = (58.0, 34.0, 476.0, 276.0)
 FLAT_BOX = (58.0, 34.0, 476.0, 312.0)
 SPEED = "Speed [m/s], positive in compression"
-FAINTEST = 0.10  # opacity of a cell that has just been visited
-LEGEND_CELLS = 24
+RAMP = (BOX[0], SIZE[1] - 38.0)
+QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def coverage_map(
@@ -37,7 +38,7 @@ def coverage_map(
     parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, share, shade, "cover", " % of the time")]
     if outlined:
         parts += [_outline(p, grid, beside > 0.0), legend(p.x.stop, 23, [("outline", "validation")])]
-    parts += [_envelope(p, model), _ramp([f * f * share.max() for f in (0, 0.25, 0.5, 0.75, 1)], "cover", "%")]
+    parts += [_envelope(p, model), ramp(*RAMP, [f * f * share.max() for f in QUARTERS], "cover", "%")]
     return svg(ident, SIZE, title, f"Largest share of a cell: {share.max():.3g} %.", parts)
 
 
@@ -56,7 +57,7 @@ def error_map(
         parts += [_outline(p, grid, grid.share(known) > 0.0), legend(p.x.stop, 23, [("outline", "identified")])]
     if not np.isfinite(rms).any():
         parts.append(note(p, "no simulated force to judge"))
-    parts += [_envelope(p, model), _ramp([f * worst for f in (0, 0.25, 0.5, 0.75, 1)], "wrong", "N")]
+    parts += [_envelope(p, model), ramp(*RAMP, [f * worst for f in QUARTERS], "wrong", "N")]
     return svg(ident, SIZE, "RMS error over speed and current", f"Largest RMS error of a cell: {worst:.3g} N.", parts)
 
 
@@ -65,15 +66,11 @@ def _map_panel(grid: Grid) -> Panel:
 
 
 def _cells(p: Panel, grid: Grid, values: F, shade: F, css: str, unit: str) -> str:
-    """Return a rectangle for each cell that has a value above 0, darker with `shade` from 0 to 1; hovering tells it."""
-    out = []
-    for a, b in zip(*np.nonzero(np.nan_to_num(values) > 0.0), strict=True):
+    def tell(a: int, b: int) -> str:
         v, c = grid.speed[a : a + 2], grid.current[b : b + 2]
-        where = f"{v[0]:.3g} to {v[1]:.3g} m/s, {c[0]:.3g} to {c[1]:.3g} A: {values[a, b]:.3g}{unit}"
-        box = p.rect(v[0], v[1], css, c[0], c[1]).removesuffix("/>")
-        opacity = FAINTEST + (1.0 - FAINTEST) * shade[a, b]
-        out.append(f'{box} fill-opacity="{opacity:.2f}"><title>{where}</title></rect>')
-    return "\n".join(out)
+        return f"{v[0]:.3g} to {v[1]:.3g} m/s, {c[0]:.3g} to {c[1]:.3g} A: {values[a, b]:.3g}{unit}"
+
+    return cells(p, (grid.speed, grid.current), values, shade, css, tell)
 
 
 def _outline(p: Panel, grid: Grid, inside: NDArray[np.bool_]) -> str:
@@ -93,20 +90,6 @@ def _envelope(p: Panel, model: Model) -> str:
     return p.rect(v0, v1, "envelope", c0, c1)
 
 
-def _ramp(values: Sequence[float], css: str, unit: str) -> str:
-    """Return the scale from the faintest to the fullest cell with `values` evenly along it."""
-    left, top, width = BOX[0], SIZE[1] - 38.0, 300.0
-    step = width / LEGEND_CELLS
-    out = []
-    for i in range(LEGEND_CELLS):
-        opacity = FAINTEST + (1.0 - FAINTEST) * i / (LEGEND_CELLS - 1)
-        box = f'x="{left + i * step:.1f}" y="{top:.1f}" width="{step:.1f}" height="11"'
-        out.append(f'<rect class="{css}" {box} fill-opacity="{opacity:.2f}"/>')
-    for i, value in enumerate(values):
-        out.append(label(left + width * i / (len(values) - 1), top + 27, _short(value), "tick mid"))
-    return "\n".join([*out, label(left + width + 20, top + 10, unit, "name")])
-
-
 def _bars(grid: Grid, values: F, y_label: str, css: str, beside: F | None) -> list[str]:
     """Return a histogram over speed, with a second one as a stepped line."""
     top = max(float(values.max()), 0.0 if beside is None else float(beside.max())) or 1.0
@@ -118,7 +101,3 @@ def _bars(grid: Grid, values: F, y_label: str, css: str, beside: F | None) -> li
         d = "L".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
         parts += [f'<path class="outline" d="M{d}"/>', legend(p.x.stop, 23, [("outline", "validation")])]
     return parts
-
-
-def _short(value: float) -> str:
-    return f"{value:.0f}" if value >= 99.5 else f"{value:.2g}"

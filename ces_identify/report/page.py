@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from importlib import resources
 from typing import Any
-
-from jinja2 import Environment, StrictUndefined, Template
-from markupsafe import Markup
 
 from ces_identify.error_regions import error_cells, error_regions
 from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation
@@ -17,20 +13,19 @@ from ces_identify.report.figures import MOST_DOTS, speed_force, time_plot
 from ces_identify.report.grid import make_grid
 from ces_identify.report.maps import coverage_map, error_map
 from ces_identify.report.parameters import parameter_table
+from ces_identify.report.shell import page_template, spoken, well_formed
 from ces_identify.report.summary import (
     cost_rows,
     headline,
     in_order,
     of_role,
     pooled_row,
-    three_figures,
     warnings,
 )
 from ces_identify.report.terms import term_rows
 from ces_identify.report.window import choose_window
 from ces_identify.residuals import residual_tests, verdicts
 from ces_identify.weighting import EQUAL, Weighting
-from ces_observer import __version__
 from ces_observer.model import Model
 
 USAGE_RULE = "usage_rule"  # in the provenance: told below the costs
@@ -46,9 +41,9 @@ def render(
 ) -> str:
     """Return the page as text that is both HTML and well-formed XML."""
     judged = in_order(evaluations)
-    page = _template().render(
+    template = page_template("report.html.j2")
+    page = template.render(
         title=title,
-        css=Markup(_resource("report.css")),
         headline=headline(judged),
         validated=bool(of_role(judged, VALIDATION)),
         warnings=warnings(judged),
@@ -67,9 +62,8 @@ def render(
         regions=error_regions(of_role(judged, VALIDATION) or judged),
         settings=_settings(model),
         history={k: v for k, v in model.provenance.items() if not _plain(v)},
-        version=__version__,
     )
-    return page.encode("utf-8", "replace").decode("utf-8")
+    return well_formed(page)
 
 
 def _recording(number: int, evaluation: Evaluation, model: Model) -> dict[str, Any]:
@@ -104,10 +98,10 @@ def _maps(judged: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
 def _settings(model: Model) -> dict[str, Any]:
     """Return what the page's last section shows of the model, names made readable."""
     return {
-        "Sampling": {_spoken(key): value for key, value in asdict(model.sampling).items()},
+        "Sampling": {spoken(key): value for key, value in asdict(model.sampling).items()},
         "Envelope": {
-            **{_spoken(key): _span(value) for key, value in asdict(model.envelope).items()},
-            _spoken("force_N"): _span(model.force_envelope_N),
+            **{spoken(key): _span(value) for key, value in asdict(model.envelope).items()},
+            spoken("force_N"): _span(model.force_envelope_N),
         },
         "Origin": {
             **{k: v for k, v in model.provenance.items() if _plain(v) and k != USAGE_RULE},
@@ -123,22 +117,3 @@ def _plain(item: object) -> bool:
 
 def _span(value: tuple[float, float]) -> str:
     return f"{value[0]:.4g} to {value[1]:.4g}".replace("-", "\N{MINUS SIGN}")
-
-
-def _spoken(key: str) -> str:
-    """Return `max_gap_s` as `max gap [s]`."""
-    units = {"_m_s": "m/s", "_Hz": "Hz", "_percent": "%", "_s": "s", "_m": "m", "_A": "A", "_N": "N"}
-    for ending, unit in units.items():
-        if key.endswith(ending):
-            return f"{key.removesuffix(ending).replace('_', ' ')} [{unit}]"
-    return key.replace("_", " ")
-
-
-def _template() -> Template:
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(spoken=_spoken, three_figures=three_figures)
-    return environment.from_string(_resource("report.html.j2"))
-
-
-def _resource(name: str) -> str:
-    return resources.files("ces_identify.report").joinpath(name).read_text(encoding="utf-8")

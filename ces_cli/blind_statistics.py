@@ -1,0 +1,71 @@
+"""Rates and quantiles with 95 % intervals, and how far probabilities mean what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import nan, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+F = NDArray[np.float64]
+
+Z95 = 1.959964
+RESAMPLES = 1000
+BINS = 10
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure with its 95 % interval and the number of cases behind it; NaN if there are none."""
+
+    value: float
+    low: float
+    high: float
+    count: int
+
+
+def rate(hits: Sequence[bool]) -> Figure:
+    """Return the share of hits with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
+    n = len(hits)
+    if n == 0:
+        return Figure(nan, nan, nan, 0)
+    p, z2 = sum(hits) / n, Z95 * Z95
+    middle = (p + z2 / (2 * n)) / (1 + z2 / n)
+    half = Z95 / (1 + z2 / n) * sqrt(p * (1 - p) / n + z2 / (4 * n * n))
+    return Figure(p, max(0.0, middle - half), min(1.0, middle + half), n)
+
+
+def quantile(values: Sequence[float], share: float) -> Figure:
+    """Return a quantile with the percentile interval of a bootstrap over cases."""
+    return resampled(np.asarray(values, np.float64), lambda part: float(np.quantile(part, share)))
+
+
+def mean(values: Sequence[float]) -> Figure:
+    """Return the mean with the percentile interval of a bootstrap over cases."""
+    return resampled(np.asarray(values, np.float64), lambda part: float(part.mean()))
+
+
+def resampled(cases: F, figure: Callable[[F], float]) -> Figure:
+    """Return `figure` of the cases (n, …), with the percentile interval over resamples of whole cases."""
+    n = len(cases)
+    if n == 0:
+        return Figure(nan, nan, nan, 0)
+    rng = np.random.default_rng(0)
+    again = [figure(cases[rng.integers(n, size=n)]) for _ in range(RESAMPLES)]
+    low, high = np.quantile(again, (0.025, 0.975))
+    return Figure(figure(cases), float(low), float(high), n)
+
+
+def calibration_error(probability: F, right: F) -> float:
+    """Return the expected calibration error of probabilities (n,) against what was right (n,), in ten equal bins."""
+    place = np.minimum((probability * BINS).astype(int), BINS - 1)
+    sums = (np.bincount(place, weights=w, minlength=BINS) for w in (probability, right))
+    said, true = sums
+    return float(np.abs(said - true).sum() / len(probability))
+
+
+def brier(probability: F, right: F) -> float:
+    """Return the mean over cases of the squared distance of probabilities from the truth, each (cases, candidates)."""
+    return float(np.mean(np.sum((probability - right) ** 2, axis=1)))

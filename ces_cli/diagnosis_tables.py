@@ -1,0 +1,169 @@
+"""A diagnosis on the terminal: the verdict, the gap, its causes, where it lies, and what to do next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich import box
+from rich.markup import escape
+from rich.table import Table
+
+from ces_cli import terminal
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, Estimate, Explained, Region, Where
+from ces_gap.report.words import parameter_text, region_name
+
+COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan"}
+MOST_CAUSES = 5
+MOST_REGIONS = 3
+STANDS_OUT = 0.05  # rate of false discoveries up to which a region counts
+MUCH = 1.2  # times as much of the gap's energy as of the time
+
+
+def tell(found: Diagnosis, folder: Path, files: Sequence[str]) -> None:
+    """Print a diagnosis; `files` are those written to `folder`."""
+    for text in found.notes:
+        terminal.note(text)
+    say = terminal.out.print
+    name = found.verdict.replace("_", " ").upper()
+    say(f"[bold {COLORS[found.verdict]}]{name}[/]: {escape(found.sentence)}", highlight=False, soft_wrap=True)
+    for line in gap_lines(found):
+        say(line, highlight=False, soft_wrap=True, markup=False)
+    if found.causes:
+        say(cause_table(found))
+    for line in (*where_lines(found), *doubt_lines(found), *next_lines(found, folder)):
+        say(line, highlight=False, soft_wrap=True, markup=False)
+    print(f"written: {folder}/{', '.join(files)}")
+
+
+def gap_lines(found: Diagnosis) -> list[str]:
+    """Say how large the gap is, and what is left of it."""
+    gap, together = found.gap, found.composition
+    lines = [
+        f"gap: {_newtons(gap.rms_N)} RMS {_interval(gap.ci95_N)} on what was held out, noise taken out "
+        f"(noise {_newtons(gap.noise_floor_N)}, J = {gap.cost_J:.2f} %)"
+    ]
+    if gap.corrected_N != gap.rms_N:
+        told = f"{_newtons(gap.corrected_N)} {_interval(gap.corrected_ci95_N)}"
+        lines.append(f"     {told} of it beyond the simulation's own error, which the references taught")
+    if together.effects:
+        lines.append(
+            f"with {' + '.join(together.effects)}: {_newtons(together.gap_after_N)} left, the gap shrinks by "
+            f"{_percent(together.shrink)} {_percents(together.shrink_ci95)}"
+        )
+        lines.append(_controls(found))
+    return lines
+
+
+def cause_table(found: Diagnosis) -> Table:
+    """Return the effects one by one, likeliest first, with what is not one of them below."""
+    table = Table(title="each effect alone", title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("effect", no_wrap=True)
+    for heading in ("probability", "shrink", "95 %"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("parameters [95 %]", overflow="fold")
+    for cause in found.causes[:MOST_CAUSES]:
+        style = "bold" if cause.effects[0] in found.composition.effects else ""
+        shrink = (_percent(cause.shrink), _percents(cause.shrink_ci95))
+        table.add_row(_named(cause), _probability(cause.probability), *shrink, escape(_parameters(cause)), style=style)
+    table.add_section()
+    table.add_row("no gap", _probability(found.probability_none), "", "", "")
+    table.add_row("something else", _probability(found.probability_unknown), "", "", "")
+    return table
+
+
+def where_lines(found: Diagnosis) -> list[str]:
+    """Say where the gap's energy sits that is more than the time spent there, and where what no effect explains."""
+    lines = [] if found.verdict == NO_GAP else _where("where", found.where)
+    return lines if found.rest is None else lines + _where("unexplained", found.rest)
+
+
+def _where(word: str, where: Where) -> list[str]:
+    telling = [
+        r for r in where.regions if r.q_value <= STANDS_OUT and r.share_of_energy > MUCH * max(r.share_of_samples, 1e-9)
+    ]
+    telling.sort(key=lambda r: r.share_of_samples - r.share_of_energy)
+    by_axis = {r.axis: r for r in reversed(telling)}
+    best = [r for r in telling if by_axis[r.axis] is r][:MOST_REGIONS]
+    return [f"{word}: {region_text(r)}" for r in best] or [f"{word}: no region stands out"]
+
+
+def doubt_lines(found: Diagnosis) -> list[str]:
+    """Say what these recordings cannot tell."""
+    lines = [f"not told apart by these recordings: {', '.join(group)}" for group in found.indistinguishable]
+    if found.not_separable:
+        lines.append(
+            f"not separable from a calibration of the simulation: {', '.join(found.not_separable)} (give --reference)"
+        )
+    lines += [f"cannot be seen: {effect}: {reason}" for effect, reason in found.invisible]
+    if found.surrogate_cost_J is not None:
+        lines.append(f"the simulation was stood in for by a surrogate of J = {found.surrogate_cost_J:.2f} %")
+    return lines
+
+
+def next_lines(found: Diagnosis, folder: Path) -> list[str]:
+    """Say what to do next."""
+    lines = []
+    if found.next_experiment is not None:
+        lines.append(f"next: {found.next_experiment.purpose}")
+        lines.append(f"      ces rig {folder}/next_experiment.yaml --out BAG   (for a real rig: next_experiment.csv)")
+    if found.composition.effects and found.verdict in (NAMED, AMBIGUOUS):
+        lines.append(
+            f"next: ces identify --teacher {folder}/augmented.json BAG... --out MODEL.json   (the repair, as a model)"
+        )
+    return lines
+
+
+def region_text(region: Region) -> str:
+    """Return a region in words with what it holds of the gap."""
+    energy = f"{region.share_of_energy:.0%} of the gap's energy"
+    if region.axis == "frequency_hz":
+        return f"{energy} at {region_name(region)}"
+    return (
+        f"{energy} in {region.share_of_samples:.0%} of the time at {region_name(region)} (RMS {_newtons(region.rms_N)})"
+    )
+
+
+def _controls(found: Diagnosis) -> str:
+    ceiling = 1.0 - found.ceiling_after_N / found.gap.rms_N if found.gap.rms_N > 0.0 else math.nan
+    wrong = (
+        ""
+        if found.wrong is None
+        else f"the best wrong effect ({found.wrong.effects[0]}) {_percent(found.wrong.shrink)}, "
+    )
+    return f"     for comparison: {wrong}a learner without physics {_percent(ceiling)}"
+
+
+def _named(cause: Explained) -> str:
+    return f"{cause.effects[0]} ({cause.forms[0]})"
+
+
+def _parameters(cause: Explained) -> str:
+    return ", ".join(_estimate(estimate) for estimate in cause.estimates[0])
+
+
+def _estimate(estimate: Estimate) -> str:
+    marks = (" at its bound" if estimate.at_bound else "") + (" drifts" if estimate.drifts else "")
+    name, value, unit, interval = parameter_text(estimate)
+    return f"{name} {value} {unit} [{interval}]{marks}"
+
+
+def _newtons(value: float) -> str:
+    return f"{value:.1f} N" if math.isfinite(value) else "unknown"
+
+
+def _interval(bounds: tuple[float, float]) -> str:
+    return f"[{bounds[0]:.1f}, {bounds[1]:.1f}]"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if math.isfinite(share) else "-"
+
+
+def _percents(bounds: tuple[float, float]) -> str:
+    return f"[{100.0 * bounds[0]:.0f}, {100.0 * bounds[1]:.0f}]" if all(map(math.isfinite, bounds)) else "-"
+
+
+def _probability(value: float) -> str:
+    return "<0.01" if 0.0 < value < 0.005 else f"{value:.2f}"

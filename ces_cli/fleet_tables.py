@@ -1,0 +1,95 @@
+"""The rows of a fleet as a table for the terminal and as CSV, those with the largest gap first."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich import box
+from rich.markup import escape
+from rich.table import Table
+
+from ces_gap.fleet.answer import DONE
+from ces_identify.row_log import Row
+from ces_observer.checked import write_beside
+
+MOST_SHOWN = 60
+COLUMNS = (
+    "name",
+    "status",
+    "verdict",
+    "effects",
+    "cause",
+    "probability",
+    "gap_N",
+    "gap_low_N",
+    "gap_high_N",
+    "noise_floor_N",
+    "cost_J",
+    "gap_after_N",
+    "shrink",
+    "shrink_low",
+    "shrink_high",
+    "sentence",
+    "recordings",
+    "folder",
+    "seconds",
+    "reason",
+    "key",
+)
+
+
+def ordered(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows with the largest gap first, those without a diagnosis last."""
+    return sorted(rows, key=lambda row: (row["status"] != DONE, -(row.get("gap_N") or 0.0), row["name"]))
+
+
+def told(row: Row) -> str:
+    """Say in a few words how a diagnosis ended."""
+    if row["status"] != DONE:
+        return f"{row['name']}: {row['status']}: {row['reason']}"
+    return f"{row['name']}: {verdict_text(row)}, gap {number(row['gap_N'], '.1f')} N, {row['seconds']:.1f} s"
+
+
+def verdict_text(row: Row) -> str:
+    """Return the verdict with the effects that it names."""
+    effects = " + ".join(row["effects"])
+    verdict = str(row["verdict"]).replace("_", " ")
+    return f"{verdict}: {effects}" if effects else verdict
+
+
+def number(value: float | None, form: str) -> str:
+    """Return a number as text, a dash if there is none."""
+    return "-" if value is None else format(value, form)
+
+
+def fleet_table(rows: Sequence[Row]) -> Table:
+    """Return a table of the diagnoses, for a terminal."""
+    done = [row for row in ordered(rows) if row["status"] == DONE]
+    title = f"{len(done)} of {len(rows)} diagnosed" + ("; the largest gaps" if len(done) > MOST_SHOWN else "")
+    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("vehicle or recording", overflow="fold")
+    table.add_column("verdict", overflow="fold")
+    for heading in ("P", "gap N", "after N", "shrink"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in done[:MOST_SHOWN]:
+        shrink = "-" if row["shrink"] is None else f"{100.0 * row['shrink']:.0f} %"
+        gaps = (number(row["gap_N"], ".1f"), number(row["gap_after_N"], ".1f"))
+        names = (escape(row["name"]), verdict_text(row))
+        table.add_row(*names, number(row["probability"], ".2f"), *gaps, shrink)
+    return table
+
+
+def write_csv(rows: Sequence[Row], path: Path) -> None:
+    """Write a line for each row; lists are joined with ` + `."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows([_cell(row.get(name)) for name in COLUMNS] for row in ordered(rows))
+    write_beside(path, text.getvalue())
+
+
+def _cell(value: object) -> object:
+    return " + ".join(map(str, value)) if isinstance(value, list) else value

@@ -1,0 +1,72 @@
+"""A slow simulation asked seldom: a cheap stand-in, set right where the simulation itself was run.
+
+What the stand-in lacks at the anchor is added in proportion to how far the inputs were moved along the anchor's change,
+which is exact at the anchor and to first order along the line from the recorded inputs to it (space mapping; Bandler
+et al. 1994).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.effect import Effect
+from ces_gap.evidence import Evidence
+from ces_gap.fit import Fit, polish
+from ces_gap.plant import Plant, Rerun
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+
+ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Anchored:
+    """The stand-in `cheap`; by trace, the anchor's `change` of inputs (2n,) and what is `lacking` there [N] (n,)."""
+
+    cheap: Rerun
+    change: Mapping[str, F]
+    lacking: Mapping[str, F]
+
+    def force(self, trace: Trace, inputs: Inputs) -> F:
+        """Return the simulated force [N] (n,)."""
+        if inputs is trace.inputs:
+            return trace.simulated
+        anchor = self.change[trace.name]
+        size = float(anchor @ anchor)
+        share = float(anchor @ _change(trace, inputs)) / size if size > 0.0 else 0.0
+        return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.lacking[trace.name]
+
+
+def _change(trace: Trace, inputs: Inputs) -> F:
+    """Return by how much inputs differ from the recorded ones (2n,), each over its spread."""
+    pairs = ((inputs.position, trace.inputs.position), (inputs.current, trace.inputs.current))
+    return np.concatenate([(new - old) / max(float(old.std()), 1e-9) for new, old in pairs])
+
+
+def anchor(evidence: Evidence, fit: Fit, exact: Rerun, cheap: Rerun) -> Evidence:
+    """Return the evidence with the simulation itself run at the fit."""
+    change, lacking = {}, {}
+    for trace, alone in zip(evidence.traces, evidence.alone, strict=True):
+        inputs = fit.composition.drive(trace, alone)
+        change[trace.name] = _change(trace, inputs)
+        lacking[trace.name] = exact.force(trace, inputs) - cheap.force(trace, inputs)
+    return replace(evidence, plant=Plant(Anchored(cheap, change, lacking), evidence.plant.correction))
+
+
+def polished(evidence: Evidence, fit: Fit, exact: Rerun, cheap: Rerun, rounds: int = ROUNDS) -> Fit:
+    """Return the fit redone with the simulation itself run once a round where it stood."""
+    if not reruns(fit.effects):
+        return fit
+    for _ in range(rounds):
+        fit = polish(anchor(evidence, fit, exact, cheap), fit.effects, fit.searched)
+    return fit
+
+
+def reruns(effects: Sequence[Effect]) -> bool:
+    """True if one of the effects changes what drives the simulation."""
+    return any(effect.reruns for effect in effects)

@@ -1,0 +1,174 @@
+"""The axes a gap is looked at along: their values at every tick of a trace, and edges that a person can read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.trace import Trace
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741
+
+STROKE, SPEED, CURRENT, DIRECTION = "stroke_m", "speed_m_s", "current_A", "direction"
+FREQUENCY, REVERSAL, ELAPSED, HEAT = "frequency_hz", "since_reversal_s", "elapsed_s", "heat_J"
+OPERATING = (STROKE, SPEED, CURRENT, DIRECTION, REVERSAL, ELAPSED, HEAT)  # known tick by tick
+
+HYSTERESIS = 0.05  # of the speed's RMS: a reversal counts once the speed is beyond it on the other side
+LEAST_HYSTERESIS = 0.002  # [m/s]
+LEAST_SHARE, LEAST_TICKS = 0.003, 25  # of a region
+QUANTILES = (0.005, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 0.995)  # rare extremes keep regions of their own
+SPEED_QUANTILES = (0.15, 0.4, 0.7, 0.9, 0.97, 0.993)  # of its magnitude: equal edges on both sides
+REVERSAL_EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # [s]
+FEW_LEVELS = 12  # distinct values that each get a region
+FINEST = 500.0  # edges are rounded no finer than the axis' range over this
+CONSTANT = 0.02  # spread of a constant over its magnitude
+
+
+def axis_values(trace: Trace) -> dict[str, F]:
+    """Return the value of each operating axis at every tick (n,), SI; `direction` is +1 in compression, −1 in rebound.
+
+    `since_reversal_s` counts from the last sign change of the speed (from the first tick before there was one);
+    `heat_J` is the work |F v| since the first tick.
+    """
+    direction, since = reversals(trace)
+    power = np.abs(np.where(trace.usable, trace.force, trace.simulated) * trace.inputs.speed)
+    return {
+        STROKE: trace.inputs.position,
+        SPEED: trace.inputs.speed,
+        CURRENT: trace.inputs.current,
+        DIRECTION: direction,
+        REVERSAL: since,
+        ELAPSED: trace.time_s,
+        HEAT: np.cumsum(power) * trace.step_s,
+    }
+
+
+def reversals(trace: Trace) -> tuple[F, F]:
+    """Return the direction of motion (n,), ±1, and the time since the last reversal [s] (n,).
+
+    A sign change counts if the speed then passes a hysteresis, so that noise near standstill is none; it is dated back
+    to where the speed crossed zero.
+    """
+    speed = trace.inputs.speed
+    width = max(HYSTERESIS * float(np.sqrt((speed[trace.usable] ** 2).mean())), LEAST_HYSTERESIS)
+    sure = np.flatnonzero(np.abs(speed) > width)
+    if not len(sure):
+        return np.ones(len(speed)), trace.time_s - trace.time_s[0]
+    sides = np.sign(speed[sure])
+    turned = sure[1:][sides[1:] != sides[:-1]]
+    crossings = 1 + np.flatnonzero(np.sign(speed[1:]) != np.sign(speed[:-1]))
+    at = np.concatenate([[0], crossings[np.searchsorted(crossings, turned, side="right") - 1]])
+    last = np.searchsorted(at, np.arange(len(speed)), side="right") - 1
+    return sides[0] * (-1.0) ** last, trace.time_s - trace.time_s[at[last]]
+
+
+def axis_edges(axis: str, values: F) -> F:
+    """Return the edges (m+1,) of an axis' regions from the values (n,) of the usable ticks of all recordings."""
+    if axis == DIRECTION:
+        edges = np.array([-1.0, 0.0, 1.0])
+    elif is_constant(values):
+        return whole_range(values)
+    elif axis == REVERSAL:
+        edges = _log_edges(values)
+    elif axis in (ELAPSED, HEAT):
+        edges = even_edges(values, 8)
+    elif axis == SPEED:
+        half = _readable(np.quantile(np.abs(values), (0.0, *SPEED_QUANTILES, 1.0)))[1:]
+        edges = np.concatenate([-half[::-1], half])
+    else:
+        levels = _levels(values)
+        edges = _readable(np.quantile(values, (0.0, *QUANTILES, 1.0)) if levels is None else levels)
+    return _populated(edges, values)
+
+
+def codes(edges: F, values: F) -> I:
+    """Return the region (n,) of each value; those beyond the outer edges belong to the outer regions."""
+    return np.asarray(np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2), dtype=np.int64)
+
+
+def even_edges(values: F, count: int) -> F:
+    """Return about `count` + 1 even and readable edges over all values."""
+    low, high = float(values.min()), float(values.max())
+    ideal = (high - low) / count
+    step = min(nice(ideal, up=True), nice(ideal, up=False), key=lambda s: abs(np.log(s / ideal)))
+    first, last = np.floor(low / step + 1e-6), np.ceil(high / step - 1e-6)
+    return _decimal(np.arange(first, last + 1.0), step)
+
+
+def is_constant(values: F) -> bool:
+    """Return whether an axis does not vary enough to be divided."""
+    return float(np.ptp(values)) <= CONSTANT * max(float(np.abs(values).max()), 1e-9)
+
+
+def whole_range(values: F) -> F:
+    """Return the two edges of an axis that is a single region."""
+    low, high = float(values.min()), float(values.max())
+    step = nice(max(abs(low), abs(high), 1e-3) * CONSTANT, up=True)
+    first, last = np.floor(low / step + 1e-6), np.ceil(high / step - 1e-6)
+    return _decimal(np.array([first, max(last, first + 1.0)]), step)
+
+
+def nice(value: float, up: bool) -> float:
+    """Return the next of 1, 2, 5 times a power of ten, above or below a positive value."""
+    power = 10.0 ** np.floor(np.log10(max(value, 1e-12)))
+    steps = np.array([1.0, 2.0, 5.0, 10.0]) * power
+    fits = steps[steps >= value * (1 - 1e-9)] if up else steps[steps <= value * (1 + 1e-9)][::-1]
+    return float(fits[0])
+
+
+def _log_edges(values: F) -> F:
+    inner = [e for e in REVERSAL_EDGES if e < float(values.max())]
+    return np.array([*inner, nice(float(values.max()), up=True)])
+
+
+def _levels(values: F) -> F | None:
+    """Return edges midway between the levels of a quantity that only takes a few, None if it takes many."""
+    grid = float(np.ptp(values)) / 100.0
+    _, group, counts = np.unique(np.round(values / grid), return_inverse=True, return_counts=True)
+    often = np.flatnonzero(counts >= max(LEAST_SHARE * len(values), LEAST_TICKS))
+    if not 2 <= len(often) <= FEW_LEVELS or counts[often].sum() < 0.9 * len(values):
+        return None
+    levels = [float(np.median(values[group == k])) for k in often]
+    return np.array([values.min(), *(np.diff(levels) / 2.0 + levels[:-1]), values.max()])
+
+
+def _readable(edges: F) -> F:
+    """Return increasing edges rounded to a third of the distance to their neighbours, outer ones outwards."""
+    finest = float(edges[-1] - edges[0]) / FINEST
+    gaps = np.maximum(np.diff(edges), finest)
+    room = np.minimum(np.concatenate([gaps[:1], gaps]), np.concatenate([gaps, gaps[-1:]]))
+    rounded = []
+    for k, (edge, space) in enumerate(zip(edges, room, strict=True)):
+        step = nice(max(space / 3.0, finest), up=False)
+        whole = {0: np.floor, len(edges) - 1: np.ceil}.get(k, np.round)
+        rounded.append(float(_decimal(whole(np.array([edge / step]) - (1e-9 if k else -1e-9)), step)[0]))
+    return np.unique(rounded)
+
+
+def _populated(edges: F, values: F) -> F:
+    """Return the edges without those that leave a region with too few ticks; it joins the smaller neighbour."""
+    least = max(LEAST_SHARE * len(values), LEAST_TICKS)
+    while len(edges) > 2:
+        counts = np.bincount(codes(edges, values), minlength=len(edges) - 1)
+        small = int(np.argmin(counts))
+        if counts[small] >= least:
+            break
+        edges = np.delete(edges, _smaller_side(counts, small))
+    return edges
+
+
+def _smaller_side(counts: Sequence[int] | I, small: int) -> int:
+    """Return the edge between a region and its smaller neighbour."""
+    if small == 0:
+        return 1
+    if small == len(counts) - 1:
+        return small
+    return small if counts[small - 1] <= counts[small + 1] else small + 1
+
+
+def _decimal(multiples: F, step: float) -> F:
+    """Return multiples of a step, free of binary dust."""
+    return np.round(multiples * step, max(0, 2 - int(np.floor(np.log10(step))))) + 0.0  # no negative zero

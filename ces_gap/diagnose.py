@@ -1,0 +1,300 @@
+"""The whole diagnosis: a simulation and recordings go in, verdict, causes and what they leave come out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.anchored import polished
+from ces_gap.ceiling import learn_ceiling
+from ces_gap.checks import check_traces, invisible
+from ces_gap.comparison import gain
+from ces_gap.correction import LearntCorrection, learn_correction
+from ces_gap.diagnosis import (
+    AMBIGUOUS,
+    NAMED,
+    NO_GAP,
+    UNKNOWN,
+    Diagnosis,
+    Explained,
+    Gap,
+    NextExperiment,
+    Series,
+    Where,
+)
+from ces_gap.effect import Effect
+from ces_gap.effects import library
+from ces_gap.evidence import Evidence, gather
+from ces_gap.explaining import Judge, drift, judge, stuck
+from ces_gap.fit import Fit
+from ces_gap.given import Given, make_ready
+from ces_gap.next_experiment import next_experiment
+from ces_gap.plant import Plant
+from ces_gap.search import Found, search
+from ces_gap.sentence import sentence
+from ces_gap.shrinkage import Blocks, cut
+from ces_gap.static_map import project_static, static_features
+from ces_gap.twins import Twins, seen_by, twin_classes
+from ces_gap.verdict import Figures, Probabilities, calibration, probabilities
+from ces_gap.where import locate
+from ces_identify.recording import Recording
+from ces_identify.simulation import Simulation
+
+F = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+EXACT_CAUSES = 3  # causes whose shrink is computed with the simulation itself, however slow
+TWIN_CANDIDATES = 6  # effects compared as twins
+
+
+@dataclass(frozen=True)
+class Options:
+    """`effects` of the user's own beside the library's; `threads` to fit with; `seed` of resampling.
+
+    `experiment` False leaves out the search for the next experiment.
+    """
+
+    effects: tuple[Effect, ...] = ()
+    threads: int = 1
+    seed: int = 1
+    experiment: bool = True
+
+
+def _quiet(what: str, share: float) -> None:
+    """Take in progress that nobody watches."""
+
+
+def diagnose(
+    simulation: Simulation,
+    spec: str,
+    real: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    reference: Sequence[Recording] = (),
+    options: Options | None = None,
+    progress: Progress = _quiet,
+) -> Diagnosis:
+    """Return what causes the gap between `simulation` (`spec` is how it was named) and the `real` recordings.
+
+    Judged on `held_out` (a part of `real` if none), the simulation's own error learnt from `reference`. `progress` is
+    told what is being done and the share of that step. Raises CesError for what cannot be diagnosed.
+    """
+    how = options or Options()
+    given = make_ready(simulation, real, held_out, reference, progress)
+    notes = check_traces([*given.real, *given.held_out, *given.reference], simulation, spec)
+    return _Diagnosing(given, spec, how, progress).result(notes)
+
+
+class _Diagnosing:
+    """One diagnosis on its way: each step is computed from those before."""
+
+    def __init__(self, given: Given, spec: str, how: Options, progress: Progress) -> None:
+        self.given, self.spec, self.how, self.progress = given, spec, how, progress
+        self.effects = (*library(), *how.effects)
+        progress("learning the simulation's own error", 0.0)
+        self.correction: LearntCorrection | None = None
+        self.evidence = self._evidence()
+        self.plant = self.evidence.plant
+        self.blocks = cut(given.held_out, how.seed)
+
+    def _evidence(self) -> Evidence:
+        given = self.given
+        if given.reference:
+            self.correction, learnt = learn_correction(given.reference)
+            features = [self.correction.dictionary.features(t, t.inputs, t.simulated) for t in given.real]
+            return gather(given.real, Plant(given.cheap, self.correction), learnt.noise, features, learnt.covariance)
+        noise = learn_ceiling(given.real, [t.simulated for t in given.real])[1].noise
+        return gather(given.real, Plant(given.cheap), noise, static_features(given.real), None)
+
+    def result(self, notes: tuple[str, ...]) -> Diagnosis:
+        """Return the finished diagnosis."""
+        evidence = self.evidence
+        unseen = invisible(self.effects, self.given.real)
+        blind = {name for name, _ in unseen}
+        found = search(
+            evidence, [e for e in self.effects if e.name not in blind], self._refined, self.how.threads, self.progress
+        )
+        self.progress("asking the generic learner", 0.0)
+        figures = self._figures(found)
+        names = found.best.names if found.best is not None else ()
+        left = {f.names[0]: self._unexplained(found, f) for f in found.alone}
+        odds = probabilities(figures, left, names, calibration())
+        court = judge(self.blocks, self.given.cheap, self.given.exact, self.plant)
+        self.progress("comparing twins", 0.0)
+        twins = self._twins(found)
+        verdict = self._verdict(found, odds, twins)
+        causes = self._causes(found, odds, court)
+        composition = self._composition(found, verdict, court)
+        self.progress("locating the gap", 0.0)
+        where, rest = self._where(court, composition, verdict)
+        made = Diagnosis(
+            verdict=verdict,
+            sentence="",
+            simulation=self.spec,
+            gap=self._gap(court),
+            where=where,
+            causes=causes,
+            composition=composition,
+            indistinguishable=twins.classes if twins is not None else (),
+            not_separable=() if self.given.reference else project_static(evidence, found.alone),
+            invisible=unseen,
+            ceiling_after_N=self._ceiling(court),
+            wrong=next((c for c in causes if c.effects[0] not in composition.effects), None),
+            probability_none=odds.none,
+            probability_unknown=odds.unknown,
+            rest=rest,
+            next_experiment=self._next(found, verdict, twins),
+            surrogate_cost_J=self.given.surrogate.cost_J if self._recorded() and self.given.surrogate else None,
+            held_out=self._series(court, composition),
+            notes=notes,
+            correction=self.correction,
+            surrogate=self.given.surrogate if self._recorded() else None,
+            baselines=_baselines(found),
+            figures=figures,
+        )
+        return replace(made, sentence=sentence(made))
+
+    def _recorded(self) -> bool:
+        return self.given.exact is None
+
+    def _refined(self, fit: Fit) -> Fit:
+        if self.given.exact is None or self.given.exact is self.given.cheap:
+            return fit
+        return polished(self.evidence, fit, self.given.exact, self.given.cheap)
+
+    def _unexplained(self, found: Found, fit: Fit) -> float:
+        return (fit.cost - len(found.none)) / found.gap_energy
+
+    def _figures(self, found: Found) -> Figures:
+        evidence, best = self.evidence, found.best
+        residual = best.left_out if best is not None else found.none
+        forces = [t.force - r for t, r in zip(evidence.traces, self._left(best), strict=True)]
+        ceiling = self._learnt(list(evidence.alone), found.none)
+        after = self._learnt(forces, residual)
+        gained, open_, more = (gain(evidence, *pair) for pair in ((found.none, residual), ceiling, after))
+        return Figures(
+            energy=(float(found.none @ found.none) - len(found.none)) / len(found.none),
+            gain_z=gained.z if best is not None else 0.0,
+            ceiling_z=open_.z,
+            unexplained=(float(residual @ residual) - len(residual)) / found.gap_energy,
+            learnable=more.energy / found.gap_energy,
+            learnable_z=more.z,
+            stuck=stuck(best) if best is not None else 0,
+            drift=drift(best) if best is not None else 0.0,
+        )
+
+    def _left(self, best: Fit | None) -> list[F]:
+        """Return what is left [N] of the gap on each real trace."""
+        forces = list(self.evidence.alone)
+        if best is not None:
+            exact = self.given.exact or self.given.cheap
+            plant = Plant(exact, self.plant.correction)
+            pairs = zip(self.evidence.traces, self.evidence.alone, strict=True)
+            forces = [plant.with_effects(best.composition, t, 1, a) for t, a in pairs]
+        return [t.force - f for t, f in zip(self.evidence.traces, forces, strict=True)]
+
+    def _learnt(self, forces: list[F], residual: F) -> tuple[F, F]:
+        """Return a whitened residual, and the same less what the generic learner predicts on blocks it did not see."""
+        told = learn_ceiling(self.evidence.traces, forces)[1].crossfitted
+        return residual, residual - self.evidence.whiten(told)
+
+    def _verdict(self, found: Found, odds: Probabilities, twins: Twins | None) -> str:
+        weights = calibration()
+        if odds.none > 1.0 - weights.least_gap:
+            return NO_GAP
+        if found.best is None or odds.unknown > (1.0 - odds.none) * (1.0 - weights.least_known):
+            return UNKNOWN
+        if twins is not None and any(set(found.best.names) & set(group) for group in twins.classes):
+            return AMBIGUOUS
+        return NAMED
+
+    def _causes(self, found: Found, odds: Probabilities, court: Judge) -> tuple[Explained, ...]:
+        inside = found.best.names if found.best is not None else ()
+        ranked = sorted(found.alone, key=lambda f: (-odds.effects[f.names[0]], f.names[0] not in inside, f.cost))
+        causes = []
+        for k, fit in enumerate(ranked):
+            self.progress(f"judging {fit.names[0]}", k / len(ranked))
+            gained = gain(self.evidence, found.none, fit.left_out)
+            share, error = gained.energy / found.gap_energy, gained.error / found.gap_energy
+            one = court.explained(fit, share, error, k < EXACT_CAUSES or fit.names[0] in inside)
+            causes.append(replace(one, probability=odds.effects[fit.names[0]]))
+        return tuple(causes)
+
+    def _composition(self, found: Found, verdict: str, court: Judge) -> Explained:
+        if found.best is None or verdict == NO_GAP:
+            return court.nothing()
+        gained = gain(self.evidence, found.none, found.best.left_out)
+        return court.explained(found.best, gained.energy / found.gap_energy, gained.error / found.gap_energy, True)
+
+    def _gap(self, court: Judge) -> Gap:
+        given, corrected = court.before, court.blocks.energy(court.alone)
+        rms, ci95 = court.blocks.rms(given)
+        fixed, fixed_ci95 = court.blocks.rms(corrected)
+        return Gap(rms, ci95, _floor(court.blocks), _cost_J(court.blocks), fixed, fixed_ci95)
+
+    def _where(self, court: Judge, composition: Explained, verdict: str) -> tuple[Where, Where | None]:
+        traces, noise = [*self.evidence.traces, *court.blocks.traces], self.evidence.noise
+        alone = [*self.evidence.alone, *court.alone]
+        known = noise if self.given.reference else None
+        where = locate(traces, [t.force - a for t, a in zip(traces, alone, strict=True)], known, self.how.seed)
+        if verdict != UNKNOWN:
+            return where, None
+        left = court.forces(composition.composition, True)
+        rest = [t.force - f for t, f in zip(court.blocks.traces, left, strict=True)]
+        return where, locate(court.blocks.traces, rest, known, self.how.seed)
+
+    def _ceiling(self, court: Judge) -> float:
+        """Return the gap [N] that the learner, taught by the real recordings, leaves on the held-out ones."""
+        dictionary, learnt = learn_ceiling(self.evidence.traces, self.evidence.alone)
+        pairs = zip(court.blocks.traces, court.alone, strict=True)
+        forces = [a + dictionary.features(t, t.inputs, a) @ learnt.weights for t, a in pairs]
+        return court.blocks.rms(court.blocks.energy(forces))[0]
+
+    def _twins(self, found: Found) -> Twins | None:
+        if found.best is None:
+            return None
+        fitted = [f.composition.settings[0] for f in found.alone[:TWIN_CANDIDATES]]
+        return twin_classes(self.plant, self.evidence.traces, fitted, seen_by(self.evidence))
+
+    def _next(self, found: Found, verdict: str, twins: Twins | None) -> NextExperiment | None:
+        if not self.how.experiment or verdict in (NO_GAP, NAMED) or found.best is None:
+            return None
+        self.progress("choosing the next experiment", 0.0)
+        settings = {f.names[0]: f.composition.settings[0] for f in found.alone}
+        pairs = [(settings[a], settings[b]) for a, b in (twins.pairs() if twins is not None else ())]
+        first = [f.composition.settings[0] for f in found.alone[:2]]
+        pairs = pairs or ([(first[0], first[1])] if len(first) == 2 else [])
+        return next_experiment(
+            self.plant, self.evidence.traces, pairs, self.evidence.noise.rms_N, exact=self.given.exact
+        )
+
+    def _series(self, court: Judge, composition: Explained) -> tuple[Series, ...]:
+        forces = court.forces(composition.composition, True)
+        return tuple(Series(t, a, f) for t, a, f in zip(court.blocks.traces, court.alone, forces, strict=True))
+
+
+def _floor(blocks: Blocks) -> float:
+    return float(np.sqrt(blocks.noise.sum() / max(float(blocks.ticks.sum()), 1.0)))
+
+
+def _cost_J(blocks: Blocks) -> float:
+    """Return the cost J [%] of the simulation as given (thesis eq. 3.5)."""
+    force = np.concatenate([t.force[t.usable] for t in blocks.traces])
+    given = np.concatenate([t.as_given[t.usable] for t in blocks.traces])
+    return 100.0 * float(np.linalg.norm(force - given) / max(float(np.linalg.norm(force - force.mean())), 1e-9))
+
+
+def _baselines(found: Found) -> dict[str, str]:
+    """Return what simpler ways of choosing would have named: for comparison in blind tests."""
+    n = len(found.none)
+    bic = min(found.alone, key=lambda f: n * np.log(f.residual @ f.residual) + len(f.searched) * np.log(n))
+    flexible = max(found.alone, key=lambda f: (len(f.searched), -f.cost))
+    likest = max(found.alone, key=lambda f: _likeness(found.none, f))
+    return {"signature_correlation": likest.names[0], "bic": bic.names[0], "most_flexible": flexible.names[0]}
+
+
+def _likeness(none: F, fit: Fit) -> float:
+    signature = none - fit.residual
+    return float(abs(signature @ none) / max(float(np.linalg.norm(signature) * np.linalg.norm(none)), 1e-12))

@@ -1,0 +1,87 @@
+"""One unit of a fleet: its recordings in, a row and the texts of its files out. Runs in a worker, here or elsewhere."""
+
+from __future__ import annotations
+
+import pickle
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.fleet.question import UNITS, Job, Question
+from ces_identify.recording import Recording
+from ces_identify.row_log import Row
+from ces_observer.errors import CesError
+
+DONE, FAILED, CRASHED = "done", "failed", "crashed"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The row of a unit and the texts of its files by name."""
+
+    row: Row
+    files: Mapping[str, str]
+
+
+def answer(job: Job, packed: bytes, recordings: Sequence[Recording]) -> Answer:
+    """Diagnose one unit. A CesError makes it `failed`, for good; any other error `crashed`, to be tried again."""
+    began = time.monotonic()
+    try:
+        question: Question = pickle.loads(packed)  # of our own making, never from a file
+        found = question.diagnose(
+            question.simulation, question.spec, recordings, (), question.reference, question.options
+        )
+        files = question.files(found, job.folder, (("real", recordings), ("reference", question.reference)))
+    except CesError as error:
+        return failure(job, FAILED, str(error))
+    except Exception as error:  # one vehicle must not cost the others of the night
+        return failure(job, CRASHED, f"{type(error).__name__}: {' '.join(str(error).split())}")
+    return Answer({**_row(job, recordings, found), "seconds": round(time.monotonic() - began, 3)}, files)
+
+
+def failure(job: Job, status: str, reason: str) -> Answer:
+    """Return the answer of a unit that has none."""
+    return Answer({"key": job.key, "name": job.name, "status": status, "reason": reason}, {})
+
+
+def _row(job: Job, recordings: Sequence[Recording], found: Diagnosis) -> Row:
+    best = found.causes[0] if found.causes else None
+    gap, together = found.gap, found.composition
+    row: Row = {
+        "key": job.key,
+        "name": job.name,
+        "status": DONE,
+        "recordings": [r.name for r in recordings],
+        "verdict": found.verdict,
+        "effects": list(together.effects),
+        "cause": best.effects[0] if best else None,
+        "probability": _probability(found),
+        "gap_N": gap.rms_N,
+        "gap_low_N": gap.ci95_N[0],
+        "gap_high_N": gap.ci95_N[1],
+        "noise_floor_N": gap.noise_floor_N,
+        "cost_J": gap.cost_J,
+        "gap_after_N": together.gap_after_N,
+        "shrink": together.shrink,
+        "shrink_low": together.shrink_ci95[0],
+        "shrink_high": together.shrink_ci95[1],
+        "sentence": found.sentence,
+        "folder": f"{UNITS}/{job.folder.name}",
+    }
+    return {name: _plain(value) for name, value in row.items()}
+
+
+def _probability(found: Diagnosis) -> float | None:
+    """Return the probability of what the verdict says: of no gap, of something unknown, or of the likeliest effect."""
+    if found.verdict in (NO_GAP, UNKNOWN):
+        return found.probability_none if found.verdict == NO_GAP else found.probability_unknown
+    return found.causes[0].probability if found.causes else None
+
+
+def _plain(value: Any) -> Any:
+    """Return a number rounded to six digits, None for one that is not finite, anything else as it is."""
+    if not isinstance(value, float):
+        return value
+    return float(f"{value:.6g}") if abs(value) < float("inf") else None

@@ -1,0 +1,110 @@
+"""What every unit of a fleet is asked, and a key for each answer that is the same whenever the answer would be.
+
+A question travels to the workers as bytes, with the user's own simulation and effects by value, so that workers need
+not have their modules.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import inspect
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ces_gap.diagnosis import Diagnosis
+from ces_gap.simulation_spec import file_of
+from ces_gap.user_effects import class_of
+from ces_identify.recording import Recording
+from ces_identify.simulation import FunctionSimulation, Simulation
+from ces_observer import __version__
+
+if TYPE_CHECKING:
+    from ces_gap.diagnose import Options
+
+UNITS = "units"
+OURS = ("ces_observer", "ces_identify", "ces_gap", "ces_rig", "ces_cli")
+
+Diagnose = Callable[..., Diagnosis]
+Files = Callable[..., Mapping[str, str]]
+
+
+@dataclass(frozen=True)
+class Question:
+    """What every unit is asked: the simulation, the references free of the effect, and how to diagnose.
+
+    `diagnose` and `files` are `ces_gap.diagnose.diagnose` and `ces_gap.result_files.result_files`, or what stands in.
+    """
+
+    simulation: Simulation
+    spec: str
+    reference: tuple[Recording, ...]
+    options: Options
+    diagnose: Diagnose
+    files: Files
+
+    def packed(self) -> bytes:
+        """Return the question as bytes that a worker unpacks without the user's modules."""
+        cloudpickle = _cloudpickle()
+        with contextlib.ExitStack() as stack:
+            for module in self._foreign():
+                cloudpickle.register_pickle_by_value(module)
+                stack.callback(cloudpickle.unregister_pickle_by_value, module)
+            packed: bytes = cloudpickle.dumps(self)
+            return packed
+
+    def digest(self) -> str:
+        """Return a hash that is the same whenever the answers would be; threads change nothing."""
+        facts = {
+            "tool": __version__,
+            "sim": [self.spec, _file_digest(file_of(self.spec))],
+            "code": sorted(_code_digest(module) for module in self._foreign()),
+            "effects": sorted(filter(None, map(class_of, self.options.effects))),
+            "seed": self.options.seed,
+            "reference": [r.sha256 for r in self.reference],
+        }
+        return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+
+    def _foreign(self) -> list[Any]:
+        """Return the modules of the user's own code."""
+        names = {type(effect).__module__ for effect in self.options.effects}
+        if isinstance(self.simulation, FunctionSimulation):
+            names.add(str(getattr(self.simulation.function, "__module__", "")))
+        return [sys.modules[n] for n in sorted(names) if n in sys.modules and n.partition(".")[0] not in OURS]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One unit to diagnose: its name, where its files are to lie, and the key of its answer."""
+
+    key: str
+    name: str
+    folder: Path
+
+
+def job_of(name: str, recordings: Sequence[Recording], question: str, described: str, folder: Path) -> Job:
+    """Return the job of a unit. `question` is its digest, `described` tells how the recordings were read."""
+    facts = [question, described, [r.sha256 for r in recordings]]
+    key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:20]
+    return Job(key, name, folder / UNITS / f"{name}-{key[:8]}")
+
+
+def _cloudpickle() -> Any:
+    """Return cloudpickle, which joblib brings: as a package of its own, or inside before its version 1.6."""
+    try:
+        return import_module("cloudpickle")
+    except ImportError:
+        return import_module("joblib.externals.cloudpickle")
+
+
+def _file_digest(file: Path | None) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None and file.is_file() else ""
+
+
+def _code_digest(module: Any) -> str:
+    return _file_digest(Path(inspect.getsourcefile(module) or ""))

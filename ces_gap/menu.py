@@ -1,0 +1,208 @@
+"""The menu of experiments that part one effect from another, cut to what the recordings already asked of the rig.
+
+Each is a recipe that `ces rig FILE` runs; `waveforms.commanded` gives its position and current.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.trace import Trace
+
+F = NDArray[np.float64]
+Recipe = dict[str, Any]
+
+TRAVEL, SPEED, ACCELERATION = 1.05, 1.1, 1.5  # how far beyond what was seen an experiment may go
+LEAST_AMPLITUDE_M, LEAST_SPEED_M_S, LEAST_ACCELERATION_M_S2 = 1e-3, 0.01, 1.0
+SAME_CURRENT = 0.05  # relative spread below which a current counts as constant
+CURRENT = 0.25  # by how much of itself a constant current is then moved up and down
+TOP_HZ = 16.0
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What an experiment may ask for: a stroke `centre_m` ± `amplitude_m`, so much speed, acceleration, current.
+
+    The current cannot be commanded if `low_A` and `high_A` are equal.
+    """
+
+    centre_m: float
+    amplitude_m: float
+    speed_m_s: float
+    acceleration_m_s2: float
+    low_A: float
+    high_A: float
+
+    @property
+    def middle_A(self) -> float:
+        """The current half way up."""
+        return _round((self.low_A + self.high_A) / 2.0)
+
+    def top_Hz(self, speed_share: float) -> float:
+        """Return the frequency at which a sine of this share of the speed has all of the acceleration, up to 16 Hz."""
+        return min(TOP_HZ, self.acceleration_m_s2 / (2.0 * np.pi * speed_share * self.speed_m_s))
+
+
+def reach_of(traces: Sequence[Trace]) -> Reach:
+    """Return what experiments may ask for after recordings like these: their range and a little more."""
+    keep = [t.usable for t in traces]
+    x, v, i = (
+        np.concatenate([getattr(t.inputs, name)[k] for t, k in zip(traces, keep, strict=True)])
+        for name in ("position", "speed", "current")
+    )
+    a = np.concatenate([t.acceleration[k] for t, k in zip(traces, keep, strict=True)])
+    low, high = np.quantile(x, (0.001, 0.999))
+    currents = _currents(i, any("current" in t.recording.constants for t in traces))
+    return Reach(
+        centre_m=float(low + high) / 2.0,
+        amplitude_m=max(TRAVEL * float(high - low) / 2.0, LEAST_AMPLITUDE_M),
+        speed_m_s=max(SPEED * float(np.quantile(np.abs(v), 0.999)), LEAST_SPEED_M_S),
+        acceleration_m_s2=max(ACCELERATION * float(np.quantile(np.abs(a), 0.999)), LEAST_ACCELERATION_M_S2),
+        low_A=currents[0],
+        high_A=currents[1],
+    )
+
+
+def menu(reach: Reach) -> list[Recipe]:
+    """Return the experiments within reach, each 10 to 40 s: keys `name`, `description`, `duration_s`, `seed`, `stroke`,
+    `current` as `ces rig` reads them. Those that need a commanded current are left out where there is none."""
+    made = [*_motions(reach), *(_currents_commanded(reach) if reach.high_A > reach.low_A else [])]
+    return [{**recipe, "seed": SEED} for recipe in made]
+
+
+def _motions(r: Reach) -> list[Recipe]:
+    """Return the experiments at constant current."""
+    soft, middle, hard = (_constant(level) for level in (r.low_A, r.middle_A, r.high_A))
+    slow_Hz, fast_Hz = _sine_Hz(r, 0.6, 0.4), r.top_Hz(0.5)
+    fast_m = _amplitude(r, 0.35, 0.5, fast_Hz)
+    beat_Hz = _sine_Hz(r, 1.0, 0.8)
+    beats_Hz = (beat_Hz, beat_Hz - min(0.16, 0.2 * beat_Hz))
+    return [
+        _recipe("slow_triangle", "creeping to and fro: friction, gas and end stops without the valve", 40.0,
+                _triangle(r, 1.0, 0.04), soft),
+        _recipe("constant_speed", "constant speed to and fro at constant current", 20.0, _triangle(r, 0.9, 0.5), hard),
+        _recipe("fast_reversals", "short strokes with corners as sharp as the recordings had them", 15.0,
+                _triangle(r, 0.25, 0.9), middle),
+        _recipe("two_frequency_sine", "a slow stroke with a fast one on it", 20.0,
+                _sines(r, (0.6 * r.amplitude_m, fast_m), (slow_Hz, fast_Hz)), middle),
+        _recipe("offset_dwell", "a small sine about a place that wanders slowly from end to end", 30.0,
+                _sines(r, (0.65 * r.amplitude_m, 0.3 * r.amplitude_m), (1.0 / 15.0, _sine_Hz(r, 0.3, 0.7))), middle),
+        _recipe("amplitude_sweep", "two near frequencies: the amplitude swells and fades", 25.0,
+                _sines(r, (0.5 * r.amplitude_m, 0.5 * r.amplitude_m), beats_Hz), middle),
+        _recipe("frequency_sweep", "sine sweep at constant current", 30.0, _sweep(r), middle),
+        _recipe("hard_sine", "the largest speed at the highest current", 15.0, _sine(r, 0.9, 1.0), hard),
+    ]  # fmt: skip
+
+
+def _currents_commanded(r: Reach) -> list[Recipe]:
+    """Return the experiments with a changing current."""
+    steps = [r.low_A, r.high_A, r.middle_A, r.high_A, r.low_A, r.middle_A]
+    return [
+        _recipe("current_steps", "constant speed with steps of current", 20.0,
+                _triangle(r, 0.9, 0.35), {"kind": "steps", "levels_A": steps, "hold_s": 0.37}),
+        _recipe("current_prbs", "constant speed with a random binary current", 20.0,
+                _triangle(r, 0.9, 0.35), {"kind": "prbs", "low_A": r.low_A, "high_A": r.high_A, "hold_s": 0.05}),
+        _recipe("slow_current", "constant speed while the current goes slowly up and down: loop without lag", 40.0,
+                _triangle(r, 0.9, 0.35), _sine_current(r, 0.05)),
+        _recipe("fast_current", "constant speed while the current goes fast up and down: lag beside loop", 15.0,
+                _triangle(r, 0.9, 0.35), _sine_current(r, 5.0)),
+        _recipe("standstill_steps", "no motion, steps of current", 10.0,
+                {"kind": "rest", "offset_m": _round(r.centre_m)}, {"kind": "steps", "levels_A": steps, "hold_s": 0.5}),
+        _recipe("heat_soak", "hard and soft turns of 8 s at high speed: heat comes and time passes", 40.0,
+                _sine(r, 0.9, 0.8), {"kind": "steps", "levels_A": [r.high_A, r.low_A], "hold_s": 8.0}),
+    ]  # fmt: skip
+
+
+def _recipe(name: str, description: str, duration_s: float, stroke: Recipe, current: Recipe) -> Recipe:
+    return {
+        "name": name,
+        "description": description,
+        "duration_s": duration_s,
+        "stroke": stroke,
+        "current": current,
+    }
+
+
+def _triangle(r: Reach, amplitude: float, speed: float) -> Recipe:
+    """Shares of the reach; corners so long, or the speed so low, that the acceleration stays within it."""
+    amplitude_m = amplitude * r.amplitude_m
+    speed_m_s = min(speed * r.speed_m_s, 0.5 * (r.acceleration_m_s2 * amplitude_m) ** 0.5)  # a corner is half a stroke
+    corner = 4.0 * speed_m_s / r.acceleration_m_s2  # the peak of a raised cosine is twice its mean
+    return _about(
+        r,
+        kind="triangle",
+        amplitude_m=_round(amplitude_m),
+        speed_m_s=_round(speed_m_s),
+        corner_s=_round(min(max(corner, 0.004), 1.0)),
+    )
+
+
+def _sine(r: Reach, amplitude: float, speed: float) -> Recipe:
+    frequency = _sine_Hz(r, amplitude, speed)
+    amplitude_m = _amplitude(r, amplitude, speed, frequency)
+    return _about(r, kind="sine", amplitude_m=_round(amplitude_m), frequency_Hz=_round(frequency))
+
+
+def _sines(r: Reach, amplitudes_m: tuple[float, ...], frequencies_Hz: tuple[float, ...]) -> Recipe:
+    return _about(
+        r,
+        kind="sum_of_sines",
+        amplitudes_m=[_round(a) for a in amplitudes_m],
+        frequencies_Hz=[_round(f) for f in frequencies_Hz],
+    )
+
+
+def _sweep(r: Reach) -> Recipe:
+    low, high = min(0.5, _sine_Hz(r, 0.9, 0.5)), r.top_Hz(0.8)
+    return _about(
+        r,
+        kind="sweep",
+        from_Hz=_round(low),
+        to_Hz=_round(max(high, 2.0 * low)),
+        amplitude_m=_round(0.9 * r.amplitude_m),
+        speed_m_s=_round(0.8 * r.speed_m_s),
+    )
+
+
+def _sine_current(r: Reach, frequency_Hz: float) -> Recipe:
+    return {"kind": "sine", "low_A": r.low_A, "high_A": r.high_A, "frequency_Hz": frequency_Hz}
+
+
+def _constant(current_A: float) -> Recipe:
+    return {"kind": "constant", "current_A": current_A}
+
+
+def _about(r: Reach, **stroke: Any) -> Recipe:
+    return {**stroke, "offset_m": _round(r.centre_m)}
+
+
+def _sine_Hz(r: Reach, amplitude: float, speed: float) -> float:
+    """Return the frequency at which a sine of these shares of amplitude and speed runs, within the acceleration."""
+    return min(speed * r.speed_m_s / (2.0 * np.pi * amplitude * r.amplitude_m), r.top_Hz(speed))
+
+
+def _amplitude(r: Reach, amplitude: float, speed: float, frequency_Hz: float) -> float:
+    """Return the amplitude [m] at a frequency that keeps to both shares."""
+    return min(amplitude * r.amplitude_m, speed * r.speed_m_s / (2.0 * np.pi * frequency_Hz))
+
+
+def _currents(current: F, fixed: bool) -> tuple[float, float]:
+    """Return the lowest and highest current to command; if the user's is fixed, that one twice."""
+    low, high = np.quantile(current, (0.005, 0.995))
+    middle = float(np.median(current))
+    if fixed or (abs(middle) < 1e-9 and high - low < 1e-9):
+        return max(_round(middle), 0.0), max(_round(middle), 0.0)
+    if high - low < SAME_CURRENT * abs(middle):
+        low, high = (1.0 - CURRENT) * middle, (1.0 + CURRENT) * middle
+    return max(_round(float(low)), 0.0), max(_round(float(high)), 0.0)
+
+
+def _round(value: float) -> float:
+    """Return three significant digits: what a person would type."""
+    return float(f"{value:.3g}")

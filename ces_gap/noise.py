@@ -1,0 +1,50 @@
+"""Autocorrelated noise on a trace's grid: an autoregression that turns it into white noise of unit variance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+F = NDArray[np.float64]
+B = NDArray[np.bool_]
+
+ORDER = 6
+
+
+@dataclass(frozen=True)
+class Noise:
+    """`rms_N` of the noise, standard deviation `innovation_N` of what is new in each tick, coefficients `ar` (p,)."""
+
+    rms_N: float
+    innovation_N: float
+    ar: F
+
+    def whitened(self, values: F) -> F:
+        """Return columns (n, …) whitened along the first axis; the first p rows still hold the start."""
+        out: F = lfilter(np.concatenate([[1.0], -self.ar]), [1.0], values, axis=0) / self.innovation_N
+        return out
+
+    def clean(self, usable: B) -> B:
+        """Return the ticks (n,) whose whitened value rests on usable ticks alone."""
+        window = np.ones(len(self.ar) + 1)
+        return np.asarray(np.convolve(~usable, window)[: len(usable)] < 0.5) & (np.arange(len(usable)) >= len(self.ar))
+
+
+def white(rms_N: float) -> Noise:
+    """Return white noise of this RMS [N]."""
+    return Noise(rms_N, rms_N, np.zeros(0))
+
+
+def noise_of(residuals: Sequence[F], usable: Sequence[B], order: int = ORDER) -> Noise:
+    """Return the noise whose samples are the usable parts of some residuals [N]: Yule-Walker equations."""
+    kept = [np.where(u, r, 0.0) for r, u in zip(residuals, usable, strict=True)]
+    count = max(sum(int(u.sum()) for u in usable), 1)
+    lags = np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in kept) for k in range(order + 1)]) / count
+    lags[0] = max(lags[0] * (1.0 + 1e-6), 1e-12)
+    ar = solve_toeplitz(lags[:-1], lags[1:])
+    return Noise(float(np.sqrt(lags[0])), float(np.sqrt(max(lags[0] - ar @ lags[1:], 1e-4 * lags[0]))), ar)

@@ -1,0 +1,73 @@
+"""Whether recordings lie in what a simulation was made for, where it says so: a model's envelope."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.errors import GapError
+from ces_gap.trace import Trace
+from ces_identify.simulation import ModelSimulation, Simulation
+from ces_observer.model import Model
+
+F = NDArray[np.float64]
+
+MOST_OUTSIDE = 0.5  # share of the time that a comparison can bear
+MUCH_OUTSIDE = 0.05  # share that is told
+UNITS = {"position": "m", "speed": "m/s", "current": "A"}
+SLACK = 0.02  # of a range: the differentiator of the model and that of the trace differ
+
+
+def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> Iterator[str]:
+    """Yield a note for each recording that is often outside the range of the simulation, named by the worst input.
+
+    Raises GapError if all of them together are outside most of the time: then what differs is the range.
+    """
+    model = model_inside(simulation)
+    if model is None:
+        return
+    told = {trace.name: _outside(model, trace) for trace in traces}
+    ticks = np.array([int(t.usable.sum()) for t in traces])
+    overall = float(ticks @ [told[t.name][0] for t in traces]) / max(int(ticks.sum()), 1)
+    if overall > MOST_OUTSIDE:
+        worst = max(told, key=lambda n: told[n][0])
+        raise GapError(
+            f"{name}: outside the range it was identified on for {overall:.0%} of the time, most in {worst} "
+            f"({told[worst][1]}); expected an overlap: identify on recordings like these, or diagnose on others"
+        )
+    for recording, (share, where) in told.items():
+        if share > MUCH_OUTSIDE:
+            yield (
+                f"{recording}: {share:.0%} of the time outside the range {name} was identified on ({where}); part of "
+                "the gap is extrapolation"
+            )
+
+
+def model_inside(simulation: Simulation) -> Model | None:
+    """Return the model that a simulation is, or is built around; None if it is none."""
+    inside: object = simulation
+    while not isinstance(inside, ModelSimulation):
+        inside = getattr(inside, "simulation", None)  # of an augmented one
+        if inside is None:
+            return None
+    return inside.model
+
+
+def _outside(model: Model, trace: Trace) -> tuple[float, str]:
+    """Return the share of usable ticks with any input outside the envelope, and the worst input in words."""
+    keep = trace.usable
+    values = {"position": trace.inputs.position, "speed": trace.inputs.speed, "current": trace.inputs.current}
+    ranges = model.envelope.by_signal
+    out = {signal: _beyond(values[signal][keep], *ranges[signal]) for signal in values}
+    worst = max(out, key=lambda signal: float(out[signal].mean()))
+    low, high = (f"{bound:.3g}" for bound in ranges[worst])
+    reach = np.percentile(values[worst][keep], (0.5, 99.5))
+    told = f"{worst} {reach[0]:.3g} to {reach[1]:.3g} {UNITS[worst]}, of {low} to {high}"
+    return float(np.any(list(out.values()), axis=0).mean()), told
+
+
+def _beyond(values: F, low: float, high: float) -> NDArray[np.bool_]:
+    slack = SLACK * max(high - low, abs(high), abs(low))
+    return np.asarray((values < low - slack) | (values > high + slack))

@@ -1,0 +1,7 @@
+"""The report: a diagnosis in, one self-contained HTML page out, understood in a minute, for screen and paper."""
+
+from __future__ import annotations
+
+from ces_gap.report.page import report_page, write_report
+
+__all__ = ["report_page", "write_report"]

@@ -1,0 +1,98 @@
+"""Where the gap lies along each axis: its energy in each region beside how much of the samples lies there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from ces_gap.diagnosis import Region
+from ces_gap.report.words import AXES, SIDES, axis_figure, axis_title, newtons, percent, region_name
+from ces_identify.report.drawing import Axis, F, Panel, label, svg
+
+SIZE = (300.0, 186.0)
+BOX = (34.0, 30.0, 258.0, 122.0)  # left, top, width, height [px]
+LETTER = 7.0  # [px] of a tick's label
+FALSE_DISCOVERIES = 0.05  # rate at which a region counts as exceeding the rest
+ROOM = 1.08
+
+
+def strips(ident: str, regions: Sequence[Region]) -> list[Markup]:
+    """Return a figure for each axis with more than one region, in the order of the axes' names."""
+    by_axis = {a: sorted((r for r in regions if r.axis == a), key=lambda r: r.low) for a in AXES}
+    return [strip(f"{ident}-{axis}", some) for axis, some in by_axis.items() if len(some) > 1]
+
+
+def strip(ident: str, regions: Sequence[Region]) -> Markup:
+    """Return the figure of one axis; every region is as wide as any other, whatever its width on the axis."""
+    axis, (left, top, width, height) = regions[0].axis, BOX
+    ends = shares_ci95(regions)
+    highest = max(max(r.share_of_energy, r.share_of_samples) for r in regions)
+    highest = max(highest, min(float(ends.max(initial=0.0)), 1.3 * highest), 1e-3)
+    p = Panel(Axis(0.0, len(regions), left, left + width), Axis(0.0, 100.0 * ROOM * highest, top + height, top))
+    parts = [_grid(p), *(_region(p, k, r, ends[k]) for k, r in enumerate(regions)), _samples(p, regions)]
+    parts += [_ticks(p, regions), label(4.0, 14.0, axis_title(axis), "name")]
+    most = max(regions, key=lambda r: r.share_of_energy)
+    text = f"Most of the energy, {percent(most.share_of_energy)} %, at {region_name(most)}."
+    return svg(ident, SIZE, f"Share of the gap's energy over {AXES[axis][0]}", text, parts)
+
+
+def shares_ci95(regions: Sequence[Region]) -> F:
+    """Return intervals (r, 2) of the shares of energy on one axis, from those of its RMS, the whole held fixed."""
+    fullest = max(regions, key=lambda r: r.share_of_energy)
+    whole = _energy(fullest, fullest.rms_N) / max(fullest.share_of_energy, 1e-12)
+    ends = [[_energy(r, end) for end in r.ci95_N] for r in regions]
+    return np.asarray(np.nan_to_num(ends) / max(whole, 1e-12))
+
+
+def _energy(region: Region, rms_N: float) -> float:
+    """Return energy per sample of all: a band of frequencies holds all samples, other regions a part of them."""
+    return rms_N**2 * (1.0 if region.axis == "frequency_hz" else region.share_of_samples)
+
+
+def _grid(p: Panel) -> str:
+    out = []
+    for value, text in p.y.ticks(3):
+        y = float(p.y.px(value))
+        out.append(f'<path class="{"grid" if value else "zero"}" d="M{p.x.start:.1f},{y:.1f}H{p.x.stop:.1f}"/>')
+        out.append(label(p.x.start - 5, y + 4, text, "tick end"))
+    return "\n".join(out)
+
+
+def _region(p: Panel, k: int, region: Region, ends: F) -> str:
+    """Return the bar of a region with its whisker, full if it exceeds the rest, and what hovering tells."""
+    css = "energy beyond" if region.q_value <= FALSE_DISCOVERIES else "energy"
+    bar = p.rect(k + 0.06, k + 0.94, css, 0.0, 100.0 * region.share_of_energy)
+    low, high = (float(v) for v in p.y.px(np.clip(100.0 * ends, 0.0, p.y.high)))
+    middle = float(p.x.px(k + 0.5))
+    whisker = f'<path class="span" d="M{middle:.1f},{low:.1f}V{high:.1f}"/>'
+    samples = "of the measured force's" if region.axis == "frequency_hz" else "of the time"
+    tell = (
+        f"{region_name(region)}: {percent(region.share_of_energy)} % of the energy, "
+        f"{percent(region.share_of_samples)} % {samples}; RMS {newtons(region.rms_N)} N"
+    )
+    return f"<g>{bar}{whisker}<title>{escape(tell)}</title></g>"
+
+
+def _samples(p: Panel, regions: Sequence[Region]) -> str:
+    """Return a stepped line over the shares of samples."""
+    x = np.repeat(p.x.px(np.arange(len(regions) + 1.0)), 2)[1:-1]
+    y = np.repeat(p.y.px(np.array([100.0 * r.share_of_samples for r in regions])), 2)
+    d = "L".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+    return f'<path class="outline" d="M{d}"/>'
+
+
+def _ticks(p: Panel, regions: Sequence[Region]) -> str:
+    """Return the edges' values, as many as there is room for; the sides of a direction by name."""
+    axis, y = regions[0].axis, p.y.start + 17
+    if axis == "direction" and len(regions) == 2:
+        return "\n".join(label(float(p.x.px(k + 0.5)), y, SIDES[k], "tick mid") for k in (0, 1))
+    edges = [*(r.low for r in regions), regions[-1].high]
+    texts = [axis_figure(axis, e) for e in edges]
+    room = (p.x.stop - p.x.start) / len(regions)
+    stride = max(1, math.ceil((LETTER * max(map(len, texts)) + 4) / room))
+    middle = edges.index(0.0) if 0.0 in edges else 0
+    shown = range(middle % stride, len(edges), stride)
+    return "\n".join(label(float(p.x.px(k)), y, texts[k], "tick mid") for k in shown)

@@ -1,0 +1,132 @@
+"""Names and numbers as people read them: effects, axes, parameters with their units, figures with their intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ces_gap.diagnosis import Estimate, Interval, Region
+from ces_identify.report.drawing import minus
+from ces_identify.report.summary import three_figures
+
+AXES = {
+    "stroke_m": ("stroke", "mm", 1e3),
+    "speed_m_s": ("speed", "m/s", 1.0),
+    "current_A": ("current", "A", 1.0),
+    "direction": ("direction", "", 1.0),
+    "frequency_hz": ("frequency", "Hz", 1.0),
+    "since_reversal_s": ("time since reversal", "ms", 1e3),
+    "elapsed_s": ("elapsed time", "s", 1.0),
+    "heat_J": ("dissipated heat", "kJ", 1e-3),
+}  # name, unit shown, SI to that unit
+SIDES = ("rebound", "compression")
+UNITS = {
+    "_m_s_rtN": "m/(s·√N)",
+    "_m_sN": "m/(s·N)",
+    "_per_N": "1/N",
+    "_per_K": "1/K",
+    "_per_J": "1/J",
+    "_Ns_m": "N·s/m",
+    "_N_m": "N/m",
+    "_N_s": "N/s",
+    "_N_K": "N/K",
+    "_m_s": "m/s",
+    "_s_m": "s/m",
+    "_kg": "kg",
+    "_Hz": "Hz",
+    "_Pa": "Pa",
+    "_N": "N",
+    "_m": "m",
+    "_s": "s",
+    "_A": "A",
+    "_K": "K",
+    "_J": "J",
+}  # by the end of a parameter's name, longer ends first
+SMALL = {"m": ("mm", 1e3), "s": ("ms", 1e3), "A": ("mA", 1e3)}  # where values below 0.1 are told
+
+
+def effect_name(effect: str) -> str:
+    """Return `valve_lag` as `valve lag`."""
+    return effect.replace("_", " ")
+
+
+def joined(effects: Sequence[str], last: str = "and") -> str:
+    """Return `a, b and c`."""
+    names = [effect_name(e) for e in effects]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}" if names else "nothing"
+
+
+def sentence_case(text: str) -> str:
+    """Return a text with its first letter in upper case."""
+    return text[:1].upper() + text[1:]
+
+
+def axis_title(axis: str) -> str:
+    """Return an axis as `Speed [m/s]`."""
+    name, unit, _ = AXES[axis]
+    return sentence_case(name) + (f" [{unit}]" if unit else "")
+
+
+def axis_figure(axis: str, value: float) -> str:
+    """Return a value on an axis, in the unit that is shown, as short as can be; `∞` for an open end."""
+    if not math.isfinite(value):
+        return minus("\N{INFINITY}" if value > 0 else "-\N{INFINITY}")
+    return minus(f"{AXES[axis][2] * value + 0.0:.3g}")
+
+
+def region_name(region: Region) -> str:
+    """Return a region as `speed 0.1 to 0.3 m/s`, `stroke above 20 mm`, `rebound`."""
+    if region.axis == "direction":
+        return (
+            "rebound and compression" if region.low < 0.0 < region.high else SIDES[int(region.low + region.high > 0.0)]
+        )
+    name, unit, _ = AXES[region.axis]
+    low, high = axis_figure(region.axis, region.low), axis_figure(region.axis, region.high)
+    if math.isinf(region.high):
+        return f"{name} above {low} {unit}"
+    return f"{name} below {high} {unit}" if math.isinf(region.low) else f"{name} {low} to {high} {unit}"
+
+
+def parameter_text(estimate: Estimate) -> tuple[str, str, str, str]:
+    """Return a parameter's name, value, unit and 95 % interval, in units in which the numbers are handy."""
+    ending = next((e for e in UNITS if estimate.name.endswith(e)), "")
+    name, unit, scale = estimate.name.removesuffix(ending).replace("_", " "), UNITS.get(ending, ""), 1.0
+    if unit in SMALL and abs(estimate.value) < 0.1:
+        unit, scale = SMALL[unit]
+    low, high = (figure(scale * v) for v in estimate.ci95)
+    return name, figure(scale * estimate.value), unit, f"{low} to {high}"
+
+
+def figure(value: float) -> str:
+    """Return a number to three significant digits, a dash if it is not known; large and small ones in powers of ten."""
+    if not math.isfinite(value):
+        return minus("\N{EN DASH}" if math.isnan(value) else f"{value}".replace("inf", "\N{INFINITY}"))
+    digits = f"{value:.3g}"
+    if "e" in digits and abs(value) >= 1.0:
+        digits = f"{float(digits):,.0f}".replace(",", "\N{NARROW NO-BREAK SPACE}") if abs(value) < 1e7 else digits
+    if "e" not in digits:
+        return minus(digits)
+    mantissa, power = digits.split("e")
+    return minus(f"{mantissa}·10") + "".join(_RAISED[c] for c in str(int(power)))
+
+
+def newtons(value: float) -> str:
+    """Return a force to three figures."""
+    return three_figures(value)
+
+
+def percent(share: float) -> str:
+    """Return a share as a whole percentage, a dash if it is not known."""
+    if not math.isfinite(share):
+        return "\N{EN DASH}"
+    return "<1" if 0.0 < share < 0.005 else minus(f"{100.0 * share:.0f}").replace("\N{MINUS SIGN}0", "0")
+
+
+def percents(interval: Interval) -> str:
+    """Return an interval of shares as `85 to 92 %`; a dash if it is not known."""
+    if not all(map(math.isfinite, interval)):
+        return "\N{EN DASH}"
+    return f"{percent(interval[0])} to {percent(interval[1])} %"
+
+
+_RAISED = dict(zip("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", strict=True))

@@ -1,0 +1,27 @@
+"""The verdict in one sentence."""
+
+from __future__ import annotations
+
+from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis
+
+
+def sentence(found: Diagnosis) -> str:
+    """Return what a person should take away."""
+    gap = found.gap
+    if found.verdict == NO_GAP:
+        if gap.rms_N > 1.5 * gap.corrected_N and gap.corrected_N < gap.rms_N:
+            return (
+                f"No gap beyond the simulation's own error: of {gap.rms_N:.0f} N RMS the references explain "
+                f"all but {gap.corrected_N:.0f} N."
+            )
+        return f"No gap: what is left, {gap.corrected_N:.0f} N RMS, is not told from noise and calibration."
+    shrunk = f"the gap shrinks from {gap.rms_N:.0f} N to {found.composition.gap_after_N:.0f} N RMS"
+    words = " and ".join(n.replace("_", " ") for n in found.composition.effects)
+    if found.verdict == UNKNOWN:
+        nearest = f"; the nearest, {words}, leaves {found.composition.gap_after_N:.0f} N" if words else ""
+        return f"None of the known effects explains the gap of {gap.rms_N:.0f} N RMS{nearest}."
+    if found.verdict == AMBIGUOUS:
+        group = next((g for g in found.indistinguishable if set(g) & set(found.composition.effects)), ())
+        others = " or ".join(n.replace("_", " ") for n in group)
+        return f"These recordings cannot tell {others} apart; with {words}, {shrunk}."
+    return f"The gap is caused by {words}: once added, {shrunk} on recordings the fit never saw."

@@ -1,0 +1,43 @@
+"""What names a simulation on a command line, seen from another folder: files by relative path, the rest as it is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ces_identify.fmu_ports import SPEC
+
+FILES = (".json", ".yaml", ".yml")
+
+
+def file_of(spec: str) -> Path | None:
+    """Return the file that a simulation is in; None for `topic:/name` and `module:function`."""
+    path = _split(spec)[0]
+    return None if path is None else Path(path)
+
+
+def located(spec: str, folder: Path) -> str:
+    """Return `spec`, given from here, as it is to be written in a file in `folder`: relative where that is possible."""
+    path, rest = _split(spec)
+    if path is None:
+        return spec
+    try:
+        return Path(os.path.relpath(Path(path).resolve(), folder.resolve())).as_posix() + rest
+    except ValueError:  # another drive
+        return str(Path(path).resolve()) + rest
+
+
+def relocated(spec: str, folder: Path) -> str:
+    """Return `spec`, found in a file in `folder`, as it is given from here."""
+    path, rest = _split(spec)
+    return spec if path is None else str(folder / path) + rest
+
+
+def _split(spec: str) -> tuple[str | None, str]:
+    """Return the path in `spec`, None if there is none, and what follows it."""
+    if spec.startswith("topic:"):
+        return None, spec
+    fmu = SPEC.fullmatch(spec)
+    if fmu is not None:
+        return fmu[1], spec[len(fmu[1]) :]
+    return (spec, "") if Path(spec).suffix.lower() in FILES else (None, spec)

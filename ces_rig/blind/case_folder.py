@@ -1,0 +1,148 @@
+"""A drawn case onto disk: what a user would have goes into its folder, what only the judge may know comes back.
+
+Nothing in the folder tells the effect: names, order, stamps and the files' times are the same in every case.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from ces_identify.bag_writer import TopicData, recording_topics, write_bag
+from ces_identify.recording import Recording
+from ces_identify.signals_file import load_signals
+from ces_identify.simulation import FunctionSimulation
+from ces_rig.blind.draw import HELD_OUT, NOISE_N, REAL, REFERENCE, Drawn, Seen, rms
+from ces_rig.currents import ConstantCurrent
+from ces_rig.damper import Damper
+from ces_rig.experiment import EPOCH_NS, Experiment, Settings, Truth, measure
+from ces_rig.sensors import Sensor, Sensors
+from ces_rig.simulation import load_rig
+from ces_rig.strokes import Common, Rest, Stroke
+from ces_rig.withheld.plants import description, physical
+
+Array = NDArray[np.float64]
+Arrays = Mapping[str, NDArray[np.float32]]
+
+FOLDERS = {
+    **dict.fromkeys(REAL, "real"),
+    **dict.fromkeys(REFERENCE, "reference"),
+    **dict.fromkeys(HELD_OUT, "held_out"),
+}
+BASELINE, DESCRIPTION, PREDICTIONS = "baseline.yaml", "case.json", "sim_force"
+SENSORS = Sensors(
+    position=Sensor(noise=4e-6, quantum=2e-6, phase_s=0.4e-3, jitter_s=5e-6),
+    current=Sensor(noise=1e-3, quantum=0.5e-3, phase_s=0.35e-3, jitter_s=5e-6),
+    force=Sensor(noise=NOISE_N, quantum=1.0, phase_s=0.6e-3, jitter_s=5e-6),
+)
+"""An encoder, a current and a force sampled beside it: with slower or noisier ones the simulation's own inputs would be
+wrong by more force than the force sensor's noise, and `gap_to_noise` would promise too much."""
+EPOCH_S = EPOCH_NS // 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the seal keeps of a case: its label, and noise-free arrays at the position samples of judged recordings."""
+
+    label: dict[str, Any]
+    arrays: Arrays
+
+
+def write_case(drawn: Drawn, folder: Path) -> Answer:
+    """Write the case to `folder` (new) and return its answer; raises CesError."""
+    folder.mkdir(parents=True)
+    (folder / BASELINE).write_text(yaml.safe_dump(description(drawn.simulated), sort_keys=True), encoding="utf-8")
+    simulation = FunctionSimulation(BASELINE, load_rig(folder / BASELINE))
+    arrays: dict[str, NDArray[np.float32]] = {}
+    for name, place in FOLDERS.items():
+        recording = logged(drawn.seen[name].true, name, drawn.seeds[name])
+        simulated = simulation.force(recording)
+        _write_bag(folder / place / name, recording, simulated)
+        if name not in REFERENCE:
+            arrays |= _judged(name, drawn.seen[name], recording, simulated)
+    (folder / DESCRIPTION).write_text(json.dumps(_for_the_user(drawn), indent=1) + "\n", encoding="utf-8")
+    _same_times(folder)
+    return Answer(_label(drawn, arrays), arrays)
+
+
+def logged(true: Truth, name: str, seed: int) -> Recording:
+    """Return what the rig's sensors log of the true signals."""
+    settings = Settings(name=name, duration_s=float(true.time_s[-1]), seed=seed)
+    still = Stroke(Rest(), Common())  # `true` holds the stroke and the current already
+    return measure(Experiment(settings, still, ConstantCurrent(0.0), Damper(), SENSORS), true)
+
+
+def _write_bag(path: Path, recording: Recording, simulated: Array) -> None:
+    known = np.isfinite(simulated)
+    stamps = recording.channel("position").stamps_ns[known]
+    predictions = TopicData(PREDICTIONS, "std_msgs/msg/Float64", stamps, {"data": simulated[known]})
+    write_bag(path, [*recording_topics(recording, load_signals()), predictions])
+
+
+def _judged(name: str, seen: Seen, recording: Recording, simulated: Array) -> dict[str, NDArray[np.float32]]:
+    """Return noise-free arrays at the stamps of the position samples: what is, and what the simulation says."""
+    true = seen.true
+    at = (recording.channel("position").stamps_ns - EPOCH_NS) * 1e-9
+    motion = CubicSpline(true.time_s, true.stroke_m)
+    columns = {
+        "force_N": PchipInterpolator(true.time_s, true.force_N)(at),
+        "effect_N": PchipInterpolator(true.time_s, seen.effect_N)(at),
+        "baseline_N": simulated,
+        "stroke_m": motion(at),
+        "speed_m_s": motion(at, 1),
+    }
+    return {f"{name}_{key}": np.asarray(values, np.float32) for key, values in columns.items()}
+
+
+def _for_the_user(drawn: Drawn) -> dict[str, Any]:
+    return {
+        "schema": "ces-blind-case/1",
+        "case": f"{drawn.case.number:04d}",
+        "excitation": drawn.case.excitation,
+        "real": [f"{FOLDERS[name]}/{name}" for name in REAL],
+        "reference": [f"{FOLDERS[name]}/{name}" for name in REFERENCE],
+        "held_out": [f"{FOLDERS[name]}/{name}" for name in HELD_OUT],
+        "simulation": BASELINE,
+        "predictions": f"topic:/{PREDICTIONS}",
+        "about": "synthetic; if anything is withheld from the simulation it is in real and held_out, not in reference",
+    }
+
+
+def _label(drawn: Drawn, arrays: Arrays) -> dict[str, Any]:
+    case = drawn.case
+    force, effect, baseline = (_joined(arrays, key) for key in ("force_N", "effect_N", "baseline_N"))
+    error = force - effect - baseline
+    return {
+        "case": f"{case.number:04d}",
+        "kind": case.kind,
+        "plant": drawn.plant.kind,
+        "excitation": case.excitation,
+        "gap_to_noise": case.gap_to_noise,
+        "baseline_ratio": case.baseline_ratio,
+        "effects": [
+            {"name": w.name, "severity": w.severity, "physical": physical(drawn.plant, w)} for w in drawn.withheld
+        ],
+        "gap_N": rms(effect),
+        "noise_N": NOISE_N,
+        "baseline_error_N": rms(error[np.isfinite(error)]),
+    }
+
+
+def _joined(arrays: Arrays, key: str) -> Array:
+    """Return one of the arrays over all real recordings."""
+    return np.concatenate([arrays[f"{name}_{key}"] for name in REAL]).astype(np.float64)
+
+
+def _same_times(folder: Path) -> None:
+    """Give every file and folder the same time of change."""
+    for path in (*folder.rglob("*"), folder):
+        os.utime(path, (EPOCH_S, EPOCH_S))

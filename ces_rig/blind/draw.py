@@ -1,0 +1,137 @@
+"""A planned case into a plant, the effects withheld in it at their planned size, and a simulation at its planned error.
+
+Not every draw can be had: a road may never reach the bump stop, however stiff. Then the case is drawn again, with
+another plant, shape and drive, and in the end with another effect of the same kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from ces_rig.blind.excitation import Commands, draw_drive
+from ces_rig.blind.plan import Case
+from ces_rig.errors import RigError
+from ces_rig.experiment import Truth
+from ces_rig.sensors import Sensors
+from ces_rig.withheld.effects import Withheld, scaled
+from ces_rig.withheld.plants import Plant, available, draw, draw_plant, expected, signals
+from ces_rig.withheld.scaling import perturb_to, scale_to, search
+
+Array = NDArray[np.float64]
+
+NOISE_N = Sensors().force.noise  # [N] RMS
+REAL, REFERENCE, HELD_OUT = ("r1", "r2"), ("f1", "f2"), ("h1",)
+TRIES = 4
+SEARCH_S = 4.0  # [s] of a recording in which sizes are searched
+TOLERANCE = 0.1  # of the gap
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A recording before noise: `true` is what ideal sensors see, `effect_N` (n,) what the effects add to the force."""
+
+    true: Truth
+    effect_N: Array
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A case as drawn: `withheld` in the plant, and `simulated`, a plant with wrong numbers; `seen` and the seed of
+    the sensors' noise by recording."""
+
+    case: Case
+    plant: Plant
+    withheld: tuple[Withheld, ...]
+    simulated: Plant
+    seen: Mapping[str, Seen]
+    seeds: Mapping[str, int]
+
+
+def draw_case(case: Case, seconds: float, spare: Sequence[tuple[str, ...]] = ()) -> Drawn:
+    """Return the case as its seed draws it; raises RigError if neither it nor one with `spare` effects can be had."""
+    reason = ""
+    subjects = (case.effects, *spare)
+    for attempt in range(TRIES * len(subjects)):
+        tried = replace(case, effects=subjects[attempt // TRIES])
+        try:
+            return _attempt(tried, seconds, np.random.default_rng([case.seed, attempt]))
+        except RigError as error:
+            reason = str(error)
+    raise RigError(f"case {case.number} ({case.kind}, {case.excitation}): cannot be had; the last try said: {reason}")
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _attempt(case: Case, seconds: float, rng: Generator) -> Drawn:
+    kind = _plant_kind(case, rng)
+    plant = draw_plant(kind, rng)
+    drive = draw_drive(case.excitation, plant.current_A, rng)
+    seeds = {role: int(rng.integers(2**31)) for role in (*REAL, *REFERENCE, *HELD_OUT)}
+    commands = {role: drive.commands(seconds, seed) for role, seed in seeds.items()}
+    shapes = [draw(kind, name, rng) for name in case.effects]
+    target = case.gap_to_noise * NOISE_N
+    withheld, seen = _sized(plant, shapes, target, {role: commands[role] for role in REAL})
+    seen |= {role: see(plant, withheld, commands[role]) for role in HELD_OUT}
+    seen |= {role: see(plant, (), commands[role]) for role in REFERENCE}
+    simulated = _wrong_by(plant, case.baseline_ratio * target, commands[REAL[0]], int(rng.integers(2**31)))
+    return Drawn(case, plant, withheld, simulated, seen, seeds)
+
+
+def see(plant: Plant, effects: Sequence[Withheld], commands: Commands) -> Seen:
+    """Return what ideal sensors see of the plant with the effects, and what the effects add for what was sensed."""
+    true = signals(plant, effects, commands.time_s, commands.stroke_m, commands.command_A)
+    added = true.force_N - expected(plant, true) if effects else np.zeros_like(true.force_N)
+    return Seen(true, added)
+
+
+def _plant_kind(case: Case, rng: Generator) -> str:
+    able = [kind for kind in case.plants if set(case.effects) <= set(available(kind))]
+    if not able:
+        raise RigError(f"none of the plants {', '.join(case.plants)} can have {' and '.join(case.effects)}")
+    return able[int(rng.integers(len(able)))]
+
+
+def _sized(
+    plant: Plant, shapes: Sequence[Withheld], target_N: float, commands: Mapping[str, Commands]
+) -> tuple[tuple[Withheld, ...], dict[str, Seen]]:
+    """Return the effects so large that together they make a gap of `target_N` (RMS over all commands), and what is
+    seen. Each is sized alone in a short part; if all of it is off by more than `TOLERANCE`, a common factor is sought.
+    """
+    start = commands[REAL[0]].opening(SEARCH_S)
+    each = target_N / max(1, len(shapes)) ** 0.5
+    sized = tuple(_sized_alone(plant, shape, each, start) for shape in shapes)
+    seen: dict[str, Seen] = {}
+
+    def gap(factor: float) -> float:
+        effects = tuple(scaled(w, factor * w.severity) for w in sized)
+        seen.update({role: see(plant, effects, c) for role, c in commands.items()})
+        return rms(np.concatenate([s.effect_N for s in seen.values()]))
+
+    if abs(gap(1.0) - target_N) <= TOLERANCE * target_N or not sized:
+        return sized, seen
+    factor = search(gap, target_N, f"{plant.kind} plant: {' and '.join(s.name for s in shapes)}")
+    return tuple(scaled(w, factor * w.severity) for w in sized), seen
+
+
+def _sized_alone(plant: Plant, shape: Withheld, target_N: float, commands: Commands) -> Withheld:
+    """Return the effect so large that it makes the gap here; as it was drawn if no size does, for it may elsewhere."""
+    try:
+        return scale_to(plant, shape, target_N, commands.time_s, commands.stroke_m, commands.command_A)
+    except RigError:
+        return shape
+
+
+def _wrong_by(plant: Plant, target_N: float, commands: Commands, seed: int) -> Plant:
+    """Return the plant with numbers so wrong that its force is off by `target_N` (RMS)."""
+    if target_N == 0.0:
+        return plant
+    start = commands.opening(SEARCH_S)
+    return perturb_to(plant, target_N, seed, start.time_s, start.stroke_m, start.command_A)[0]

@@ -1,0 +1,65 @@
+"""Makes the cases of a plan in processes and seals their answers."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ces_rig.blind.case_folder import write_case
+from ces_rig.blind.draw import draw_case
+from ces_rig.blind.plan import Case
+from ces_rig.blind.seal import Label, write_arrays, write_seal
+from ces_rig.errors import RigError
+
+Spare = Sequence[tuple[str, ...]]
+
+
+def make_cases(
+    folder: Path,
+    plan: Sequence[tuple[Case, Spare]],
+    seconds: float,
+    processes: int,
+    about: Mapping[str, Any],
+    heard: Callable[[Label], None],
+) -> str:
+    """Write `folder/cases/NNNN/`, `folder/seal.json` and `folder/seal/`; returns the published hash.
+
+    `heard` hears of each label as its case is made. `folder` must not exist or be empty. Raises CesError.
+    """
+    if folder.exists() and any(folder.iterdir()):
+        raise RigError(f"{folder}: is not empty; choose another folder for the cases")
+    (folder / "cases").mkdir(parents=True, exist_ok=True)
+    labels = []
+    try:
+        for label in _in_processes(folder, plan, seconds, processes):
+            labels.append(label)
+            heard(label)
+    except BaseException:
+        _take_away(folder)
+        raise
+    return write_seal(folder, {**about, "seconds": seconds}, sorted(labels, key=lambda x: str(x["case"])))
+
+
+def _in_processes(folder: Path, plan: Sequence[tuple[Case, Spare]], seconds: float, processes: int) -> Iterator[Label]:
+    """Yield labels as they come."""
+    import joblib  # type: ignore[import-untyped]
+
+    tasks = (joblib.delayed(make_case)(folder, case, seconds, spare) for case, spare in plan)
+    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+        yield from joblib.Parallel(n_jobs=processes, batch_size=1, return_as="generator")(tasks)
+
+
+def make_case(folder: Path, case: Case, seconds: float, spare: Spare) -> Label:
+    """Make one case and return its label; raises CesError."""
+    answer = write_case(draw_case(case, seconds, spare), folder / "cases" / f"{case.number:04d}")
+    sha256 = write_arrays(folder, answer.label["case"], answer.arrays)
+    planned = {"planned": list(case.effects), "arrays_sha256": sha256}
+    return {**answer.label, **planned}
+
+
+def _take_away(folder: Path) -> None:
+    """Leave nothing half made."""
+    for name in ("cases", "seal"):
+        shutil.rmtree(folder / name, ignore_errors=True)

@@ -1,0 +1,160 @@
+"""Which cases a blind test holds: what is withheld, how large it is, how wrong the simulation, what is driven how.
+
+A plan is a function of its seed alone. Its order is shuffled, so that a case's number says nothing about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+from typing import TypeVar
+
+import numpy as np
+from numpy.random import Generator
+
+from ces_rig.blind.excitation import CONSTANT, EXCITATIONS
+from ces_rig.errors import RigError
+
+T = TypeVar("T")
+
+EFFECT, NONE, OUTSIDE, PAIR = "effect", "none", "outside", "pair"
+KINDS = (EFFECT, NONE, OUTSIDE, PAIR)
+GAPS = (1.0, 3.0, 10.0)  # RMS of the effect's force over that of the force sensor's noise
+ERRORS = (0.0, 1.0 / 3.0, 1.0)  # RMS of the simulation's own error over that of the effect's force
+SHARES = {EFFECT: 0.60, NONE: 0.14, OUTSIDE: 0.12, PAIR: 0.14}  # of a sample
+INVISIBLE = {CONSTANT: frozenset({"valve_lag", "current_hysteresis", "current_crosstalk"})}
+"""What an excitation cannot show."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case: `effects` are names (none, one or two), `seed` seeds everything that is drawn for it.
+
+    `gap_to_noise` is that of the effect; with nothing withheld it only sets how large the simulation's error is.
+    """
+
+    kind: str
+    effects: tuple[str, ...]
+    gap_to_noise: float
+    baseline_ratio: float
+    excitation: str
+    plants: tuple[str, ...]
+    number: int = 0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Levels:
+    """What a plan crosses: kinds of case, names of library and outside effects, the three levels, kinds of plant."""
+
+    effects: tuple[str, ...]
+    outside: tuple[str, ...]
+    plants: tuple[str, ...]
+    kinds: tuple[str, ...] = KINDS
+    gaps: tuple[float, ...] = GAPS
+    errors: tuple[float, ...] = ERRORS
+    excitations: tuple[str, ...] = EXCITATIONS
+
+
+def grid(levels: Levels, seed: int) -> list[Case]:
+    """Return every case of the grid, shuffled: effects, outside effects and as many pairs cross all levels."""
+    rng = np.random.default_rng([seed, 0])
+    cases = [case for kind in levels.kinds for case in _crossed(levels, kind, rng)]
+    return _numbered(cases, seed, rng)
+
+
+def sample(levels: Levels, seed: int, count: int) -> list[Case]:
+    """Return `count` cases, shuffled: in each kind every level comes up equally often, to within one."""
+    rng = np.random.default_rng([seed, 1])
+    cases = [
+        case for kind, many in _shared_out(levels.kinds, count).items() for case in _balanced(levels, kind, many, rng)
+    ]
+    return _numbered(cases, seed, rng)
+
+
+def spare(case: Case, levels: Levels, count: int = 3) -> list[tuple[str, ...]]:
+    """Return what else of the same kind may be withheld if the case's own effects cannot be had, in its own order."""
+    rng = np.random.default_rng([case.seed, 3])
+    others = [e for e in _subjects(levels, case.kind, rng) if e != case.effects and visible(e, case.excitation)]
+    return [others[i] for i in rng.permutation(len(others))[:count]]
+
+
+def visible(effects: Sequence[str], excitation: str) -> bool:
+    """Tell whether the excitation can show every one of the effects."""
+    return not INVISIBLE.get(excitation, frozenset()) & set(effects)
+
+
+def _crossed(levels: Levels, kind: str, rng: Generator) -> Iterator[Case]:
+    subjects = _subjects(levels, kind, rng)
+    if kind == PAIR:
+        subjects = subjects[: len(levels.effects)]
+    if kind == NONE:
+        yield from _crossed_none(levels)
+        return
+    for effects, gap, error, excitation in product(subjects, levels.gaps, levels.errors, levels.excitations):
+        if visible(effects, excitation):
+            yield Case(kind, effects, gap, error, excitation, levels.plants)
+
+
+def _crossed_none(levels: Levels) -> Iterator[Case]:
+    """Nothing withheld: as many cases with a right simulation as with a wrong one."""
+    wrong = [error for error in levels.errors if error > 0.0] or [0.0]
+    for error, gap, excitation in product(wrong, levels.gaps, levels.excitations):
+        for mine in (error, 0.0):
+            yield Case(NONE, (), gap, mine, excitation, levels.plants)
+
+
+def _balanced(levels: Levels, kind: str, count: int, rng: Generator) -> list[Case]:
+    subjects = _cycled(_subjects(levels, kind, rng), count, rng)
+    gaps, errors = _cycled(levels.gaps, count, rng), _cycled(_errors(levels, kind), count, rng)
+    excitations = _cycled(levels.excitations, count, rng)
+    cases = [Case(kind, *drawn, levels.plants) for drawn in zip(subjects, gaps, errors, excitations, strict=True)]
+    return [_made_visible(case, levels, rng) for case in cases]
+
+
+def _made_visible(case: Case, levels: Levels, rng: Generator) -> Case:
+    shows = [e for e in levels.excitations if visible(case.effects, e)]
+    if case.excitation in shows:
+        return case
+    if not shows:
+        raise RigError(f"blind: {', '.join(case.effects)} cannot be seen under {', '.join(levels.excitations)}")
+    return replace(case, excitation=shows[int(rng.integers(len(shows)))])
+
+
+def _errors(levels: Levels, kind: str) -> tuple[float, ...]:
+    """Return the levels of the simulation's error; with nothing withheld half of the simulations are right."""
+    wrong = tuple(error for error in levels.errors if error > 0.0)
+    return (*wrong, *(0.0 for _ in wrong)) if kind == NONE and wrong else levels.errors
+
+
+def _subjects(levels: Levels, kind: str, rng: Generator) -> list[tuple[str, ...]]:
+    """Return what may be withheld in cases of this kind, pairs in random order."""
+    if kind == NONE:
+        return [()]
+    if kind == PAIR:
+        pairs = list(combinations(sorted(levels.effects), 2))
+        return [pairs[i] for i in rng.permutation(len(pairs))]
+    return [(name,) for name in (levels.effects if kind == EFFECT else levels.outside)]
+
+
+def _cycled(values: Sequence[T], count: int, rng: Generator) -> list[T]:
+    """Return `count` values, each round through all of them in its own random order."""
+    rounds = -(-count // max(1, len(values)))
+    return [values[i] for _ in range(rounds) for i in rng.permutation(len(values))][:count]
+
+
+def _shared_out(kinds: Sequence[str], count: int) -> Mapping[str, int]:
+    """Return how many cases each kind gets: shares by largest remainder."""
+    total = sum(SHARES[kind] for kind in kinds)
+    exact = {kind: count * SHARES[kind] / total for kind in kinds}
+    many = {kind: int(share) for kind, share in exact.items()}
+    for kind in sorted(kinds, key=lambda k: many[k] - exact[k])[: count - sum(many.values())]:
+        many[kind] += 1
+    return many
+
+
+def _numbered(cases: Sequence[Case], seed: int, rng: Generator) -> list[Case]:
+    seeds = np.random.default_rng([seed, 2]).integers(2**62, size=len(cases))
+    order = rng.permutation(len(cases))
+    return [replace(cases[i], number=n + 1, seed=int(seeds[n])) for n, i in enumerate(order)]

@@ -1,0 +1,83 @@
+"""The seal over a blind test's answers: labels packed so that nobody reads them by accident, bound by a published hash.
+
+`seal.json` holds a random salt and the packed labels, which hold the hashes of the arrays in `seal/`. What is published
+beside the cases is the SHA-256 of salt and labels: it gives nothing away, and nothing can be changed after it is known.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import secrets
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_observer.checked import write_beside
+from ces_rig.blind.case_folder import Arrays
+from ces_rig.errors import RigError
+
+SCHEMA = "ces-blind/1"
+Label = dict[str, Any]
+
+
+def write_arrays(folder: Path, case: str, arrays: Arrays) -> str:
+    """Write `seal/CASE.npz` under `folder` and return its SHA-256."""
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **arrays)  # type: ignore[arg-type]
+    path = _arrays_path(folder, case)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(packed.getvalue())
+    return hashlib.sha256(packed.getvalue()).hexdigest()
+
+
+def write_seal(folder: Path, about: Mapping[str, Any], labels: Sequence[Label]) -> str:
+    """Write `seal.json` and `cases/seal.sha256` under `folder` and return the published hash."""
+    text = json.dumps({"about": dict(about), "labels": list(labels)}, allow_nan=False)
+    packed = base64.b85encode(zlib.compress(text.encode(), 9)).decode()
+    (folder / "cases").mkdir(parents=True, exist_ok=True)
+    salt = secrets.token_hex(32)
+    digest = _digest(salt, packed)
+    write_beside(folder / "seal.json", json.dumps({"schema": SCHEMA, "salt": salt, "labels": packed}) + "\n")
+    write_beside(folder / "cases" / "seal.sha256", f"{digest}\n")
+    return digest
+
+
+def open_seal(folder: Path) -> tuple[Label, list[Label]]:
+    """Return what is known about the test and its labels; raises RigError if they are not those that were sealed."""
+    try:
+        published = (folder / "cases" / "seal.sha256").read_text(encoding="utf-8").strip()
+        sealed = json.loads((folder / "seal.json").read_text(encoding="utf-8"))
+        salt, packed = str(sealed["salt"]), str(sealed["labels"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise RigError(f"{folder}: not a sealed blind test ({error}); expected what 'ces blind make' wrote") from None
+    if _digest(salt, packed) != published:
+        raise RigError(f"{folder}/seal.json: its hash is not the published one in cases/seal.sha256; it was changed")
+    content = json.loads(zlib.decompress(base64.b85decode(packed)))
+    return content["about"], content["labels"]
+
+
+def open_arrays(folder: Path, label: Label) -> dict[str, NDArray[np.float64]]:
+    """Return the sealed arrays of a case; raises RigError if they are missing or not those that were sealed."""
+    path = _arrays_path(folder, label["case"])
+    if not path.is_file():
+        raise RigError(f"{path}: missing; 'ces blind make' wrote it with the cases")
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != label["arrays_sha256"]:
+        raise RigError(f"{path}: its hash is not the sealed one; it was changed")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return {name: arrays[name].astype(np.float64) for name in arrays.files}
+
+
+def _arrays_path(folder: Path, case: str) -> Path:
+    return folder / "seal" / f"{case}.npz"
+
+
+def _digest(salt: str, packed: str) -> str:
+    return hashlib.sha256(f"{salt}\n{packed}".encode()).hexdigest()

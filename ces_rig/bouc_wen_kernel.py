@@ -1,0 +1,152 @@
+"""The numerical kernel of the MR damper: linearly implicit Euler with a fixed step; slow readable twin in the tests.
+
+Forces are positive in compression. The fluid's spring is bent by `e`; across it the modified Bouc–Wen element moves at
+`v_in`, with F = c1·dy/dt and F = f_y·z + c0·(v_in − dy/dt) + k0·(x_in − y).
+"""
+
+from __future__ import annotations
+
+from math import exp, sqrt, tanh
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+PISTON, SPEED, BEND, DASHPOT, YIELDED, BRISTLE, TEMPERATURE, COIL = 0, 1, 2, 3, 4, 5, 6, 7
+FIELD, EDDY, REMANENT, BUBBLES = 8, 9, 10, 11
+STATE_SIZE = 12
+BUBBLE_SHARE = 0.92  # of the fluid's stiffness lost while bubbles are squeezed
+VOID_SHARE = 1e-4  # of it left while there is a void
+STANDSTILL_M_S = 1e-6
+FULL_M = 0.06  # [m] the stroke gas is made for
+
+
+@njit(cache=True)
+def fluid_spring(c: Any, e: float, bubbles: float) -> tuple[float, float]:
+    """Return the force [N] of the fluid bent by `e` [m], and its slope [N/m]: bubbles soften it, a void cuts it off."""
+    stiffness = c.fluid_N_m if e > 0.0 else c.fluid_N_m * c.fluid_rebound
+    bend = abs(e)
+    force, slope = stiffness * bend, stiffness
+    if bubbles > 0.0:
+        left = exp(-bend / bubbles)
+        force -= BUBBLE_SHARE * stiffness * bubbles * (1.0 - left)
+        slope -= BUBBLE_SHARE * stiffness * left
+    if e > 0.0 and force > c.void_N:
+        force = c.void_N + VOID_SHARE * (force - c.void_N)
+        slope *= VOID_SHARE
+    return (force if e > 0.0 else -force), slope
+
+
+@njit(cache=True)
+def gas(c: Any, x: float) -> float:
+    """Return the gas force [N] on the rod beyond that at mid-stroke."""
+    left = c.gas_m3 - c.rod_m2 * min(x, FULL_M)
+    return float(c.gas_Pa * c.rod_m2 * ((c.gas_m3 / left) ** c.gas_exponent - 1.0))
+
+
+@njit(cache=True)
+def stop(c: Any, x: float) -> tuple[float, float]:
+    """Return the force [N] of the stops at a piston position [m], and its slope [N/m]."""
+    into = abs(x) - c.stop_clearance_m
+    if into <= 0.0:
+        return 0.0, 0.0
+    grown = c.stop_progression_1_m * into
+    force = c.stop_N_m * into * (1.0 + grown)
+    return (force if x > 0.0 else -force), c.stop_N_m * (1.0 + 2.0 * grown)
+
+
+@njit(cache=True)
+def lagged(value: float, target: float, lag_s: float, h: float) -> float:
+    """Return a first-order lag after `h` seconds."""
+    return target + (value - target) * exp(-h / lag_s) if lag_s > 0.0 else target
+
+
+@njit(cache=True)
+def field_path(c: Any, s: Array, current: float, h: float) -> float:
+    """Advance coil, remanence (Duhem), fluid response and eddy currents by `h` seconds; return the field [A]."""
+    before = s[COIL]
+    s[COIL] = lagged(before, current, c.coil_s, h)
+    change = s[COIL] - before
+    side = c.remanence_A if change > 0.0 else -c.remanence_A
+    s[REMANENT] = side + (s[REMANENT] - side) * exp(-abs(change) / c.remanence_bend_A)
+    s[FIELD] = lagged(s[FIELD], s[COIL] - s[REMANENT], c.field_s, h)
+    s[EDDY] = lagged(s[EDDY], s[FIELD], c.eddy_s, h)
+    return float(max(s[EDDY], 0.0))
+
+
+@njit(cache=True)
+def step(c: Any, s: Array, stroke: float, speed: float, field: float, h: float) -> float:
+    """Advance the state by `h` seconds to this stroke [m] and speed [m/s]; return the force [N] in the bushing."""
+    x, v, e, z = s[PISTON], s[SPEED], s[BEND], s[YIELDED]
+    warm = s[TEMPERATURE] - c.start_degC
+    f_y = (c.yield_N + c.yield_N_A * c.saturation_A * tanh(field / c.saturation_A)) * exp(-c.fade_yield_1_K * warm)
+    c_0 = (c.viscous_Ns_m + c.viscous_Ns_mA * field) * exp(-c.fade_viscous_1_K * warm)
+    # fluid: bend and yield, linear in the new speed
+    force, slope = fluid_spring(c, e, s[BUBBLES])
+    across = c.inner_N_m * (x - e - s[DASHPOT])
+    pull = force * (1.0 + c_0 / c.series_Ns_m) - f_y * z - across
+    give = 1.0 + abs(z) ** c.sharpness * (-1.0 if pull * z > 0.0 else 2.0 * c.unloading - 1.0)
+    resist = c_0 + h * f_y * give / c.yield_m
+    over = max(abs(force) - c.relief_N, 0.0)
+    slip = c.bypass_m_Ns + c.groove_m_Ns * exp(-(((x - c.groove_at_m) / c.groove_m) ** 2))
+    past = force * slip + (over if force > 0.0 else -over) / c.relief_Ns_m
+    yielding = slip + (1.0 / c.relief_Ns_m if over > 0.0 else 0.0) + (1.0 + c_0 / c.series_Ns_m) / resist
+    held = h / (1.0 + h * yielding * slope)
+    passed = pull / resist + past
+    # seal
+    level = c.seal_N * (1.0 + (c.seal_static - 1.0) * exp(-((v / c.stribeck_m_s) ** 2)))
+    level += c.side_load_N_m * abs(x - c.side_at_m) + 1e-9
+    relax = c.bristle_N_m * sqrt(v * v + STANDSTILL_M_S * STANDSTILL_M_S) / level
+    kept = 1.0 / (1.0 + h * relax)
+    rub = (c.bristle_N_m - c.bristle_Ns_m * relax) * kept
+    # bushing
+    bend = stroke - x
+    half = 0.5 * c.play_m
+    taken_up = 1.0 if abs(bend) >= half else 0.0
+    spring = taken_up * c.mount_N_m * (bend - half if bend > 0.0 else bend + half)
+    damping = taken_up * c.mount_Ns_m
+    f_stop, k_stop = stop(c, x)
+    drive = spring + damping * speed - gas(c, x) - f_stop - force + slope * held * passed - rub * s[BRISTLE]
+    stiff = h * (taken_up * c.mount_N_m + k_stop + rub) + damping + slope * held + c.bristle_Ns_m
+    new = (c.mass_kg * v + h * drive) / (c.mass_kg + h * stiff)
+    # take the step
+    s[SPEED] = new
+    s[PISTON] = x + h * new
+    s[BEND] = e + held * (new - passed)
+    after = fluid_spring(c, s[BEND], s[BUBBLES])[0]
+    rate = after / c.series_Ns_m
+    inside = (after * (1.0 + c_0 / c.series_Ns_m) - f_y * z - across) / resist
+    s[DASHPOT] += h * rate
+    s[YIELDED] = min(max(z + h * give * inside / c.yield_m, -1.0), 1.0)
+    s[BRISTLE] = (s[BRISTLE] + h * new) * kept
+    rubbed = c.bristle_N_m * s[BRISTLE]
+    power = abs(after * (new - (s[BEND] - e) / h)) + abs(rubbed * new)
+    s[TEMPERATURE] += h * (power - c.heat_loss_W_K * warm) / c.heat_J_K
+    s[BUBBLES] += h * c.foaming_1_J * power
+    return float(spring + damping * speed - (h * taken_up * c.mount_N_m + damping) * new)
+
+
+@njit(cache=True)
+def advance(
+    c: Any, s: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int, out: Array
+) -> None:
+    """Run from rest; `out` (3, n) receives force [N], coil current [A] and temperature [°C]."""
+    h = interval / substeps
+    s[:] = 0.0
+    s[PISTON] = s[DASHPOT] = stroke[0] - gas(c, stroke[0]) / c.mount_N_m
+    s[SPEED], s[TEMPERATURE], s[BUBBLES] = speed[0], c.start_degC, c.bubbles_m
+    s[COIL] = s[FIELD] = s[EDDY] = current[0]
+    out[0, 0], out[1, 0], out[2, 0] = gas(c, stroke[0]), current[0], c.start_degC
+    for n in range(1, stroke.shape[0]):
+        x0, v0, x1, v1 = stroke[n - 1], speed[n - 1], stroke[n], speed[n]
+        bend2, bend3 = 3.0 * (x1 - x0) - (2.0 * v0 + v1) * interval, 2.0 * (x0 - x1) + (v0 + v1) * interval
+        for k in range(1, substeps + 1):
+            r = k / substeps
+            at = x0 + r * (v0 * interval + r * (bend2 + r * bend3))
+            moving = v0 + r * (2.0 * bend2 + 3.0 * r * bend3) / interval
+            field = field_path(c, s, current[n - 1] + (r - 0.5 / substeps) * (current[n] - current[n - 1]), h)
+            out[0, n] = step(c, s, at, moving, field, h)
+        out[1, n], out[2, n] = s[COIL], s[TEMPERATURE]

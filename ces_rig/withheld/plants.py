@@ -1,0 +1,160 @@
+"""Plants for blind tests and what ideal sensors see of them with effects in place.
+
+    plant = draw_plant("hydraulic", rng)
+    effect = scale_to(plant, draw(plant.kind, "friction", rng), 40.0, time_s, stroke_m, command_A)
+    true = signals(plant, [effect], time_s, stroke_m, command_A)     # then ces_rig.experiment.measured
+    yaml.safe_dump(description(perturbed(plant, 0.3, rng)))          # a simulation: ces_rig.simulation.load_rig
+
+The plant itself is free of every effect; its description simulates it exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from ces_rig.errors import RigError
+from ces_rig.experiment import GRID_S, Truth
+from ces_rig.withheld import bouc_wen, calibration, hydraulic, sensing
+from ces_rig.withheld.effects import EFFECTS, OUTSIDE, Proportions, Withheld
+
+Array = NDArray[np.float64]
+
+
+class Model(Protocol):
+    """A damper with numbers that can be changed by path."""
+
+    def run(self, interval_s: float, stroke_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
+        """Return tared force [N], coil current [A] and temperature [°C], each (n,)."""
+
+    def without_coil(self) -> Self:
+        """Return the damper as driven with a measured coil current."""
+
+    def changed(self, numbers: Mapping[str, float]) -> Self:
+        """Return the damper with other numbers; raises RigError for one that no real damper has."""
+
+    def number(self, path: str) -> float:
+        """Return the number at a path."""
+
+    def description(self) -> dict[str, Any]:
+        """Return what its YAML file holds."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of plant: how it is drawn, the range [A] of its current, its effects, and what a simulation has wrong."""
+
+    base: Callable[[Generator], Any]
+    current_A: tuple[float, float]
+    spreads: Mapping[str, Proportions]
+    numbers: Callable[[Any, Withheld], dict[str, float]]
+    wrong: Mapping[tuple[str, ...], float]
+
+
+KINDS: Mapping[str, Kind] = {
+    name: Kind(part.base, part.CURRENT_A, part.SPREADS, part.numbers, part.WRONG)
+    for name, part in (("hydraulic", hydraulic), ("bouc_wen", bouc_wen), ("calibration", calibration))
+}
+PLANTS = tuple(KINDS)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A drawn damper of a kind, free of every effect."""
+
+    kind: str
+    model: Model
+
+    @property
+    def current_A(self) -> tuple[float, float]:
+        """The range [A] of the current that acts: what commands should cover."""
+        return KINDS[self.kind].current_A
+
+
+def available(kind: str) -> tuple[str, ...]:
+    """Return the effects, of the library and outside it, that the kind of plant can have."""
+    spreads = {**_kind(kind).spreads, **sensing.SPREADS}
+    return tuple(name for name in EFFECTS + OUTSIDE if name in spreads)
+
+
+def draw_plant(kind: str, rng: Generator) -> Plant:
+    """Return a drawn damper of the kind; raises RigError for a kind that is not in PLANTS."""
+    return Plant(kind, _kind(kind).base(rng))
+
+
+def draw(kind: str, name: str, rng: Generator) -> Withheld:
+    """Return an effect of severity 1 with drawn proportions; raises RigError if the kind of plant cannot have it."""
+    spreads = {**_kind(kind).spreads, **sensing.SPREADS}
+    if name not in spreads:
+        raise RigError(f"{kind} plant: no effect '{name}'; it can have {', '.join(available(kind))}")
+    return Withheld(name, 1.0, {key: spread.draw(rng) for key, spread in spreads[name].items()})
+
+
+def perturbed(plant: Plant, size: float, rng: Generator) -> Plant:
+    """Return the plant with several parameters wrong together, by some 20 % each at size 1; size 0 changes nothing.
+
+    The same state of `rng` gives the same direction of error, so that `size` can be searched.
+    """
+    wrong = KINDS[plant.kind].wrong
+    factors = {paths: float(np.exp(size * deviation * rng.standard_normal())) for paths, deviation in wrong.items()}
+    numbers = {path: f * plant.model.number(path) for paths, f in factors.items() for path in paths}
+    return Plant(plant.kind, plant.model.changed(numbers))
+
+
+def description(plant: Plant) -> dict[str, Any]:
+    """Return the plant as a rig description; written as YAML, `load_rig` gives its simulation."""
+    return plant.model.description()
+
+
+def physical(plant: Plant, withheld: Withheld) -> dict[str, float]:
+    """Return the true physical numbers for the label: the plant's numbers under the effect, or the sensor's."""
+    if withheld.name in sensing.SENSING:
+        return sensing.numbers(withheld, plant.current_A[1])
+    return KINDS[plant.kind].numbers(plant.model, withheld)
+
+
+def signals(plant: Plant, effects: Sequence[Withheld], time_s: Array, stroke_m: Array, command_A: Array) -> Truth:
+    """Return what ideal sensors see: `time_s` (n,) a grid of GRID_S, `stroke_m` the true stroke, all of shape (n,).
+
+    Effects inside the damper change its equations; then those of the sensors act, in the order given. Raises
+    RigError if a number leaves its physical range, the stroke the damper, or the grid is another.
+    """
+    _check_grid(time_s)
+    model = plant.model
+    for effect in effects:
+        if effect.name not in sensing.SENSING and effect.severity > 0.0:
+            model = model.changed(KINDS[plant.kind].numbers(model, effect))
+    force, coil, temperature = model.run(GRID_S, stroke_m, command_A)
+    true = Truth(time_s, stroke_m, command_A, coil, force, temperature)
+    for effect in effects:
+        if effect.name in sensing.SENSING and effect.severity > 0.0:
+            true = sensing.sensed(true, effect.name, sensing.numbers(effect, plant.current_A[1]))
+    return true
+
+
+def expected(plant: Plant, true: Truth) -> Array:
+    """Return the force [N] (n,) of the plant without effects, driven with the position and coil current as sensed."""
+    return plant.model.without_coil().run(GRID_S, true.stroke_m, true.coil_A)[0]
+
+
+def gap_N(plant: Plant, effects: Sequence[Withheld], time_s: Array, stroke_m: Array, command_A: Array) -> float:
+    """Return the RMS [N] of the force as sensed less that of the plant without effects driven with what was sensed."""
+    true = signals(plant, effects, time_s, stroke_m, command_A)
+    return float(np.sqrt(np.mean((true.force_N - expected(plant, true)) ** 2)))
+
+
+def _kind(kind: str) -> Kind:
+    if kind not in KINDS:
+        raise RigError(f"plant kind '{kind}' is unknown; known are {', '.join(KINDS)}")
+    return KINDS[kind]
+
+
+def _check_grid(time_s: Array) -> None:
+    steps = np.diff(time_s)
+    if len(time_s) < 10 or not np.allclose(steps, GRID_S, rtol=0.0, atol=1e-9):
+        raise RigError(f"plant: expected at least 10 times on a grid of {GRID_S:g} s")

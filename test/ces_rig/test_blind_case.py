@@ -1,0 +1,97 @@
+"""A blind case on disk: effects and simulation of the planned size, bags that tell nothing, arrays that are true."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from ces_identify.bag_reader import list_topics, read_recording
+from ces_identify.signals_file import load_signals
+from ces_identify.simulation import FunctionSimulation
+from ces_rig.blind.case_folder import EPOCH_S, write_case
+from ces_rig.blind.draw import draw_case
+from ces_rig.blind.plan import Case
+from ces_rig.simulation import load_rig
+
+SECONDS = 2.5
+FRICTION = Case("effect", ("friction",), 3.0, 1.0 / 3.0, "rich", ("hydraulic",), number=7, seed=11)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("blind") / "0007"
+    return folder, write_case(draw_case(FRICTION, SECONDS), folder)
+
+
+def bag(folder, place):
+    with pytest.warns(match="no header"):
+        return read_recording(folder / place, load_signals())
+
+
+def test_effect_and_simulation_are_of_the_planned_size(made):
+    label = made[1].label
+    assert label["gap_N"] == pytest.approx(24.0, rel=0.11)
+    assert label["noise_N"] == 8.0
+    assert label["baseline_error_N"] == pytest.approx(8.0, abs=3.5)  # in it what the sensors' noise does to the inputs
+    assert [effect["name"] for effect in label["effects"]] == ["friction"]
+    assert label["effects"][0]["physical"]
+
+
+def test_sealed_arrays_are_what_was_measured_without_its_noise(made):
+    folder, answer = made
+    force = bag(folder, "held_out/h1").channel("force")
+    clock = bag(folder, "held_out/h1").channel("position").stamps_ns
+    true = CubicSpline((clock - clock[0]) * 1e-9, answer.arrays["h1_force_N"])((force.stamps_ns - clock[0]) * 1e-9)
+    inner = slice(100, -100)
+    assert rms((force.values - true)[inner]) == pytest.approx(8.0, rel=0.1)
+
+
+def test_references_are_free_of_the_effect_and_the_rest_is_not(made):
+    folder, answer = made
+    simulate = FunctionSimulation("baseline", load_rig(folder / "baseline.yaml"))
+
+    def gap(place):
+        recording = bag(folder, place)
+        force, clock = recording.channel("force"), recording.channel("position").stamps_ns
+        return rms((force.values - np.interp(force.stamps_ns, clock, simulate.force(recording)))[100:-100])
+
+    error = answer.label["baseline_error_N"]
+    assert gap("reference/f1") < 1.5 * np.hypot(8.0, error)
+    assert gap("real/r1") > 2.0 * np.hypot(8.0, error)
+
+
+def test_the_folder_tells_nothing_of_what_is_withheld(made):
+    folder, answer = made
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    assert not any(b"friction" in path.read_bytes().lower() for path in files)
+    assert {path.stat().st_mtime for path in folder.rglob("*")} == {float(EPOCH_S)}
+    described = json.loads((folder / "case.json").read_text())
+    assert not set(described) & {"kind", "plant", "effects", "gap_to_noise", "baseline_ratio", "gap_N"}
+    other = write_case(
+        draw_case(Case("none", (), 3.0, 0.0, "rich", ("hydraulic",), 8, 5), SECONDS), folder.parent / "0008"
+    )
+    names = [sorted(str(p.relative_to(f)) for p in f.rglob("*")) for f in (folder, folder.parent / "0008")]
+    assert names[0] == names[1]
+    assert answer.arrays.keys() == other.arrays.keys()
+    assert other.label["gap_N"] == 0.0
+    assert other.label["baseline_error_N"] < 6.0
+
+
+def test_predictions_in_the_bag_are_the_simulation_run_on_it(made):
+    folder, answer = made
+    assert "/sim_force" in {topic.name for topic in list_topics(folder / "held_out/h1")}
+    simulate = FunctionSimulation("baseline", load_rig(folder / "baseline.yaml"))
+    force = simulate.force(bag(folder, "held_out/h1"))
+    assert answer.arrays["h1_baseline_N"] == pytest.approx(force, abs=0.01)
+
+
+def test_a_case_repeats_exactly(made, tmp_path):
+    again = write_case(draw_case(FRICTION, SECONDS), tmp_path / "0007")
+    assert again.label == made[1].label
+    for place in ("real/r2/r2.mcap", "reference/f1/f1.mcap", "baseline.yaml"):
+        assert (tmp_path / "0007" / place).read_bytes() == (made[0] / place).read_bytes()
