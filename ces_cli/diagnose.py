@@ -7,6 +7,7 @@ import os
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,6 +59,7 @@ def read_beside(simulation: Simulation, path: Path, signals: Signals) -> Recordi
 def _diagnose(options: argparse.Namespace, command: str) -> None:
     from ces_cli.diagnose_progress import DiagnoseProgress
     from ces_cli.diagnosis_tables import tell
+    from ces_gap.augmented import named
     from ces_gap.checks import check_recordings
     from ces_gap.diagnose import diagnose
     from ces_gap.result_files import result_files
@@ -67,16 +69,19 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
     simulation = open_simulation(options.sim)
     roles = {"real": options.real, "held_out": options.held_out, "reference": options.reference}
     given = {role: [read_beside(simulation, p, signals) for p in bags_of(words)] for role, words in roles.items()}
-    for text in check_recordings(*given.values()):
+    recordings = (given["real"], given["held_out"], given["reference"])
+    doubts = check_recordings(*recordings)
+    for text in doubts:
         terminal.note(text)
     with DiagnoseProgress() as progress:
-        found = diagnose(simulation, options.sim, *given.values(), how, progress.listen)
+        found = diagnose(simulation, options.sim, *recordings, how, progress.listen)
+        found = replace(found, notes=(*doubts, *found.notes))
         progress.listen("writing the report", 1.0)
-        files = result_files(found, options.out, list(given.items()), {"Command": command})
+        files = result_files(found, named(options.sim, options.out), list(given.items()), {"Command": command})
     for name in MAY_LACK:
         (options.out / name).unlink(missing_ok=True)  # of an earlier diagnosis
     write_together({options.out / name: text for name, text in files.items()})
-    tell(found, options.out, tuple(files))
+    tell(found, options.out, tuple(files), told=len(doubts))
 
 
 def _make_folder(folder: Path) -> None:

@@ -65,7 +65,7 @@ def _jobs(
     units: Sequence[Unit], question: Question, signals: Signals, folder: Path
 ) -> tuple[dict[Job, Unit], list[Row]]:
     """Return a job for each unit that can be read, and a row for each that cannot; recordings are not kept."""
-    digest, described = question.digest(), repr(sorted(signals.by_name.items()))
+    described = repr(sorted(signals.by_name.items()))
     jobs: dict[str, tuple[Job, Unit]] = {}
     unread = []
     for number, unit in enumerate(units, start=1):
@@ -73,12 +73,12 @@ def _jobs(
             try:
                 recordings = _read(question.simulation, unit, signals)
                 require_distinct(recordings, (), question.reference)
-                job = job_of(unit.name, recordings, digest, described, folder)
+                job = job_of(unit.name, recordings, question, described, folder)
                 if job.key in jobs:
                     raise CesError(f"the same recordings as {jobs[job.key][0].name}")
                 jobs[job.key] = (job, unit)
             except CesError as error:
-                unread.append(failure(Job("", unit.name, folder), FAILED, str(error)).row)
+                unread.append(failure("", unit.name, FAILED, str(error)).row)
     return dict(jobs.values()), unread
 
 

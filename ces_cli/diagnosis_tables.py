@@ -18,21 +18,21 @@ COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan
 MOST_CAUSES = 5
 MOST_REGIONS = 3
 STANDS_OUT = 0.05  # rate of false discoveries up to which a region counts
-MUCH = 1.2  # times as much of the gap's energy as of the time
+MUCH, LEAST = 1.2, 0.05  # as much of the gap's energy, over the share of the time, and at all
 
 
-def tell(found: Diagnosis, folder: Path, files: Sequence[str]) -> None:
-    """Print a diagnosis; `files` are those written to `folder`."""
-    for text in found.notes:
+def tell(found: Diagnosis, folder: Path, files: Sequence[str], told: int = 0) -> None:
+    """Print a diagnosis; `files` are those written to `folder`, and the first notes were `told` already."""
+    for text in found.notes[told:]:
         terminal.note(text)
     say = terminal.out.print
     name = found.verdict.replace("_", " ").upper()
     say(f"[bold {COLORS[found.verdict]}]{name}[/]: {escape(found.sentence)}", highlight=False, soft_wrap=True)
     for line in gap_lines(found):
         say(line, highlight=False, soft_wrap=True, markup=False)
-    if found.causes:
+    if found.causes and found.verdict != NO_GAP:
         say(cause_table(found))
-    for line in (*where_lines(found), *doubt_lines(found), *next_lines(found, folder)):
+    for line in (*parameter_lines(found), *where_lines(found), *doubt_lines(found), *next_lines(found, folder)):
         say(line, highlight=False, soft_wrap=True, markup=False)
     print(f"written: {folder}/{', '.join(files)}")
 
@@ -44,7 +44,7 @@ def gap_lines(found: Diagnosis) -> list[str]:
         f"gap: {_newtons(gap.rms_N)} RMS {_interval(gap.ci95_N)} on what was held out, noise taken out "
         f"(noise {_newtons(gap.noise_floor_N)}, J = {gap.cost_J:.2f} %)"
     ]
-    if gap.corrected_N != gap.rms_N:
+    if found.correction is not None:
         told = f"{_newtons(gap.corrected_N)} {_interval(gap.corrected_ci95_N)}"
         lines.append(f"     {told} of it beyond the simulation's own error, which the references taught")
     if together.effects:
@@ -62,15 +62,21 @@ def cause_table(found: Diagnosis) -> Table:
     table.add_column("effect", no_wrap=True)
     for heading in ("probability", "shrink", "95 %"):
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("parameters [95 %]", overflow="fold")
     for cause in found.causes[:MOST_CAUSES]:
         style = "bold" if cause.effects[0] in found.composition.effects else ""
         shrink = (_percent(cause.shrink), _percents(cause.shrink_ci95))
-        table.add_row(_named(cause), _probability(cause.probability), *shrink, escape(_parameters(cause)), style=style)
+        table.add_row(_named(cause), _probability(cause.probability), *map(escape, shrink), style=style)
     table.add_section()
-    table.add_row("no gap", _probability(found.probability_none), "", "", "")
-    table.add_row("something else", _probability(found.probability_unknown), "", "", "")
+    table.add_row("no gap", _probability(found.probability_none), "", "")
+    table.add_row("something else", _probability(found.probability_unknown), "", "")
     return table
+
+
+def parameter_lines(found: Diagnosis) -> list[str]:
+    """Say the parameters of the effects that together explain the gap."""
+    together = found.composition
+    pairs = zip(together.effects, together.estimates, strict=True)
+    return [f"{effect}: {', '.join(map(_estimate, estimates))}" for effect, estimates in pairs]
 
 
 def where_lines(found: Diagnosis) -> list[str]:
@@ -81,7 +87,9 @@ def where_lines(found: Diagnosis) -> list[str]:
 
 def _where(word: str, where: Where) -> list[str]:
     telling = [
-        r for r in where.regions if r.q_value <= STANDS_OUT and r.share_of_energy > MUCH * max(r.share_of_samples, 1e-9)
+        r
+        for r in where.regions
+        if r.q_value <= STANDS_OUT and r.share_of_energy > max(MUCH * r.share_of_samples, LEAST)
     ]
     telling.sort(key=lambda r: r.share_of_samples - r.share_of_energy)
     by_axis = {r.axis: r for r in reversed(telling)}
@@ -139,14 +147,10 @@ def _named(cause: Explained) -> str:
     return f"{cause.effects[0]} ({cause.forms[0]})"
 
 
-def _parameters(cause: Explained) -> str:
-    return ", ".join(_estimate(estimate) for estimate in cause.estimates[0])
-
-
 def _estimate(estimate: Estimate) -> str:
     marks = (" at its bound" if estimate.at_bound else "") + (" drifts" if estimate.drifts else "")
     name, value, unit, interval = parameter_text(estimate)
-    return f"{name} {value} {unit} [{interval}]{marks}"
+    return f"{' '.join(filter(None, (name, value, unit)))} [{interval}]{marks}"
 
 
 def _newtons(value: float) -> str:

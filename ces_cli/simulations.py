@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from ces_gap.recorded import recorded_in
 from ces_identify.bag_reader import list_topics, read_recording
 from ces_identify.fmu_ports import SPEC
 from ces_identify.recording import Channel, Recording
@@ -55,9 +56,10 @@ def open_simulation(spec: str) -> Simulation:
 
 def with_predictions(simulation: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
     """Return the recording with the predictions in its bag, if that is where the simulation's force comes from."""
-    topic = recorded_topic(simulation)
-    if topic is None:
+    predictions = recorded_in(simulation)
+    if predictions is None:
         return recording
+    topic = predictions.topic
     types = {found.name.lstrip("/"): found.type for found in list_topics(path)}
     kind = types.get(topic.lstrip("/"))
     if kind is None:
@@ -70,16 +72,6 @@ def with_predictions(simulation: Simulation, path: Path, recording: Recording, s
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # told when the recording was read
         return read_recording(path, only, ("position", "current", "sim_force"))
-
-
-def recorded_topic(simulation: Simulation) -> str | None:
-    """Return the topic of recorded predictions that a simulation comes down to, None if it is run."""
-    while not isinstance(simulation, RecordedSimulation):
-        inside = getattr(simulation, "simulation", None)  # of an augmented one
-        if inside is None:
-            return None
-        simulation = inside
-    return simulation.topic
 
 
 def taught(teacher: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:

@@ -21,9 +21,10 @@ from ces_gap.correction import LearntCorrection
 from ces_gap.effect import Composition, Effect, Setting
 from ces_gap.errors import GapError
 from ces_gap.plant import Called, Correction, Plant, Rerun
+from ces_gap.recorded import recorded_in
 from ces_gap.simulation_spec import file_of, located, relocated
 from ces_gap.surrogate import Surrogate
-from ces_gap.trace import Trace, make_trace
+from ces_gap.trace import Trace, make_trace, smoothed
 from ces_gap.user_effects import class_of, library_effect, user_effect
 from ces_identify.recording import Recording
 from ces_identify.simulation import Simulation
@@ -38,7 +39,6 @@ Learnt = TypeVar("Learnt", LearntCorrection, Surrogate)
 SCHEMA = "ces-augmented/1"
 MAX_BYTES = 4_000_000
 MOST_EFFECTS = 20
-ROUNDS = 2  # of the force that effects on the input depend on
 
 
 class Written(Protocol):
@@ -62,9 +62,13 @@ class AugmentedSimulation:
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample (n,), NaN where the simulation itself gives none.
 
-        What the effects add is computed on the trace's grid and interpolated at the samples, so that the simulation's
-        own force keeps its detail.
+        As in the diagnosis, the simulation runs on the smoothed position, if it can be run. What is added to it is
+        computed on the trace's grid and interpolated at the samples, so that its own force keeps its detail.
         """
+        if not self.composition.settings and self.correction is None:
+            return self.simulation.force(recording)
+        if recorded_in(self.simulation) is None:
+            recording = smoothed(recording, make_trace(recording, np.zeros(len(recording.channel("position")))))
         own = self.simulation.force(recording)
         trace = make_trace(recording, own)
         plant = Plant(self.surrogate or Called(self.simulation), self.correction)
@@ -74,7 +78,7 @@ class AugmentedSimulation:
 
     def _run(self, plant: Plant, trace: Trace) -> F:
         try:
-            force = plant.with_effects(self.composition, trace, ROUNDS)
+            force = plant.with_effects(self.composition, trace)
         except CesError:
             raise
         except Exception as error:  # numbers of a file that do not belong together, or an effect of the user's own
@@ -94,21 +98,25 @@ def save_augmented(
     provenance: Mapping[str, Any] | None = None,
 ) -> None:
     """Write the file, whole or not at all; raises CesError if it cannot be. `spec` is the simulation as given."""
-    write_beside(path, augmented_text(path.parent, spec, composition, correction, surrogate, provenance))
+    write_beside(path, augmented_text(named(spec, path.parent), composition, correction, surrogate, provenance))
+
+
+def named(spec: str, folder: Path) -> dict[str, str | None]:
+    """Return how a file that is to lie in `folder` names the simulation `spec`: where it is, and its hash."""
+    return {"spec": located(spec, folder), "sha256": _digest(spec)}
 
 
 def augmented_text(
-    folder: Path,
-    spec: str,
+    sim: Mapping[str, str | None],
     composition: Composition,
     correction: Written | None = None,
     surrogate: Written | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return the text of the file that is to lie in `folder`."""
+    """Return the text of the file; `sim` is what `named` returns of the simulation."""
     document = {
         "schema": SCHEMA,
-        "sim": {"spec": located(spec, folder), "sha256": _digest(spec)},
+        "sim": dict(sim),
         "correction": None if correction is None else correction.as_json(),
         "surrogate": None if surrogate is None else surrogate.as_json(),
         "effects": [_written(setting) for setting in composition.settings],

@@ -16,17 +16,24 @@ F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
 BLOCK_S = (0.25, 1.0)
-BLOCK_LAGS = 4.0  # a block is as many times the autocorrelation's length
+BLOCK_LAGS = 6.0  # a block is as many times the autocorrelation's length
+QUIET_S = 0.05  # [s] for which the autocorrelation must stay drowned
 AT_ONCE = 2_000_000  # numbers drawn at once
 
 
 def block_s(series: F, step_s: float) -> float:
-    """Return how long blocks must be [s]: several times the lag at which the autocorrelation drowns in its error."""
-    centred = series - series.mean()
-    size = next_fast_len(2 * len(series))
-    acf = irfft(np.abs(rfft(centred, size)) ** 2, size)[: len(series) // 2]
-    drowned = np.flatnonzero(acf < 2.0 / np.sqrt(len(series)) * acf[0])
-    lag = float(drowned[0]) if len(drowned) else float(len(acf))
+    """Return how long blocks must be [s]: several times the lag at which the autocorrelation drowns in its error.
+
+    It is drowned if it stays below 2√(log₁₀ n / n) for a while (Politis and White 2004), so that the zero crossings of
+    a periodic series are not taken for its end.
+    """
+    n, centred = len(series), series - series.mean()
+    size = next_fast_len(2 * n)
+    acf = np.abs(irfft(np.abs(rfft(centred, size)) ** 2, size)[: n // 2])
+    quiet = acf < 2.0 * np.sqrt(np.log10(n) / n) * acf[0]
+    still = max(1, round(QUIET_S / step_s))
+    drowned = np.flatnonzero(np.convolve(quiet, np.ones(still), mode="valid") > still - 0.5)
+    lag = float(drowned[0]) if len(drowned) else float(n)
     return float(np.clip(BLOCK_LAGS * lag * step_s, *BLOCK_S))
 
 
@@ -44,14 +51,14 @@ def resampled_sums(series: F, length: int, resamples: int, rng: np.random.Genera
 
 
 def scattered_sums(series: F, members: F, length: int, resamples: int, rng: np.random.Generator) -> F:
-    """Return sums over regions (resamples, m) of a series (n,) whose blocks were scattered in time.
+    """Return sums over regions (resamples, m) of a series (n,) whose blocks were put in random order.
 
     `members` (n, m) is the weight of each tick in each region and stays in place: whatever ties the series to the
     regions is cut, and its autocorrelation within blocks is kept.
     """
     n = len(series)
     length = min(length, n)
-    starts = _starts(n, length, resamples, rng)
+    starts = _shuffled(n, length, resamples, rng)
     doubled = np.r_[series, series[:length]]
     out = []
     for chunk in np.array_split(starts, max(1, resamples * n // AT_ONCE)):
@@ -112,3 +119,10 @@ def q_values(scores: F) -> F:
 
 def _starts(n: int, length: int, resamples: int, rng: np.random.Generator) -> I:
     return rng.integers(0, n, (resamples, -(-n // length)))
+
+
+def _shuffled(n: int, length: int, resamples: int, rng: np.random.Generator) -> I:
+    """Return where blocks start that cut the circle anywhere and come in random order, each once."""
+    cuts = np.linspace(0.0, n, -(-n // length), endpoint=False).astype(np.int64)
+    blocks = rng.permuted(np.tile(cuts, (resamples, 1)), axis=1)
+    return np.asarray((blocks + rng.integers(0, n, (resamples, 1))) % n)

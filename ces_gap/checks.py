@@ -137,12 +137,16 @@ def _unlike(traces: Sequence[Trace], name: str) -> Iterator[str]:
 
 
 def _unsimulated(traces: Sequence[Trace], name: str) -> Iterator[str]:
-    """Tell where the simulation gives no force although everything else is there."""
+    """Tell which recordings are not used in good part; those of one recording are parts of it."""
+    used: dict[int, tuple[str, NDArray[np.bool_]]] = {}
     for trace in traces:
-        share = 1.0 - float(trace.usable.mean())
+        _, before = used.get(id(trace.recording), ("", np.zeros(len(trace), bool)))
+        used[id(trace.recording)] = trace.name, before | trace.usable
+    for recording, usable in used.values():
+        share = 1.0 - float(usable.mean())
         if share > NO_FORCE:
             yield (
-                f"{trace.name}: {share:.0%} of the time is left out: position, current, measured force or the force of "
+                f"{recording}: {share:.0%} of the time is left out: position, current, measured force or the force of "
                 f"{name} is missing there"
             )
 

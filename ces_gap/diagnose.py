@@ -192,7 +192,7 @@ class _Diagnosing:
             exact = self.given.exact or self.given.cheap
             plant = Plant(exact, self.plant.correction)
             pairs = zip(self.evidence.traces, self.evidence.alone, strict=True)
-            forces = [plant.with_effects(best.composition, t, 1, a) for t, a in pairs]
+            forces = [plant.with_effects(best.composition, t, a) for t, a in pairs]
         return [t.force - f for t, f in zip(self.evidence.traces, forces, strict=True)]
 
     def _learnt(self, forces: list[F], residual: F) -> tuple[F, F]:

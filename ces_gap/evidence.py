@@ -56,10 +56,10 @@ class Evidence:
     noise: Noise
     units: tuple[Unit, ...]
 
-    def forces(self, composition: Composition, rounds: int = 1) -> list[F]:
+    def forces(self, composition: Composition) -> list[F]:
         """Return the force [N] with the effects around the plant, on each trace."""
         pairs = zip(self.traces, self.alone, strict=True)
-        return [self.plant.with_effects(composition, trace, rounds, alone) for trace, alone in pairs]
+        return [self.plant.with_effects(composition, trace, alone) for trace, alone in pairs]
 
     def whiten(self, values: Sequence[F]) -> F:
         """Return the whitened rows of values (n,) or (n, k) given on each trace's grid."""

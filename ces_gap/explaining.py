@@ -34,9 +34,8 @@ class Judge:
     def forces(self, composition: Composition, exactly: bool) -> list[F]:
         """Return the force [N] with effects on each held-out trace."""
         plant = self.exact if exactly else self.quick
-        rounds = 2 if exactly else 1
         pairs = zip(self.blocks.traces, self.alone, strict=True)
-        return [plant.with_effects(composition, trace, rounds, alone) for trace, alone in pairs]
+        return [plant.with_effects(composition, trace, alone) for trace, alone in pairs]
 
     def explained(self, fit: Fit, gain: float, gain_error: float, exactly: bool) -> Explained:
         """Return the fit with what it leaves."""

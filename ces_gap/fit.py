@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ces_gap.effect import Composition, Effect, Setting
 from ces_gap.evidence import Evidence
+from ces_gap.trace import Trace
 
 F = NDArray[np.float64]
 
@@ -92,12 +93,17 @@ def fit_together(evidence: Evidence, parts: Sequence[Fit]) -> Fit:
 def starts(evidence: Evidence, effect: Effect) -> list[F]:
     """Return where to begin (each (p,)): the effect's own starts for these traces, or products of its parameters'."""
     given = getattr(effect, "starts_for", None)
-    values = [v for trace in evidence.traces[:1] for v in given(trace)] if given else []
+    values = list(given(_widest(evidence))) if given else []
     values = values or list(product(*(p.starts for p in effect.parameters)))
     spaced = values[:: max(1, -(-len(values) // MOST_STARTS))]
     searched = [[p.to_search(x) for p, x in zip(effect.parameters, v, strict=True)] for v in spaced]
     low, high = bounds((effect,))
     return [np.clip(np.array(u), low, high) for u in searched]
+
+
+def _widest(evidence: Evidence) -> Trace:
+    """Return the trace with the longest stroke, where limits are reached if anywhere."""
+    return max(evidence.traces, key=lambda t: float(np.ptp(t.inputs.position[t.usable])))
 
 
 class _Objective:
@@ -181,18 +187,23 @@ def _descend(goal: _Objective, searched: F, residual: F, jacobian: F, damping: f
 
 
 def _bounded_step(jacobian: F, residual: F, at: F, low: F, high: F, damping: float) -> F:
-    """Return the damped Gauss-Newton step (p,) with parameters that would leave their bounds held there."""
-    gram, slope = jacobian.T @ jacobian, jacobian.T @ residual
+    """Return the damped Gauss-Newton step (p,) with parameters that would leave their bounds held there.
+
+    Parameters differ by many orders of magnitude (metres beside newtons per metre), so columns are scaled to one.
+    """
+    size = _sizes(jacobian)
+    scaled = jacobian / size
+    gram, slope = scaled.T @ scaled, scaled.T @ residual
     free = np.ones(len(at), bool)
     step = np.zeros(len(at))
     for _ in range(len(at)):
         inside = np.flatnonzero(free)
         if not len(inside):
             break
-        block = gram[np.ix_(inside, inside)]
-        block = block + damping * np.diag(np.diag(block)) + 1e-12 * np.trace(gram) * np.eye(len(inside))
+        block = gram[np.ix_(inside, inside)] + (damping + 1e-12) * np.eye(len(inside))
         fixed = np.flatnonzero(~free)
-        step[inside] = np.linalg.lstsq(block, slope[inside] - gram[np.ix_(inside, fixed)] @ step[fixed], rcond=None)[0]
+        right = slope[inside] - gram[np.ix_(inside, fixed)] @ (size * step)[fixed]
+        step[inside] = np.linalg.lstsq(block, right, rcond=None)[0] / size[inside]
         beyond = free & ((at + step < low) | (at + step > high))
         if not beyond.any():
             break
@@ -219,6 +230,13 @@ def _covariance(evidence: Evidence, residual: F, jacobian: F) -> F:
     block = evidence.block_of_row
     scores = np.zeros((int(block[-1]) + 1, jacobian.shape[1]))
     np.add.at(scores, block, jacobian * residual[:, None])
-    gram = jacobian.T @ jacobian
-    bread = np.linalg.pinv(gram + 1e-12 * np.trace(gram) * np.eye(len(gram)))
+    size = _sizes(jacobian)
+    scaled = jacobian / size
+    bread = np.linalg.pinv(scaled.T @ scaled + 1e-12 * np.eye(len(size))) / np.outer(size, size)
     return np.asarray(bread @ (scores.T @ scores) @ bread)
+
+
+def _sizes(jacobian: F) -> F:
+    """Return the columns' norms (p,), one where a column is nothing."""
+    size = np.linalg.norm(jacobian, axis=0)
+    return np.where(size > 0.0, size, 1.0)

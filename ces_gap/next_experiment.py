@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 
 from ces_gap.diagnosis import NextExperiment
 from ces_gap.effect import Composition, Setting
+from ces_gap.matching import Match, nearest, refined
 from ces_gap.menu import Recipe, menu, reach_of
 from ces_gap.plant import Plant, Rerun
 from ces_gap.signatures import NONE, Probe, Tangent, fan
 from ces_gap.surrogate import Surrogate
 from ces_gap.trace import Trace, make_trace
-from ces_gap.twins import EVIDENCE, Match, nearest, refined
+from ces_gap.twins import EVIDENCE
 from ces_gap.waveforms import commanded
 from ces_identify.recording import Channel, Recording
 from ces_observer.checked import write_together
@@ -178,9 +179,10 @@ def _told(probe: Probe, at: dict[Setting, Tangent], pair: Pair, rerun: bool) -> 
     """Return the match of a pair: that way round in which the one comes nearer to the other."""
     found = []
     for a, b in (pair, pair[::-1]):
-        points = [at[b]] if not rerun else fan(probe, at[b], at[a].size)
-        match = nearest(at[a], points)
-        found.append(refined(at[a], match, probe.tangent) if rerun else match)
+        if rerun:
+            found.append(refined(at[a], fan(probe, at[b], at[a].size), probe.tangent))
+        else:
+            found.append(nearest(at[a], [at[b]]))
     return min(found, key=lambda match: match.index)
 
 

@@ -62,26 +62,22 @@ class Plant:
             return simulated
         return simulated + self.correction.force(trace, inputs, simulated)
 
-    def with_effects(self, composition: Composition, trace: Trace, rounds: int = 1, alone: F | None = None) -> F:
+    def with_effects(self, composition: Composition, trace: Trace, alone: F | None = None) -> F:
         """Return the force [N] (n,) with the effects around the plant; `alone` is the plant's own, if at hand.
 
-        What drives the damper may depend on its force, which is taken from the round before: from the plant alone
-        at first, which is right to first order.
+        Effects on the input that depend on the damper's force are told its force without them, and solve for the rest.
         """
         force = self.force(trace, trace.inputs) if alone is None else alone
         if not any(s.effect.reruns for s in composition.settings):
             return composition.respond(trace, trace.inputs, force)
-        for _ in range(rounds):
-            inputs = composition.drive(trace, force)
-            inside = self.force(trace, inputs)
-            force = composition.respond(trace, inputs, inside)
-        return force
+        inputs = composition.drive(trace, force)
+        return composition.respond(trace, inputs, self.force(trace, inputs))
 
 
 def _powered(trace: Trace, inputs: Inputs, constant: float | None) -> Channel:
     """Return the current channel with what `inputs` differ added to what was logged."""
-    if constant is not None:
-        return Channel("current", "A", trace.grid_ns(), constant + inputs.current - trace.inputs.current)
+    if constant is not None or len(trace.recording.channel("current")) < len(trace):
+        return Channel("current", "A", trace.grid_ns(), inputs.current)
     logged = trace.recording.channel("current")
     seconds = (logged.stamps_ns - trace.recording.channel("position").stamps_ns[0]) * 1e-9
     added = np.interp(seconds, trace.time_s, inputs.current - trace.inputs.current)

@@ -20,22 +20,21 @@ GAP, AUGMENTED, REPORT = "gap.json", "augmented.json", "report.html"
 
 def result_files(
     diagnosis: Diagnosis,
-    folder: Path,
+    sim: Mapping[str, str | None],
     sources: Sequence[tuple[str, Sequence[Recording]]],
     facts: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
-    """Return the texts of the files by name, as they are to lie in `folder`.
+    """Return the texts of the files by name.
 
-    `sources` are the recordings of each role ("real", "held_out", "reference"), for the provenance; `facts` stand under
-    the verdict of the report as they are.
+    `sim` names the simulation as seen from the files' folder (`ces_gap.augmented.named`). `sources` are the recordings
+    of each role ("real", "held_out", "reference"), for the provenance; `facts` stand in the report as they are.
     """
     document = gap_document(diagnosis)
     provenance = {role: [_origin(r) for r in recordings] for role, recordings in sources}
     return {
         GAP: json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
         AUGMENTED: augmented_text(
-            folder,
-            diagnosis.simulation,
+            sim,
             diagnosis.composition.composition,
             diagnosis.correction,
             diagnosis.surrogate,

@@ -25,8 +25,10 @@ TRIED = 4  # additions refitted jointly for each composition in the beam
 MOST_EFFECTS = 3
 LEAST_SHARE = 0.05  # of the gap's energy that another effect must explain
 LEAST_Z = 2.0
+CLEAR = 0.1  # of the noise's energy
 REFINED = 10  # forms that are refined
 LEAST_ENERGY = 0.02  # of the noise's: a smaller gap is not looked into
+PARAMETER = 0.005  # share of the gap's energy that a parameter must be worth when effects are ranked
 SIMPLER = 0.02  # share of the gap's energy that a form with more parameters must win
 
 Progress = Callable[[str, float], None]
@@ -74,7 +76,7 @@ def best_forms(forms: Sequence[Fit], energy: float) -> tuple[Fit, ...]:
         more = len(fit.searched) - len(held.searched) if held is not None else 0
         if held is None or fit.cost < held.cost - (SIMPLER * energy if more > 0 else 0.0):
             chosen[fit.names[0]] = fit
-    return tuple(sorted(chosen.values(), key=lambda f: f.cost))
+    return tuple(sorted(chosen.values(), key=lambda f: f.cost + PARAMETER * energy * len(f.searched)))
 
 
 def grow(
@@ -118,9 +120,12 @@ def pruned(evidence: Evidence, best: Fit, alone: Sequence[Fit], forms: Sequence[
 
 
 def _worth(evidence: Evidence, before: F, after: Fit, least: float) -> bool:
-    """True if the fit gains more than twice its error, and more than `least`."""
+    """True if the fit gains more than `least`, and more than twice its error or so much that noise cannot.
+
+    What happens in a few blocks only, as at a bump stop, has a large error between blocks however clear it is.
+    """
     paired = gain(evidence, before, after.left_out)
-    return paired.z > LEAST_Z and paired.energy > least
+    return paired.energy > least and (paired.z > LEAST_Z or paired.energy > CLEAR * len(before))
 
 
 def _additions(beam: Sequence[Fit], alone: Sequence[Fit], forms: Sequence[Fit]) -> list[list[Fit]]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effect_kernels import forward_backward, pole_of, series_stroke
+from ces_gap.series_kernels import forward_backward, pole_of, series_stroke
 from ces_gap.speed_map import learn_map
 from ces_gap.trace import Inputs, Trace, derivative
 

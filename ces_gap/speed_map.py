@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from ces_gap.effect_kernels import spline_normal, steep_values
+from ces_gap.series_kernels import spline_normal, steep_values
 from ces_gap.trace import Inputs, Trace
 
 F = NDArray[np.float64]

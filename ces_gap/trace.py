@@ -39,8 +39,8 @@ class Inputs:
     current: F
 
     def moved(self, position: F, rate_Hz: float) -> Inputs:
-        """Return the same with another position [m] (n,), and the speed that belongs to it."""
-        return Inputs(position, derivative(position, rate_Hz), self.current)
+        """Return the same with another position [m] (n,), and the speed changed by as much as the position is."""
+        return Inputs(position, self.speed + derivative(position - self.position, rate_Hz), self.current)
 
     def powered(self, current: F) -> Inputs:
         """Return the same with another current [A] (n,)."""
@@ -55,7 +55,7 @@ class Trace:
     `simulated` [N], the simulation on the smoothed position, and `as_given` [N] on the position as logged. `usable` (n,)
     marks the ticks at which all of them are known and filters have run in; elsewhere they are bridged with plain
     numbers. `low_pass_Hz` is that of the position. `noise_N` is the
-    RMS of the force's noise on the grid: white noise as strong as what was logged in the top quarter of frequencies.
+    RMS of the force's noise on the grid: white noise as strong as what was logged in the top eighth of frequencies.
     """
 
     name: str
@@ -221,13 +221,13 @@ def _taps(factor: int) -> F:
 
 
 def _noise_N(recording: Recording, clock: NDArray[np.int64], base: F, factor: int) -> float:
-    """Return the RMS [N] on the grid of white noise as strong as the force logged in the top quarter of frequencies."""
+    """Return the RMS [N] on the grid of white noise as strong as the force logged in the top eighth of frequencies."""
     if "force" not in recording.channels:
         return 0.0
     channel = recording.channel("force")
     values = channel.values[np.isfinite(channel.values)]
     power = welch(values, 2.0, nperseg=min(len(values), 1024), average="median")[1]
-    level = float(np.median(power[3 * len(power) // 4 : -1]))
+    level = float(np.median(power[7 * len(power) // 8 : -1]))
     drawn = np.random.default_rng(0).standard_normal(len(channel))  # what resampling leaves of it
     resampled = _thinned(_bridged((channel.stamps_ns - clock[0]) * 1e-9, drawn, base)[0], factor)
     return float(np.sqrt(level) * resampled.std())

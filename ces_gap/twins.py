@@ -1,66 +1,30 @@
 """Twins: effects that these very recordings could not tell apart, however the parameters of one are set.
 
-The distance from A to B is the smallest ‖W(s_A − s_B)‖ over B's parameters: s the force that an effect adds to the
-plant's, A at its fitted values, W what makes the noise white (and drops what the baseline's own error could absorb).
-Half its square is the expected log-likelihood ratio between A and B if A is true. It is found on a fan of B's tangents,
-which needs no simulation, and then, for pairs near the limit, by a few Gauss-Newton steps on B itself.
+Half the square of the distance from A, at its fitted values, to B is the expected log-likelihood ratio between A and B
+if A is true. The whitening drops what the baseline's own error could absorb, so that this is not counted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from ces_gap.effect import Composition, Setting
 from ces_gap.evidence import Evidence
+from ces_gap.matching import Match, nearest, refined
 from ces_gap.plant import Plant
-from ces_gap.signatures import NONE, Probe, Signature, Tangent, Whiten, fan, from_unit, tangents, to_unit, whitened
+from ces_gap.signatures import NONE, Probe, Signature, Tangent, Whiten, fan, whitened
 from ces_gap.trace import Trace
-
-__all__ = [
-    "EVIDENCE",
-    "Match",
-    "Twins",
-    "classes",
-    "distance",
-    "nearest",
-    "refined",
-    "seen_by",
-    "tangents",
-    "twin_classes",
-]
 
 F = NDArray[np.float64]
 
 EVIDENCE = 3.0  # expected log-likelihood ratio below which data cannot tell: odds of 20 to 1, wrong 1 time in 9
-TRUST = 0.25  # of a parameter's range: how far shape parameters are moved on a tangent
 NEAR, ALIKE = 5.0, 0.3  # times the limit, times the smaller effect: linear distances above both are not refined
 MOST_REFINED = 8  # pairs, the nearest first
-STEPS = 4  # of Gauss-Newton
-GAIN = 0.98  # a step that does not bring the distance below this share of what it was is the last
-
-
-@dataclass(frozen=True)
-class Match:
-    """The nearest that B comes to A: at `setting` of B, ‖W(s_A − s_B)‖ is `index` and the RMS of s_A − s_B is `rms_N`.
-
-    If not `refined`, s_B is on a tangent: B was not run at these values.
-    """
-
-    setting: Setting
-    index: float
-    rms_N: float
-    refined: bool = False
-
-    @property
-    def evidence(self) -> float:
-        """Expected log-likelihood ratio for A over B if A is true."""
-        return self.index**2 / 2.0
 
 
 @dataclass(frozen=True)
@@ -99,9 +63,9 @@ def twin_classes(
 
     `fitted` may hold several forms of an effect: the first stands for it when others try to match it, all are tried
     when it tries to match others. `signatures` by effect, the first at the fitted values of the first form, spare all
-    simulation but that of the refinement. `evidence` is the expected log-likelihood ratio below which two are twins, and
-    an effect is not told from none; at 3 the wrong one of two fits better with probability Φ(−√6/2) = 11 %. `around`
-    are effects that are there besides, none of them in `fitted`.
+    simulation but that of the refinement. `evidence` is the expected log-likelihood ratio below which two are twins,
+    and an effect is not told from none; at 3 the wrong one of two fits better with probability Φ(−√6/2) = 11 %.
+    `around` are effects that are there besides, none of them in `fitted`.
     """
     probe = Probe(plant, traces, whiten, around)
     if signatures is None:
@@ -112,7 +76,7 @@ def twin_classes(
     heard = [name for name in fans if name not in silent]
     matches = {(a, b): nearest(fans[a][0], fans[b]) for a, b in permutations(heard, 2)}
     for a, b in _doubtful({name: fans[name][0].size for name in heard}, matches, evidence):
-        matches[a, b] = refined(fans[a][0], matches[a, b], probe.tangent)
+        matches[a, b] = refined(fans[a][0], fans[b], probe.tangent)
     return Twins(matches, classes(heard, {pair: m.index for pair, m in matches.items()}, evidence), silent, evidence)
 
 
@@ -123,35 +87,6 @@ def seen_by(evidence: Evidence) -> Whiten:
         return np.concatenate([u.whiten(evidence.noise, force) for u in evidence.units if u.trace == trace])
 
     return whiten
-
-
-def distance(a: Tangent, fan_b: Sequence[Tangent]) -> float:
-    """Return the smallest ‖W(s_A − s_B)‖ over B's values, on B's tangents and inside its bounds."""
-    return nearest(a, fan_b).index
-
-
-def nearest(a: Tangent, fan_b: Sequence[Tangent]) -> Match:
-    """Return how near B comes to A on B's tangents, inside its bounds; nothing is simulated."""
-    return min((_along(a, b, TRUST) for b in fan_b), key=lambda match: match.index)
-
-
-def refined(a: Tangent, start: Match, tangent: Callable[[Setting], Tangent], steps: int = STEPS) -> Match:
-    """Return how near B comes to A when B is run: Gauss-Newton inside a trust region, from `start`.
-
-    `tangent` returns B's tangent at a setting. What is returned was reached: the true distance is no larger.
-    """
-    best, radius = tangent(start.setting), TRUST
-    index = _apart(a, best)
-    for _ in range(steps):
-        moved = tangent(_along(a, best, radius, free=False).setting)
-        now = _apart(a, moved)
-        if now >= index:
-            radius /= 4.0
-            continue
-        done, best, index = now > GAIN * index, moved, now
-        if done:
-            break
-    return Match(best.setting, index, _rms(a.signature, best.signature), refined=True)
 
 
 def classes(
@@ -196,46 +131,3 @@ def _doubtful(
     close = [(a, b) for a, b in far if far[a, b] < max(near, ALIKE * min(size[a], size[b]))]
     close = sorted(close, key=far.__getitem__)[:MOST_REFINED]
     return [ordered for a, b in close for ordered in ((a, b), (b, a))]
-
-
-def _along(a: Tangent, b: Tangent, trust: float, free: bool = True) -> Match:
-    """Return how near B's tangent comes to A: bounded linear least squares, shape parameters inside `trust`.
-
-    With `free`, magnitudes may move over all of their range.
-    """
-    goal = b.q.T @ (a.force - b.force)
-    move = _bounded(b.r, goal, *_box(b.setting, trust, free))
-    index = float(np.linalg.norm(a.force - b.force - b.q @ (b.r @ move)))
-    return Match(from_unit(b.setting.effect, to_unit(b.setting) + move), index, _rms(a.signature, b.signature, move))
-
-
-def _box(setting: Setting, trust: float, free: bool) -> tuple[F, F]:
-    """Return how far each share (p,) may move down and up."""
-    point = to_unit(setting)
-    reach = np.array([1.0 if free and p.magnitude else trust for p in setting.effect.parameters])
-    return np.maximum(-point, -reach), np.minimum(1.0 - point, reach)
-
-
-def _bounded(r: F, goal: F, low: F, high: F) -> F:
-    """Return the move (p,) inside [low, high] that brings `r` @ move nearest to `goal`."""
-    move: F = np.asarray(np.linalg.lstsq(r, goal, rcond=1e-9)[0], dtype=np.float64)
-    if np.all((move >= low) & (move <= high)):
-        return move
-    able = high - low > 1e-12
-    bounded = np.zeros(len(low))
-    if able.any():
-        bounded[able] = lsq_linear(r[:, able], goal, (low[able], high[able]), method="bvls").x
-    return np.clip(bounded, low, high)
-
-
-def _apart(a: Tangent, b: Tangent) -> float:
-    return float(np.linalg.norm(a.force - b.force))
-
-
-def _rms(a: Signature, b: Signature, move: F | None = None) -> float:
-    """Return the RMS [N] of s_A − s_B over the usable ticks, B moved along its tangent."""
-    energy = 0.0
-    for f, g, columns in zip(a.forces, b.forces, b.columns, strict=True):
-        rest = f - g if move is None else f - g - columns @ move
-        energy += float(rest @ rest)
-    return float(np.sqrt(energy / max(a.ticks, 1)))

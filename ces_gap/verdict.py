@@ -99,4 +99,3 @@ def probabilities(
 
 def _logistic(value: float) -> float:
     return float(1.0 / (1.0 + np.exp(-np.clip(value, -50.0, 50.0))))
-

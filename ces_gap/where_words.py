@@ -13,7 +13,7 @@ from ces_gap.diagnosis import Region, Where
 
 FALSE_DISCOVERIES = 0.05  # a region counts below this rate
 LEAST_SHARE = 0.02  # of the energy that is worth a sentence
-LEAST_TOLD = 0.02  # [nats] that regions must tell not to call the gap spread widely
+LEAST_TOLD = 0.05  # [nats] that regions must tell not to call the gap spread widely
 TIME_COUNTS = 0.7  # what time and heat tell, against other axes
 WORTH_TWO = 1.2  # two places are named if they tell this many times as much as one
 BESIDE = {FREQUENCY: "of the force's"}
@@ -54,7 +54,7 @@ def describe(where: Where) -> str:
     energy, samples = _percent(sum(r.energy for r in runs)), _percent(sum(r.samples for r in runs))
     lies = f"{_places(runs)} ({samples} {BESIDE.get(runs[0].axis, 'of the time')})"
     if _told(runs) < LEAST_TOLD:
-        return f"The gap is spread widely; the most of it, {energy} of its energy, lies {lies}."
+        return f"The gap is spread widely; {energy} of its energy lies {lies}."
     return f"{energy} of the gap's energy lies {lies}."
 
 

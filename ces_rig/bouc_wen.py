@@ -19,7 +19,7 @@ from ces_rig.errors import RigError
 from ces_rig.stepper import spline_speed
 
 Array = NDArray[np.float64]
-STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_bouc_wen)
+STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_withheld_kernels)
 
 
 @dataclass(frozen=True)

@@ -87,15 +87,15 @@ def step(c: Any, s: Array, stroke: float, speed: float, field: float, h: float) 
     # fluid: bend and yield, linear in the new speed
     force, slope = fluid_spring(c, e, s[BUBBLES])
     across = c.inner_N_m * (x - e - s[DASHPOT])
-    pull = force * (1.0 + c_0 / c.series_Ns_m) - f_y * z - across
+    pull = force - f_y * z - across
     give = 1.0 + abs(z) ** c.sharpness * (-1.0 if pull * z > 0.0 else 2.0 * c.unloading - 1.0)
     resist = c_0 + h * f_y * give / c.yield_m
     over = max(abs(force) - c.relief_N, 0.0)
     slip = c.bypass_m_Ns + c.groove_m_Ns * exp(-(((x - c.groove_at_m) / c.groove_m) ** 2))
     past = force * slip + (over if force > 0.0 else -over) / c.relief_Ns_m
-    yielding = slip + (1.0 / c.relief_Ns_m if over > 0.0 else 0.0) + (1.0 + c_0 / c.series_Ns_m) / resist
+    yielding = slip + (1.0 / c.relief_Ns_m if over > 0.0 else 0.0) + 1.0 / c.series_Ns_m + 1.0 / resist
     held = h / (1.0 + h * yielding * slope)
-    passed = pull / resist + past
+    passed = pull / resist + force / c.series_Ns_m + past
     # seal
     level = c.seal_N * (1.0 + (c.seal_static - 1.0) * exp(-((v / c.stribeck_m_s) ** 2)))
     level += c.side_load_N_m * abs(x - c.side_at_m) + 1e-9
@@ -117,9 +117,8 @@ def step(c: Any, s: Array, stroke: float, speed: float, field: float, h: float) 
     s[PISTON] = x + h * new
     s[BEND] = e + held * (new - passed)
     after = fluid_spring(c, s[BEND], s[BUBBLES])[0]
-    rate = after / c.series_Ns_m
-    inside = (after * (1.0 + c_0 / c.series_Ns_m) - f_y * z - across) / resist
-    s[DASHPOT] += h * rate
+    inside = (after - f_y * z - across) / resist
+    s[DASHPOT] += h * after / c.series_Ns_m
     s[YIELDED] = min(max(z + h * give * inside / c.yield_m, -1.0), 1.0)
     s[BRISTLE] = (s[BRISTLE] + h * new) * kept
     rubbed = c.bristle_N_m * s[BRISTLE]

@@ -115,7 +115,7 @@ class Coefficients(NamedTuple):
     groove_width: float = 1.0  # [m]
     side_load: float = 0.0  # [N/m] sliding friction that grows with the distance from `side_at`
     side_at: float = 0.0  # [m]
-    check_stick: float = 0.0  # [Pa] drop that tears a closed check valve's plate off its seat
+    check_stick: float = 0.0  # [Pa] drop that tears the piston's closed check plate off its seat
 
 
 @njit(cache=True)
@@ -170,7 +170,7 @@ def opening(drop: float, crack: float, full: float) -> float:
 
 @njit(cache=True)
 def torn_off(c: Coefficients, drop: float, opened: float) -> float:
-    """Return 0.0 while a closed plate still sticks to its seat at a pressure drop [Pa], else 1.0."""
+    """Return 0.0 while the piston's closed plate still sticks to its seat at a pressure drop [Pa], else 1.0."""
     return 0.0 if opened < SEATED and drop < c.check_stick else 1.0
 
 
@@ -265,7 +265,7 @@ def rates(c: Coefficients, u: Array, stroke: float, speed: float, pilot: float, 
     f[POPPET] = lag(opening(p_r - p_g, pilot, pilot + c.ces_band), u[POPPET], c.poppet_s, c.poppet_s)
     target = torn_off(c, p_c - p_r, u[PISTON_CHECK]) * opening(p_c - p_r, c.check_crack, c.check_full)
     f[PISTON_CHECK] = lag(target, u[PISTON_CHECK], c.check_open_s, c.check_close_s)
-    target = torn_off(c, p_g - p_c, u[TOP_COMPRESSION]) * opening(p_g - p_c, c.top_c_crack, c.top_c_full)
+    target = opening(p_g - p_c, c.top_c_crack, c.top_c_full)
     f[TOP_COMPRESSION] = lag(target, u[TOP_COMPRESSION], c.top_c_open_s, c.top_c_close_s)
     target = opening(p_g - p_r, c.top_r_crack, c.top_r_full)
     f[TOP_REBOUND] = lag(target, u[TOP_REBOUND], c.top_r_open_s, c.top_r_close_s)

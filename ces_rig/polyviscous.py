@@ -20,7 +20,7 @@ from ces_rig.polyviscous_kernel import STATE_SIZE, advance
 from ces_rig.stepper import spline_speed
 
 Array = NDArray[np.float64]
-STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_polyviscous)
+STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_withheld_kernels)
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ class HeldPlay(Effect):
 
     The joint stays in contact while its force lasts (a brake unloads its elastic part first; in a damper, force and
     speed turn together), then dz/dt = v and the damper stands. Source: play whose contact is lost at no force (Nordin
-    and Gutman, Automatica 38, 2002). Worn rod ends have tenths of a millimetre, linkages
-    and brakes several millimetres.
+    and Gutman, Automatica 38, 2002). Worn rod ends have tenths of a millimetre, linkages and brakes several.
     """
 
     name, form, stage, reruns, needs = "backlash", "held", MOTION, True, "reversals"

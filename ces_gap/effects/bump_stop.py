@@ -12,7 +12,7 @@ from ces_gap.trace import Inputs, Trace
 
 F = NDArray[np.float64]
 
-ROUNDING_M = 0.0004  # [m] over this a stop comes into contact: lips and unevenness
+ROUNDING_M = 0.00015  # [m] over this a stop comes into contact: lips and unevenness
 TOUCHES_AT = (0.93, 0.8, 0.6)  # of the way from mean to largest stroke: where searches begin
 KINDS = ((1e5, 0.0), (1e4, 1e7))  # [N/m], [N/m2] where searches begin: linear, and foam
 

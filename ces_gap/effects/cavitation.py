@@ -18,14 +18,8 @@ F = NDArray[np.float64]
 
 BUBBLES = Parameter("bubbles_m", 1e-4, 5e-3, (5e-4,), "last of the void, over which the force returns", "log")
 ROUNDED = 0.05  # of a limit: how gradually it is reached
-QUANTILES = (
-    0.2,
-    0.3,
-    0.4,
-    0.5,
-    0.6,
-    0.75,
-)  # of what this trace has in the direction that cavitates: starts of the limits
+# Starts of the limits are these shares of what a trace has in the direction that cavitates.
+QUANTILES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.75)
 SOFT_M = 2e-3  # [m] bubbles at the start: a search that begins with a sharp edge gets stuck beside it
 REBOUND, COMPRESSION = -1.0, 1.0
 

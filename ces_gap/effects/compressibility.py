@@ -58,9 +58,14 @@ class Aerated(Effect):
     needs = SideSpecific.needs
     parameters = (
         Parameter(
-            "compression_void_m", 0.0, 0.02, (1e-3, 3e-4), "bubbles under compression, as a stroke", magnitude=True
+            "compression_void_m",
+            0.0,
+            0.02,
+            (1e-3, 2e-4, 5e-3),
+            "bubbles under compression, as a stroke",
+            magnitude=True,
         ),
-        Parameter("rebound_void_m", 0.0, 0.02, (1e-3, 3e-4), "bubbles under rebound, as a stroke", magnitude=True),
+        Parameter("rebound_void_m", 0.0, 0.02, (1e-3,), "bubbles under rebound, as a stroke", magnitude=True),
         Parameter("pressure_N", 10.0, 1000.0, (100.0, 500.0), "force at which half of them is gone", "log"),
     )
 

@@ -16,15 +16,15 @@ F = NDArray[np.float64]
 class Linear(Effect):
     """A steady drift from a zero that was right when the recording began: F + r t.
 
-    A 10 kN cell that warms by a kelvin a minute drifts by some hundredths of a newton a second, a charge amplifier of
-    a piezo cell by up to some newtons a second; gas that warms in the damper does the same to its force.
+    A 10 kN cell that warms by a kelvin a minute drifts by some hundredths of a newton a second, a piezo cell with damp
+    insulation by more; gas that warms in the damper raises its force by newtons a second under hard work.
     """
 
     name = "force_drift"
     form = "linear"
     stage = CELL
     needs = "at least some ten seconds, tared at the start"
-    parameters = (Parameter("drift_N_s", -50.0, 50.0, (0.5,), "drift of the zero", magnitude=True),)
+    parameters = (Parameter("drift_N_s", -20.0, 20.0, (0.5,), "drift of the zero", magnitude=True),)
 
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) as the cell shows it."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.effect import FLUID, Effect, Parameter
-from ces_gap.effect_kernels import leaking_force
+from ces_gap.series_kernels import leaking_force
 from ces_gap.series_strain import Law, Strain, soft_width, tabled
 from ces_gap.speed_map import learn_map
 from ces_gap.trace import Inputs, Trace

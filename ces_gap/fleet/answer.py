@@ -33,17 +33,17 @@ def answer(job: Job, packed: bytes, recordings: Sequence[Recording]) -> Answer:
         found = question.diagnose(
             question.simulation, question.spec, recordings, (), question.reference, question.options
         )
-        files = question.files(found, job.folder, (("real", recordings), ("reference", question.reference)))
+        files = question.files(found, job.sim, (("real", recordings), ("reference", question.reference)))
     except CesError as error:
-        return failure(job, FAILED, str(error))
+        return failure(job.key, job.name, FAILED, str(error))
     except Exception as error:  # one vehicle must not cost the others of the night
-        return failure(job, CRASHED, f"{type(error).__name__}: {' '.join(str(error).split())}")
+        return failure(job.key, job.name, CRASHED, f"{type(error).__name__}: {' '.join(str(error).split())}")
     return Answer({**_row(job, recordings, found), "seconds": round(time.monotonic() - began, 3)}, files)
 
 
-def failure(job: Job, status: str, reason: str) -> Answer:
+def failure(key: str, name: str, status: str, reason: str) -> Answer:
     """Return the answer of a unit that has none."""
-    return Answer({"key": job.key, "name": job.name, "status": status, "reason": reason}, {})
+    return Answer({"key": key, "name": name, "status": status, "reason": reason}, {})
 
 
 def _row(job: Job, recordings: Sequence[Recording], found: Diagnosis) -> Row:

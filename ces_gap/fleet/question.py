@@ -12,11 +12,12 @@ import inspect
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ces_gap.augmented import named
 from ces_gap.diagnosis import Diagnosis
 from ces_gap.simulation_spec import file_of
 from ces_gap.user_effects import class_of
@@ -80,18 +81,23 @@ class Question:
 
 @dataclass(frozen=True)
 class Job:
-    """One unit to diagnose: its name, where its files are to lie, and the key of its answer."""
+    """One unit to diagnose: its name, the key of its answer, and where its files are to lie.
+
+    `sim` names the simulation as seen from there, told here because workers may not see its file.
+    """
 
     key: str
     name: str
     folder: Path
+    sim: Mapping[str, str | None] = field(compare=False)
 
 
-def job_of(name: str, recordings: Sequence[Recording], question: str, described: str, folder: Path) -> Job:
-    """Return the job of a unit. `question` is its digest, `described` tells how the recordings were read."""
-    facts = [question, described, [r.sha256 for r in recordings]]
+def job_of(name: str, recordings: Sequence[Recording], question: Question, described: str, folder: Path) -> Job:
+    """Return the job of a unit whose files lie below `folder`; `described` tells how the recordings were read."""
+    facts = [question.digest(), described, [r.sha256 for r in recordings]]
     key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:20]
-    return Job(key, name, folder / UNITS / f"{name}-{key[:8]}")
+    own = folder / UNITS / f"{name}-{key[:8]}"
+    return Job(key, name, own, named(question.spec, own))
 
 
 def _cloudpickle() -> Any:

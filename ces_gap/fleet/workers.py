@@ -45,6 +45,6 @@ def on_cluster(packed: bytes, tasks: Iterable[Task], address: str) -> Generator[
         send(AHEAD * sum(client.nthreads().values()))
         for future in ended:
             job, reason = sent.pop(future), crash_of(future, address)
-            yield future.result() if reason is None else failure(job, CRASHED, reason)
+            yield future.result() if reason is None else failure(job.key, job.name, CRASHED, reason)
             future.release()
             send(1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ces_gap.diagnosis import Diagnosis, Estimate, Explained
 from ces_gap.effect import Setting
-from ces_gap.report.words import effect_name, newtons, parameter_text, percent, percents
+from ces_gap.report.words import EFFECTS, effect_name, newtons, parameter_text, percent, percents
 
 MOST = 6  # effects with a row of their own
 LEAST = 0.005  # probability of an effect that is told beyond the first three
@@ -28,9 +28,10 @@ class ParameterText:
 
 @dataclass(frozen=True)
 class CauseRow:
-    """An effect alone as a row; `bar` is its probability in percent, `named` that it is part of the verdict."""
+    """An effect alone as a row; `bar` is its probability in percent, `named` that it or a twin is to blame."""
 
     effect: str
+    what: str
     form: str
     named: bool
     bar: float
@@ -44,7 +45,8 @@ class CauseRow:
 def cause_rows(d: Diagnosis) -> list[CauseRow]:
     """Return the causes worth a row, most probable first."""
     kept = [c for i, c in enumerate(d.causes[:MOST]) if i < ALWAYS or c.probability >= LEAST]
-    return [_row(c, c.effects[0] in d.composition.effects) for c in kept]
+    blamed = _blamed(d)
+    return [_row(c, c.effects[0] in blamed) for c in kept]
 
 
 def others(d: Diagnosis, rows: Sequence[CauseRow]) -> list[str]:
@@ -59,12 +61,19 @@ def together(d: Diagnosis) -> list[tuple[str, str, tuple[ParameterText, ...]]]:
     if len(c.effects) < 2:
         return []
     parts = zip(c.effects, c.forms, c.estimates, c.composition.settings, strict=True)
-    return [(effect_name(e), f, _parameters(estimates, s)) for e, f, estimates, s in parts]
+    return [(effect_name(e), effect_name(f), _parameters(estimates, s)) for e, f, estimates, s in parts]
+
+
+def _blamed(d: Diagnosis) -> set[str]:
+    """Return the effects of the composition with their twins."""
+    found = set(d.composition.effects)
+    return found.union(*(twins for twins in d.indistinguishable if found & set(twins)))
 
 
 def _row(cause: Explained, named: bool) -> CauseRow:
     return CauseRow(
         effect=effect_name(cause.effects[0]),
+        what=EFFECTS.get(cause.effects[0], ""),
         form=effect_name(cause.forms[0]),
         named=named,
         bar=100.0 * cause.probability,

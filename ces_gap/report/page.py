@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -75,9 +76,10 @@ def _hero(d: Diagnosis) -> dict[str, str]:
     """Return the one figure to take away, with what it is."""
     c, of = d.composition, "on recordings the fit never saw"
     if d.verdict == UNKNOWN:
-        most = percent(1.0 - d.ceiling_after_N / d.gap.rms_N) if d.gap.rms_N > 0.0 else percent(float("nan"))
-        text = f"of the gap stays unexplained by the known effects, {of}; a learner without physics explains {most} %."
-        return {"figure": percent(1.0 - c.shrink if c.effects else 1.0), "unit": "%", "text": text}
+        left = percent(1.0 - c.shrink if c.effects else 1.0)
+        most = percent(1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan)
+        text = f"of the gap stays unexplained by the known effects, {of}; a learner without physics explains {most}"
+        return {"figure": left, "unit": "%", "text": f"{text}\N{NO-BREAK SPACE}%."}
     if d.verdict == NO_GAP or not c.effects:
         text = f"between simulation and measurement, beside a measurement noise of {newtons(d.gap.noise_floor_N)} N."
         return {"figure": newtons(d.gap.rms_N), "unit": "N", "text": text}
@@ -86,13 +88,13 @@ def _hero(d: Diagnosis) -> dict[str, str]:
     return {"figure": percent(c.shrink), "unit": "%", "text": text}
 
 
-def _probabilities(d: Diagnosis) -> list[tuple[str, str, float, str]]:
-    """Return what the probabilities of the causes leave: label, remark, percent and text."""
+def _probabilities(d: Diagnosis) -> list[tuple[str, str, str, float, str]]:
+    """Return what the probabilities of the causes leave: class, label, remark, percent and text."""
     rows = (
-        ("none of these", "an effect outside the library", d.probability_unknown),
-        ("no effect", "noise and the simulation's own error only", d.probability_none),
+        ("outside", "none of these", "an effect outside the library", d.probability_unknown),
+        ("nothing", "no effect", "noise and the simulation's own error only", d.probability_none),
     )
-    return [(label, remark, 100.0 * p, percent(p)) for label, remark, p in rows]
+    return [(css, label, remark, 100.0 * p, percent(p)) for css, label, remark, p in rows]
 
 
 def _warnings(d: Diagnosis) -> list[str]:

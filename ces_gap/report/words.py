@@ -19,6 +19,26 @@ AXES = {
     "elapsed_s": ("elapsed time", "s", 1.0),
     "heat_J": ("dissipated heat", "kJ", 1e-3),
 }  # name, unit shown, SI to that unit
+EFFECTS = {
+    "backlash": "free play in the linkage",
+    "blow_off": "a valve opens and the force saturates",
+    "bump_stop": "a stop touches near the end of the stroke",
+    "cavitation": "a void that must refill after a fast stroke",
+    "compressibility": "oil, hoses and bubbles give way",
+    "current_hysteresis": "the valve's magnet remembers its current",
+    "current_scale": "gain or offset of the measured current",
+    "force_drift": "the force's zero wanders",
+    "force_offset": "the force's zero is off",
+    "force_scale": "the force's gain is off",
+    "friction": "seals and bearings rub",
+    "gas_spring": "the gas pushes the rod out",
+    "inertia": "mass between sensor and piston",
+    "leakage": "oil bypasses the valves",
+    "mount_compliance": "a bushing gives way",
+    "position_delay": "position and force are out of step",
+    "temperature_fade": "warm oil damps less",
+    "valve_lag": "valve and pilot follow the current late",
+}  # what happens, in a few words
 SIDES = ("rebound", "compression")
 UNITS = {
     "_m_s_rtN": "m/(s·√N)",
@@ -26,7 +46,9 @@ UNITS = {
     "_per_N": "1/N",
     "_per_K": "1/K",
     "_per_J": "1/J",
-    "_Ns_m": "N·s/m",
+    "_N_s_m": "N·s/m",
+    "_N_m2": "N/m²",
+    "_N_m3": "N/m³",
     "_N_m": "N/m",
     "_N_s": "N/s",
     "_N_K": "N/K",
@@ -42,12 +64,18 @@ UNITS = {
     "_K": "K",
     "_J": "J",
 }  # by the end of a parameter's name, longer ends first
-SMALL = {"m": ("mm", 1e3), "s": ("ms", 1e3), "A": ("mA", 1e3)}  # where values below 0.1 are told
+HANDY = {
+    "m": ("mm", 1e3, 0.0, 0.1),
+    "s": ("ms", 1e3, 0.0, 0.1),
+    "A": ("mA", 1e3, 0.0, 0.1),
+    "N/m": ("N/mm", 1e-3, 1e4, math.inf),
+}  # unit shown and its scale, where the largest number is from .. to below .. in SI
+PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre"}
 
 
 def effect_name(effect: str) -> str:
-    """Return `valve_lag` as `valve lag`."""
-    return effect.replace("_", " ")
+    """Return `valve_lag` as `valve lag`, `coulomb_stribeck` as `Coulomb Stribeck`."""
+    return " ".join(PROPER.get(word, word) for word in effect.split("_"))
 
 
 def joined(effects: Sequence[str], last: str = "and") -> str:
@@ -90,11 +118,12 @@ def region_name(region: Region) -> str:
 def parameter_text(estimate: Estimate) -> tuple[str, str, str, str]:
     """Return a parameter's name, value, unit and 95 % interval, in units in which the numbers are handy."""
     ending = next((e for e in UNITS if estimate.name.endswith(e)), "")
-    name, unit, scale = estimate.name.removesuffix(ending).replace("_", " "), UNITS.get(ending, ""), 1.0
-    if unit in SMALL and abs(estimate.value) < 0.1:
-        unit, scale = SMALL[unit]
+    unit, scale = UNITS.get(ending, ""), 1.0
+    shown, handy, at_least, below = HANDY.get(unit, (unit, scale, 0.0, math.inf))
+    if at_least <= max(abs(v) for v in (estimate.value, *estimate.ci95)) < below:
+        unit, scale = shown, handy
     low, high = (figure(scale * v) for v in estimate.ci95)
-    return name, figure(scale * estimate.value), unit, f"{low} to {high}"
+    return effect_name(estimate.name.removesuffix(ending)), figure(scale * estimate.value), unit, f"{low} to {high}"
 
 
 def figure(value: float) -> str:
@@ -126,7 +155,7 @@ def percents(interval: Interval) -> str:
     """Return an interval of shares as `85 to 92 %`; a dash if it is not known."""
     if not all(map(math.isfinite, interval)):
         return "\N{EN DASH}"
-    return f"{percent(interval[0])} to {percent(interval[1])} %"
+    return f"{percent(interval[0])} to {percent(interval[1])}\N{NO-BREAK SPACE}%"
 
 
 _RAISED = dict(zip("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", strict=True))

@@ -26,9 +26,10 @@ Array = NDArray[np.float64]
 
 NOISE_N = Sensors().force.noise  # [N] RMS
 REAL, REFERENCE, HELD_OUT = ("r1", "r2"), ("f1", "f2"), ("h1",)
-TRIES = 4
+TRIES = 3
 SEARCH_S = 4.0  # [s] of a recording in which sizes are searched
 TOLERANCE = 0.1  # of the gap
+FAIR = 0.4  # of the gap, that each recording must show
 
 
 @dataclass(frozen=True)
@@ -78,18 +79,46 @@ def _attempt(case: Case, seconds: float, rng: Generator) -> Drawn:
     commands = {role: drive.commands(seconds, seed) for role, seed in seeds.items()}
     shapes = [draw(kind, name, rng) for name in case.effects]
     target = case.gap_to_noise * NOISE_N
-    withheld, seen = _sized(plant, shapes, target, {role: commands[role] for role in REAL})
-    seen |= {role: see(plant, withheld, commands[role]) for role in HELD_OUT}
-    seen |= {role: see(plant, (), commands[role]) for role in REFERENCE}
+    free = {role: Free.of(plant, c) for role, c in commands.items()}
+    withheld, seen = _sized(plant, shapes, target, {role: free[role] for role in REAL})
+    seen |= {role: see(free[role], withheld) for role in HELD_OUT}
+    _require_fair(seen, target if shapes else 0.0)
+    seen |= {role: see(free[role], ()) for role in REFERENCE}
     simulated = _wrong_by(plant, case.baseline_ratio * target, commands[REAL[0]], int(rng.integers(2**31)))
     return Drawn(case, plant, withheld, simulated, seen, seeds)
 
 
-def see(plant: Plant, effects: Sequence[Withheld], commands: Commands) -> Seen:
+@dataclass(frozen=True)
+class Free:
+    """A recording of the plant without effects: what is seen, and the force [N] (n,) expected for what was sensed."""
+
+    plant: Plant
+    commands: Commands
+    true: Truth
+    force_N: Array
+
+    @classmethod
+    def of(cls, plant: Plant, commands: Commands) -> Free:
+        """Run the plant."""
+        true = signals(plant, (), commands.time_s, commands.stroke_m, commands.command_A)
+        return cls(plant, commands, true, expected(plant, true))
+
+
+def see(free: Free, effects: Sequence[Withheld]) -> Seen:
     """Return what ideal sensors see of the plant with the effects, and what the effects add for what was sensed."""
-    true = signals(plant, effects, commands.time_s, commands.stroke_m, commands.command_A)
-    added = true.force_N - expected(plant, true) if effects else np.zeros_like(true.force_N)
-    return Seen(true, added)
+    if not effects:
+        return Seen(free.true, np.zeros_like(free.force_N))
+    c = free.commands
+    true = signals(free.plant, effects, c.time_s, c.stroke_m, c.command_A)
+    same = np.array_equal(true.stroke_m, free.true.stroke_m) and np.array_equal(true.coil_A, free.true.coil_A)
+    return Seen(true, true.force_N - (free.force_N if same else expected(free.plant, true)))
+
+
+def _require_fair(seen: Mapping[str, Seen], target_N: float) -> None:
+    """Raise RigError if a recording hardly shows the effects that are judged on it."""
+    least = min(rms(s.effect_N) for s in seen.values())
+    if least < FAIR * target_N:
+        raise RigError(f"a recording shows {least:.3g} N of effects of {target_N:.3g} N")
 
 
 def _plant_kind(case: Case, rng: Generator) -> str:
@@ -100,19 +129,19 @@ def _plant_kind(case: Case, rng: Generator) -> str:
 
 
 def _sized(
-    plant: Plant, shapes: Sequence[Withheld], target_N: float, commands: Mapping[str, Commands]
+    plant: Plant, shapes: Sequence[Withheld], target_N: float, free: Mapping[str, Free]
 ) -> tuple[tuple[Withheld, ...], dict[str, Seen]]:
-    """Return the effects so large that together they make a gap of `target_N` (RMS over all commands), and what is
+    """Return the effects so large that together they make a gap of `target_N` (RMS over all recordings), and what is
     seen. Each is sized alone in a short part; if all of it is off by more than `TOLERANCE`, a common factor is sought.
     """
-    start = commands[REAL[0]].opening(SEARCH_S)
+    start = free[REAL[0]].commands.around_peak(SEARCH_S)
     each = target_N / max(1, len(shapes)) ** 0.5
     sized = tuple(_sized_alone(plant, shape, each, start) for shape in shapes)
     seen: dict[str, Seen] = {}
 
     def gap(factor: float) -> float:
         effects = tuple(scaled(w, factor * w.severity) for w in sized)
-        seen.update({role: see(plant, effects, c) for role, c in commands.items()})
+        seen.update({role: see(f, effects) for role, f in free.items()})
         return rms(np.concatenate([s.effect_N for s in seen.values()]))
 
     if abs(gap(1.0) - target_N) <= TOLERANCE * target_N or not sized:
@@ -133,5 +162,5 @@ def _wrong_by(plant: Plant, target_N: float, commands: Commands, seed: int) -> P
     """Return the plant with numbers so wrong that its force is off by `target_N` (RMS)."""
     if target_N == 0.0:
         return plant
-    start = commands.opening(SEARCH_S)
+    start = commands.around_peak(SEARCH_S)
     return perturb_to(plant, target_N, seed, start.time_s, start.stroke_m, start.command_A)[0]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
+from math import exp
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ Change = Callable[[Damper, float, Mapping[str, float]], dict[str, float]]
 
 CURRENT_A = (0.29, 0.70)
 MOST_AIR = 0.25
+RELEASE_PA = 8.5e4  # [Pa] at which oil full of dissolved gas lets it go
 FOAM_EVERY_S = 5e-3  # [s] between updates of a growing air content
 DESIGN: Mapping[str, float] = {
     "body.moving_mass_kg": 0.35, "body.bump_clearance_m": 0.055, "body.bump_stiffness_N_m": 2e5,
@@ -62,13 +64,13 @@ SPREADS: Mapping[str, Proportions] = {
     "backlash": {"play_m": log_spread(2e-4, 6e-4)},
     "inertia": {"mass_kg": log_spread(1.5, 4.0)},
     "gas_spring": {"pressure": even(1.0, 4.0), "volume": log_spread(0.5, 2.0), "exponent": even(1.05, 1.4)},
-    "cavitation": {"choke": log_spread(0.04, 0.25), "gas_loss": log_spread(0.05, 0.25), "release_Pa": log_spread(3e4, 6e4)},
+    "cavitation": {"choke": log_spread(0.04, 0.25), "gas_loss": log_spread(0.05, 0.25), "release": log_spread(0.5, 2.0)},
     "temperature_fade": {
         "discharge_1_K": log_spread(0.003, 0.008), "viscosity_1_K": even(0.0, 0.01),
         "capacity_J_K": log_spread(40.0, 150.0), "warm_K": even(0.0, 6.0),
     },
     "leakage": {
-        "ring_m3_sPa": log_spread(8e-12, 3e-11), "bleed_m2": even(0.0, 1e-6), "seat_m2": even(0.0, 3e-7),
+        "ring_m3_sPa": log_spread(2e-12, 8e-12), "bleed_m2": even(0.0, 2e-7), "seat_m2": even(0.0, 6e-8),
     },
     "blow_off": {
         "weakness": log_spread(5.0, 9.0), "area_m2": log_spread(8e-6, 2.5e-5), "band_Pa": log_spread(6e5, 3e6),
@@ -76,10 +78,10 @@ SPREADS: Mapping[str, Proportions] = {
     "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "progression_1_m": even(0.0, 120.0)},
     "valve_lag": {"rise_s": log_spread(5e-3, 2e-2), "fall_s": log_spread(4e-3, 1.5e-2), "poppet_s": even(0.0, 1e-3)},
     "current_hysteresis": {"width_A": log_spread(0.012, 0.04)},
-    "groove": {"area_m2": log_spread(2e-6, 6e-6), "at_m": even(-0.012, 0.012), "width_m": log_spread(0.004, 0.01)},
-    "foaming": {"growth_1_J": log_spread(2e-5, 1e-4)},
+    "groove": {"area_m2": log_spread(2e-7, 6e-7), "at_m": even(-0.012, 0.012), "width_m": log_spread(0.004, 0.01)},
+    "foaming": {"growth_1_J": log_spread(1e-6, 5e-6)},
     "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": even(-0.01, 0.01)},
-    "sticking_check": {"adhesion_Pa": log_spread(1e5, 2e5)},
+    "sticking_check": {"adhesion_Pa": log_spread(1.5e5, 4e5)},
 }  # fmt: skip
 
 
@@ -186,7 +188,7 @@ def _cavitation(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]
     return {
         "top_checks.compression.area_m2": d.top_checks.compression.area_m2 / (1.0 + s * p["choke"]),
         "reservoir.pressure_Pa": d.reservoir.pressure_Pa / (1.0 + s * p["gas_loss"]),
-        "oil.vapour_pressure_Pa": d.oil.vapour_pressure_Pa + s * p["release_Pa"],
+        "oil.vapour_pressure_Pa": RELEASE_PA + (d.oil.vapour_pressure_Pa - RELEASE_PA) * exp(-s * p["release"]),
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ F = NDArray[np.float64]
 
 FINE_HZ, LOGGED_HZ = 10000, 1000
 NOISE_N = 8.0
+SECONDS = 12.0
 
 
 @dataclass(frozen=True)
@@ -36,14 +38,15 @@ class Motion:
 Planted = Callable[[Motion], F]  # the force [N] (n,) with an effect
 
 
-def motion(seed: int = 3, seconds: float = 14.0, amplitude: float = 0.009) -> Motion:
+@lru_cache(maxsize=8)
+def motion(seconds: float = SECONDS) -> Motion:
     """Return strokes of 0.4 to 6 Hz with exact derivatives, and a degressive damper's force."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(3)
     time = np.arange(round(seconds * FINE_HZ)) / FINE_HZ
     x, v, a = np.zeros_like(time), np.zeros_like(time), np.zeros_like(time)
     for frequency in np.geomspace(0.4, 6.0, 7):
         omega, phase = 2.0 * np.pi * frequency, rng.uniform(0.0, 2.0 * np.pi)
-        size = amplitude / frequency**0.7
+        size = 0.009 / frequency**0.7
         x += size * np.sin(omega * time + phase)
         v += size * omega * np.cos(omega * time + phase)
         a -= size * omega**2 * np.sin(omega * time + phase)
@@ -51,11 +54,9 @@ def motion(seed: int = 3, seconds: float = 14.0, amplitude: float = 0.009) -> Mo
     return Motion(time, x, v, a, force)
 
 
-def trace(
-    planted: Planted | None = None, noise_N: float = NOISE_N, temperature: F | None = None, **how: float
-) -> Trace:
+def trace(planted: Planted | None = None, temperature: F | None = None, seconds: float = SECONDS) -> Trace:
     """Return the trace of a recording with the planted effect; its simulation is the damper without."""
-    true = motion(**how)  # type: ignore[arg-type]
+    true = motion(seconds)
     rng = np.random.default_rng(7)
     logged = slice(None, None, FINE_HZ // LOGGED_HZ)
     stamps = np.round(true.time[logged] * 1e9).astype(np.int64)

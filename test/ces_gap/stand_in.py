@@ -100,7 +100,7 @@ def diagnose(simulation, spec, real, held_out, reference, options, progress=lamb
     )
 
 
-def files(diagnosis, folder, sources, facts=None):
+def files(diagnosis, sim, sources, facts=None):
     """Return two small files."""
     roles = {role: [r.name for r in recordings] for role, recordings in sources}
-    return {"gap.json": f'{{"rms_N": {diagnosis.gap.rms_N:.6f}}}\n', "report.html": f"<p>{folder.name} {roles}</p>\n"}
+    return {"gap.json": f'{{"rms_N": {diagnosis.gap.rms_N:.6f}}}\n', "report.html": f"<p>{sim['spec']} {roles}</p>\n"}

@@ -24,7 +24,7 @@ DESIGNED = {
 # the last part of a unit is enough: "N_m", "m_s_rtN"
 UNITS = ("_N", "_m", "_s", "_kg", "_A", "_sN", "_rtN", "_m2", "_per_J", "_per_K", "_per_N")
 NUMBERS = {"gain", "share", "slope", "static_excess"}  # without a unit
-SECONDS = 3.0
+SECONDS = 2.0
 DOCS = Path(__file__).parents[2] / "docs" / "effects.md"
 EFFECTS = library()
 IDS = [f"{e.name}-{e.form}" for e in EFFECTS]
@@ -35,7 +35,7 @@ each = pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
 def moving() -> Trace:
     """Return a rough recording: steps of current, a temperature that rises, a stroke that stands for a while."""
     time = np.arange(round(SECONDS * 1000)) / 1000.0
-    stroke = np.where(time < 2.5, 0.02 * np.sin(2 * np.pi * 2.3 * time) + 0.004 * np.sin(2 * np.pi * 9.1 * time), 0.0)
+    stroke = np.where(time < 1.6, 0.02 * np.sin(2 * np.pi * 2.3 * time) + 0.004 * np.sin(2 * np.pi * 9.1 * time), 0.0)
     current = np.where((time * 2.7).astype(int) % 2 == 0, 0.2, 0.9)
     force = (800.0 + 900.0 * current) * np.tanh(np.gradient(stroke, time) / 0.1) + 60.0
     stamps = np.round(time * 1e9).astype(np.int64)

@@ -33,9 +33,10 @@ def question(**more):
 
 def jobs(folder, names=tuple(OFFSETS_N), asked=None):
     """Jobs with their recordings; each vehicle has two."""
-    digest = (asked or question()).digest()
     fleet = {name: [made(name, OFFSETS_N.get(name, 5.0), seed) for seed in (1, 2)] for name in names}
-    return [(job_of(name, recordings, digest, "", folder), recordings) for name, recordings in fleet.items()]
+    return [
+        (job_of(name, recordings, asked or question(), "", folder), recordings) for name, recordings in fleet.items()
+    ]
 
 
 def told(answers):
@@ -147,10 +148,10 @@ def test_keys_tell_answers_apart(tmp_path, monkeypatch):
     assert len(set(digests)) == len(digests)
     assert question(options=Options(threads=9)).digest() == question().digest()
     recordings = [made("a", 1.0)]
-    keys = [job_of("a", recordings, "q", "s", tmp_path), job_of("a", recordings, "q", "other", tmp_path)]
-    keys.append(job_of("a", [made("a", 2.0)], "q", "s", tmp_path))
+    keys = [job_of("a", recordings, question(), "s", tmp_path), job_of("a", recordings, question(), "other", tmp_path)]
+    keys.append(job_of("a", [made("a", 2.0)], question(), "s", tmp_path))
     assert len({job.key for job in keys}) == 3
-    assert job_of("renamed", recordings, "q", "s", tmp_path).key == keys[0].key
+    assert job_of("renamed", recordings, question(), "s", tmp_path).key == keys[0].key
 
 
 def test_rows_and_files_are_on_disk_as_they_come(tmp_path, expected):
@@ -235,6 +236,6 @@ def test_a_killed_run_goes_on(tmp_path):
 def test_a_failure_has_no_files(tmp_path):
     (job, _), *_ = jobs(tmp_path)
     with open_fleet(tmp_path) as fleet:
-        fleet.add(job, failure(job, FAILED, "why"))
+        fleet.add(job, failure(job.key, job.name, FAILED, "why"))
         assert not job.folder.exists()
         assert fleet.rows[job.key]["reason"] == "why"

@@ -243,6 +243,13 @@ def test_where_the_simulation_is_silent_is_told():
     assert "the force of my:sim is missing there" in note
 
 
+def test_parts_of_one_recording_are_one():
+    whole = trace()
+    late = whole.time_s > 6.0
+    parts = [replace(whole, usable=whole.usable & late), replace(whole, usable=whole.usable & ~late)]
+    assert check_traces(parts, SIM, "my:sim") == ()
+
+
 def test_a_damper_that_hardly_moves_is_told():
     slow = trace()
     inputs = replace(slow.inputs, speed=slow.inputs.speed * 0.01)

@@ -13,12 +13,13 @@ from diagnosed_traces import Friction, setting
 from diagnoses import ALL, ambiguous, experiment, explained, named, no_gap, pair, unknown
 
 from ces_gap.diagnosis import Diagnosis, Estimate, Region, Series, Where
+from ces_gap.effects import library, names
 from ces_gap.report import report_page, write_report
 from ces_gap.report.before_after import _kinks, worst_second
 from ces_gap.report.causes import cause_rows, others
 from ces_gap.report.ladder import after_ci95_N, ladder
 from ces_gap.report.strips import shares_ci95
-from ces_gap.report.words import figure, joined, parameter_text, percent, region_name
+from ces_gap.report.words import EFFECTS, figure, joined, parameter_text, percent, region_name
 from ces_observer.errors import CesError
 
 XHTML = "{http://www.w3.org/1999/xhtml}"
@@ -79,7 +80,7 @@ def test_ids_are_unique_and_every_figure_has_an_accessible_name(which: str) -> N
 def test_every_class_in_the_page_has_a_style(which: str) -> None:
     root = page(which)
     css = words(next(iter(root.iter(f"{XHTML}style"))))
-    plain = {"measurement", "joint", "files", "named", "ambiguous", "unknown", "no_gap"}
+    plain = {"named", "ambiguous", "unknown", "no_gap", "nothing"}
     used = {name for e in root.iter() for name in (e.get("class") or "").split()} - plain
     assert {name for name in used if f".{name}" not in css} == set()
 
@@ -131,6 +132,11 @@ def test_causes_are_ranked_with_what_their_probabilities_leave() -> None:
     assert "rise 21.3 ms (17.1 to 25.5)" in rows[0] and "85 79 to 90 %" in rows[0]
 
 
+def test_the_blamed_effect_and_its_twins_are_marked() -> None:
+    assert [r.effect for r in cause_rows(ambiguous()) if r.named] == ["valve lag", "current hysteresis"]
+    assert [r.effect for r in cause_rows(named()) if r.named] == ["friction"]
+
+
 def test_parameters_not_to_be_trusted_are_marked() -> None:
     causes = words(sections(page("unknown"))["causes"])
     assert "rise 0.1 s (0.094 to 0.1) stuck at its bound" in causes
@@ -149,7 +155,7 @@ def test_improbable_effects_are_only_listed() -> None:
 
 def test_effects_together_show_their_joint_parameters() -> None:
     causes = words(sections(page("pair"))["causes"])
-    assert "Fitted together" in causes and "coulomb 35.2 N (33 to 37.1)" in causes and "rise 11 ms (8 to 14)" in causes
+    assert "Fitted together" in causes and "Coulomb 35.2 N (33 to 37.1)" in causes and "rise 11 ms (8 to 14)" in causes
     assert "Fitted together" not in words(page("named"))
     assert "friction and valve lag" in words(classed(page("pair"), "closed")[0])
 
@@ -288,10 +294,12 @@ def test_what_is_not_known_leaves_a_page() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "expected"),
     [
-        ("coulomb_N", 36.86, ("coulomb", "36.9", "N", "33.2 to 40.5")),
-        ("stiffness_N_m", 1.84e6, ("stiffness", "1 840 000", "N/m", "1 660 000 to 2 020 000")),
+        ("coulomb_N", 36.86, ("Coulomb", "36.9", "N", "33.2 to 40.5")),
+        ("stiffness_N_m", 800.0, ("stiffness", "800", "N/m", "720 to 880")),
+        ("hardening_N_m2", 5.0, ("hardening", "5", "N/m²", "4.5 to 5.5")),
+        ("stiffness_N_m", 1.84e6, ("stiffness", "1 840", "N/mm", "1 660 to 2 020")),
         ("bubbles_m", 0.0004, ("bubbles", "0.4", "mm", "0.36 to 0.44")),
-        ("stribeck_m_s", 0.02, ("stribeck", "0.02", "m/s", "0.018 to 0.022")),
+        ("stribeck_m_s", 0.02, ("Stribeck", "0.02", "m/s", "0.018 to 0.022")),
         ("leak_m_sN", 2e-5, ("leak", "2·10⁻⁵", "m/(s·N)", "1.8·10⁻⁵ to 2.2·10⁻⁵")),
         ("fade_per_K", -0.004, ("fade", "−0.004", "1/K", "−0.0036 to −0.0044")),
         ("gain", 1.05, ("gain", "1.05", "", "0.945 to 1.16")),
@@ -300,6 +308,13 @@ def test_what_is_not_known_leaves_a_page() -> None:
 def test_parameters_are_told_in_handy_units(name: str, value: float, expected: tuple[str, ...]) -> None:
     told = parameter_text(Estimate(name, value, (0.9 * value, 1.1 * value)))
     assert tuple(t.replace("\N{NARROW NO-BREAK SPACE}", " ") for t in told) == expected
+
+
+def test_every_effect_of_the_library_is_told_in_words() -> None:
+    assert set(names()) == set(EFFECTS)
+    for parameter in (p for form in library() for p in form.parameters):
+        name, _, unit, _ = parameter_text(Estimate(parameter.name, parameter.low, (parameter.low, parameter.high)))
+        assert unit or not re.search(r" (m\d?|s|s?N|A|K|J|kg|Pa|Hz|rad|rtN)$", name), parameter.name
 
 
 def test_words_of_numbers_and_regions() -> None:

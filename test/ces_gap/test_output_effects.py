@@ -67,9 +67,9 @@ CASES: list[tuple[tuple[str, str], Planted, Sequence[float], Sequence[float]]] =
     (("blow_off", "rebound"), plants.limited(1300.0, 1e9, 0.3), (1300.0, 0.3), (0.02, 0.05)),
     (("blow_off", "compression"), plants.limited(1e9, 700.0, 0.1), (700.0, 0.1), (0.02, 0.1)),
     (("blow_off", "both"), plants.limited(1300.0, 700.0, 0.2), (1300.0, 700.0, 0.2), (0.02, 0.02, 0.08)),
-    (("bump_stop", "compression"), plants.stopped(6e4, 9e6, 0.03, -1.0), (6e4, 9e6, 0.03), (0.05, 0.05, 0.02)),
-    (("bump_stop", "rebound"), plants.stopped(6e4, 9e6, 1.0, -0.03), (6e4, 9e6, -0.03), (0.05, 0.05, 0.02)),
-    (("bump_stop", "both"), plants.stopped(4e4, 6e6, 0.03, -0.035), (4e4, 6e6, 0.03, -0.035), (0.05, 0.05, 0.02, 0.02)),
+    (("bump_stop", "compression"), plants.stopped(6e4, 9e6, 0.03, -1.0), (6e4, 9e6, 0.03), (0.08, 0.05, 0.01)),
+    (("bump_stop", "rebound"), plants.stopped(6e4, 9e6, 1.0, -0.03), (6e4, 9e6, -0.03), (0.08, 0.05, 0.01)),
+    (("bump_stop", "both"), plants.stopped(4e4, 6e6, 0.03, -0.035), (4e4, 6e6, 0.03, -0.035), (0.08, 0.05, 0.01, 0.01)),
     (("force_offset", "constant"), lambda m: m.force - 40.0, (-40.0,), (0.02,)),
     (("force_scale", "gain"), lambda m: 0.93 * m.force, (0.93,), (0.002,)),
     (("force_drift", "linear"), lambda m: m.force + 2.0 * m.time, (2.0,), (0.02,)),
@@ -183,7 +183,7 @@ def test_without_a_temperature_channel_there_is_no_measured_fade() -> None:
 
 
 def test_a_temperature_that_is_never_known_fades_nothing() -> None:
-    trace = plants.trace(seconds=5.0, temperature=np.full(50000, np.nan))
+    trace = plants.trace(seconds=5.0, temperature=np.full(5 * plants.FINE_HZ, np.nan))
     assert np.array_equal(respond("temperature_fade", "measured", trace, (0.05,)), trace.simulated)
 
 

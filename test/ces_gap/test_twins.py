@@ -24,11 +24,12 @@ from twin_effects import (
 from ces_gap.effect import Composition, Setting
 from ces_gap.errors import GapError
 from ces_gap.evidence import gather
+from ces_gap.matching import distance, nearest, refined
 from ces_gap.noise import Noise
 from ces_gap.plant import Plant
-from ces_gap.signatures import Probe, fan, from_unit, to_unit
+from ces_gap.signatures import Probe, fan, from_unit, tangents, to_unit
 from ces_gap.trace import Inputs, Trace
-from ces_gap.twins import EVIDENCE, classes, distance, nearest, refined, seen_by, tangents, twin_classes
+from ces_gap.twins import EVIDENCE, classes, seen_by, twin_classes
 
 F = NDArray[np.float64]
 NOISE_N = 8.0
@@ -70,7 +71,7 @@ def test_the_refined_distance_is_that_of_brute_force(transition: float) -> None:
     p = probe(STEPS)
     a = p.tangent(Setting(Scale(), (1.05,)))
     b = Setting(Friction(), (30.0, transition))
-    found = refined(a, nearest(a, fan(p, p.tangent(b), a.size)), p.tangent, steps=8)
+    found = refined(a, fan(p, p.tangent(b), a.size), p.tangent, steps=8)
     least = np.inf
     for width in np.geomspace(0.01, 1.0, 400):
         shape = np.tanh(STEPS.inputs.speed[STEPS.usable] / width) / NOISE_N
@@ -84,7 +85,7 @@ def test_the_refined_distance_is_that_of_brute_force(transition: float) -> None:
 def test_a_bound_keeps_an_effect_from_matching() -> None:
     p = probe(STEPS)
     a = p.tangent(Setting(Scale(), (0.95,)))  # less force than the plant's: friction cannot be negative
-    match = refined(a, nearest(a, [p.tangent(Setting(Friction(), (20.0, 0.05)))]), p.tangent)
+    match = refined(a, [p.tangent(Setting(Friction(), (20.0, 0.05)))], p.tangent)
     assert match.setting.values[0] == pytest.approx(0.0, abs=1e-9)
     assert match.index == pytest.approx(a.size)
 

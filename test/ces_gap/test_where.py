@@ -158,13 +158,6 @@ def test_the_sentence_prefers_what_the_damper_does_to_the_clock():
     assert "at currents above 1.4 A (20 % of the time)" in sentence
 
 
-def test_the_sentence_says_so_if_the_gap_is_spread_widely(traces):
-    gap = [20.0 + 2.5 * (t.inputs.speed > 0.0) + e for t, e in zip(traces, noisy(traces), strict=True)]
-    sentence = describe(locate(traces, gap, NOISE_N))
-    assert sentence.startswith("The gap is spread widely")
-    assert "in compression" in sentence or "at speeds" in sentence
-
-
 def test_the_same_seed_gives_the_same_answer(traces):
     gap = noisy(traces)
     assert locate(traces, gap, NOISE_N, 3).regions == locate(traces, gap, NOISE_N, 3).regions
