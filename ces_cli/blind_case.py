@@ -1,7 +1,8 @@
 """One blind case in a process of its own: its recordings are diagnosed, what was found is replayed on the fresh one.
 
-Into the results go `gap.json`, `augmented.json`, `replay.npz` with the forces [N] at the position samples of the fresh
-recordings (`NAME_augmented_N` replayed from the file, `NAME_corrected_N` without the effects), and last `row.json`.
+Into the results go `gap.json`, `augmented.json`, `decision.json` (the figures behind the verdict), `replay.npz` with the
+forces [N] at the position samples of the fresh recordings (`NAME_augmented_N` replayed from the file, `NAME_corrected_N`
+without the effects), and last `row.json`.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import json
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from ces_gap.diagnosis import Diagnosis, Series
 
 F = NDArray[np.float64]
-ROW, GAP, AUGMENTED, REPLAY = "row.json", "gap.json", "augmented.json", "replay.npz"
+ROW, GAP, AUGMENTED, REPLAY, DECISION = "row.json", "gap.json", "augmented.json", "replay.npz", "decision.json"
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,10 @@ def _diagnosed(case: Path, out: Path, mode: Mode) -> str:
     simulation = open_simulation(spec)
     real, held_out = (_read(simulation, case, described[role]) for role in ("real", "held_out"))
     reference = _read(simulation, case, described["reference"]) if mode.reference else []
-    diagnosis = diagnose(simulation, spec, real, held_out, reference, Options(), _silent)
+    diagnosis = diagnose(simulation, spec, real, held_out, reference, Options(threads=1, experiment=False))
     write_gap(out / GAP, diagnosis)
     _save_augmented(out / AUGMENTED, spec, diagnosis)
+    _save_decision(out / DECISION, diagnosis)
     _replay(out, simulation, held_out, diagnosis.held_out)
     return _summary(json.loads((out / GAP).read_text(encoding="utf-8")))
 
@@ -81,14 +83,17 @@ def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Reco
         return [with_predictions(simulation, path, recording, signals) for path, recording in bags]
 
 
-def _silent(what: str, share: float) -> None:
-    """Take in progress that nobody watches."""
-
-
 def _save_augmented(path: Path, spec: str, diagnosis: Diagnosis) -> None:
-    from ces_gap.augmented import save_augmented
+    from ces_gap.augmented import augmented_text, named
 
-    save_augmented(path, spec, diagnosis.composition.composition)
+    found, d = diagnosis.composition.composition, diagnosis
+    write_beside(path, augmented_text(named(spec, path.parent), found, d.correction, d.surrogate))
+
+
+def _save_decision(path: Path, diagnosis: Diagnosis) -> None:
+    """Write what the verdict was decided by, and what simpler ways of choosing would have named."""
+    figures = None if diagnosis.figures is None else asdict(diagnosis.figures)
+    write_beside(path, json.dumps({"baselines": diagnosis.baselines, "figures": figures}, indent=1) + "\n")
 
 
 def _replay(out: Path, simulation: Simulation, held_out: Sequence[Recording], found: Sequence[Series]) -> None:

@@ -43,16 +43,25 @@ def closure(truth: Arrays, replay: Arrays, name: str) -> dict[str, float]:
     return {**shrink, "gap_N": before, "relative": shrink["closure"] / max(shrink["oracle"], 1e-3)}
 
 
-def where_error(truth: Arrays, regions: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str, float]:
-    """Return by axis the total-variation distance between the shares of energy that were said and the true ones."""
+def where_error(
+    truth: Arrays, regions: Sequence[Mapping[str, Any]], names: Sequence[str], corrected: bool
+) -> dict[str, float]:
+    """Return by axis the total-variation distance between the shares of energy that were said and the true ones.
+
+    With `corrected`, references took the simulation's own error out of the gap: the effect is what is located.
+    """
     out = {}
     for axis, key in AXES.items():
         mine = [region for region in regions if region["axis"] == axis]
         values = np.concatenate([truth[f"{name}_{key}"] for name in names])
-        gap = np.concatenate([truth[f"{name}_force_N"] - truth[f"{name}_baseline_N"] for name in names])
+        gap = np.concatenate([_gap(truth, name, corrected) for name in names])
         if mine:
             out[f"where_{axis}"] = _distance(mine, np.sign(values) if axis == "direction" else values, gap)
     return out
+
+
+def _gap(truth: Arrays, name: str, corrected: bool) -> F:
+    return truth[f"{name}_effect_N"] if corrected else truth[f"{name}_force_N"] - truth[f"{name}_baseline_N"]
 
 
 def _distance(regions: Sequence[Mapping[str, Any]], values: F, gap: F) -> float:

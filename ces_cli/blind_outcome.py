@@ -70,8 +70,14 @@ class Outcome:
         return self.verdict == "named" and self.probability.get(first, 0.0) >= SURE and first not in self.truth
 
 
-def outcome(label: Mapping[str, Any], gap: Mapping[str, Any], figures: Mapping[str, float], seconds: float) -> Outcome:
-    """Return the record of a case from its label and its `gap.json`."""
+def outcome(
+    label: Mapping[str, Any],
+    gap: Mapping[str, Any],
+    figures: Mapping[str, float],
+    baselines: Mapping[str, str],
+    seconds: float,
+) -> Outcome:
+    """Return the record of a case from its label, its `gap.json`, and what simpler ways would have named."""
     causes = gap["causes"]
     rest = gap["probabilities"]
     return Outcome(
@@ -89,7 +95,7 @@ def outcome(label: Mapping[str, Any], gap: Mapping[str, Any], figures: Mapping[s
         alike=tuple(frozenset(group) for group in gap["indistinguishable"]),
         claimed_shrink=gap["composition"]["shrink"],
         figures=figures,
-        baselines=gap.get("baselines", {}),
+        baselines=baselines,
         seconds=seconds,
     )
 

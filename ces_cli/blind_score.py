@@ -12,14 +12,14 @@ import numpy as np
 from rich.progress import track
 
 from ces_cli import terminal
-from ces_cli.blind_case import GAP, REPLAY, ROW
+from ces_cli.blind_case import DECISION, GAP, REPLAY, ROW
 from ces_cli.blind_closure import closure, where_error
 from ces_cli.blind_outcome import Outcome, outcome
 from ces_cli.blind_run import SETTINGS
 from ces_cli.blind_tables import compared, confusions, headline, others, sliced
 from ces_observer.checked import write_beside
 from ces_observer.errors import CesError
-from ces_rig.blind.draw import HELD_OUT
+from ces_rig.blind.draw import HELD_OUT, REAL
 from ces_rig.blind.seal import open_arrays, open_seal
 
 TARGET_GAP = 3.0  # the targets are set for this gap-to-noise
@@ -29,7 +29,7 @@ def score(options: argparse.Namespace) -> int:
     """Score results against the seal, print the tables and write them; returns the exit status. Raises CesError."""
     about, labels = open_seal(options.cases)
     settings = _settings(options.results, options.cases)
-    outcomes, failed = _outcomes(options.cases, options.results, labels)
+    outcomes, failed = _outcomes(options.cases, options.results, labels, settings["reference"])
     if not outcomes:
         raise CesError(f"{options.results}: no case of {options.cases} is diagnosed there; run 'ces blind run' first")
     text = report(outcomes, failed, len(labels), settings["predictions"], settings["reference"], about)
@@ -83,7 +83,9 @@ def _opening(
     return "  \n".join(lines)
 
 
-def _outcomes(folder: Path, results: Path, labels: Sequence[dict[str, Any]]) -> tuple[list[Outcome], dict[str, str]]:
+def _outcomes(
+    folder: Path, results: Path, labels: Sequence[dict[str, Any]], corrected: bool
+) -> tuple[list[Outcome], dict[str, str]]:
     """Return the outcomes of diagnosed cases, and why others failed."""
     outcomes, failed = [], {}
     for label in track(labels, "scoring", console=terminal.err, transient=True, disable=not terminal.err.is_terminal):
@@ -92,13 +94,13 @@ def _outcomes(folder: Path, results: Path, labels: Sequence[dict[str, Any]]) -> 
             continue
         row = _json(mine / ROW)
         if row["status"] == "done":
-            outcomes.append(_outcome(folder, mine, label, row["seconds"]))
+            outcomes.append(_outcome(folder, mine, label, row["seconds"], corrected))
         else:
             failed[label["case"]] = row["reason"]
     return outcomes, failed
 
 
-def _outcome(folder: Path, results: Path, label: dict[str, Any], seconds: float) -> Outcome:
+def _outcome(folder: Path, results: Path, label: dict[str, Any], seconds: float, corrected: bool) -> Outcome:
     gap = _json(results / GAP)
     truth = open_arrays(folder, label)
     with np.load(results / REPLAY, allow_pickle=False) as replay:
@@ -107,7 +109,9 @@ def _outcome(folder: Path, results: Path, label: dict[str, Any], seconds: float)
     claimed = gap["composition"]["shrink"]
     if figures and claimed is not None:
         figures["shrink_error"] = abs(claimed - figures["closure"])
-    return outcome(label, gap, {**figures, **where_error(truth, gap["where"], HELD_OUT)}, seconds)
+    misplaced = where_error(truth, gap["where"], (*REAL, *HELD_OUT), corrected)
+    baselines = _json(results / DECISION)["baselines"]
+    return outcome(label, gap, {**figures, **misplaced}, baselines, seconds)
 
 
 def _settings(results: Path, cases: Path) -> dict[str, Any]:

@@ -16,7 +16,6 @@ from ces_cli.diagnose import FORCE, made_options, read_beside
 from ces_cli.fleet_page import write_page
 from ces_cli.fleet_tables import fleet_table, told, write_csv
 from ces_cli.simulations import open_simulation, with_predictions
-from ces_gap.checks import require_distinct
 from ces_gap.diagnose import diagnose
 from ces_gap.fleet.answer import DONE, FAILED, Answer, failure
 from ces_gap.fleet.question import Job, Question, job_of
@@ -72,7 +71,6 @@ def _jobs(
         with terminal.err.status(f"reading {unit.name} ({number} of {len(units)})"):
             try:
                 recordings = _read(question.simulation, unit, signals)
-                require_distinct(recordings, (), question.reference)
                 job = job_of(unit.name, recordings, question, described, folder)
                 if job.key in jobs:
                     raise CesError(f"the same recordings as {jobs[job.key][0].name}")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from ces_cli.fleet_tables import number, ordered, verdict_text
+from ces_cli.fleet_tables import number, ordered, shrink_text, verdict_text
 from ces_gap.fleet.answer import DONE
 from ces_identify.row_log import Row
 from ces_observer.checked import write_beside
@@ -62,8 +62,7 @@ def _row(row: Row, largest: float) -> str:
         return f'<tr class="failed"><td>{escape(row["name"])}</td><td colspan="6">{escape(row["reason"])}</td></tr>'
     gap, after = row["gap_N"] or 0.0, row["gap_after_N"] or 0.0
     bars = "".join(f'<i style="width:{100.0 * min(value / largest, 1.0):.1f}%"></i>' for value in (gap, after))
-    shrink = "-" if row["shrink"] is None else f"{100.0 * row['shrink']:.0f} %"
-    cells = (number(row["gap_N"], ".1f"), number(row["gap_after_N"], ".1f"), shrink)
+    cells = (number(row["gap_N"], ".1f"), number(row["gap_after_N"], ".1f"), shrink_text(row))
     return (
         f'<tr title="{escape(row["sentence"])}"><td><a href="{escape(row["folder"])}/report.html">'
         f"{escape(row['name'])}</a></td><td>{escape(verdict_text(row))}</td>"

@@ -33,6 +33,7 @@ COLUMNS = (
     "shrink_low",
     "shrink_high",
     "sentence",
+    "notes",
     "recordings",
     "folder",
     "seconds",
@@ -60,6 +61,11 @@ def verdict_text(row: Row) -> str:
     return f"{verdict}: {effects}" if effects else verdict
 
 
+def shrink_text(row: Row) -> str:
+    """Return by how much the effects named shrink the gap, a dash if none is."""
+    return "-" if row["shrink"] is None or not row["effects"] else f"{100.0 * row['shrink']:.0f} %"
+
+
 def number(value: float | None, form: str) -> str:
     """Return a number as text, a dash if there is none."""
     return "-" if value is None else format(value, form)
@@ -75,10 +81,9 @@ def fleet_table(rows: Sequence[Row]) -> Table:
     for heading in ("P", "gap N", "after N", "shrink"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in done[:MOST_SHOWN]:
-        shrink = "-" if row["shrink"] is None else f"{100.0 * row['shrink']:.0f} %"
         gaps = (number(row["gap_N"], ".1f"), number(row["gap_after_N"], ".1f"))
         names = (escape(row["name"]), verdict_text(row))
-        table.add_row(*names, number(row["probability"], ".2f"), *gaps, shrink)
+        table.add_row(*names, number(row["probability"], ".2f"), *gaps, shrink_text(row))
     return table
 
 

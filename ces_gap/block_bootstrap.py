@@ -51,14 +51,14 @@ def resampled_sums(series: F, length: int, resamples: int, rng: np.random.Genera
 
 
 def scattered_sums(series: F, members: F, length: int, resamples: int, rng: np.random.Generator) -> F:
-    """Return sums over regions (resamples, m) of a series (n,) whose blocks were put in random order.
+    """Return sums over regions (resamples, m) of a series (n,) made of its blocks drawn at random.
 
     `members` (n, m) is the weight of each tick in each region and stays in place: whatever ties the series to the
     regions is cut, and its autocorrelation within blocks is kept.
     """
     n = len(series)
     length = min(length, n)
-    starts = _shuffled(n, length, resamples, rng)
+    starts = _starts(n, length, resamples, rng)
     doubled = np.r_[series, series[:length]]
     out = []
     for chunk in np.array_split(starts, max(1, resamples * n // AT_ONCE)):
@@ -119,10 +119,3 @@ def q_values(scores: F) -> F:
 
 def _starts(n: int, length: int, resamples: int, rng: np.random.Generator) -> I:
     return rng.integers(0, n, (resamples, -(-n // length)))
-
-
-def _shuffled(n: int, length: int, resamples: int, rng: np.random.Generator) -> I:
-    """Return where blocks start that cut the circle anywhere and come in random order, each once."""
-    cuts = np.linspace(0.0, n, -(-n // length), endpoint=False).astype(np.int64)
-    blocks = rng.permuted(np.tile(cuts, (resamples, 1)), axis=1)
-    return np.asarray((blocks + rng.integers(0, n, (resamples, 1))) % n)

@@ -25,7 +25,7 @@ class LearntCorrection:
 
     def force(self, trace: Trace, inputs: Inputs, simulated: F) -> F:
         """Return what to add to the simulated force [N] (n,)."""
-        return np.asarray(self.dictionary.features(trace, inputs, simulated) @ self.weights)
+        return self.dictionary.told(trace, inputs, simulated, self.weights)
 
     def as_json(self) -> dict[str, Any]:
         """Return the correction as plain values."""

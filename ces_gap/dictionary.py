@@ -68,16 +68,27 @@ class Dictionary:
 
     def features(self, trace: Trace, inputs: Inputs, force: F) -> F:
         """Return the features (n, q) of the inputs and the force simulated [N] for them, each of order 1."""
+        timed = self._of_time(trace, inputs, force) if self.by_time else np.empty((len(force), 0))
+        out = np.zeros((len(force), self.size + timed.shape[1]))
+        self._fill(trace, inputs, force, np.empty(0), out)
+        out[:, self.size :] = timed
+        return out
+
+    def told(self, trace: Trace, inputs: Inputs, force: F, weights: F) -> F:
+        """Return the features' weighted sum (n,), without making them all."""
+        out = np.empty((len(force), 1))
+        self._fill(trace, inputs, force, np.ascontiguousarray(weights[: self.size]), out)
+        if not self.by_time:
+            return out[:, 0]
+        return np.asarray(out[:, 0] + self._of_time(trace, inputs, force) @ weights[self.size :])
+
+    def _fill(self, trace: Trace, inputs: Inputs, force: F, weights: F, out: F) -> None:
         s = self.scales
         x = (inputs.position - s.position[0]) / s.position[1]
         i = np.clip((inputs.current - s.current[0]) / s.current[1], -4.0, 4.0)
         f = (force - s.force[0]) / s.force[1]
-        timed = self._of_time(trace, inputs, force, f) if self.by_time else np.empty((len(x), 0))
-        out = np.zeros((len(x), self.size + timed.shape[1]))
         knots = (SPEED_KNOTS, COARSE_KNOTS, FORCE_KNOTS, TURNS, MEMORIES_S, VALVE_S)
-        fill_features(x, inputs.speed / s.speed, i, f, trace.rate_Hz, s.varies, self.by_force, *knots, out)
-        out[:, self.size :] = timed
-        return out
+        fill_features(x, inputs.speed / s.speed, i, f, trace.rate_Hz, s.varies, self.by_force, *knots, weights, out)
 
     @property
     def size(self) -> int:
@@ -90,7 +101,8 @@ class Dictionary:
             return count + each * fine * len(MEMORIES_S)
         return count + each * fine + each * (len(FORCE_KNOTS) + 1) + sided * len(MEMORIES_S)
 
-    def _of_time(self, trace: Trace, inputs: Inputs, force: F, f: F) -> F:
+    def _of_time(self, trace: Trace, inputs: Inputs, force: F) -> F:
+        f = (force - self.scales.force[0]) / self.scales.force[1]
         t = trace.time_s / max(float(trace.time_s[-1]), 1.0)
         heat = np.cumsum(np.abs(force * inputs.speed))
         heat = heat / max(float(heat[-1]), 1e-9)

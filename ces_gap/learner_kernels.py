@@ -41,7 +41,7 @@ def put_hats(row: F, at: int, value: float, knots: F, first: float, second: floa
     m = len(knots)
     row[at + j] += (1.0 - share) * first
     row[at + j + 1] += share * first
-    if second != second:
+    if np.isnan(second):
         return at + m
     row[at + m + j] += (1.0 - share) * second
     row[at + m + j + 1] += share * second
@@ -61,53 +61,64 @@ def put_sided(row: F, at: int, value: float, i: float, varies: bool, pushed: flo
 
 
 @njit(cache=True)
+def put_motion(row: F, x: float, u: float, i: float, varies: bool, fine: F, coarse: F) -> int:
+    """Write the memoryless functions of position, warped speed `u` and current; return where the row goes on."""
+    at = put_hats(row, 0, u, fine, 1.0, i if varies else np.nan)
+    if varies:
+        at = put_hats(row, at, u, fine, i * i, np.nan)
+    row[at], row[at + 1], row[at + 2] = x, x * x, x**3
+    at += 3
+    if varies:
+        row[at] = x * i
+        at += 1
+    return int(put_hats(row, at, u, coarse, x, np.nan))
+
+
+@njit(cache=True)
 def fill_features(
     x: F, v: F, i: F, f: F, rate_Hz: float, varies: bool, by_force: bool,
-    fine: F, coarse: F, level: F, turns: F, memories_s: F, valve_s: F, out: F,
+    fine: F, coarse: F, level: F, turns: F, memories_s: F, valve_s: F, weights: F, out: F,
 ) -> None:  # fmt: skip
     """Fill `out` (n, q), zeros before, with the features of position, speed, current and force, each scaled (n,).
 
-    Speed goes through asinh(10·speed); `fine`, `coarse` are knots of that, `level` those of the force.
+    With `weights` (q,), fill `out` (n, 1) with the features' weighted sum instead. Speed goes through asinh(10·speed);
+    `fine`, `coarse` are knots of that, `level` those of the force.
     """
     poles, valve_poles = np.exp(-1.0 / (rate_Hz * memories_s)), np.exp(-1.0 / (rate_Hz * valve_s))
     slow_v, slow_f, slow_i = np.full(3, v[0]), np.full(3, f[0]), np.full(2, i[0])
     turn = np.zeros(len(turns))
-    nothing = np.nan
+    summed = np.zeros(len(weights))
     for k in range(len(x)):
-        row, at = out[k], 0
-        u = np.arcsinh(10.0 * v[k])
-        current = i[k] if varies else nothing
-        pushed = 1.0 if f[k] > 0.0 else 0.0
-        at = put_hats(row, at, u, fine, 1.0, current)
-        if varies:
-            at = put_hats(row, at, u, fine, i[k] * i[k], nothing)
-        row[at] = x[k]
-        row[at + 1] = x[k] * x[k]
-        row[at + 2] = x[k] ** 3
-        at += 3
-        if varies:
-            row[at] = x[k] * i[k]
-            at += 1
-        at = put_hats(row, at, u, coarse, x[k], nothing)
+        row = out[k]
+        if len(weights):
+            row = summed
+            row[:] = 0.0
+        pushed, moving = 1.0 if f[k] > 0.0 else 0.0, 1.0 if v[k] > 0.0 else 0.0
         for r in range(len(turns)):
             if k > 0:
                 turn[r] = min(max(turn[r] + x[k] - x[k - 1], -turns[r]), turns[r])
-            at = put_sided(row, at, turn[r] / turns[r], i[k], varies, 1.0 if v[k] > 0.0 else 0.0)
-        if varies:
-            for m in range(2):
-                slow_i[m] = i[k] + valve_poles[m] * (slow_i[m] - i[k])
-                at = put_hats(row, at, u, coarse, i[k] - slow_i[m], nothing)
+        for m in range(2):
+            slow_i[m] = i[k] + valve_poles[m] * (slow_i[m] - i[k])
         for m in range(3):
             slow_v[m] = v[k] + poles[m] * (slow_v[m] - v[k])
-            if m == 0 or not by_force:
-                at = put_hats(row, at, np.arcsinh(10.0 * slow_v[m]), fine, 1.0, current)
+            slow_f[m] = f[k] + poles[m] * (slow_f[m] - f[k])
+        u = np.arcsinh(10.0 * v[k])
+        at = put_motion(row, x[k], u, i[k], varies, fine, coarse)
+        for r in range(len(turns)):
+            at = put_sided(row, at, turn[r] / turns[r], i[k], varies, moving)
+        if varies:
+            for m in range(2):
+                at = put_hats(row, at, u, coarse, i[k] - slow_i[m], np.nan)
+        for m in range(1 if by_force else 3):
+            at = put_hats(row, at, np.arcsinh(10.0 * slow_v[m]), fine, 1.0, i[k] if varies else np.nan)
         if by_force:
-            at = put_hats(row, at, f[k], level, 1.0, current)
+            at = put_hats(row, at, f[k], level, 1.0, i[k] if varies else np.nan)
             row[at] = f[k]
             at += 1
             if varies:
                 row[at] = f[k] * i[k]
                 at += 1
             for m in range(3):
-                slow_f[m] = f[k] + poles[m] * (slow_f[m] - f[k])
                 at = put_sided(row, at, 3.0 * (f[k] - slow_f[m]), i[k], varies, pushed)
+        if len(weights):
+            out[k, 0] = np.dot(summed, weights)

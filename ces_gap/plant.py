@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.effect import Composition
-from ces_gap.trace import Inputs, Trace, make_trace
+from ces_gap.trace import Inputs, Trace, on_grid
 from ces_identify.recording import Channel, Recording
 from ces_identify.simulation import Simulation
 
@@ -44,8 +44,7 @@ class Called:
         """Return the simulated force [N] on the grid (n,); the position keeps its logged noise and jitter."""
         if inputs is trace.inputs:
             return trace.simulated
-        recording = driven(trace, inputs)
-        return make_trace(recording, self.simulation.force(recording)).simulated
+        return on_grid(trace, self.simulation.force(driven(trace, inputs)))
 
 
 @dataclass(frozen=True)

@@ -31,21 +31,19 @@ class Surrogate:
     dictionary: Dictionary
     weights: F
     cost_J: float
-    known: dict[int, F] = field(
-        default_factory=dict, compare=False, repr=False
-    )  # what was told of a trace's own inputs
+    known: dict[int, tuple[Inputs, F]] = field(default_factory=dict, compare=False, repr=False)  # of own inputs
 
     def force(self, trace: Trace, inputs: Inputs) -> F:
         """Return the simulated force [N] (n,) that the inputs would have given."""
         if inputs is trace.inputs:
             return trace.simulated
-        own = self.known.get(id(trace.inputs))
-        if own is None:
-            own = self.known[id(trace.inputs)] = self._told(trace, trace.inputs)
-        return trace.simulated + self._told(trace, inputs) - own
+        held = self.known.get(id(trace.inputs))
+        if held is None:
+            held = self.known[id(trace.inputs)] = (trace.inputs, self._told(trace, trace.inputs))
+        return trace.simulated + self._told(trace, inputs) - held[1]
 
     def _told(self, trace: Trace, inputs: Inputs) -> F:
-        return np.asarray(self.dictionary.features(trace, inputs, np.zeros(len(trace))) @ self.weights)
+        return self.dictionary.told(trace, inputs, np.zeros(len(trace)), self.weights)
 
     def as_json(self) -> dict[str, Any]:
         """Return the surrogate as plain values."""

@@ -52,10 +52,10 @@ class Trace:
     """A recording on a uniform grid.
 
     Arrays over n ticks: `time_s` from the first position sample; `inputs`; `acceleration` [m/s2]; `force` [N] measured;
-    `simulated` [N], the simulation on the smoothed position, and `as_given` [N] on the position as logged. `usable` (n,)
+    `simulated` [N], the simulation on the smoothed position, `as_given` [N] on the position as logged. `usable` (n,)
     marks the ticks at which all of them are known and filters have run in; elsewhere they are bridged with plain
-    numbers. `low_pass_Hz` is that of the position. `noise_N` is the
-    RMS of the force's noise on the grid: white noise as strong as what was logged in the top eighth of frequencies.
+    numbers. `low_pass_Hz` is that of the position. `noise_N` is the RMS of the force's noise on the grid: white noise
+    as strong as what was logged in the top eighth of frequencies.
     """
 
     name: str
@@ -94,7 +94,7 @@ def make_trace(recording: Recording, simulated_N: F) -> Trace:
     clock = recording.channel("position").stamps_ns
     seconds = (clock - clock[0]) * 1e-9
     base_Hz, factor = _rates(seconds, recording.name)
-    base = np.arange(int((seconds[-1] - 1e-9) * base_Hz) + 1) / base_Hz
+    base = _base(seconds, base_Hz)
     position, known_x = _bridged(seconds, recording.channel("position").values, base)
     low_pass = _low_pass_Hz(position, base_Hz)
     position = _smoothed(position, low_pass, base_Hz)
@@ -144,6 +144,14 @@ def _nothing(recording: Recording) -> F:
     return np.zeros(len(recording.channel("position")))
 
 
+def on_grid(trace: Trace, simulated_N: F) -> F:
+    """Return a force [N] given at each position sample of the trace's recording on its grid (n,)."""
+    clock = trace.recording.channel("position").stamps_ns
+    seconds = (clock - clock[0]) * 1e-9
+    base_Hz, factor = _rates(seconds, trace.name)
+    return _thinned(_bridged(seconds, simulated_N, _base(seconds, base_Hz))[0], factor)
+
+
 def smoothed(recording: Recording, trace: Trace) -> Recording:
     """Return the recording with the trace's smoothed position at the stamps of the logged one, where it is finite."""
     position = recording.channel("position")
@@ -180,6 +188,10 @@ def _rates(seconds: F, name: str) -> tuple[float, int]:
     rate = 1.0 / float(np.median(steps))
     rate = round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
     return float(rate), max(1, round(rate / GRID_HZ - 0.25))
+
+
+def _base(seconds: F, rate_Hz: float) -> F:
+    return np.arange(int((seconds[-1] - 1e-9) * rate_Hz) + 1) / rate_Hz
 
 
 def _bridged(seconds: F, values: F, grid: F) -> tuple[F, B]:

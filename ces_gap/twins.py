@@ -22,6 +22,7 @@ from ces_gap.trace import Trace
 
 F = NDArray[np.float64]
 
+FORM = 0.15  # of a signature's size: as far as real physics is from an effect's form anyway
 EVIDENCE = 3.0  # expected log-likelihood ratio below which data cannot tell: odds of 20 to 1, wrong 1 time in 9
 NEAR, ALIKE = 5.0, 0.3  # times the limit, times the smaller effect: linear distances above both are not refined
 MOST_REFINED = 8  # pairs, the nearest first
@@ -77,7 +78,9 @@ def twin_classes(
     matches = {(a, b): nearest(fans[a][0], fans[b]) for a, b in permutations(heard, 2)}
     for a, b in _doubtful({name: fans[name][0].size for name in heard}, matches, evidence):
         matches[a, b] = refined(fans[a][0], fans[b], probe.tangent)
-    return Twins(matches, classes(heard, {pair: m.index for pair, m in matches.items()}, evidence), silent, evidence)
+    limit = np.sqrt(2.0 * evidence)
+    index = {(a, b): m.index / max(1.0, FORM * fans[a][0].size / limit) for (a, b), m in matches.items()}
+    return Twins(matches, classes(heard, index, evidence), silent, evidence)
 
 
 def seen_by(evidence: Evidence) -> Whiten:

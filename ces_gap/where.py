@@ -2,7 +2,7 @@
 
 Every axis is cut into regions. For each region: its share of the gap's energy, noise taken out, beside its share of
 the time; the gap's RMS with a block-bootstrap interval; and whether its mean energy exceeds that of the rest of its
-axis, as judged against the same energy with its blocks in random order. The largest excess over all regions is judged
+axis, as judged against blocks of the same energy drawn at random. The largest excess over all regions is judged
 against the largest of each scattering, every region on the scale of its own null, so that a rare one counts as much as
 a common one. Over frequency, where time has no rest, a band exceeds if it has more of the gap than of the force.
 """

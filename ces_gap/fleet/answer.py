@@ -5,9 +5,10 @@ from __future__ import annotations
 import pickle
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from ces_gap.checks import check_recordings
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.fleet.question import UNITS, Job, Question
 from ces_identify.recording import Recording
@@ -30,9 +31,11 @@ def answer(job: Job, packed: bytes, recordings: Sequence[Recording]) -> Answer:
     began = time.monotonic()
     try:
         question: Question = pickle.loads(packed)  # of our own making, never from a file
+        doubts = check_recordings(recordings, (), question.reference)
         found = question.diagnose(
             question.simulation, question.spec, recordings, (), question.reference, question.options
         )
+        found = replace(found, notes=(*doubts, *found.notes))
         files = question.files(found, job.sim, (("real", recordings), ("reference", question.reference)))
     except CesError as error:
         return failure(job.key, job.name, FAILED, str(error))
@@ -68,6 +71,7 @@ def _row(job: Job, recordings: Sequence[Recording], found: Diagnosis) -> Row:
         "shrink_low": together.shrink_ci95[0],
         "shrink_high": together.shrink_ci95[1],
         "sentence": found.sentence,
+        "notes": list(found.notes),
         "folder": f"{UNITS}/{job.folder.name}",
     }
     return {name: _plain(value) for name, value in row.items()}

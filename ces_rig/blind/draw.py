@@ -7,6 +7,7 @@ another plant, shape and drive, and in the end with another effect of the same k
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -133,21 +134,37 @@ def _sized(
 ) -> tuple[tuple[Withheld, ...], dict[str, Seen]]:
     """Return the effects so large that together they make a gap of `target_N` (RMS over all recordings), and what is
     seen. Each is sized alone in a short part; if all of it is off by more than `TOLERANCE`, a common factor is sought.
+    Raises RigError if none is found.
     """
     start = free[REAL[0]].commands.around_peak(SEARCH_S)
     each = target_N / max(1, len(shapes)) ** 0.5
     sized = tuple(_sized_alone(plant, shape, each, start) for shape in shapes)
-    seen: dict[str, Seen] = {}
+    tried: list[Tried] = []
 
     def gap(factor: float) -> float:
         effects = tuple(scaled(w, factor * w.severity) for w in sized)
-        seen.update({role: see(f, effects) for role, f in free.items()})
-        return rms(np.concatenate([s.effect_N for s in seen.values()]))
+        seen = {role: see(f, effects) for role, f in free.items()}
+        reached = rms(np.concatenate([s.effect_N for s in seen.values()]))
+        tried.append(Tried(abs(reached - target_N), effects, seen))
+        return reached
 
-    if abs(gap(1.0) - target_N) <= TOLERANCE * target_N or not sized:
-        return sized, seen
-    factor = search(gap, target_N, f"{plant.kind} plant: {' and '.join(s.name for s in shapes)}")
-    return tuple(scaled(w, factor * w.severity) for w in sized), seen
+    if sized and abs(gap(1.0) - target_N) > TOLERANCE * target_N:
+        with suppress(RigError):  # it wants to be closer than need be
+            search(gap, target_N, "")
+    best = min(tried, key=lambda one: one.off_N) if sized else Tried(0.0, (), {r: see(f, ()) for r, f in free.items()})
+    if best.off_N > TOLERANCE * target_N:
+        names = " and ".join(shape.name for shape in shapes)
+        raise RigError(f"{names}: {best.off_N:.3g} N off a gap of {target_N:.3g} N at best")
+    return best.effects, best.seen
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Effects of some size, what is seen of them, and by how much [N] their gap is off."""
+
+    off_N: float
+    effects: tuple[Withheld, ...]
+    seen: dict[str, Seen]
 
 
 def _sized_alone(plant: Plant, shape: Withheld, target_N: float, commands: Commands) -> Withheld:

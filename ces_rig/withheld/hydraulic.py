@@ -76,7 +76,7 @@ SPREADS: Mapping[str, Proportions] = {
         "weakness": log_spread(5.0, 9.0), "area_m2": log_spread(8e-6, 2.5e-5), "band_Pa": log_spread(6e5, 3e6),
     },
     "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "progression_1_m": even(0.0, 120.0)},
-    "valve_lag": {"rise_s": log_spread(5e-3, 2e-2), "fall_s": log_spread(4e-3, 1.5e-2), "poppet_s": even(0.0, 1e-3)},
+    "valve_lag": {"rise_s": log_spread(5e-3, 2e-2), "fall_s": log_spread(4e-3, 1.5e-2)},
     "current_hysteresis": {"width_A": log_spread(0.012, 0.04)},
     "groove": {"area_m2": log_spread(2e-7, 6e-7), "at_m": even(-0.012, 0.012), "width_m": log_spread(0.004, 0.01)},
     "foaming": {"growth_1_J": log_spread(1e-6, 5e-6)},
@@ -230,7 +230,6 @@ def _valve_lag(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
     return {
         "ces_valve.pilot_rise_s": d.ces_valve.pilot_rise_s + s * p["rise_s"],
         "ces_valve.pilot_fall_s": d.ces_valve.pilot_fall_s + s * p["fall_s"],
-        "ces_valve.poppet_s": d.ces_valve.poppet_s + s * p["poppet_s"],
     }
 
 

@@ -109,5 +109,5 @@ def search(gap: Gap, target_N: float, what: str) -> float:
         if at > HIGHEST:
             break
     raise RigError(
-        f"{what}: a gap of {target_N:.3g} N cannot be reached here; the largest seen is {largest:.3g} N{refusal}"
+        f"{what}: a gap of {target_N:.4g} N cannot be reached here; the largest seen is {largest:.4g} N{refusal}"
     )

@@ -1,4 +1,4 @@
-"""`ces blind`: cases are made and sealed; scoring gives a diagnosis that knows everything full marks, and a liar none."""
+"""`ces blind`: cases are made and sealed; scoring gives full marks to one who knows the answers, none to a liar."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ces_cli.blind import main
-from ces_cli.blind_case import GAP, REPLAY, ROW
+from ces_cli.blind_case import DECISION, GAP, REPLAY, ROW
 from ces_cli.terminal import run as run_program
 from ces_rig.blind.seal import open_arrays, open_seal
 
@@ -39,7 +39,6 @@ def said(label, knows):
         "composition": {"effects": found, "shrink": None},
         "indistinguishable": [],
         "probabilities": {"none": float(verdict == "no_gap"), "unknown": float(verdict == "unknown")},
-        "baselines": {"bic": named[0] if named else ""},
     }
 
 
@@ -58,6 +57,7 @@ def write_results(folder: Path, results: Path, knows: bool):
         claimed = 1.0 if knows else 0.9
         gap["composition"]["shrink"] = claimed
         (mine / GAP).write_text(json.dumps(gap))
+        (mine / DECISION).write_text(json.dumps({"baselines": {"bic": gap["causes"][0]["effect"]}, "figures": None}))
         np.savez_compressed(mine / REPLAY, h1_augmented_N=augmented, h1_corrected_N=corrected)
         (mine / ROW).write_text(json.dumps({"case": label["case"], "status": "done", "seconds": 1.0}))
     return results

@@ -169,7 +169,7 @@ def test_the_next_experiment_of_an_earlier_run_does_not_stay(quick):
         (diagnoses.named, ["NAMED: The simulation lacks seal friction", "friction (coulomb)", "speed 0.1 to 0.3 m/s",
                            "cannot be seen: bump_stop", "ces rig gap/next_experiment.yaml", "--teacher gap"]),
         (diagnoses.ambiguous, ["AMBIGUOUS: Valve lag or current hysteresis", "not told apart by these recordings: va",
-                               "not separable from a calibration", "surrogate of J = 2.70 %", "drifts"]),
+                               "not separable from a calibration", "surrogate of J = 2.70 %"]),
         (diagnoses.unknown, ["UNKNOWN: None of the known effects", "unexplained: ", "at its bound", "0.92"]),
         (diagnoses.no_gap, ["NO GAP: No gap", "gap: 2.1 N RMS [0.0, 3.4]"]),
     ],

@@ -1,4 +1,4 @@
-"""The MR and the ER damper's kernels: they agree with their slow twins, converge, and keep their memory where it belongs."""
+"""The MR and the ER damper's kernels: they agree with their slow twins, converge, and remember what they should."""
 
 from dataclasses import replace
 
@@ -26,11 +26,18 @@ def relative_rms(a, b):
     return np.sqrt(np.mean((a - b) ** 2)) / np.std(b)
 
 
-MR = [{}, {"fluid_N_m": 2e6, "fluid_rebound": 1.5, "bypass_m_Ns": 5e-5}, {"seal_N": 60.0, "mass_kg": 4.0, "mount_N_m": 2e6},
-      {"stop_clearance_m": 0.015, "stop_progression_1_m": 80.0, "fade_yield_1_K": 0.01, "heat_J_K": 20.0}]  # fmt: skip
-ER = [{}, {"oil_N_m": 2e6, "air_m": 2e-4, "bypass_m_sN": 1e-3}, {"seal_N": 60.0, "mass_kg": 4.0, "mount_N_m": 3e6,
-       "mount_stiffening": 1.0},
-      {"relief_N": 500.0, "fade_1_K": 0.01, "heat_J_K": 20.0, "gas_s": 0.2}]  # fmt: skip
+MR = (
+    {},
+    {"fluid_N_m": 2e6, "fluid_rebound": 1.5, "bypass_m_Ns": 5e-5},
+    {"seal_N": 60.0, "mass_kg": 4.0, "mount_N_m": 2e6},
+    {"stop_clearance_m": 0.015, "stop_progression_1_m": 80.0, "fade_yield_1_K": 0.01, "heat_J_K": 20.0},
+)
+ER = (
+    {},
+    {"oil_N_m": 2e6, "air_m": 2e-4, "bypass_m_sN": 1e-3},
+    {"seal_N": 60.0, "mass_kg": 4.0, "mount_N_m": 3e6, "mount_stiffening": 1.0},
+    {"relief_N": 500.0, "fade_1_K": 0.01, "heat_J_K": 20.0, "gas_s": 0.2},
+)
 
 
 @pytest.mark.parametrize("changes", MR)
@@ -74,7 +81,8 @@ def test_the_mr_dampers_coil_lags_and_can_be_left_out():
     _, stroke, current = drive(1.6)
     coil = BoucWen(coil_s=5e-3).run(GRID, stroke, current)[1]
     assert relative_rms(coil, current) > 0.05
-    assert np.array_equal(BoucWen(coil_s=5e-3).without_coil().run(GRID, stroke, current)[1], current)
+    bare = BoucWen(coil_s=5e-3).without_coil().run(GRID, stroke, current)[1]
+    assert np.abs(bare - current).max() < 2e-3  # half a step of the integrator
 
 
 def test_remanence_keeps_the_field_behind_the_current_both_ways():
@@ -93,8 +101,8 @@ def test_a_starved_foot_valve_delays_compression_after_fast_rebound():
     stroke = 0.03 * np.cos(2 * np.pi * 3 * np.maximum(time - 0.2, 0))  # rebound first, compression from 0.367 s on
     current = np.full_like(time, 2.0)
     full = Polyviscous().run(GRID, stroke, current)[0]
-    starved = Polyviscous(foot_m_s=0.4).run(GRID, stroke, current)[0]
-    rebound, turned, later = (time > 0.22) & (time < 0.36), (time > 0.375) & (time < 0.39), (time > 0.46) & (time < 0.5)
+    starved = Polyviscous(foot_m_s=0.3).run(GRID, stroke, current)[0]
+    rebound, turned, later = (time > 0.22) & (time < 0.36), (time > 0.37) & (time < 0.38), (time > 0.44) & (time < 0.5)
     assert np.abs(starved - full)[rebound].max() < 1.0
     assert (full - starved)[turned].min() > 200
     assert np.abs(starved - full)[later].max() < 1.0

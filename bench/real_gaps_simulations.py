@@ -1,0 +1,144 @@
+"""Simulations that lack something on purpose, for `bench/real_gaps.py`: a brake without play, a damper without lag.
+
+Each is fitted to a recording where what it lacks is not at work, and holds plain numbers. `band_brake` and `static_map`
+are what `ces diagnose --sim real_gaps_simulations:band_brake` wants; they read their numbers from the file that
+`bench/real_gaps.py --keep FOLDER` wrote, band_brake.json or static_map.json in the present folder.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from ces_identify.recording import Recording
+
+F = NDArray[np.float64]
+
+SETTLED_S = 0.04  # [s] after which a damper has followed its voltage
+KNOTS_M_S = np.array([-0.5, -0.25, -0.12, -0.05, -0.02, 0.0, 0.02, 0.05, 0.12, 0.25, 0.5])
+LEVELS = 2  # voltages of the map
+SPEED_HZ = 80.0  # [Hz] low-pass of the position before it is differentiated
+AWAY = 0.4  # of the stroke: so far from its ends a brake slides at its limit
+TURN = 0.9  # of the limit: a brake that has come down from there unloads its elastic part
+
+
+@dataclass(frozen=True)
+class BandBrake:
+    """A spring of `stiffness_N_m` in series with a slider of limits `push_N` and `pull_N` (Prandtl): no free play."""
+
+    push_N: float
+    pull_N: float
+    stiffness_N_m: float
+
+    def __call__(self, time_s: F, position_m: F, current_A: F) -> F:
+        """Return the force [N] (n,) at positions [m] (n,)."""
+        force, out = 0.0, np.empty(len(position_m))
+        for k, step in enumerate(np.diff(position_m, prepend=position_m[0])):
+            force = min(max(force + self.stiffness_N_m * step, -self.pull_N), self.push_N)
+            out[k] = force
+        return out
+
+    @classmethod
+    def fitted(cls, recording: Recording) -> BandBrake:
+        """Return the brake with the limits of full sliding and the stiffness of unloading, neither touched by play."""
+        position, force = recording.channel("position").values, recording.channel("force").values
+        smooth = low_passed(position, 20.0, rate_of(recording))
+        speed = np.gradient(smooth)
+        sliding = np.abs(smooth - smooth.mean()) < 0.5 * AWAY * float(np.ptp(smooth))
+        moves = np.abs(speed) > 0.3 * np.abs(speed).max()
+        push = float(np.median(force[sliding & moves & (speed > 0.0)]))
+        pull = -float(np.median(force[sliding & moves & (speed < 0.0)]))
+        return cls(push, pull, _unloading(smooth, force, push, pull))
+
+
+def _unloading(position: F, force: F, push: float, pull: float) -> float:
+    """Return the stiffness [N/m] from each turn of a stroke to where no force is left: the median."""
+    found = []
+    speed = np.gradient(position)
+    for turn in np.flatnonzero(np.diff(np.sign(speed)) != 0.0):
+        sign = np.sign(force[turn])
+        if abs(force[turn]) < TURN * (push if sign > 0.0 else pull):
+            continue
+        gone = np.flatnonzero(sign * force[turn:] <= 0.05 * abs(force[turn]))
+        if len(gone) and abs(position[turn] - position[turn + gone[0]]) > 1e-4:
+            found.append(0.95 * force[turn] / (position[turn] - position[turn + gone[0]]))
+    return float(np.median(found))
+
+
+@dataclass(frozen=True)
+class StaticMap:
+    """Force [N] over speed [m/s] and voltage: `table` (speeds, 2) at the knots and at `low_V` and `high_V`."""
+
+    knots: tuple[float, ...]
+    low_V: float
+    high_V: float
+    table: tuple[tuple[float, ...], ...]
+
+    def __call__(self, time_s: F, position_m: F, current_A: F) -> F:
+        """Return the force [N] (n,) at positions [m] and voltages [V] (n,)."""
+        speed = np.gradient(low_passed(position_m, SPEED_HZ, 1.0 / float(np.median(np.diff(time_s)))), time_s)
+        return np.asarray(self._features(speed, current_A) @ np.array(self.table).ravel())
+
+    def _features(self, speed: F, voltage: F) -> F:
+        place = np.interp(speed, self.knots, np.arange(len(self.knots)))
+        hats = np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(len(self.knots))))
+        share = np.clip((voltage - self.low_V) / (self.high_V - self.low_V), 0.0, 1.0)
+        sides = np.stack([1.0 - share, share], axis=1)
+        return np.asarray((hats[:, :, None] * sides[:, None, :]).reshape(len(speed), -1))
+
+    @classmethod
+    def fitted(cls, recording: Recording, settled_s: float = SETTLED_S) -> StaticMap:
+        """Return the map that the recording shows where the voltage has not changed for `settled_s`."""
+        position, voltage = recording.channel("position").values, recording.channel("current").values
+        force, rate = recording.channel("force").values, rate_of(recording)
+        low, high = (float(v) for v in np.percentile(voltage, (5.0, 95.0)))
+        blank = cls(tuple(KNOTS_M_S.tolist()), low, high, ((0.0,) * LEVELS,) * len(KNOTS_M_S))
+        speed = np.gradient(low_passed(position, SPEED_HZ, rate)) * rate
+        steady = settled(voltage, round(settled_s * rate), 0.1 * (high - low))
+        features = blank._features(speed[steady], voltage[steady])
+        table = np.linalg.lstsq(features, force[steady], rcond=1e-6)[0].reshape(-1, LEVELS)
+        return cls(blank.knots, low, high, tuple(tuple(row) for row in table.tolist()))
+
+
+def settled(voltage: F, ticks: int, step: float) -> NDArray[np.bool_]:
+    """Return where (n,) the voltage has stayed within `step` of itself over the last `ticks`."""
+    since, out = 0, np.zeros(len(voltage), bool)
+    for k in range(1, len(voltage)):
+        since = k if abs(voltage[k] - voltage[k - 1]) > 0.2 * step or abs(voltage[k] - voltage[since]) > step else since
+        out[k] = k - since >= ticks
+    return out
+
+
+def low_passed(values: F, corner_Hz: float, rate_Hz: float) -> F:
+    """Return values (n,) behind a zero-phase low-pass of fourth order."""
+    return np.asarray(sosfiltfilt(butter(2, min(corner_Hz, 0.4 * rate_Hz), fs=rate_Hz, output="sos"), values))
+
+
+def rate_of(recording: Recording) -> float:
+    """Return the rate [Hz] of the position."""
+    return 1e9 / float(np.median(np.diff(recording.channel("position").stamps_ns)))
+
+
+def write(simulation: BandBrake | StaticMap, path: Path) -> None:
+    """Write the numbers of a simulation as JSON."""
+    path.write_text(json.dumps(asdict(simulation)) + "\n", encoding="utf-8")
+
+
+def _read(name: str) -> dict[str, Any]:
+    return dict(json.loads(Path(name).read_text(encoding="utf-8")))
+
+
+def band_brake(time_s: F, position_m: F, current_A: F) -> F:
+    """Return the force [N] (n,) of the brake in band_brake.json."""
+    return BandBrake(**_read("band_brake.json"))(time_s, position_m, current_A)
+
+
+def static_map(time_s: F, position_m: F, current_A: F) -> F:
+    """Return the force [N] (n,) of the map in static_map.json."""
+    return StaticMap(**_read("static_map.json"))(time_s, position_m, current_A)
