@@ -1,8 +1,8 @@
 """One blind case in a process of its own: its recordings are diagnosed, what was found is replayed on the fresh one.
 
-Into the results go `gap.json`, `augmented.json`, `decision.json` (the figures behind the verdict), `replay.npz` with the
-forces [N] at the position samples of the fresh recordings (`NAME_augmented_N` replayed from the file, `NAME_corrected_N`
-without the effects), and last `row.json`.
+Into the results go `gap.json`, `augmented.json`, `decision.json` (the figures behind the verdict), `replay.npz` with
+forces [N] at the position samples of the fresh recordings (`NAME_augmented_N` replayed from the file,
+`NAME_corrected_N` without the effects), and last `row.json`.
 """
 
 from __future__ import annotations
@@ -11,13 +11,12 @@ import json
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from ces_cli.simulations import open_simulation, with_predictions
 from ces_identify.bag_reader import read_recording
@@ -28,9 +27,8 @@ from ces_observer.checked import write_beside
 from ces_observer.errors import CesError
 
 if TYPE_CHECKING:
-    from ces_gap.diagnosis import Diagnosis, Series
+    from ces_gap.diagnosis import Diagnosis
 
-F = NDArray[np.float64]
 ROW, GAP, AUGMENTED, REPLAY, DECISION = "row.json", "gap.json", "augmented.json", "replay.npz", "decision.json"
 
 
@@ -71,7 +69,7 @@ def _diagnosed(case: Path, out: Path, mode: Mode) -> str:
     write_gap(out / GAP, diagnosis)
     _save_augmented(out / AUGMENTED, spec, diagnosis)
     _save_decision(out / DECISION, diagnosis)
-    _replay(out, simulation, held_out, diagnosis.held_out)
+    _replay(out, held_out)
     return _summary(json.loads((out / GAP).read_text(encoding="utf-8")))
 
 
@@ -96,15 +94,17 @@ def _save_decision(path: Path, diagnosis: Diagnosis) -> None:
     write_beside(path, json.dumps({"baselines": diagnosis.baselines, "figures": figures}, indent=1) + "\n")
 
 
-def _replay(out: Path, simulation: Simulation, held_out: Sequence[Recording], found: Sequence[Series]) -> None:
-    """Run the augmented simulation, opened from its file, over the fresh recordings."""
-    augmented = open_simulation(str(out / AUGMENTED))
-    arrays: dict[str, F] = {}
-    for recording, series in zip(held_out, found, strict=True):
-        stamps = recording.channel("position").stamps_ns
-        corrected = CubicSpline(series.trace.time_s, series.corrected)((stamps - stamps[0]) * 1e-9)
+def _replay(out: Path, held_out: Sequence[Recording]) -> None:
+    """Run the augmented simulation, opened from its file, over the fresh recordings: as it is, and without effects."""
+    from ces_gap.augmented import load_augmented
+    from ces_gap.effect import Composition
+
+    augmented = load_augmented(out / AUGMENTED, open_simulation)
+    corrected = replace(augmented, composition=Composition())
+    arrays: dict[str, NDArray[np.float32]] = {}
+    for recording in held_out:
         arrays[f"{recording.name}_augmented_N"] = augmented.force(recording).astype(np.float32)
-        arrays[f"{recording.name}_corrected_N"] = corrected.astype(np.float32)
+        arrays[f"{recording.name}_corrected_N"] = corrected.force(recording).astype(np.float32)
     part = out / f".part.{REPLAY}"
     np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
     part.replace(out / REPLAY)

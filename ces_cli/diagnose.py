@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from ces_cli import terminal
 from ces_cli.bag_paths import RECORDING, VEHICLE, bags_of
-from ces_cli.simulations import HELP, open_simulation, with_predictions
+from ces_cli.simulations import HELP, import_from_here, open_simulation, with_predictions
 from ces_identify.recording import Recording
 from ces_identify.simulation import Simulation
 from ces_observer.checked import write_together
@@ -46,7 +46,7 @@ def made_options(options: argparse.Namespace, threads: int) -> Options:
     from ces_gap.diagnose import Options
     from ces_gap.user_effects import user_effect
 
-    sys.path.insert(0, str(Path.cwd()))
+    import_from_here()
     effects = tuple(user_effect(spec) for spec in options.effects)
     return Options(effects=effects, threads=options.threads or threads, seed=options.seed)
 

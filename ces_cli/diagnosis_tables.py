@@ -138,7 +138,7 @@ def _controls(found: Diagnosis) -> str:
     wrong = (
         ""
         if found.wrong is None
-        else f"the best wrong effect ({found.wrong.effects[0]}) {_percent(found.wrong.shrink)}, "
+        else f"the best other effect ({found.wrong.effects[0]}) {_percent(found.wrong.shrink)}, "
     )
     return f"     for comparison: {wrong}a learner without physics {_percent(ceiling)}"
 

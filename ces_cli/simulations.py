@@ -49,9 +49,16 @@ def open_simulation(spec: str) -> Simulation:
     if opener is not None:
         return opener(Path(spec))
     if ":" in spec:
-        sys.path.insert(0, str(Path.cwd()))
+        import_from_here()
         return function_simulation(spec)
     raise CesError(f"--sim '{spec}': expected {EXPECTED}")
+
+
+def import_from_here() -> None:
+    """Let the user's modules be imported from the working directory, as `python -m` would."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
 
 
 def with_predictions(simulation: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
@@ -84,7 +91,10 @@ def taught(teacher: Simulation, path: Path, recording: Recording, signals: Signa
 def _json(path: Path) -> Simulation:
     from ces_gap.augmented import is_augmented, load_augmented
 
-    return load_augmented(path, open_simulation) if is_augmented(path) else ModelSimulation(load_model(path))
+    if not is_augmented(path):
+        return ModelSimulation(load_model(path))
+    import_from_here()  # effects of the user's own
+    return load_augmented(path, open_simulation)
 
 
 def _fmu(spec: str) -> Simulation:

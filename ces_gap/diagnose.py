@@ -25,21 +25,23 @@ from ces_gap.diagnosis import (
     Series,
     Where,
 )
-from ces_gap.effect import Effect
+from ces_gap.effect import Composition, Effect, Setting
 from ces_gap.effects import library
 from ces_gap.evidence import Evidence, gather
 from ces_gap.explaining import Judge, drift, judge, stuck
 from ces_gap.fit import Fit
 from ces_gap.given import Given, make_ready
 from ces_gap.next_experiment import next_experiment
+from ces_gap.noise import Noise
 from ces_gap.plant import Plant
 from ces_gap.search import Found, search
 from ces_gap.sentence import sentence
 from ces_gap.shrinkage import Blocks, cut
 from ces_gap.static_map import project_static, static_features
+from ces_gap.trace import Trace
 from ces_gap.twins import Twins, seen_by, twin_classes
 from ces_gap.verdict import Figures, Probabilities, calibration, probabilities
-from ces_gap.where import locate
+from ces_gap.where import gap_within, locate
 from ces_identify.recording import Recording
 from ces_identify.simulation import Simulation
 
@@ -128,7 +130,7 @@ class _Diagnosing:
         causes = self._causes(found, odds, court)
         composition = self._composition(found, verdict, court)
         self.progress("locating the gap", 0.0)
-        where, rest = self._where(court, composition, verdict)
+        where, composition, rest = self._where(court, composition, verdict)
         made = Diagnosis(
             verdict=verdict,
             sentence="",
@@ -193,7 +195,7 @@ class _Diagnosing:
             plant = Plant(exact, self.plant.correction)
             pairs = zip(self.evidence.traces, self.evidence.alone, strict=True)
             forces = [plant.with_effects(best.composition, t, a) for t, a in pairs]
-        return [t.force - f for t, f in zip(self.evidence.traces, forces, strict=True)]
+        return _less(self.evidence.traces, forces)
 
     def _learnt(self, forces: list[F], residual: F) -> tuple[F, F]:
         """Return a whitened residual, and the same less what the generic learner predicts on blocks it did not see."""
@@ -234,16 +236,19 @@ class _Diagnosing:
         fixed, fixed_ci95 = court.blocks.rms(corrected)
         return Gap(rms, ci95, _floor(court.blocks), _cost_J(court.blocks), fixed, fixed_ci95)
 
-    def _where(self, court: Judge, composition: Explained, verdict: str) -> tuple[Where, Where | None]:
-        traces, noise = [*self.evidence.traces, *court.blocks.traces], self.evidence.noise
+    def _where(self, court: Judge, composition: Explained, verdict: str) -> tuple[Where, Explained, Where | None]:
+        """Return where the gap lies, the composition with what it leaves there, where the unknown rest lies."""
+        traces = [*self.evidence.traces, *court.blocks.traces]
         alone = [*self.evidence.alone, *court.alone]
-        known = noise if self.given.reference else None
-        where = locate(traces, [t.force - a for t, a in zip(traces, alone, strict=True)], known, self.how.seed)
-        if verdict != UNKNOWN:
-            return where, None
-        left = court.forces(composition.composition, True)
-        rest = [t.force - f for t, f in zip(court.blocks.traces, left, strict=True)]
-        return where, locate(court.blocks.traces, rest, known, self.how.seed)
+        where = locate(traces, _less(traces, alone), self._known(traces), self.how.seed)
+        judged, left = court.blocks.traces, _less(court.blocks.traces, court.forces(composition.composition, True))
+        within = gap_within(where.regions, judged, left, self._known(judged))
+        composition = replace(composition, by_region=tuple(zip(where.regions, within, strict=True)))
+        rest = locate(judged, left, self._known(judged), self.how.seed) if verdict == UNKNOWN else None
+        return where, composition, rest
+
+    def _known(self, traces: Sequence[Trace]) -> Noise | list[float]:
+        return self.evidence.noise if self.given.reference else [t.noise_N for t in traces]
 
     def _ceiling(self, court: Judge) -> float:
         """Return the gap [N] that the learner, taught by the real recordings, leaves on the held-out ones."""
@@ -256,7 +261,9 @@ class _Diagnosing:
         if found.best is None:
             return None
         fitted = [f.composition.settings[0] for f in found.alone[:TWIN_CANDIDATES]]
-        return twin_classes(self.plant, self.evidence.traces, fitted, seen_by(self.evidence))
+        return twin_classes(
+            self.plant, self.evidence.traces, fitted, seen_by(self.evidence), around=_others(found.best, fitted)
+        )
 
     def _next(self, found: Found, verdict: str, twins: Twins | None) -> NextExperiment | None:
         if not self.how.experiment or verdict in (NO_GAP, NAMED) or found.best is None:
@@ -273,6 +280,17 @@ class _Diagnosing:
     def _series(self, court: Judge, composition: Explained) -> tuple[Series, ...]:
         forces = court.forces(composition.composition, True)
         return tuple(Series(t, a, f) for t, a, f in zip(court.blocks.traces, court.alone, forces, strict=True))
+
+
+def _others(best: Fit, fitted: Sequence[Setting]) -> Composition:
+    """Return the effects of a composition beside those compared."""
+    names = {s.name for s in fitted}
+    return Composition(tuple(s for s in best.composition.settings if s.name not in names))
+
+
+def _less(traces: Sequence[Trace], forces: Sequence[F]) -> list[F]:
+    """Return measured less modelled force [N] (n,) on each trace."""
+    return [t.force - f for t, f in zip(traces, forces, strict=True)]
 
 
 def _floor(blocks: Blocks) -> float:

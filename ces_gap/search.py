@@ -22,6 +22,7 @@ F = NDArray[np.float64]
 
 BEAM = 3
 TRIED = 4  # additions refitted jointly for each composition in the beam
+SWAPS = 2  # of each effect in the best composition
 MOST_EFFECTS = 3
 LEAST_SHARE = 0.05  # of the gap's energy that another effect must explain
 LEAST_Z = 2.0
@@ -101,20 +102,22 @@ def grow(
         if not joint or not _worth(evidence, best.left_out, joint[0], LEAST_SHARE * energy):
             break
         best, beam = joint[0], joint[:BEAM]
-    return pruned(evidence, best, alone, forms, energy) if best is not None and len(best.effects) > 1 else best
+    return pruned(evidence, best, alone, forms, energy, refine) if best is not None and len(best.effects) > 1 else best
 
 
-def pruned(evidence: Evidence, best: Fit, alone: Sequence[Fit], forms: Sequence[Fit], energy: float) -> Fit:
+def pruned(
+    evidence: Evidence, best: Fit, alone: Sequence[Fit], forms: Sequence[Fit], energy: float, refine: Refine
+) -> Fit:
     """Return the composition after deletions that cost nothing and swaps that gain."""
     for left_out in range(len(best.effects)):
         others = [f for k, f in enumerate(_parts(best, forms)) if k != left_out]
-        fewer = fit_together(evidence, others)
+        fewer = refine(fit_together(evidence, others))
         if not _worth(evidence, fewer.left_out, best, LEAST_SHARE * energy):
-            return pruned(evidence, fewer, alone, forms, energy) if len(others) > 1 else fewer
-        for _, swap in _ranked(fewer, _outside(alone, best.names))[:2]:
+            return pruned(evidence, fewer, alone, forms, energy, refine) if len(others) > 1 else fewer
+        for _, swap in _ranked(fewer, _outside(alone, best.names))[:SWAPS]:
             swapped = fit_together(evidence, [*_parts(fewer, forms), swap])
-            if _worth(evidence, best.left_out, swapped, 0.0):
-                best = swapped
+            if swapped.cost < best.cost and _worth(evidence, best.left_out, refine(swapped), 0.0):
+                best = refine(swapped)
                 break
     return best
 

@@ -21,6 +21,8 @@ STATE_SIZE = 12
 BUBBLE_SHARE = 0.92  # of the fluid's stiffness lost while bubbles are squeezed
 VOID_SHARE = 1e-4  # of it left while there is a void
 STANDSTILL_M_S = 1e-6
+ATMOSPHERE_PA = 101_325.0
+GRIP_M = 2e-6  # [m] bend of a bushing with play at which half of its damping acts
 FULL_M = 0.06  # [m] the stroke gas is made for
 
 
@@ -42,9 +44,9 @@ def fluid_spring(c: Any, e: float, bubbles: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def gas(c: Any, x: float) -> float:
-    """Return the gas force [N] on the rod beyond that at mid-stroke."""
+    """Return the gas force [N] on the rod at a piston position [m]."""
     left = c.gas_m3 - c.rod_m2 * min(x, FULL_M)
-    return float(c.gas_Pa * c.rod_m2 * ((c.gas_m3 / left) ** c.gas_exponent - 1.0))
+    return float(c.rod_m2 * (c.gas_Pa * (c.gas_m3 / left) ** c.gas_exponent - ATMOSPHERE_PA))
 
 
 @njit(cache=True)
@@ -108,6 +110,8 @@ def step(c: Any, s: Array, stroke: float, speed: float, field: float, h: float) 
     taken_up = 1.0 if abs(bend) >= half else 0.0
     spring = taken_up * c.mount_N_m * (bend - half if bend > 0.0 else bend + half)
     damping = taken_up * c.mount_Ns_m
+    if c.play_m > 0.0:  # without grip no drag
+        damping *= (abs(bend) - half) / (abs(bend) - half + GRIP_M)
     f_stop, k_stop = stop(c, x)
     drive = spring + damping * speed - gas(c, x) - f_stop - force + slope * held * passed - rub * s[BRISTLE]
     stiff = h * (taken_up * c.mount_N_m + k_stop + rub) + damping + slope * held + c.bristle_Ns_m
@@ -135,10 +139,11 @@ def advance(
     """Run from rest; `out` (3, n) receives force [N], coil current [A] and temperature [°C]."""
     h = interval / substeps
     s[:] = 0.0
-    s[PISTON] = s[DASHPOT] = stroke[0] - gas(c, stroke[0]) / c.mount_N_m
+    zero, held = gas(c, 0.0), gas(c, stroke[0])  # the cell reads 0 under the gas at mid-stroke
+    s[PISTON] = s[DASHPOT] = stroke[0] - held / c.mount_N_m - (0.5 * c.play_m if held > 0.0 else -0.5 * c.play_m)
     s[SPEED], s[TEMPERATURE], s[BUBBLES] = speed[0], c.start_degC, c.bubbles_m
     s[COIL] = s[FIELD] = s[EDDY] = current[0]
-    out[0, 0], out[1, 0], out[2, 0] = gas(c, stroke[0]), current[0], c.start_degC
+    out[0, 0], out[1, 0], out[2, 0] = held - zero, current[0], c.start_degC
     for n in range(1, stroke.shape[0]):
         x0, v0, x1, v1 = stroke[n - 1], speed[n - 1], stroke[n], speed[n]
         bend2, bend3 = 3.0 * (x1 - x0) - (2.0 * v0 + v1) * interval, 2.0 * (x0 - x1) + (v0 + v1) * interval
@@ -147,5 +152,5 @@ def advance(
             at = x0 + r * (v0 * interval + r * (bend2 + r * bend3))
             moving = v0 + r * (2.0 * bend2 + 3.0 * r * bend3) / interval
             field = field_path(c, s, current[n - 1] + (r - 0.5 / substeps) * (current[n] - current[n - 1]), h)
-            out[0, n] = step(c, s, at, moving, field, h)
+            out[0, n] = step(c, s, at, moving, field, h) - zero
         out[1, n], out[2, n] = s[COIL], s[TEMPERATURE]

@@ -21,6 +21,7 @@ STATE_SIZE = 19
 ADIABATIC = 1.4
 LEAST_N = 5.0  # [N] below which leakage is laminar
 FULL_M = 0.06
+ATMOSPHERE_PA = 101_325.0
 
 
 @njit(cache=True)
@@ -67,9 +68,9 @@ def passing(c: Any, s: Array, force: float, thin: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def gas(c: Any, x: float) -> float:
-    """Return the isothermal gas force [N] on the rod beyond that at mid-stroke."""
+    """Return the isothermal gas force [N] on the rod at a piston position [m]."""
     left = c.gas_m3 - c.rod_m2 * min(x, FULL_M)
-    return float(c.gas_Pa * c.rod_m2 * (c.gas_m3 / left - 1.0))
+    return float(c.rod_m2 * (c.gas_Pa * c.gas_m3 / left - ATMOSPHERE_PA))
 
 
 @njit(cache=True)
@@ -185,11 +186,12 @@ def advance(
     """Run from rest; `late` (n,) is `current` after dead time; `out` (3, n) gets force, voltage and temperature."""
     h = interval / substeps
     s[:] = 0.0
-    s[PISTON] = stroke[0] - gas(c, stroke[0]) / c.mount_N_m
+    zero, held = gas(c, 0.0), gas(c, stroke[0])  # the cell reads 0 under the gas at mid-stroke
+    s[PISTON] = stroke[0] - held / c.mount_N_m - (0.5 * c.play_m if held > 0.0 else -0.5 * c.play_m)
     s[SPEED], s[TEMPERATURE], s[AIR] = speed[0], c.start_degC, c.air_m
     s[COIL] = s[LATE] = s[POLAR] = s[FIELD_1] = s[FIELD_2] = current[0]
     s[RELAXED] = slack(c, stroke[0] - s[PISTON])[0]
-    out[0, 0], out[1, 0], out[2, 0] = gas(c, stroke[0]), current[0], c.start_degC
+    out[0, 0], out[1, 0], out[2, 0] = held - zero, current[0], c.start_degC
     for n in range(1, stroke.shape[0]):
         x0, v0, x1, v1 = stroke[n - 1], speed[n - 1], stroke[n], speed[n]
         bend2, bend3 = 3.0 * (x1 - x0) - (2.0 * v0 + v1) * interval, 2.0 * (x0 - x1) + (v0 + v1) * interval
@@ -199,5 +201,5 @@ def advance(
             moving = v0 + r * (2.0 * bend2 + 3.0 * r * bend3) / interval
             now = current[n - 1] + b * (current[n] - current[n - 1])
             field_path(c, s, now, late[n - 1] + b * (late[n] - late[n - 1]), h)
-            out[0, n] = step(c, s, at, moving, h)
+            out[0, n] = step(c, s, at, moving, h) - zero
         out[1, n], out[2, n] = s[COIL], s[TEMPERATURE]

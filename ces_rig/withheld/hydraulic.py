@@ -64,7 +64,9 @@ SPREADS: Mapping[str, Proportions] = {
     "backlash": {"play_m": log_spread(2e-4, 6e-4)},
     "inertia": {"mass_kg": log_spread(1.5, 4.0)},
     "gas_spring": {"pressure": even(1.0, 4.0), "volume": log_spread(0.5, 2.0), "exponent": even(1.05, 1.4)},
-    "cavitation": {"choke": log_spread(0.04, 0.25), "gas_loss": log_spread(0.05, 0.25), "release": log_spread(0.5, 2.0)},
+    "cavitation": {
+        "choke": log_spread(0.04, 0.25), "gas_loss": log_spread(0.05, 0.25), "release": log_spread(0.5, 2.0),
+    },
     "temperature_fade": {
         "discharge_1_K": log_spread(0.003, 0.008), "viscosity_1_K": even(0.0, 0.01),
         "capacity_J_K": log_spread(40.0, 150.0), "warm_K": even(0.0, 6.0),

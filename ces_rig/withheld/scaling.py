@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from ces_rig.errors import RigError
 from ces_rig.withheld.effects import Withheld, scaled
-from ces_rig.withheld.plants import Plant, expected, perturbed, signals
+from ces_rig.withheld.plants import Plant, gap_from, perturbed, signals
 
 Array = NDArray[np.float64]
 Gap = Callable[[float], float]
 
 TOLERANCE = 0.03  # of the wanted gap
-MOST_RUNS = 12
+MOST_RUNS = 20
 HIGHEST = log(2e3)  # log severity: beyond, an effect that shows nothing never will
 STRIDE = log(8.0)  # longest step of the search in log size
 
@@ -34,8 +34,7 @@ def scale_to(
 
     def gap(severity: float) -> float:
         true = signals(plant, (scaled(withheld, severity),), time_s, stroke_m, command_A)
-        unmoved = true.stroke_m is stroke_m and np.array_equal(true.coil_A, free.coil_A)
-        return rms(true.force_N - (free.force_N if unmoved else expected(plant, true)))
+        return gap_from(plant, free, true)
 
     found = search(gap, target_N, f"{plant.kind} plant: {withheld.name}")
     return scaled(withheld, found)

@@ -3,14 +3,17 @@
 import csv
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ces_cli.bag_paths import bags_of, units_of
 from ces_cli.main import main
 from ces_identify.bag_writer import recording_topics, write_bag
 from ces_observer.errors import CesError
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term
 from ces_observer.signals import Signals
 
 ROOT = Path(__file__).parents[2]
@@ -226,6 +229,49 @@ def test_a_function_that_fails(quick, capsys, function, says):
     words = ("--real", "reference", "--out", "failed")
     assert says in complaint(capsys, "--sim", f"diagnosed_damper:{function}", *words)
     assert not (quick / "failed" / "gap.json").exists()
+
+
+def narrow(path):
+    """A model identified on far less current than the recordings have."""
+    envelope = Envelope((-0.05, 0.05), (-2.0, 2.0), (1.5, 2.0))
+    terms = (Term(1200.0, (Factor("speed", 0),)),)
+    Model("polynomial_narx", Sampling(200.0, 30.0, 0.02), terms, envelope, (-3e4, 3e4)).save(path)
+    return path
+
+
+def spoiled(path, change, seconds=8.0):
+    """A bag whose force is changed."""
+    recording = stand_in.made(path.name, 30.0, 4, seconds)
+    force = recording.channel("force")
+    channels = {**recording.channels, "force": replace(force, values=change(force.values))}
+    write_bag(path, recording_topics(replace(recording, channels=channels), DEFAULT), overwrite=True)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("sim", "words", "says"),
+    [
+        ("diagnosed_damper:turned", ("long",), "goes against the measured one (measured over simulated is -1"),
+        (SIM, ("kilo",), "the measured force is in kN"),
+        (SIM, ("long", "--reference", "kilo"), "expected one unit: is one of them in kN?"),
+        (SIM, ("flat",), "the force channel saturates"),
+        (SIM, ("still",), "the measured force is constant"),
+        (SIM, ("tiny",), "80 position samples; expected at least 100"),
+        (SIM, ("brief",), "0.40 s with position, current, force and a simulated force together"),
+        (SIM, ("reference",), "s are left to fit on; expected at least 4 s"),
+        ("narrow.json", ("long",), "narrow.json: outside the range it was identified on for 100% of the time"),
+    ],
+)
+def test_what_cannot_be_diagnosed_is_one_line(here, capsys, sim, words, says):
+    """The diagnosis itself: all of this is found before anything is fitted."""
+    narrow(here / "narrow.json")
+    spoiled(here / "long", lambda force: force)
+    spoiled(here / "kilo", lambda force: force / 1000.0)
+    spoiled(here / "flat", lambda force: np.clip(force, -60.0, 60.0))
+    spoiled(here / "still", lambda force: 0.0 * force + 7.0)
+    spoiled(here / "tiny", lambda force: force, 0.4)
+    spoiled(here / "brief", lambda force: force, 0.6)
+    assert says in complaint(capsys, "--sim", sim, "--real", *words, "--out", "wrong")
 
 
 # fleet ---------------------------------------------------------------------------------------------------------------

@@ -24,7 +24,9 @@ def lag(target, value, seconds):
 
 def bouc_wen(d, stroke, current, interval):
     """Force [N] at the samples after the first, by Spencer's equations; no play, no hysteresis of the current."""
-    x, v, y, e, z, bristle, warm = stroke[0], 0.0, stroke[0], 0.0, 0.0, 0.0, 0.0
+    zero = d.rod_m2 * (d.gas_Pa - 101_325)
+    x, v, e, z, bristle, warm = stroke[0] - zero / d.mount_N_m, 0.0, 0.0, 0.0, 0.0, 0.0
+    y = x
     coil = field = current[0]
     forces = []
     for s, ds, i, sample in driven(stroke, current, interval):
@@ -42,7 +44,7 @@ def bouc_wen(d, stroke, current, interval):
         level = d.seal_N * (1 + (d.seal_static - 1) * np.exp(-((v / d.stribeck_m_s) ** 2)))
         dbristle = v - d.bristle_N_m * abs(v) / level * bristle
         seal = d.bristle_N_m * bristle + d.bristle_Ns_m * dbristle
-        gas = d.gas_Pa * d.rod_m2 * ((d.gas_m3 / (d.gas_m3 - d.rod_m2 * x)) ** d.gas_exponent - 1)
+        gas = d.rod_m2 * (d.gas_Pa * (d.gas_m3 / (d.gas_m3 - d.rod_m2 * x)) ** d.gas_exponent - 101_325)
         into = max(abs(x) - d.stop_clearance_m, 0.0)
         stop = np.sign(x) * d.stop_N_m * into * (1 + d.stop_progression_1_m * into)
         mount = d.mount_N_m * (s - x) + d.mount_Ns_m * (ds - v)
@@ -58,13 +60,15 @@ def bouc_wen(d, stroke, current, interval):
             STEP * (fluid * (through + past) + abs(d.bristle_N_m * bristle * v) - d.heat_loss_W_K * warm) / d.heat_J_K
         )
         if sample:
-            forces.append(mount)
+            forces.append(mount - zero)
     return np.array(forces)
 
 
 def polyviscous(d, stroke, current, interval):
     """Force [N] at the samples after the first; no play, no dead time, no loop of the voltage, no void."""
-    x, v, e, warm, lift, relaxed, heat, before = stroke[0], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, None
+    zero = d.rod_m2 * (d.gas_Pa - 101_325)
+    v, e, warm, lift, heat, before, relaxed = 0.0, 0.0, 0.0, 0.0, 0.0, None, zero / d.mount_N_m
+    x = stroke[0] - relaxed
     coil = first = second = current[0]
     travels = d.seal_m * np.array([0.25, 0.75, 1.25, 1.75])
     slipped = np.zeros(4)
@@ -88,7 +92,7 @@ def polyviscous(d, stroke, current, interval):
         lift = lag(np.tanh(max(size - d.relief_N, 0.0) / (0.2 * d.relief_N)), lift, d.relief_s)
         level = d.seal_N * (1 + d.seal_rise * np.exp(-abs(v) / d.seal_m_s))
         seal = level * np.mean(slipped / travels)
-        gas = d.gas_Pa * d.rod_m2 * (d.gas_m3 / (d.gas_m3 - d.rod_m2 * x) - 1)
+        gas = d.rod_m2 * (d.gas_Pa * d.gas_m3 / (d.gas_m3 - d.rod_m2 * x) - 101_325)
         heat = lag(0.0, heat + 0.4 * (gas - (gas if before is None else before)), d.gas_s)
         before = gas
         give = s - x
@@ -102,5 +106,5 @@ def polyviscous(d, stroke, current, interval):
         slipped = np.clip(slipped + STEP * v, -travels, travels)
         warm += STEP * (oil * passed + abs(seal * v) - d.heat_loss_W_K * warm) / d.heat_J_K
         if sample:
-            forces.append(mount)
+            forces.append(mount - zero)
     return np.array(forces)
