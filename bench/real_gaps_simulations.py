@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
@@ -38,11 +39,7 @@ class BandBrake:
 
     def __call__(self, time_s: F, position_m: F, current_A: F) -> F:
         """Return the force [N] (n,) at positions [m] (n,)."""
-        force, out = 0.0, np.empty(len(position_m))
-        for k, step in enumerate(np.diff(position_m, prepend=position_m[0])):
-            force = min(max(force + self.stiffness_N_m * step, -self.pull_N), self.push_N)
-            out[k] = force
-        return out
+        return np.asarray(_stopped(position_m, self.stiffness_N_m, -self.pull_N, self.push_N))
 
     @classmethod
     def fitted(cls, recording: Recording) -> BandBrake:
@@ -55,6 +52,15 @@ class BandBrake:
         push = float(np.median(force[sliding & moves & (speed > 0.0)]))
         pull = -float(np.median(force[sliding & moves & (speed < 0.0)]))
         return cls(push, pull, _unloading(smooth, force, push, pull))
+
+
+@njit(cache=True)
+def _stopped(position: F, stiffness: float, low: float, high: float) -> F:
+    """Return the force (n,) of a spring behind a slider, begun at rest (a stop operator)."""
+    out = np.zeros_like(position)
+    for k in range(1, len(position)):
+        out[k] = min(max(out[k - 1] + stiffness * (position[k] - position[k - 1]), low), high)
+    return out
 
 
 def _unloading(position: F, force: F, push: float, pull: float) -> float:

@@ -68,6 +68,7 @@ def _score_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("cases", type=Path, metavar="DIR", help="what 'make' wrote")
     p.add_argument("results", type=Path, metavar="RESULTS", help="what 'run' wrote")
     p.add_argument("--out", type=Path, metavar="REPORT.md", help="write the tables to a file, too")
+    p.add_argument("--rows", type=Path, metavar="CASES.csv", help="write a line for each case, too")
     p.set_defaults(program=blind_score.score)
 
 

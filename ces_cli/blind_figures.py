@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +26,6 @@ class Metric:
     least: bool = True
     target: float | None = None
     target_predictions: float | None = None
-
-    def met(self, figure: Figure, predictions: bool) -> bool | None:
-        """Tell whether the figure meets its target; None without a target or cases."""
-        target = self.target_predictions if predictions else self.target
-        if target is None or not isfinite(figure.value):
-            return None
-        return figure.value >= target if self.least else figure.value <= target
 
 
 def of(cases: Cases, *kinds: str) -> list[Outcome]:

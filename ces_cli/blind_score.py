@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.progress import track
 
 from ces_cli import terminal
@@ -16,13 +17,21 @@ from ces_cli.blind_case import DECISION, GAP, REPLAY, ROW
 from ces_cli.blind_closure import closure, where_error
 from ces_cli.blind_outcome import Outcome, outcome
 from ces_cli.blind_run import SETTINGS
-from ces_cli.blind_tables import compared, confusions, headline, others, sliced
+from ces_cli.blind_tables import case_rows, compared, confusions, headline, others, sliced
 from ces_observer.checked import write_beside
 from ces_observer.errors import CesError
 from ces_rig.blind.draw import HELD_OUT, REAL
 from ces_rig.blind.seal import open_arrays, open_seal
 
 TARGET_GAP = 3.0  # the targets are set for this gap-to-noise
+NOTHING: Mapping[str, Any] = {
+    "verdict": "failed",
+    "causes": [],
+    "composition": {"effects": [], "shrink": None},
+    "probabilities": {"none": 0.0, "unknown": 0.0},
+    "indistinguishable": [],
+}
+"""What a diagnosis that failed has said."""
 
 
 def score(options: argparse.Namespace) -> int:
@@ -36,6 +45,8 @@ def score(options: argparse.Namespace) -> int:
     print(text)
     if options.out is not None:
         write_beside(options.out, text + "\n")
+    if options.rows is not None:
+        write_beside(options.rows, case_rows(outcomes))
     return 0
 
 
@@ -86,7 +97,7 @@ def _opening(
 def _outcomes(
     folder: Path, results: Path, labels: Sequence[dict[str, Any]], corrected: bool
 ) -> tuple[list[Outcome], dict[str, str]]:
-    """Return the outcomes of diagnosed cases, and why others failed."""
+    """Return the outcomes of the cases that were run, and why some failed: those count as wrong in every figure."""
     outcomes, failed = [], {}
     for label in track(labels, "scoring", console=terminal.err, transient=True, disable=not terminal.err.is_terminal):
         mine = results / label["case"]
@@ -96,6 +107,7 @@ def _outcomes(
         if row["status"] == "done":
             outcomes.append(_outcome(folder, mine, label, row["seconds"], corrected))
         else:
+            outcomes.append(outcome(label, NOTHING, {}, {}, row["seconds"]))
             failed[label["case"]] = row["reason"]
     return outcomes, failed
 
@@ -103,15 +115,18 @@ def _outcomes(
 def _outcome(folder: Path, results: Path, label: dict[str, Any], seconds: float, corrected: bool) -> Outcome:
     gap = _json(results / GAP)
     truth = open_arrays(folder, label)
-    with np.load(results / REPLAY, allow_pickle=False) as replay:
-        said = {name: replay[name].astype(np.float64) for name in replay.files}
-    figures = closure(truth, said, HELD_OUT[0])
+    figures = closure(truth, _replayed(results / REPLAY), HELD_OUT[0])
     claimed = gap["composition"]["shrink"]
     if figures and claimed is not None:
         figures["shrink_error"] = abs(claimed - figures["closure"])
     misplaced = where_error(truth, gap["where"], (*REAL, *HELD_OUT), corrected)
     baselines = _json(results / DECISION)["baselines"]
     return outcome(label, gap, {**figures, **misplaced}, baselines, seconds)
+
+
+def _replayed(path: Path) -> dict[str, NDArray[np.float64]]:
+    with np.load(path, allow_pickle=False) as replay:
+        return {name: replay[name].astype(np.float64) for name in replay.files}
 
 
 def _settings(results: Path, cases: Path) -> dict[str, Any]:

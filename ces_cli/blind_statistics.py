@@ -12,29 +12,37 @@ from numpy.typing import NDArray
 F = NDArray[np.float64]
 
 Z95 = 1.959964
-RESAMPLES = 1000
+RESAMPLES = 500
 BINS = 10
+
+
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure with its 95 % interval and the number of cases behind it; NaN if there are none."""
+    """A figure with the number of cases behind it, NaN if there are none; `interval` [95 %] is computed when asked."""
 
     value: float
-    low: float
-    high: float
     count: int
+    interval: Callable[[], Interval]
 
 
 def rate(hits: Sequence[bool]) -> Figure:
     """Return the share of hits with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
     n = len(hits)
-    if n == 0:
-        return Figure(nan, nan, nan, 0)
-    p, z2 = sum(hits) / n, Z95 * Z95
-    middle = (p + z2 / (2 * n)) / (1 + z2 / n)
-    half = Z95 / (1 + z2 / n) * sqrt(p * (1 - p) / n + z2 / (4 * n * n))
-    return Figure(p, max(0.0, middle - half), min(1.0, middle + half), n)
+    p = sum(hits) / n if n else nan
+    return Figure(p, n, lambda: wilson(p, n))
+
+
+def wilson(share: float, count: int) -> Interval:
+    """Return the 95 % interval of a share of so many."""
+    if count == 0:
+        return nan, nan
+    z2 = Z95 * Z95
+    middle = (share + z2 / (2 * count)) / (1 + z2 / count)
+    half = Z95 / (1 + z2 / count) * sqrt(share * (1 - share) / count + z2 / (4 * count * count))
+    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def quantile(values: Sequence[float], share: float) -> Figure:
@@ -50,12 +58,14 @@ def mean(values: Sequence[float]) -> Figure:
 def resampled(cases: F, figure: Callable[[F], float]) -> Figure:
     """Return `figure` of the cases (n, …), with the percentile interval over resamples of whole cases."""
     n = len(cases)
-    if n == 0:
-        return Figure(nan, nan, nan, 0)
-    rng = np.random.default_rng(0)
-    again = [figure(cases[rng.integers(n, size=n)]) for _ in range(RESAMPLES)]
-    low, high = np.quantile(again, (0.025, 0.975))
-    return Figure(figure(cases), float(low), float(high), n)
+
+    def interval() -> Interval:
+        rng = np.random.default_rng(0)
+        again = [figure(cases[rng.integers(n, size=n)]) for _ in range(RESAMPLES if n else 0)]
+        low, high = np.quantile(again, (0.025, 0.975)) if again else (nan, nan)
+        return float(low), float(high)
+
+    return Figure(figure(cases) if n else nan, n, interval)
 
 
 def calibration_error(probability: F, right: F) -> float:

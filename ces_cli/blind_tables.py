@@ -1,13 +1,15 @@
-"""The figures of a blind test as Markdown."""
+"""The figures of a blind test as Markdown, and its cases as CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from math import isfinite, isnan
+from math import isnan
 
 from ces_cli.blind_figures import BY_NAME, METRICS, Cases, Metric, baselines, of
-from ces_cli.blind_outcome import Outcome
+from ces_cli.blind_outcome import NONE, UNKNOWN, Outcome
 from ces_cli.blind_statistics import Figure
 
 SLICED = (
@@ -27,22 +29,15 @@ WORDS = {0.0: "0", 1.0 / 3.0: "1/3"}
 
 def headline(cases: Cases, predictions: bool) -> str:
     """Return every figure with its interval beside its target."""
-    rows = []
-    for metric in METRICS:
-        figure = metric.count(cases)
-        if figure.count == 0:
-            continue
-        target = metric.target_predictions if predictions else metric.target
-        rows.append(
-            [
-                metric.name,
-                _text(metric, figure),
-                _interval(metric, figure),
-                str(figure.count),
-                _goal(metric, target, figure),
-            ]
-        )
+    counted = [(metric, metric.count(cases)) for metric in METRICS]
+    rows = [_row(metric, figure, predictions) for metric, figure in counted if figure.count > 0]
     return _table(["figure", "value", "95 % interval", "cases", "target"], rows)
+
+
+def _row(metric: Metric, figure: Figure, predictions: bool) -> list[str]:
+    target = metric.target_predictions if predictions else metric.target
+    numbers = [_text(metric, figure), _interval(metric, figure), str(figure.count)]
+    return [metric.name, *numbers, "" if target is None else _goal(metric, target, figure)]
 
 
 def sliced(cases: Cases, title: str, key: Callable[[Outcome], object]) -> str:
@@ -85,6 +80,24 @@ def compared(cases: Cases) -> str:
     return _table(["way to name the cause", "top-1", "95 % interval", "cases"], rows)
 
 
+def case_rows(cases: Cases) -> str:
+    """Return one line of CSV for each case: what was withheld, what was said, how far the gap truly shrank."""
+    head = ("case", "kind", "plant", "excitation", "gap_to_noise", "baseline_ratio", "withheld", "verdict", "found")
+    names = sorted({name for case in cases for name in case.figures})
+    text = io.StringIO()
+    out = csv.writer(text, lineterminator="\n")
+    out.writerow([*head, "causes", "probability_none", "probability_unknown", "claimed_shrink", *names, "seconds"])
+    for c in cases:
+        levels = [c.case, c.kind, c.plant, c.excitation, f"{c.gap_to_noise:g}", f"{c.baseline_ratio:.3g}"]
+        first = [f"{name} {c.probability.get(name, 0.0):.3f}" for name in c.ranked[:3]]
+        rest = [f"{c.probability.get(name, 0.0):.3f}" for name in (NONE, UNKNOWN)]
+        figures = [f"{c.figures[name]:.4g}" if name in c.figures else "" for name in names]
+        found = ["+".join(c.truth), c.verdict, "+".join(c.found), "; ".join(first)]
+        claimed = "" if c.claimed_shrink is None else f"{c.claimed_shrink:.4g}"
+        out.writerow([*levels, *found, *rest, claimed, *figures, f"{c.seconds:.1f}"])
+    return text.getvalue()
+
+
 def _withheld(case: Outcome) -> str:
     if case.kind == "outside":
         return f"outside: `{case.truth[0]}`"
@@ -110,16 +123,12 @@ def _text(metric: Metric, figure: Figure) -> str:
 
 
 def _interval(metric: Metric, figure: Figure) -> str:
-    if not isfinite(figure.low):
-        return ""
-    return f"{_number(figure.low, metric.percent)} to {_number(figure.high, metric.percent)}"
+    low, high = figure.interval()
+    return f"{_number(low, metric.percent)} to {_number(high, metric.percent)}"
 
 
-def _goal(metric: Metric, target: float | None, figure: Figure) -> str:
-    if target is None:
-        return ""
-    sign = "≥" if metric.least else "≤"
-    met = (figure.value >= target) if metric.least else (figure.value <= target)
+def _goal(metric: Metric, target: float, figure: Figure) -> str:
+    sign, met = ("≥", figure.value >= target) if metric.least else ("≤", figure.value <= target)
     return f"{sign} {_number(target, metric.percent)} {'met' if met else '**not met**'}"
 
 

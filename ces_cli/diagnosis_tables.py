@@ -11,8 +11,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from ces_cli import terminal
-from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, Estimate, Explained, Region, Where
-from ces_gap.report.words import parameter_text, region_name
+from ces_cli.diagnosis_words import estimate, interval, named, newtons, percent, percents, probability, region_text
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, Where
 
 COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan"}
 MOST_CAUSES = 5
@@ -41,16 +41,16 @@ def gap_lines(found: Diagnosis) -> list[str]:
     """Say how large the gap is, and what is left of it."""
     gap, together = found.gap, found.composition
     lines = [
-        f"gap: {_newtons(gap.rms_N)} RMS {_interval(gap.ci95_N)} on what was held out, noise taken out "
-        f"(noise {_newtons(gap.noise_floor_N)}, J = {gap.cost_J:.2f} %)"
+        f"gap: {newtons(gap.rms_N)} RMS {interval(gap.ci95_N)} on what was held out, noise taken out "
+        f"(noise {newtons(gap.noise_floor_N)}, J = {gap.cost_J:.2f} %)"
     ]
     if found.correction is not None:
-        told = f"{_newtons(gap.corrected_N)} {_interval(gap.corrected_ci95_N)}"
+        told = f"{newtons(gap.corrected_N)} {interval(gap.corrected_ci95_N)}"
         lines.append(f"     {told} of it beyond the simulation's own error, which the references taught")
     if together.effects:
         lines.append(
-            f"with {' + '.join(together.effects)}: {_newtons(together.gap_after_N)} left, the gap shrinks by "
-            f"{_percent(together.shrink)} {_percents(together.shrink_ci95)}"
+            f"with {' + '.join(together.effects)}: {newtons(together.gap_after_N)} left, the gap shrinks by "
+            f"{percent(together.shrink)} {percents(together.shrink_ci95)}"
         )
         lines.append(_controls(found))
     return lines
@@ -64,11 +64,11 @@ def cause_table(found: Diagnosis) -> Table:
         table.add_column(heading, justify="right", no_wrap=True)
     for cause in found.causes[:MOST_CAUSES]:
         style = "bold" if cause.effects[0] in found.composition.effects else ""
-        shrink = (_percent(cause.shrink), _percents(cause.shrink_ci95))
-        table.add_row(_named(cause), _probability(cause.probability), *map(escape, shrink), style=style)
+        shrink = (percent(cause.shrink), percents(cause.shrink_ci95))
+        table.add_row(named(cause), probability(cause.probability), *map(escape, shrink), style=style)
     table.add_section()
-    table.add_row("no gap", _probability(found.probability_none), "", "")
-    table.add_row("something else", _probability(found.probability_unknown), "", "")
+    table.add_row("no gap", probability(found.probability_none), "", "")
+    table.add_row("something else", probability(found.probability_unknown), "", "")
     return table
 
 
@@ -76,7 +76,7 @@ def parameter_lines(found: Diagnosis) -> list[str]:
     """Say the parameters of the effects that together explain the gap."""
     together = found.composition
     pairs = zip(together.effects, together.estimates, strict=True)
-    return [f"{effect}: {', '.join(map(_estimate, estimates))}" for effect, estimates in pairs]
+    return [f"{effect}: {', '.join(map(estimate, estimates))}" for effect, estimates in pairs]
 
 
 def where_lines(found: Diagnosis) -> list[str]:
@@ -123,51 +123,11 @@ def next_lines(found: Diagnosis, folder: Path) -> list[str]:
     return lines
 
 
-def region_text(region: Region) -> str:
-    """Return a region in words with what it holds of the gap."""
-    energy = f"{region.share_of_energy:.0%} of the gap's energy"
-    if region.axis == "frequency_hz":
-        return f"{energy} at {region_name(region)}"
-    return (
-        f"{energy} in {region.share_of_samples:.0%} of the time at {region_name(region)} (RMS {_newtons(region.rms_N)})"
-    )
-
-
 def _controls(found: Diagnosis) -> str:
     ceiling = 1.0 - found.ceiling_after_N / found.gap.rms_N if found.gap.rms_N > 0.0 else math.nan
     wrong = (
         ""
         if found.wrong is None
-        else f"the best other effect ({found.wrong.effects[0]}) {_percent(found.wrong.shrink)}, "
+        else f"the best other effect ({found.wrong.effects[0]}) {percent(found.wrong.shrink)}, "
     )
-    return f"     for comparison: {wrong}a learner without physics {_percent(ceiling)}"
-
-
-def _named(cause: Explained) -> str:
-    return f"{cause.effects[0]} ({cause.forms[0]})"
-
-
-def _estimate(estimate: Estimate) -> str:
-    marks = (" at its bound" if estimate.at_bound else "") + (" drifts" if estimate.drifts else "")
-    name, value, unit, interval = parameter_text(estimate)
-    return f"{' '.join(filter(None, (name, value, unit)))} [{interval}]{marks}"
-
-
-def _newtons(value: float) -> str:
-    return f"{value:.1f} N" if math.isfinite(value) else "unknown"
-
-
-def _interval(bounds: tuple[float, float]) -> str:
-    return f"[{bounds[0]:.1f}, {bounds[1]:.1f}]"
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %" if math.isfinite(share) else "-"
-
-
-def _percents(bounds: tuple[float, float]) -> str:
-    return f"[{100.0 * bounds[0]:.0f}, {100.0 * bounds[1]:.0f}]" if all(map(math.isfinite, bounds)) else "-"
-
-
-def _probability(value: float) -> str:
-    return "<0.01" if 0.0 < value < 0.005 else f"{value:.2f}"
+    return f"     for comparison: {wrong}a learner without physics {percent(ceiling)}"

@@ -26,20 +26,20 @@ ROUNDS = 2
 
 @dataclass(frozen=True)
 class Anchored:
-    """The stand-in `cheap`; by trace, the anchor's `change` of inputs (2n,) and what is `lacking` there [N] (n,)."""
+    """The stand-in `cheap`; by a trace's id, the anchor's `change` of inputs (2n,) and what is `lacking` [N] (n,)."""
 
     cheap: Rerun
-    change: Mapping[str, F]
-    lacking: Mapping[str, F]
+    change: Mapping[int, F]
+    lacking: Mapping[int, F]
 
     def force(self, trace: Trace, inputs: Inputs) -> F:
         """Return the simulated force [N] (n,)."""
         if inputs is trace.inputs:
             return trace.simulated
-        anchor = self.change[trace.name]
+        anchor = self.change[id(trace)]
         size = float(anchor @ anchor)
         share = float(anchor @ _change(trace, inputs)) / size if size > 0.0 else 0.0
-        return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.lacking[trace.name]
+        return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.lacking[id(trace)]
 
 
 def _change(trace: Trace, inputs: Inputs) -> F:
@@ -50,11 +50,12 @@ def _change(trace: Trace, inputs: Inputs) -> F:
 
 def anchor(evidence: Evidence, fit: Fit, exact: Rerun, cheap: Rerun) -> Evidence:
     """Return the evidence with the simulation itself run at the fit."""
-    change, lacking = {}, {}
+    change: dict[int, F] = {}
+    lacking: dict[int, F] = {}
     for trace, alone in zip(evidence.traces, evidence.alone, strict=True):
         inputs = fit.composition.drive(trace, alone)
-        change[trace.name] = _change(trace, inputs)
-        lacking[trace.name] = exact.force(trace, inputs) - cheap.force(trace, inputs)
+        change[id(trace)] = _change(trace, inputs)
+        lacking[id(trace)] = exact.force(trace, inputs) - cheap.force(trace, inputs)
     return replace(evidence, plant=Plant(Anchored(cheap, change, lacking), evidence.plant.correction))
 
 

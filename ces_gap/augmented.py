@@ -1,5 +1,4 @@
-"""`augmented.json`: a simulation, the correction that references taught, and the effects found around it, as one
-simulation that runs wherever any other does.
+"""`augmented.json`: an `AugmentedSimulation` written down and read again.
 
 The file names the simulation, which must be the one that was diagnosed (its hash is checked), and holds numbers
 otherwise. Effects of the user's own and simulations given as `module:function` or FMU are code, and are run.
@@ -10,29 +9,23 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_gap.augmented_simulation import AugmentedSimulation
 from ces_gap.correction import LearntCorrection
 from ces_gap.effect import Composition, Effect, Setting
 from ces_gap.errors import GapError
-from ces_gap.plant import Called, Correction, Plant, Rerun
-from ces_gap.recorded import recorded_in
 from ces_gap.simulation_spec import file_of, located, relocated
 from ces_gap.surrogate import Surrogate
-from ces_gap.trace import Trace, make_trace, smoothed
 from ces_gap.user_effects import class_of, library_effect, user_effect
-from ces_identify.recording import Recording
 from ces_identify.simulation import Simulation
 from ces_observer import __version__
 from ces_observer.checked import Checked, write_beside
-from ces_observer.errors import CesError, ModelError
+from ces_observer.errors import ModelError
 
-F = NDArray[np.float64]
 Opener = Callable[[str], Simulation]
 Learnt = TypeVar("Learnt", LearntCorrection, Surrogate)
 
@@ -46,47 +39,6 @@ class Written(Protocol):
 
     def as_json(self) -> dict[str, Any]:
         """Return it as plain values."""
-
-
-@dataclass(frozen=True)
-class AugmentedSimulation:
-    """A simulation with a correction and effects around it; a surrogate stands in for one that cannot be run anew."""
-
-    name: str
-    simulation: Simulation
-    composition: Composition
-    correction: Correction | None = None
-    surrogate: Rerun | None = None
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-
-    def force(self, recording: Recording) -> F:
-        """Return the force [N] at every position sample (n,), NaN where the simulation itself gives none.
-
-        As in the diagnosis, the simulation runs on the smoothed position, if it can be run. What is added to it is
-        computed on the trace's grid and interpolated at the samples, so that its own force keeps its detail.
-        """
-        if not self.composition.settings and self.correction is None:
-            return self.simulation.force(recording)
-        if recorded_in(self.simulation) is None:
-            recording = smoothed(recording, make_trace(recording, np.zeros(len(recording.channel("position")))))
-        own = self.simulation.force(recording)
-        trace = make_trace(recording, own)
-        plant = Plant(self.surrogate or Called(self.simulation), self.correction)
-        added = self._run(plant, trace) - trace.simulated
-        stamps = recording.channel("position").stamps_ns
-        return np.asarray(own + np.interp((stamps - stamps[0]) * 1e-9, trace.time_s, added))
-
-    def _run(self, plant: Plant, trace: Trace) -> F:
-        try:
-            force = plant.with_effects(self.composition, trace)
-        except CesError:
-            raise
-        except Exception as error:  # numbers of a file that do not belong together, or an effect of the user's own
-            raise GapError(f"{self.name}: cannot be run: {type(error).__name__}: {error}; diagnose anew") from error
-        if not np.isfinite(force).all():
-            bad = float(trace.time_s[np.argmin(np.isfinite(force))])
-            raise GapError(f"{self.name}: gave a force that is not finite at {bad:.3f} s; diagnose anew")
-        return force
 
 
 def save_augmented(
@@ -204,11 +156,20 @@ def _learnt(root: Checked, name: str, kind: type[Learnt]) -> Learnt | None:
     if given is None:
         return None
     try:
-        return kind.from_json(dict(given))
+        made = kind.from_json(dict(given))
+        _require_fitting(made)
+        return made
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise GapError(
             f"{root.where}: {name}: {type(error).__name__}: {error}; expected what `ces diagnose` writes: diagnose anew"
         ) from None
+
+
+def _require_fitting(made: LearntCorrection | Surrogate) -> None:
+    """Raise ValueError unless there is a finite weight for each feature: compiled code reads them unchecked."""
+    size = made.dictionary.size
+    if made.dictionary.by_time or made.weights.shape != (size,) or not np.isfinite(made.weights).all():
+        raise ValueError(f"weights of shape {made.weights.shape}; expected {size} finite ones")
 
 
 def _digest(spec: str) -> str | None:

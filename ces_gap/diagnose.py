@@ -32,7 +32,7 @@ from ces_gap.explaining import Judge, drift, judge, stuck
 from ces_gap.fit import Fit
 from ces_gap.given import Given, make_ready
 from ces_gap.next_experiment import next_experiment
-from ces_gap.noise import Noise
+from ces_gap.noise import Noise, white
 from ces_gap.plant import Plant
 from ces_gap.search import Found, search
 from ces_gap.sentence import sentence
@@ -40,6 +40,7 @@ from ces_gap.shrinkage import Blocks, cut
 from ces_gap.static_map import project_static, static_features
 from ces_gap.trace import Trace
 from ces_gap.twins import Twins, seen_by, twin_classes
+from ces_gap.user_effects import require_sound
 from ces_gap.verdict import Figures, Probabilities, calibration, probabilities
 from ces_gap.where import gap_within, locate
 from ces_identify.recording import Recording
@@ -48,6 +49,7 @@ from ces_identify.simulation import Simulation
 F = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
+CLEAR = 20.0  # z for which a gain as large as the noise counts, in however few blocks it arose
 EXACT_CAUSES = 3  # causes whose shrink is computed with the simulation itself, however slow
 TWIN_CANDIDATES = 6  # effects compared as twins
 
@@ -85,6 +87,8 @@ def diagnose(
     """
     how = options or Options()
     given = make_ready(simulation, real, held_out, reference, progress)
+    for effect in how.effects:
+        require_sound(effect, given.real[0])
     notes = check_traces([*given.real, *given.held_out, *given.reference], simulation, spec)
     return _Diagnosing(given, spec, how, progress).result(notes)
 
@@ -107,7 +111,8 @@ class _Diagnosing:
             self.correction, learnt = learn_correction(given.reference)
             features = [self.correction.dictionary.features(t, t.inputs, t.simulated) for t in given.real]
             return gather(given.real, Plant(given.cheap, self.correction), learnt.noise, features, learnt.covariance)
-        noise = learn_ceiling(given.real, [t.simulated for t in given.real])[1].noise
+        left = learn_ceiling(given.real, [t.simulated for t in given.real])[1].noise.rms_N
+        noise = white(max(left, *(t.noise_N for t in given.real)))
         return gather(given.real, Plant(given.cheap), noise, static_features(given.real), None)
 
     def result(self, notes: tuple[str, ...]) -> Diagnosis:
@@ -118,6 +123,7 @@ class _Diagnosing:
         found = search(
             evidence, [e for e in self.effects if e.name not in blind], self._refined, self.how.threads, self.progress
         )
+        self.evidence = evidence = found.evidence
         self.progress("asking the generic learner", 0.0)
         figures = self._figures(found)
         names = found.best.names if found.best is not None else ()
@@ -161,10 +167,10 @@ class _Diagnosing:
     def _recorded(self) -> bool:
         return self.given.exact is None
 
-    def _refined(self, fit: Fit) -> Fit:
+    def _refined(self, evidence: Evidence, fit: Fit) -> Fit:
         if self.given.exact is None or self.given.exact is self.given.cheap:
             return fit
-        return polished(self.evidence, fit, self.given.exact, self.given.cheap)
+        return polished(evidence, fit, self.given.exact, self.given.cheap)
 
     def _unexplained(self, found: Found, fit: Fit) -> float:
         return (fit.cost - len(found.none)) / found.gap_energy
@@ -176,12 +182,14 @@ class _Diagnosing:
         ceiling = self._learnt(list(evidence.alone), found.none)
         after = self._learnt(forces, residual)
         gained, open_, more = (gain(evidence, *pair) for pair in ((found.none, residual), ceiling, after))
+        left = (float(residual @ residual) - len(residual)) / found.gap_energy
+        learnable = more.energy / found.gap_energy
         return Figures(
             energy=(float(found.none @ found.none) - len(found.none)) / len(found.none),
-            gain_z=gained.z if best is not None else 0.0,
+            gain_z=max(gained.z, CLEAR * gained.energy / len(residual)) if best is not None else 0.0,
             ceiling_z=open_.z,
-            unexplained=(float(residual @ residual) - len(residual)) / found.gap_energy,
-            learnable=more.energy / found.gap_energy,
+            unexplained=left if evidence.noise_known else learnable,
+            learnable=learnable,
             learnable_z=more.z,
             stuck=stuck(best) if best is not None else 0,
             drift=drift(best) if best is not None else 0.0,

@@ -7,7 +7,7 @@ not known of it is integrated out: a residual e of covariance σ²I + ΦΣΦᵀ 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,12 @@ class Evidence:
     alone: tuple[F, ...]
     noise: Noise
     units: tuple[Unit, ...]
+    noise_known: bool = True
+
+    def louder(self, factor: float) -> Evidence:
+        """Return the evidence with noise that is stronger by a factor."""
+        noise = Noise(self.noise.rms_N * factor, self.noise.innovation_N * factor, self.noise.ar)
+        return replace(self, noise=noise)
 
     def forces(self, composition: Composition) -> list[F]:
         """Return the force [N] with the effects around the plant, on each trace."""
@@ -102,7 +108,7 @@ def gather(
             directions, taken = _directions(rows[part], covariance)
             block = np.unique((part / (BLOCK_S * trace.rate_Hz)).astype(np.int64), return_inverse=True)[1]
             units.append(Unit(number, part, directions, taken, block))
-    return Evidence(tuple(traces), plant, alone, noise, tuple(units))
+    return Evidence(tuple(traces), plant, alone, noise, tuple(units), covariance is not None)
 
 
 def _directions(rows: F, covariance: F | None) -> tuple[F, F]:

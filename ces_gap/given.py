@@ -1,4 +1,4 @@
-"""What a diagnosis is given, made ready: traces to fit on, to judge on, free of the effect; and a simulation to rerun."""
+"""What a diagnosis is given, made ready: traces to fit on, to judge on, free of the effect; a simulation to rerun."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ import numpy as np
 
 from ces_gap.errors import GapError
 from ces_gap.plant import Called, Rerun
+from ces_gap.recorded import recorded_in
+from ces_gap.saturation import without_saturated
 from ces_gap.surrogate import Surrogate, explored, learn_surrogate, recorded
 from ces_gap.trace import Trace, open_trace, require_usable
 from ces_identify.recording import Recording
-from ces_identify.simulation import RecordedSimulation, Simulation
+from ces_identify.simulation import Simulation
 
 LEAST_FIT_S = 4.0  # [s] usable for the fit
-SET_ASIDE = 0.3  # of a single recording, for judging
+PARTS, PART_S = 10, 1.0  # of a single recording, the shortest [s]: every third is set aside
 SLOW_S = 0.025  # [s] a rerun of all real recordings that is slower is asked seldom
 
 Progress = Callable[[str, float], None]
@@ -49,7 +51,8 @@ def make_ready(
     traces: list[Trace] = []
     for recording in everything:
         progress(f"simulating {recording.name}", len(traces) / len(everything))
-        traces.append(open_trace(simulation, recording, as_given=not any(recording is r for r in reference)))
+        trace = open_trace(simulation, recording, as_given=not any(recording is r for r in reference))
+        traces.append(without_saturated(trace))
         require_usable(traces[-1])
     fitted, judged, free = (
         traces[: len(real)],
@@ -64,21 +67,22 @@ def make_ready(
 
 
 def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
-    """Return traces to fit on and to judge on: the last third of the recordings, or the last part of the only one."""
+    """Return traces to fit on and to judge on: the last third of the recordings, or every third part of one."""
     if len(traces) > 1:
         kept = len(traces) - max(1, len(traces) // 3)
         return list(traces[:kept]), list(traces[kept:])
     only = traces[0]
-    late = np.arange(len(only)) >= round((1.0 - SET_ASIDE) * len(only))
-    return [replace(only, usable=only.usable & ~late)], [replace(only, usable=only.usable & late)]
+    part = np.maximum(PART_S, only.time_s[-1] / PARTS)
+    judged = (only.time_s / part).astype(np.int64) % 3 == 2
+    return [replace(only, usable=only.usable & ~judged)], [replace(only, usable=only.usable & judged)]
 
 
 def _require_length(traces: Sequence[Trace]) -> None:
     seconds = sum(float(t.usable.sum()) / t.rate_Hz for t in traces)
     if seconds < LEAST_FIT_S:
         raise GapError(
-            f"{', '.join(t.name for t in traces)}: {seconds:.1f} s are left to fit on; expected at least {LEAST_FIT_S:g} s;"
-            " give longer or more --real recordings"
+            f"{', '.join(t.name for t in traces)}: {seconds:.1f} s are left to fit on; "
+            f"expected at least {LEAST_FIT_S:g} s; give longer or more --real recordings"
         )
 
 
@@ -86,7 +90,7 @@ def _reruns(
     simulation: Simulation, fitted: Sequence[Trace], others: Sequence[Trace]
 ) -> tuple[Rerun | None, Rerun, Surrogate | None]:
     """Return who reruns the simulation exactly and quickly; the slow or only recorded one gets a surrogate."""
-    if isinstance(simulation, RecordedSimulation):
+    if recorded_in(simulation) is not None:
         surrogate = learn_surrogate(recorded([*fitted, *others]))
         return None, surrogate, surrogate
     called = Called(simulation)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,8 @@ from ces_gap.fit import Fit, fit_alone, fit_together
 
 F = NDArray[np.float64]
 
-BEAM = 3
-TRIED = 4  # additions refitted jointly for each composition in the beam
+BEAM = 2
+TRIED = 3  # additions refitted jointly for each composition in the beam
 SWAPS = 2  # of each effect in the best composition
 MOST_EFFECTS = 3
 LEAST_SHARE = 0.05  # of the gap's energy that another effect must explain
@@ -33,7 +33,7 @@ PARAMETER = 0.005  # share of the gap's energy that a parameter must be worth wh
 SIMPLER = 0.02  # share of the gap's energy that a form with more parameters must win
 
 Progress = Callable[[str, float], None]
-Refine = Callable[[Fit], Fit]
+Refine = Callable[[Evidence, Fit], Fit]
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class Found:
     alone: tuple[Fit, ...]
     best: Fit | None
     gap_energy: float  # whitened squares above the noise's
+    evidence: Evidence
 
 
 def search(evidence: Evidence, effects: Sequence[Effect], refine: Refine, threads: int, progress: Progress) -> Found:
@@ -53,20 +54,35 @@ def search(evidence: Evidence, effects: Sequence[Effect], refine: Refine, thread
     `refine` redoes a fit with the simulation itself where the evidence has only a stand-in for it; it is asked for the
     most promising fits alone.
     """
-    none = evidence.residual(evidence.alone)
-    energy = max(float(none @ none) - len(none), LEAST_ENERGY * len(none))
     forms: list[Fit] = []
     with ThreadPoolExecutor(max(1, threads)) as pool:
         for fit in pool.map(lambda effect: fit_alone(evidence, effect), effects):
             forms.append(fit)
             progress(f"fitting {fit.names[0]}", len(forms) / len(effects))
+    if not evidence.noise_known:
+        evidence, forms = _as_quiet_as_explained(evidence, forms)
+    none = evidence.residual(evidence.alone)
+    energy = max(float(none @ none) - len(none), LEAST_ENERGY * len(none))
     forms.sort(key=lambda f: f.cost)
     for k, fit in enumerate(forms[:REFINED]):
         progress(f"running the simulation with {fit.names[0]}", k / REFINED)
-        forms[k] = refine(fit)
+        forms[k] = refine(evidence, fit)
     alone = best_forms(forms, energy)
     best = grow(evidence, none, alone, forms, energy, refine, progress)
-    return Found(none, tuple(forms), alone, best, energy)
+    return Found(none, tuple(forms), alone, best, energy, evidence)
+
+
+def _as_quiet_as_explained(evidence: Evidence, forms: Sequence[Fit]) -> tuple[Evidence, list[Fit]]:
+    """Return evidence and fits with noise no stronger than what the best effect leaves.
+
+    Without references the noise is only known to be at most what the generic learner leaves.
+    """
+    factor = min(1.0, *(float(np.sqrt(f.cost / len(f.left_out))) for f in forms))
+    quieter = [
+        replace(f, residual=f.residual / factor, jacobian=f.jacobian / factor, left_out=f.left_out / factor)
+        for f in forms
+    ]
+    return evidence.louder(factor), quieter
 
 
 def best_forms(forms: Sequence[Fit], energy: float) -> tuple[Fit, ...]:
@@ -98,7 +114,7 @@ def grow(
         progress(f"trying {size} effects together", (size - 1) / MOST_EFFECTS)
         joint = [fit_together(evidence, parts) for parts in _additions(beam, alone, forms)]
         joint.sort(key=lambda f: f.cost)
-        joint = sorted((refine(fit) for fit in joint[:BEAM]), key=lambda f: f.cost)
+        joint = sorted((refine(evidence, fit) for fit in joint[:BEAM]), key=lambda f: f.cost)
         if not joint or not _worth(evidence, best.left_out, joint[0], LEAST_SHARE * energy):
             break
         best, beam = joint[0], joint[:BEAM]
@@ -111,13 +127,13 @@ def pruned(
     """Return the composition after deletions that cost nothing and swaps that gain."""
     for left_out in range(len(best.effects)):
         others = [f for k, f in enumerate(_parts(best, forms)) if k != left_out]
-        fewer = refine(fit_together(evidence, others))
+        fewer = refine(evidence, fit_together(evidence, others))
         if not _worth(evidence, fewer.left_out, best, LEAST_SHARE * energy):
             return pruned(evidence, fewer, alone, forms, energy, refine) if len(others) > 1 else fewer
         for _, swap in _ranked(fewer, _outside(alone, best.names))[:SWAPS]:
             swapped = fit_together(evidence, [*_parts(fewer, forms), swap])
-            if swapped.cost < best.cost and _worth(evidence, best.left_out, refine(swapped), 0.0):
-                best = refine(swapped)
+            if swapped.cost < best.cost and _worth(evidence, best.left_out, refine(evidence, swapped), 0.0):
+                best = refine(evidence, swapped)
                 break
     return best
 
@@ -172,4 +188,4 @@ def _parts(fit: Fit, forms: Sequence[Fit]) -> list[Fit]:
 
 
 def _moved(fit: Fit, searched: F) -> Fit:
-    return Fit(fit.effects, searched, fit.residual, fit.jacobian, fit.left_out, fit.by_unit, fit.covariance)
+    return replace(fit, searched=searched)

@@ -172,17 +172,22 @@ def series_stroke(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def leaking_force(speed: F, level: F, memory: F, plant: tuple[float, float, F], law: tuple[float, F, F]) -> F:
-    """Return the force f(v - g) + memory [N] (n,) at the speed g [m/s] that leaks at it, g = q(f(v - g) + memory).
+def leaking_force(
+    speed: F, level: F, rest: float, plant: tuple[float, float, F], own: float, law: tuple[float, F, F]
+) -> F:
+    """Return F = f(v - g) - rest [N] (n,), g = q(F) + own·(F - F₋₁) [m/s]: what leaks, and what squeezes the plant.
 
-    `plant` is (narrow, reach, table) of `steep`, `law` (top, q, its derivative by force).
+    `plant` is (narrow, reach, table) of `steep`, `own` the compliance of the plant's own spring over the step [m/(s N)]
+    and F₋₁ the force a tick before. `law` (top, rate, its derivative by force) is of q(F) + own·F. Implicit Euler.
     """
-    force = np.empty_like(speed)
+    out = np.empty_like(speed)
     g = 0.0
+    force = steep(speed[0], level[0], plant[0], plant[1], plant[2])[0] - rest
     for k in range(len(speed)):
-        g = _strain_rate(speed[k], level[k], memory[k], 0.0, g, plant, law, (1.0, 0.0))
-        force[k] = steep(speed[k] - g, level[k], plant[0], plant[1], plant[2])[0] + memory[k]
-    return force
+        g = _strain_rate(speed[k], level[k], -rest, own * force, g, plant, law, (1.0, 0.0))
+        force = steep(speed[k] - g, level[k], plant[0], plant[1], plant[2])[0] - rest
+        out[k] = force
+    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

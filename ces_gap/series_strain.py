@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.series_kernels import forward_backward, pole_of, series_stroke
+from ces_gap.own_spring import banded
+from ces_gap.series_kernels import series_stroke
 from ces_gap.speed_map import learn_map
 from ces_gap.trace import Inputs, Trace, derivative
 
 F = NDArray[np.float64]
 
-CORNER_HZ = 100.0  # [Hz] above it a simulated force is noise rather than motion
 SOFT = 0.03  # of the force's RMS: width of the change from one direction's law to the other's
 SUBSTEP_S = 2.1e-3  # [s] longest step of the integration
 NODES = 4001  # of a law's table
@@ -70,12 +70,6 @@ def tabled(law: Law, force: F, width: float) -> tuple[float, F, F]:
 def less(inputs: Inputs, stroke: F, rate_Hz: float) -> Inputs:
     """Return the inputs with a stroke [m] (n,) subtracted from the position, and its rate from the speed."""
     return Inputs(inputs.position - stroke, inputs.speed - derivative(stroke, rate_Hz), inputs.current)
-
-
-def banded(force: F, rate_Hz: float) -> F:
-    """Return the force (n,) without what is above `CORNER_HZ`, not delayed."""
-    corner = min(CORNER_HZ, 0.25 * rate_Hz)
-    return np.asarray(forward_backward(np.ascontiguousarray(force), pole_of(corner, rate_Hz)))
 
 
 def soft_width(trace: Trace, force: F) -> float:

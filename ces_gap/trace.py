@@ -14,9 +14,10 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, firwin, sosfiltfilt, welch
 
 from ces_gap.errors import GapError
+from ces_gap.recorded import recorded_in
 from ces_identify.recording import Recording
 from ces_identify.series import held_current
-from ces_identify.simulation import RecordedSimulation, Simulation
+from ces_identify.simulation import Simulation
 
 F = NDArray[np.float64]
 B = NDArray[np.bool_]
@@ -114,7 +115,7 @@ def make_trace(recording: Recording, simulated_N: F) -> Trace:
         name=recording.name,
         rate_Hz=rate,
         time_s=base[keep],
-        inputs=Inputs(position[keep], speed[keep], _thinned(current, factor)),
+        inputs=Inputs(position[keep], speed[keep], current[keep]),
         acceleration=derivative(speed, base_Hz)[keep],
         force=_thinned(force, factor),
         simulated=_thinned(simulated, factor),
@@ -131,7 +132,7 @@ def open_trace(simulation: Simulation, recording: Recording, as_given: bool = Tr
 
     Without `as_given` it is run once only. Raises what the simulation raises, and GapError.
     """
-    recorded = isinstance(simulation, RecordedSimulation)
+    recorded = recorded_in(simulation) is not None
     given = make_trace(recording, simulation.force(recording) if as_given or recorded else _nothing(recording))
     if recorded:
         return given

@@ -29,9 +29,8 @@ def user_effect(spec: str) -> Effect:
         found = getattr(import_module(module), name)
         effect = found() if isinstance(found, type) and issubclass(found, Effect) else None
     except Exception as error:  # whatever a user's module raises
-        raise GapError(
-            f"effect '{spec}': cannot be imported: {type(error).__name__}: {error}; expected {EXPECTED}"
-        ) from None
+        told = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise GapError(f"effect '{spec}': cannot be imported: {told}; expected {EXPECTED}") from None
     if effect is None:
         raise GapError(f"effect '{spec}': is no effect; expected {EXPECTED}")
     _require_described(spec, effect)
@@ -64,7 +63,9 @@ def require_sound(effect: Effect, trace: Trace) -> None:
         inputs = effect.drive(trace, trace.inputs, trace.simulated, values)
         force = effect.respond(trace, inputs, trace.simulated, values)
     except Exception as error:  # whatever a user's class raises
-        raise GapError(f"effect '{effect.name}': raised {type(error).__name__}: {error}") from error
+        raise GapError(
+            f"effect '{effect.name}': raised {type(error).__name__}: {' '.join(str(error).split())}"
+        ) from error
     given = {"position": inputs.position, "speed": inputs.speed, "current": inputs.current, "force": force}
     for name, array in given.items():
         if np.shape(array) != trace.time_s.shape:

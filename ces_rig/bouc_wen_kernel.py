@@ -6,7 +6,7 @@ Forces are positive in compression. The fluid's spring is bent by `e`; across it
 
 from __future__ import annotations
 
-from math import exp, sqrt, tanh
+from math import exp, log1p, sqrt, tanh
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ BUBBLE_SHARE = 0.92  # of the fluid's stiffness lost while bubbles are squeezed
 VOID_SHARE = 1e-4  # of it left while there is a void
 STANDSTILL_M_S = 1e-6
 ATMOSPHERE_PA = 101_325.0
-GRIP_M = 2e-6  # [m] bend of a bushing with play at which half of its damping acts
+EDGE_M = 4e-6  # [m] softness of the edges of the play
 FULL_M = 0.06  # [m] the stroke gas is made for
 
 
@@ -58,6 +58,16 @@ def stop(c: Any, x: float) -> tuple[float, float]:
     grown = c.stop_progression_1_m * into
     force = c.stop_N_m * into * (1.0 + grown)
     return (force if x > 0.0 else -force), c.stop_N_m * (1.0 + 2.0 * grown)
+
+
+@njit(cache=True)
+def slack(c: Any, bend: float) -> tuple[float, float]:
+    """Return how far [m] the bushing bends beyond its play, and the slope: 1 outside, 0 inside."""
+    if c.play_m <= 0.0:
+        return bend, 1.0
+    up, down = (bend - 0.5 * c.play_m) / EDGE_M, (-bend - 0.5 * c.play_m) / EDGE_M
+    beyond = max(up, 0.0) + log1p(exp(-abs(up))) - max(down, 0.0) - log1p(exp(-abs(down)))
+    return EDGE_M * beyond, 1.0 / (1.0 + exp(-max(up, -50.0))) + 1.0 / (1.0 + exp(-max(down, -50.0)))
 
 
 @njit(cache=True)
@@ -105,13 +115,8 @@ def step(c: Any, s: Array, stroke: float, speed: float, field: float, h: float) 
     kept = 1.0 / (1.0 + h * relax)
     rub = (c.bristle_N_m - c.bristle_Ns_m * relax) * kept
     # bushing
-    bend = stroke - x
-    half = 0.5 * c.play_m
-    taken_up = 1.0 if abs(bend) >= half else 0.0
-    spring = taken_up * c.mount_N_m * (bend - half if bend > 0.0 else bend + half)
-    damping = taken_up * c.mount_Ns_m
-    if c.play_m > 0.0:  # without grip no drag
-        damping *= (abs(bend) - half) / (abs(bend) - half + GRIP_M)
+    bend, taken_up = slack(c, stroke - x)
+    spring, damping = c.mount_N_m * bend, taken_up * c.mount_Ns_m
     f_stop, k_stop = stop(c, x)
     drive = spring + damping * speed - gas(c, x) - f_stop - force + slope * held * passed - rub * s[BRISTLE]
     stiff = h * (taken_up * c.mount_N_m + k_stop + rub) + damping + slope * held + c.bristle_Ns_m

@@ -7,39 +7,78 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
 
 from ces_gap.effect import FLUID, Effect, Parameter
+from ces_gap.own_spring import SprungMap, learn_sprung
 from ces_gap.series_kernels import leaking_force
-from ces_gap.series_strain import Law, Strain, soft_width, tabled
-from ces_gap.speed_map import learn_map
-from ces_gap.trace import Inputs, Trace
+from ces_gap.series_strain import Law, Strain, less, soft_width, tabled
+from ces_gap.trace import Inputs, Trace, derivative
 
 F = NDArray[np.float64]
 
 
+SLOWEST_HZ = 0.1  # [Hz] below it the stroke that leaks is wandering
+ROUNDS = 2  # the slow part leaks by the force that it changes
+
+
 @dataclass(frozen=True)
 class _Leak(Effect):
-    """Solves F = f(v - q(F)), f being the plant: F = F₀ + f̂(v - q) - f̂(v) with its map f̂ of speed and current.
+    """The plant is driven by v' = v - q(F), F being its force with the leak; forces at standstill drive no leak.
 
-    Not done by moving the position: what leaks in one direction would make the stroke wander. The force at standstill
-    drives no leak.
+    F is the plant's own force and the change that its map f with its own spring c (learnt from it) has under the leak:
+    F = f(v - q(F) - c·dF/dt). So a force that a spring holds relaxes through the leak. What leaks in one direction
+    would make the stroke wander: the slow part of q is not driven with, but the map's answer to it added.
     """
 
-    name, stage, needs = "leakage", FLUID, "motion in the direction that leaks"
+    name, stage, reruns, needs = "leakage", FLUID, True, "motion in the direction that leaks"
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the motion that displaces oil through the valve, without the slow part of the leak."""
+        plant = learn_sprung(trace)
+        acting = force - plant.rest
+        width = soft_width(trace, acting)
+        tight, leaking = (tabled(q, acting, width) for q in (_tight, self.law(values)))
+        change = _acting(trace, plant, inputs, leaking) - _acting(trace, plant, trace.inputs, tight)
+        leak = self.law(values)(acting + change, width).stroke
+        return less(inputs, _fast(leak, trace), trace.rate_Hz)
 
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] with the leak."""
-        plant = learn_map(trace, inputs, force)
-        rest = plant.rest(inputs.current)
-        acting = force - rest
-        memory = acting - plant.force(inputs.speed, inputs.current)
-        law = tabled(self.law(values), acting, soft_width(trace, acting))
-        level, speed = plant.level(inputs.current), np.ascontiguousarray(inputs.speed)
-        return np.asarray(leaking_force(speed, level, memory, plant.kernel(), law) + rest)
+        """Return the force [N] with the slow part of the leak as well."""
+        plant = learn_sprung(trace)
+        width = soft_width(trace, force - plant.rest)
+        tight = tabled(_tight, force - plant.rest, width)
+        driven, whole = _acting(trace, plant, inputs, tight), force
+        for _ in range(ROUNDS):
+            leak = self.law(values)(whole - plant.rest, width).stroke
+            slow = leak - derivative(_fast(leak, trace), trace.rate_Hz)
+            slower = Inputs(inputs.position, inputs.speed - slow, inputs.current)
+            whole = force + _acting(trace, plant, slower, tight) - driven
+        return whole
 
     def law(self, values: Sequence[float]) -> Law:
         """Return the speed [m/s] that leaks at a force, and its derivative."""
         raise NotImplementedError
+
+
+def _tight(force: F, width: float) -> Strain:
+    return Strain(np.zeros_like(force), np.zeros_like(force))
+
+
+def _acting(trace: Trace, plant: SprungMap, inputs: Inputs, law: tuple[float, F, F]) -> F:
+    """Return the force [N] (n,) of the map with its spring and a tabled leak, without that at standstill."""
+    top, rate, per_force = law
+    own = plant.compliance * trace.rate_Hz
+    whole = (top, rate + own * np.linspace(-top, top, len(rate)), per_force + own)
+    speed, level = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
+    return np.asarray(leaking_force(speed, level, plant.rest, plant.map.kernel(), own, whole))
+
+
+def _fast(speed: F, trace: Trace) -> F:
+    """Return the stroke (n,) of a speed without what is slower than `SLOWEST_HZ`, not delayed."""
+    sos = butter(1, SLOWEST_HZ, "high", fs=trace.rate_Hz, output="sos")
+    stroke = np.cumsum(speed) * trace.step_s
+    return np.asarray(sosfiltfilt(sos, stroke, padlen=min(len(stroke) - 1, round(trace.rate_Hz))))
 
 
 @dataclass(frozen=True)

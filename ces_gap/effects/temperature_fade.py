@@ -13,10 +13,12 @@ from ces_gap.trace import Inputs, Trace
 
 F = NDArray[np.float64]
 
+RETURN_S = 0.5  # [s] within which a leaked stroke is forgotten
+
 PER_HEAT = Parameter(
     "fade_per_J",
     0.0,
-    2e-4,
+    1e-3,
     (5e-6, 4e-5),
     "share of the force lost per joule: per kelvin, over heat capacity",
     magnitude=True,
@@ -24,6 +26,10 @@ PER_HEAT = Parameter(
 COOLING = Parameter(
     "cooling_s", 5.0, 3000.0, (40.0,), "time constant of cooling: heat capacity over conductance", "log"
 )
+LEAKING = Parameter(
+    "leak_m_sN_per_J", 0.0, 1e-7, (3e-9, 1e-8), "speed that leaks per newton, grown per joule", magnitude=True
+)
+DRAGGING = Parameter("drag_Ns_m_per_J", 0.0, 0.5, (0.01, 0.05), "laminar resistance lost per joule", magnitude=True)
 LAMINAR = Parameter("laminar_m_s", 0.005, 5.0, (0.1,), "speed at which half of the force is viscous", "log")
 PER_KELVIN = Parameter("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lost per kelvin", magnitude=True)
 
@@ -81,6 +87,37 @@ class Viscous(Effect):
         return np.asarray(force * (1.0 - lost / (1.0 + np.abs(inputs.speed) / values[1])))
 
 
+class ThinnerOil(Effect):
+    """Thin oil also slips through gaps and drags less: the plant moved by x - s, F exp(-b E) - e E v.
+
+    s is the stroke leaked, ds/dt = l E F - s/(0.5 s): gaps pass laminar flow in proportion to pressure and fluidity, which
+    delays the force's build-up; the slow return holds the stroke where it was measured. Source: Merritt 1967.
+    """
+
+    name = "temperature_fade"
+    form = "thinner_oil"
+    stage = FLUID
+    reruns = True
+    needs = "hard work over some ten seconds or more, with reversals"
+    parameters = (PER_HEAT, LEAKING, DRAGGING)
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the inputs without the stroke that leaks."""
+        leaking = values[1] * _heat(trace, inputs, force) * force
+        kept = float(np.exp(-trace.step_s / RETURN_S))
+        leaked = np.asarray(lfilter([trace.step_s], [1.0, -kept], leaking))
+        return inputs.moved(inputs.position - leaked, trace.rate_Hz)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] (n,) of the warmer damper."""
+        heat = _heat(trace, inputs, force)
+        return np.asarray(force * np.exp(-values[0] * heat) - values[2] * heat * inputs.speed)
+
+    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
+        """Return two mixtures, which differ in how much leaks, and no leak at all."""
+        return [(2e-5, 3e-9, 0.02), (5e-6, 1e-8, 0.05), (4e-5, 0.0, 0.02)]
+
+
 class Measured(Effect):
     """By the measured temperature: F exp(-b (T - T0)), T0 at the beginning; no effect where none was recorded."""
 
@@ -113,4 +150,4 @@ def _warming(trace: Trace) -> F:
     return np.asarray(temperature - temperature[0])
 
 
-FORMS = (Heated(), Cooled(), Viscous(), Measured())
+FORMS = (Heated(), Cooled(), Viscous(), ThinnerOil(), Measured())

@@ -22,6 +22,8 @@ EFFECT, NONE, OUTSIDE, PAIR = "effect", "none", "outside", "pair"
 KINDS = (EFFECT, NONE, OUTSIDE, PAIR)
 GAPS = (1.0, 3.0, 10.0)  # RMS of the effect's force over that of the force sensor's noise
 ERRORS = (0.0, 1.0 / 3.0, 1.0)  # RMS of the simulation's own error over that of the effect's force
+GRID_PAIRS = 8  # pairs of effects in a whole grid
+GRID_NONE = 6  # repeats of each cell without an effect: false alarms are rare
 SHARES = {EFFECT: 0.60, NONE: 0.14, OUTSIDE: 0.12, PAIR: 0.14}  # of a sample
 INVISIBLE = {CONSTANT: frozenset({"valve_lag", "current_hysteresis", "current_crosstalk"})}
 """What an excitation cannot show."""
@@ -58,7 +60,7 @@ class Levels:
 
 
 def grid(levels: Levels, seed: int) -> list[Case]:
-    """Return every case of the grid, shuffled: effects, outside effects and as many pairs cross all levels."""
+    """Return every case of the grid, shuffled: effects, outside effects and some pairs cross all levels."""
     rng = np.random.default_rng([seed, 0])
     cases = [case for kind in levels.kinds for case in _crossed(levels, kind, rng)]
     return _numbered(cases, seed, rng)
@@ -88,7 +90,7 @@ def visible(effects: Sequence[str], excitation: str) -> bool:
 def _crossed(levels: Levels, kind: str, rng: Generator) -> Iterator[Case]:
     subjects = _subjects(levels, kind, rng)
     if kind == PAIR:
-        subjects = subjects[: len(levels.effects)]
+        subjects = subjects[:GRID_PAIRS]
     if kind == NONE:
         yield from _crossed_none(levels)
         return
@@ -100,7 +102,7 @@ def _crossed(levels: Levels, kind: str, rng: Generator) -> Iterator[Case]:
 def _crossed_none(levels: Levels) -> Iterator[Case]:
     """Nothing withheld: as many cases with a right simulation as with a wrong one."""
     wrong = [error for error in levels.errors if error > 0.0] or [0.0]
-    for error, gap, excitation in product(wrong, levels.gaps, levels.excitations):
+    for _, error, gap, excitation in product(range(GRID_NONE), wrong, levels.gaps, levels.excitations):
         for mine in (error, 0.0):
             yield Case(NONE, (), gap, mine, excitation, levels.plants)
 

@@ -18,8 +18,8 @@ VARIED: Mapping[str, float] = {
     "viscous_Ns_mA": 0.2, "series_Ns_m": 0.2, "inner_N_m": 0.2, "field_s": 0.2, "gas_Pa": 0.15, "gas_m3": 0.1,
 }  # fmt: skip
 WRONG: Mapping[tuple[str, ...], float] = {
-    ("yield_N",): 0.3, ("yield_N_A",): 0.15, ("saturation_A",): 0.25, ("yield_m",): 0.3, ("sharpness",): 0.15,
-    ("viscous_Ns_m",): 0.2, ("viscous_Ns_mA",): 0.3, ("series_Ns_m",): 0.2, ("inner_N_m",): 0.3, ("field_s",): 0.2,
+    ("yield_N",): 0.4, ("yield_N_A",): 0.25, ("saturation_A",): 0.3, ("yield_m",): 0.4, ("sharpness",): 0.15,
+    ("viscous_Ns_m",): 0.3, ("viscous_Ns_mA",): 0.4, ("series_Ns_m",): 0.2, ("inner_N_m",): 0.4, ("field_s",): 0.2,
     ("gas_Pa",): 0.15, ("gas_m3",): 0.1, ("fluid_N_m",): 0.2, ("seal_N",): 0.3, ("mount_N_m",): 0.2,
 }  # fmt: skip
 

@@ -151,6 +151,7 @@ def test_keys_tell_answers_apart(tmp_path, monkeypatch):
     keys = [job_of("a", recordings, question(), "s", tmp_path), job_of("a", recordings, question(), "other", tmp_path)]
     keys.append(job_of("a", [made("a", 2.0)], question(), "s", tmp_path))
     assert len({job.key for job in keys}) == 3
+    assert job_of("a", recordings, filed, "", tmp_path).sim["spec"] == "../../m.json"
     assert job_of("renamed", recordings, question(), "s", tmp_path).key == keys[0].key
 
 

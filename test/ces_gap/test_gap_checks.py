@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from ces_gap.augmented import AugmentedSimulation
+from ces_gap.augmented_simulation import AugmentedSimulation
 from ces_gap.checks import check_recordings, check_traces, constant_current, invisible, require_distinct, unseen
 from ces_gap.effect import Composition, Effect, Parameter
 from ces_gap.errors import GapError

@@ -47,8 +47,11 @@ def test_sealed_arrays_are_what_was_measured_without_its_noise(made):
     force = bag(folder, "held_out/h1").channel("force")
     clock = bag(folder, "held_out/h1").channel("position").stamps_ns
     true = CubicSpline((clock - clock[0]) * 1e-9, answer.arrays["h1_force_N"])((force.stamps_ns - clock[0]) * 1e-9)
-    inner = slice(100, -100)
-    assert rms((force.values - true)[inner]) == pytest.approx(8.0, rel=0.1)
+    noise = (force.values - true)[100:-100]
+    assert 1.4826 * np.median(np.abs(noise)) == pytest.approx(
+        8.0, rel=0.1
+    )  # robust: two clocks blur the sharpest steps
+    assert abs(np.median(noise)) < 0.7
 
 
 def test_references_are_free_of_the_effect_and_the_rest_is_not(made):

@@ -17,6 +17,7 @@ from ces_rig.withheld.plants import (
     draw,
     draw_plant,
     expected,
+    gap_from,
     gap_N,
     perturbed,
     physical,
@@ -24,7 +25,7 @@ from ces_rig.withheld.plants import (
 )
 from ces_rig.withheld.scaling import perturb_to, scale_to, search
 
-SECONDS = {"hydraulic": 0.6, "bouc_wen": 2.0, "calibration": 2.0}
+SECONDS = {"hydraulic": 0.4, "bouc_wen": 1.0, "calibration": 1.0}
 CASES = [(kind, name) for kind in PLANTS for name in available(kind)]
 WITHOUT = {"hydraulic": set(), "bouc_wen": {"sticking_check"}, "calibration": set()}
 
@@ -58,7 +59,8 @@ def test_severity_0_is_none_and_more_is_more(kind, name):
     assert np.array_equal(nothing.force_N, free.force_N)
     assert np.array_equal(nothing.stroke_m, free.stroke_m) and np.array_equal(nothing.coil_A, free.coil_A)
     small = scale_to(plant, effect, 10.0, *inputs)
-    gaps = [gap_N(plant, [scaled(small, factor * small.severity)], *inputs) for factor in (1.0, 1.2)]
+    grown = [signals(plant, [scaled(small, factor * small.severity)], *inputs) for factor in (1.0, 1.2)]
+    gaps = [gap_from(plant, free, true) for true in grown]
     assert gaps[0] == pytest.approx(10.0, rel=0.04)
     assert gaps[1] > 1.05 * gaps[0]
     assert all(np.isfinite(v) for v in physical(plant, small).values())

@@ -62,15 +62,13 @@ def test_friction_opposes_the_motion_and_a_leak_yields_to_it(kind):
 def test_play_lets_the_force_dwell_at_nothing_after_each_reversal(kind):
     inputs = sine(amplitude=0.01, kind=kind)
     plant = plant_of(kind)
-    play = scaled(draw(kind, "backlash", np.random.default_rng(1)), 1.0)
+    play = scaled(draw(kind, "backlash", np.random.default_rng(1)), 3.0)
     with_play, without = (signals(plant, effects, *inputs).force_N for effects in ([play], ()))
-    gas = (
-        0.0
-        if kind != "hydraulic"
-        else plant.model.damper.rod_area_m2 * (plant.model.number("reservoir.pressure_Pa") - 101325)
-    )
+    number = plant.model.number
+    area = plant.model.damper.rod_area_m2 if kind == "hydraulic" else number("rod_m2")
+    gas = area * (number("reservoir.pressure_Pa" if kind == "hydraulic" else "gas_Pa") - 101_325)  # tared away
     settled = inputs[0] > 0.5
-    dwell = [np.mean(np.abs(force[settled] + gas) < 4.0) for force in (with_play, without)]
+    dwell = [np.mean(np.abs(force[settled] + gas) < 6.0) for force in (with_play, without)]
     assert dwell[0] > 2 * dwell[1] + 0.01
 
 
@@ -85,8 +83,7 @@ def test_a_stiffer_gas_pushes_in_proportion_to_the_stroke(kind):
 
 
 @pytest.mark.parametrize("kind", PLANTS)
-def test_springs_in_series_delay_the_force_and_dead_position_advances_it(kind):
-    """Force at the frequency of the stroke: a spring in series turns it towards the stroke, away from the speed."""
+def test_springs_in_series_turn_the_force_towards_the_stroke(kind):
     inputs = sine(amplitude=0.01, frequency=5.0, kind=kind)
     settled = inputs[0] >= 0.5
     speed = np.gradient(inputs[1], GRID_S)[settled]
@@ -105,7 +102,8 @@ def test_blow_off_takes_only_from_large_forces(kind):
     change = signals(plant, [effect], *inputs).force_N - free
     large = np.abs(free) > 0.8 * np.abs(free).max()
     assert (change * np.sign(free))[large].mean() < -20
-    assert np.abs(change[np.abs(free) < 0.2 * np.abs(free).max()]).mean() < 10
+    small = np.abs(free) < 0.2 * np.abs(free).max()
+    assert np.abs(change[small]).mean() < 0.4 * np.abs(change[large]).mean()
 
 
 @pytest.mark.parametrize("kind", PLANTS)
@@ -134,20 +132,20 @@ def test_heat_fades_the_damping_with_time(kind):
 
 
 @pytest.mark.parametrize("kind", PLANTS)
-def test_a_slower_valve_is_late_both_ways_and_hysteresis_is_not_gone_at_rest(kind):
-    time, stroke, _ = sine(amplitude=0.04, frequency=0.5, seconds=2.0, kind=kind)
+def test_a_slower_valve_is_late_both_ways_and_hysteresis_stays(kind):
+    time, stroke, _ = sine(amplitude=0.03, frequency=1.0, seconds=1.0, kind=kind)
     low, high = plant_of(kind).current_A
-    command = np.where((time > 0.35) & (time < 0.65), high, low)  # while compressing, then extending
-    up, down = (time > 0.355) & (time < 0.365), (time > 0.655) & (time < 0.66)
+    command = np.where((time > 0.4) & (time < 0.55), high, low)  # in rebound
+    up, down = (time > 0.405) & (time < 0.415), (time > 0.555) & (time < 0.565)
     lag, _ = added(kind, "valve_lag", 1.0, (time, stroke, command))
     free = signals(plant_of(kind), (), time, stroke, command).force_N
     assert (lag * np.sign(free))[up].mean() < -5 < 5 < (lag * np.sign(free))[down].mean()
-    assert np.abs(lag[(time > 0.6) & (time < 0.65)]).max() < 40
+    assert np.abs(lag[(time > 0.53) & (time < 0.55)]).max() < 40
     middle = 0.5 * (low + high)
     ramps = [np.interp(time, [0, 0.2, 0.3], [start, start, middle]) for start in (low, high)]
     rows = [added(kind, "current_hysteresis", 2.0, (time, stroke, ramp))[0] for ramp in ramps]
     held = (time > 0.38) & (time < 0.45)
-    assert rows[0][held].mean() < rows[1][held].mean() - 5
+    assert -rows[0][held].mean() < -rows[1][held].mean() - 5  # the force is negative in rebound
 
 
 def test_oil_boils_before_cavitation_costs_8_newtons():

@@ -1,0 +1,55 @@
+"""The words and figures of a diagnosis on the terminal."""
+
+from __future__ import annotations
+
+import math
+
+from ces_gap.diagnosis import Estimate, Explained, Region
+from ces_gap.report.words import parameter_text, region_name
+
+
+def region_text(region: Region) -> str:
+    """Return a region in words with what it holds of the gap."""
+    energy = f"{region.share_of_energy:.0%} of the gap's energy"
+    if region.axis == "frequency_hz":
+        return f"{energy} at {region_name(region)}"
+    return (
+        f"{energy} in {region.share_of_samples:.0%} of the time at {region_name(region)} (RMS {newtons(region.rms_N)})"
+    )
+
+
+def named(cause: Explained) -> str:
+    """Return an effect with its form."""
+    return f"{cause.effects[0]} ({cause.forms[0]})"
+
+
+def estimate(parameter: Estimate) -> str:
+    """Return a parameter with its value and interval, and what is doubtful about it."""
+    marks = (" at its bound" if parameter.at_bound else "") + (" drifts" if parameter.drifts else "")
+    name, value, unit, bounds = parameter_text(parameter)
+    return f"{' '.join(filter(None, (name, value, unit)))} [{bounds}]{marks}"
+
+
+def newtons(value: float) -> str:
+    """Return a force."""
+    return f"{value:.1f} N" if math.isfinite(value) else "unknown"
+
+
+def interval(bounds: tuple[float, float]) -> str:
+    """Return an interval of forces [N]."""
+    return f"[{bounds[0]:.1f}, {bounds[1]:.1f}]"
+
+
+def percent(share: float) -> str:
+    """Return a share, a dash if it is not known."""
+    return f"{100.0 * share:.0f} %" if math.isfinite(share) else "-"
+
+
+def percents(bounds: tuple[float, float]) -> str:
+    """Return an interval of shares in percent, a dash if it is not known."""
+    return f"[{100.0 * bounds[0]:.0f}, {100.0 * bounds[1]:.0f}]" if all(map(math.isfinite, bounds)) else "-"
+
+
+def probability(value: float) -> str:
+    """Return a probability, however small."""
+    return "<0.01" if 0.0 < value < 0.005 else f"{value:.2f}"
