@@ -13,6 +13,7 @@ from ces_gap.trace import Inputs, Trace
 F = NDArray[np.float64]
 
 ROUNDING_M = 0.00015  # [m] over this a stop comes into contact: lips and unevenness
+FREE = 0.6  # share of the time that a stop is out of contact, at least
 TOUCHES_AT = (0.93, 0.8, 0.6)  # of the way from mean to largest stroke: where searches begin
 KINDS = ((1e5, 0.0), (1e4, 1e7))  # [N/m], [N/m2] where searches begin: linear, and foam
 
@@ -38,7 +39,7 @@ class Compression(Effect):
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and stop."""
         stiffness, hardening, at = values
-        return force + _stop(inputs.position - at, stiffness, hardening)
+        return force + _stop(inputs.position - _clear(trace, at, 1.0), stiffness, hardening)
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
         """Return contacts short of the largest stroke, for a linear stop and for foam."""
@@ -57,7 +58,7 @@ class Rebound(Effect):
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and stop."""
         stiffness, hardening, at = values
-        return force - _stop(at - inputs.position, stiffness, hardening)
+        return force - _stop(_clear(trace, at, -1.0) - inputs.position, stiffness, hardening)
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
         """Return contacts short of the largest stroke, for a linear stop and for foam."""
@@ -76,8 +77,8 @@ class Both(Effect):
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and stops."""
         stiffness, hardening, compression, rebound = values
-        pushes = _stop(inputs.position - compression, stiffness, hardening)
-        return force + pushes - _stop(rebound - inputs.position, stiffness, hardening)
+        pushes = _stop(inputs.position - _clear(trace, compression, 1.0), stiffness, hardening)
+        return force + pushes - _stop(_clear(trace, rebound, -1.0) - inputs.position, stiffness, hardening)
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
         """Return contacts short of the largest strokes, for linear stops and for foam."""
@@ -90,6 +91,11 @@ def _stop(depth: F, stiffness: float, hardening: float) -> F:
     ratio = depth / ROUNDING_M
     pressed = ROUNDING_M * (np.maximum(ratio, 0.0) + np.log1p(np.exp(-np.abs(ratio))))
     return np.asarray(pressed * (stiffness + hardening * pressed))
+
+
+def _clear(trace: Trace, at: float, sign: float) -> float:
+    """Return where the stop touches [m], so far out that it is free for most of the recording: else it is a spring."""
+    return sign * max(sign * at, float(np.quantile(sign * trace.inputs.position, FREE)))
 
 
 def _ends(trace: Trace, sign: float) -> list[float]:

@@ -19,7 +19,6 @@ F = NDArray[np.float64]
 
 
 SLOWEST_HZ = 0.1  # [Hz] below it the stroke that leaks is wandering
-ROUNDS = 2  # the slow part leaks by the force that it changes
 
 
 @dataclass(frozen=True)
@@ -48,13 +47,16 @@ class _Leak(Effect):
         plant = learn_sprung(trace)
         width = soft_width(trace, force - plant.rest)
         tight = tabled(_tight, force - plant.rest, width)
-        driven, whole = _acting(trace, plant, inputs, tight), force
-        for _ in range(ROUNDS):
-            leak = self.law(values)(whole - plant.rest, width).stroke
-            slow = leak - derivative(_fast(leak, trace), trace.rate_Hz)
-            slower = Inputs(inputs.position, inputs.speed - slow, inputs.current)
-            whole = force + _acting(trace, plant, slower, tight) - driven
-        return whole
+        slow = self._slow(trace, force - plant.rest, width, values)  # it leaks by the force that it changes
+        slower = plant.map.force(inputs.speed - slow, inputs.current) - plant.map.force(inputs.speed, inputs.current)
+        slow = self._slow(trace, force + slower - plant.rest, width, values)
+        moved = Inputs(inputs.position, inputs.speed - slow, inputs.current)
+        return force + _acting(trace, plant, moved, tight) - _acting(trace, plant, inputs, tight)
+
+    def _slow(self, trace: Trace, acting: F, width: float, values: Sequence[float]) -> F:
+        """Return the slow part [m/s] (n,) of what leaks."""
+        leak = self.law(values)(acting, width).stroke
+        return leak - derivative(_fast(leak, trace), trace.rate_Hz)
 
     def law(self, values: Sequence[float]) -> Law:
         """Return the speed [m/s] that leaks at a force, and its derivative."""

@@ -29,7 +29,6 @@ COOLING = Parameter(
 LEAKING = Parameter(
     "leak_m_sN_per_J", 0.0, 1e-7, (3e-9, 1e-8), "speed that leaks per newton, grown per joule", magnitude=True
 )
-DRAGGING = Parameter("drag_Ns_m_per_J", 0.0, 0.5, (0.01, 0.05), "laminar resistance lost per joule", magnitude=True)
 LAMINAR = Parameter("laminar_m_s", 0.005, 5.0, (0.1,), "speed at which half of the force is viscous", "log")
 PER_KELVIN = Parameter("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lost per kelvin", magnitude=True)
 
@@ -88,9 +87,9 @@ class Viscous(Effect):
 
 
 class ThinnerOil(Effect):
-    """Thin oil also slips through gaps and drags less: the plant moved by x - s, F exp(-b E) - e E v.
+    """Thin oil also slips through gaps: the plant moved by x - s, then F exp(-b E).
 
-    s is the stroke leaked, ds/dt = l E F - s/(0.5 s): gaps pass laminar flow in proportion to pressure and fluidity, which
+    s is the stroke leaked, ds/dt = l E F - s/(0.5 s): gaps pass laminar flow by pressure and fluidity, which
     delays the force's build-up; the slow return holds the stroke where it was measured. Source: Merritt 1967.
     """
 
@@ -99,7 +98,7 @@ class ThinnerOil(Effect):
     stage = FLUID
     reruns = True
     needs = "hard work over some ten seconds or more, with reversals"
-    parameters = (PER_HEAT, LEAKING, DRAGGING)
+    parameters = (PER_HEAT, LEAKING)
 
     def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
         """Return the inputs without the stroke that leaks."""
@@ -110,12 +109,11 @@ class ThinnerOil(Effect):
 
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of the warmer damper."""
-        heat = _heat(trace, inputs, force)
-        return np.asarray(force * np.exp(-values[0] * heat) - values[2] * heat * inputs.speed)
+        return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force)))
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        """Return two mixtures, which differ in how much leaks, and no leak at all."""
-        return [(2e-5, 3e-9, 0.02), (5e-6, 1e-8, 0.05), (4e-5, 0.0, 0.02)]
+        """Return a mixture of both, and one that hardly leaks."""
+        return [(1e-5, 5e-9), (4e-5, 1e-9)]
 
 
 class Measured(Effect):
