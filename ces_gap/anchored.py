@@ -22,6 +22,7 @@ from ces_gap.trace import Inputs, Trace
 F = NDArray[np.float64]
 
 ROUNDS = 2
+SETTLED = 0.01  # relative change of the parameters from which another round is not worth a simulation
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,10 @@ def polished(evidence: Evidence, fit: Fit, exact: Rerun, cheap: Rerun, rounds: i
     if not reruns(fit.effects):
         return fit
     for _ in range(rounds):
+        before = fit.searched
         fit = polish(anchor(evidence, fit, exact, cheap), fit.effects, fit.searched)
+        if np.abs(fit.searched - before).max() <= SETTLED * np.abs(before).max():
+            break
     return fit
 
 

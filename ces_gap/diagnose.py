@@ -50,6 +50,7 @@ F = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 CLEAR = 20.0  # z for which a gain as large as the noise counts, in however few blocks it arose
+POSSIBLE = 0.1  # probability from which a twin makes a verdict ambiguous
 EXACT_CAUSES = 3  # causes whose shrink is computed with the simulation itself, however slow
 TWIN_CANDIDATES = 6  # effects compared as twins
 
@@ -216,7 +217,7 @@ class _Diagnosing:
             return NO_GAP
         if found.best is None or odds.unknown > (1.0 - odds.none) * (1.0 - weights.least_known):
             return UNKNOWN
-        if twins is not None and any(set(found.best.names) & set(group) for group in twins.classes):
+        if twins is not None and _doubtful(found.best.names, twins, odds):
             return AMBIGUOUS
         return NAMED
 
@@ -288,6 +289,12 @@ class _Diagnosing:
     def _series(self, court: Judge, composition: Explained) -> tuple[Series, ...]:
         forces = court.forces(composition.composition, True)
         return tuple(Series(t, a, f) for t, a, f in zip(court.blocks.traces, court.alone, forces, strict=True))
+
+
+def _doubtful(names: Sequence[str], twins: Twins, odds: Probabilities) -> bool:
+    """True if a twin of a named effect is not improbable either."""
+    rivals = [n for group in twins.classes if set(names) & set(group) for n in group if n not in names]
+    return any(odds.effects[name] >= POSSIBLE for name in rivals)
 
 
 def _others(best: Fit, fitted: Sequence[Setting]) -> Composition:

@@ -51,7 +51,7 @@ def make_ready(
     traces: list[Trace] = []
     for recording in everything:
         progress(f"simulating {recording.name}", len(traces) / len(everything))
-        trace = open_trace(simulation, recording, as_given=not any(recording is r for r in reference))
+        trace = open_trace(simulation, recording, as_given=_judged(recording, held_out, real))
         traces.append(without_saturated(trace))
         require_usable(traces[-1])
     fitted, judged, free = (
@@ -64,6 +64,11 @@ def make_ready(
     _require_length(fitted)
     exact, cheap, surrogate = _reruns(simulation, fitted, [*judged, *free])
     return Given(tuple(fitted), tuple(judged), tuple(free), exact, cheap, surrogate)
+
+
+def _judged(recording: Recording, held_out: Sequence[Recording], real: Sequence[Recording]) -> bool:
+    """True if the gap is judged on this recording, and so needs the simulation on its position as logged."""
+    return any(recording is r for r in (held_out or real))
 
 
 def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:

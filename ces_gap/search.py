@@ -27,7 +27,7 @@ MOST_EFFECTS = 3
 LEAST_SHARE = 0.05  # of the gap's energy that another effect must explain
 LEAST_Z = 2.0
 CLEAR = 0.1  # of the noise's energy
-REFINED = 10  # forms that are refined
+REFINED, HOPEFUL = 10, 0.4  # forms that are refined: so many, and within so much of the gap's energy of the best
 LEAST_ENERGY = 0.02  # of the noise's: a smaller gap is not looked into
 PARAMETER = 0.005  # share of the gap's energy that a parameter must be worth when effects are ranked
 SIMPLER = 0.02  # share of the gap's energy that a form with more parameters must win
@@ -64,7 +64,8 @@ def search(evidence: Evidence, effects: Sequence[Effect], refine: Refine, thread
     none = evidence.residual(evidence.alone)
     energy = max(float(none @ none) - len(none), LEAST_ENERGY * len(none))
     forms.sort(key=lambda f: f.cost)
-    for k, fit in enumerate(forms[:REFINED]):
+    hopeful = forms[0].cost + HOPEFUL * energy
+    for k, fit in enumerate([f for f in forms[:REFINED] if f.cost < hopeful]):
         progress(f"running the simulation with {fit.names[0]}", k / REFINED)
         forms[k] = refine(evidence, fit)
     alone = best_forms(forms, energy)
