@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_gap.cavitation_kernels import held_void
 from ces_gap.effect import FLUID, Effect, Parameter
 from ces_gap.effect_kernels import void
 from ces_gap.speed_map import learn_map
@@ -20,7 +21,9 @@ BUBBLES = Parameter("bubbles_m", 1e-4, 5e-3, (5e-4,), "last of the void, over wh
 ROUNDED = 0.05  # of a limit: how gradually it is reached
 # Starts of the limits are these shares of what a trace has in the direction that cavitates.
 QUANTILES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.75)
+REACHED = (0.3, 0.5, 0.7, 0.85, 0.93, 0.98)
 SOFT_M = 2e-3  # [m] bubbles at the start: a search that begins with a sharp edge gets stuck beside it
+HALVINGS, LEAST_SLOPE = 8, 50.0  # of the speed; [N s/m]
 REBOUND, COMPRESSION = -1.0, 1.0
 
 
@@ -87,29 +90,50 @@ class _Intake(_Void):
 class _Floor(_Void):
     """The pressure behind the piston falls from the gas charge to nothing: no more than `limit_N` can build up.
 
-    F is held at the limit (by the `share` of the flow that is so charged); the void takes the stroke that no longer
-    passes the valve, dz/dt = share·v·(F - limit)/F, and refills by the way back. Source: monotube dampers and their gas
-    charge (Dixon 2007): 10 to 30 bar on 1e-4 to 1e-3 m².
+    The void takes what the valve does not pass, dz/dt = v - c u, z >= 0, u being the speed at which the plant's map has
+    the limit L at this current. Until it has closed the force stays at L, even where the damper alone would have less
+    or has turned back: F - r (F - L) (1 - exp(-(z/bubbles)2)), r the `share`. Source: monotube dampers and their
+    gas charge (Dixon 2007): 10 to 30 bar on 1e-4 to 1e-3 m².
     """
 
     parameters = (
         Parameter("share", 0.0, 1.0, (0.3, 1.0), "share of the flow that is limited", magnitude=True),
         Parameter("limit_N", 30.0, 1e4, (300.0, 1000.0), "force at which the pressure behind is gone", "log"),
         BUBBLES,
+        Parameter("passing_share", 0.3, 1.5, (1.0,), "flow of the valve beside a void, over what its map says"),
     )
 
-    def opening(self, onward: F, pull: F, share: float, limit: float) -> tuple[F, F]:
-        """Return how fast the void opens [m/s] and the force [N] that is left."""
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N], held while there is a void."""
+        share, limit, bubbles, passing = values
+        pull, onward = self.side * force, self.side * inputs.speed
+        passed = passing * self._through(trace, inputs, force, limit)
+        length = held_void(pull, onward, limit, passed, trace.step_s)
         width = ROUNDED * limit
         excess = width * np.logaddexp(0.0, (pull - limit) / width)
-        forth, back = np.maximum(onward, 0.0), np.minimum(onward, 0.0)
-        spare = np.minimum(pull - limit, 0.0)
-        rate = share * forth * (excess + spare) / np.maximum(np.abs(pull), 0.1 * limit) + back
-        return rate, pull - share * excess
+        hold = -np.expm1(-((length / bubbles) ** 2))
+        return np.asarray(force - self.side * share * (excess + hold * (pull - limit - excess)))
 
-    def limited(self, trace: Trace) -> F:
-        """Return the simulated force."""
-        return trace.simulated
+    def _through(self, trace: Trace, inputs: Inputs, force: F, limit: float) -> F:
+        """Return the speed [m/s] (n,) at which the valve holds the limit at the tick's current, by bisection."""
+        plant = learn_map(trace, inputs, force)
+        most = float(np.max(np.abs(inputs.speed)))
+        speed, width = np.full_like(force, 0.5 * most), 0.25 * most
+        for _ in range(HALVINGS):
+            speed = speed + np.where(plant.force(self.side * speed, inputs.current) * self.side < limit, width, -width)
+            width *= 0.5
+        for _ in range(2):
+            found, slope = plant.both(self.side * speed, inputs.current)
+            off = (limit - self.side * found) / np.maximum(slope, LEAST_SLOPE)
+            speed = np.clip(speed + np.clip(off, -4.0 * width, 4.0 * width), 0.0, most)
+        return speed
+
+    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
+        """Return limits that this trace reaches, from often to hardly."""
+        seen = self.side * trace.simulated[trace.usable]
+        seen = seen[seen > 0.0]
+        limits = np.clip(np.quantile(seen, REACHED), 30.0, 1e4) if len(seen) else [30.0]
+        return [(1.0, float(limit), SOFT_M, 1.0) for limit in limits]
 
 
 @dataclass(frozen=True)

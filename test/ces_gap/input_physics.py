@@ -139,17 +139,25 @@ def starving(speed, force, side, limit, share, bubbles, step):
     return out
 
 
+def floored(speed, current, side, limit, bubbles, step):
+    """The force of `valves` held at the limit while there is a void, which takes what they do not pass."""
+    low, high = np.zeros_like(speed), np.full_like(speed, 5.0)
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        less = side * valves(side * middle, current) < limit
+        low, high = np.where(less, middle, low), np.where(less, high, middle)
+    return held_by_void(speed, valves(speed, current), low, side, limit, bubbles, step)
+
+
 @njit(cache=True)
-def floored(speed, force, side, limit, bubbles, step):
+def held_by_void(speed, force, passed, side, limit, bubbles, step):
     out = force.copy()
     z = 0.0
     for k in range(len(speed)):
-        onward, pull = side * speed[k], side * force[k]
-        if onward > 0.0:
-            z = max(z + step * onward * (pull - limit) / max(abs(pull), 0.1 * limit), 0.0)
-        else:
-            z = max(z + step * onward, 0.0)
-        out[k] = side * (min(pull, limit) if pull > 0.0 else pull * np.exp(-z / bubbles))
+        pull = side * force[k]
+        z = max(z + step * (side * speed[k] - passed[k]), 0.0) if z > 0.0 or pull > limit else 0.0
+        left = np.exp(-((z / bubbles) ** 2))
+        out[k] = side * (left * min(pull, limit) + (1.0 - left) * limit)
     return out
 
 
@@ -232,12 +240,12 @@ PLANTED: dict[str, tuple[tuple[float, ...], Truth]] = {
         lambda x, v, i: starving(v, valves(v, i), 1.0, 0.04, 0.8, 5e-4, FINE_S),
     ),
     "cavitation-rebound_floor": (
-        (1.0, 400.0, 5e-4),
-        lambda x, v, i: floored(v, valves(v, i), -1.0, 400.0, 5e-4, FINE_S),
+        (1.0, 400.0, 5e-4, 1.0),
+        lambda x, v, i: floored(v, i, -1.0, 400.0, 5e-4, FINE_S),
     ),
     "cavitation-compression_floor": (
-        (1.0, 250.0, 5e-4),
-        lambda x, v, i: floored(v, valves(v, i), 1.0, 250.0, 5e-4, FINE_S),
+        (1.0, 250.0, 5e-4, 1.0),
+        lambda x, v, i: floored(v, i, 1.0, 250.0, 5e-4, FINE_S),
     ),
 }
 

@@ -23,7 +23,7 @@ DESIGNED = {
 }  # fmt: skip
 # the last part of a unit is enough: "N_m", "m_s_rtN"
 UNITS = ("_N", "_m", "_s", "_kg", "_A", "_sN", "_rtN", "_m2", "_per_J", "_per_K", "_per_N")
-NUMBERS = {"gain", "share", "slope", "static_excess"}  # without a unit
+NUMBERS = {"gain", "share", "slope", "static_excess", "passing_share"}  # without a unit
 SECONDS = 2.0
 DOCS = Path(__file__).parents[2] / "docs" / "effects.md"
 EFFECTS = library()
