@@ -59,8 +59,7 @@ class Evidence:
 
     def louder(self, factor: float) -> Evidence:
         """Return the evidence with noise that is stronger by a factor."""
-        noise = Noise(self.noise.rms_N * factor, self.noise.innovation_N * factor, self.noise.ar)
-        return replace(self, noise=noise)
+        return replace(self, noise=self.noise.louder(factor))
 
     def forces(self, composition: Composition) -> list[F]:
         """Return the force [N] with the effects around the plant, on each trace."""

@@ -24,6 +24,10 @@ class Noise:
     innovation_N: float
     ar: F
 
+    def louder(self, factor: float) -> Noise:
+        """Return noise of the same colour, stronger by a factor."""
+        return Noise(self.rms_N * factor, self.innovation_N * factor, self.ar)
+
     def whitened(self, values: F) -> F:
         """Return columns (n, …) whitened along the first axis; the first p rows still hold the start."""
         out: F = lfilter(np.concatenate([[1.0], -self.ar]), [1.0], values, axis=0) / self.innovation_N
@@ -42,9 +46,14 @@ def white(rms_N: float) -> Noise:
 
 def noise_of(residuals: Sequence[F], usable: Sequence[B], order: int = ORDER) -> Noise:
     """Return the noise whose samples are the usable parts of some residuals [N]: Yule-Walker equations."""
-    kept = [np.where(u, r, 0.0) for r, u in zip(residuals, usable, strict=True)]
-    count = max(sum(int(u.sum()) for u in usable), 1)
-    lags = np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in kept) for k in range(order + 1)]) / count
+    lags = autocovariance(residuals, usable, order)
     lags[0] = max(lags[0] * (1.0 + 1e-6), 1e-12)
     ar = solve_toeplitz(lags[:-1], lags[1:])
     return Noise(float(np.sqrt(lags[0])), float(np.sqrt(max(lags[0] - ar @ lags[1:], 1e-4 * lags[0]))), ar)
+
+
+def autocovariance(values: Sequence[F], usable: Sequence[B], order: int) -> F:
+    """Return the autocovariance (order + 1,) [N2] about zero of the usable parts of some values [N]."""
+    kept = [np.where(u, r, 0.0) for r, u in zip(values, usable, strict=True)]
+    count = max(sum(int(u.sum()) for u in usable), 1)
+    return np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in kept) for k in range(order + 1)]) / count

@@ -49,10 +49,10 @@ def test_colcon_gets_the_node_and_every_program() -> None:
     assert found == dict.fromkeys(PROGRAMS, "ces_cli.ros_program:main")
 
 
-def test_packages_are_the_four_without_tests() -> None:
+def test_packages_are_the_five_without_tests() -> None:
     found = arguments("")["packages"]
     assert isinstance(found, list)
-    assert {"ces_observer", "ces_identify", "ces_rig", "ces_cli"} <= set(found)
+    assert {"ces_observer", "ces_identify", "ces_rig", "ces_gap", "ces_cli"} <= set(found)
     assert all(name.startswith("ces_") for name in found)
 
 

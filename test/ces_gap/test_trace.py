@@ -1,0 +1,171 @@
+"""Traces: clean signals come through, gaps and run-ins are not usable, noise is what was put in, units of time hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from engine_plant import NOISE_N, RATE_HZ, SIMULATION, F, recorded, traced
+
+from ces_gap.errors import GapError
+from ces_gap.trace import (
+    GRID_HZ,
+    Inputs,
+    Trace,
+    derivative,
+    make_trace,
+    on_grid,
+    open_trace,
+    require_usable,
+    smoothed,
+)
+from ces_identify.recording import Channel, Recording
+
+
+def sine(rate_Hz: float = 1000.0, seconds: float = 4.0, noise_m: float = 0.0, force_N: float = 0.0) -> Recording:
+    """A stroke of 2 Hz, its force in proportion to speed, and noise on both."""
+    rng = np.random.default_rng(1)
+    time = np.arange(round(rate_Hz * seconds)) / rate_Hz
+    stamps = 10**18 + np.round(time * 1e9).astype(np.int64)
+    position = 0.02 * np.sin(2.0 * np.pi * 2.0 * time) + noise_m * rng.standard_normal(len(time))
+    force = 1000.0 * 0.04 * 2.0 * np.pi * np.cos(2.0 * np.pi * 2.0 * time) + force_N * rng.standard_normal(len(time))
+    channels = {
+        "position": Channel("position", "m", stamps, position),
+        "force": Channel("force", "N", stamps, force),
+        "current": Channel("current", "A", stamps[::20], np.full(len(stamps[::20]), 0.7)),
+    }
+    return Recording("sine", channels)
+
+
+def of(recording: Recording) -> Trace:
+    return make_trace(recording, np.zeros(len(recording.channel("position"))))
+
+
+@pytest.mark.parametrize(("rate_Hz", "grid_Hz"), [(200.0, 200.0), (500.0, 500.0), (1000.0, 500.0), (2000.0, 500.0)])
+def test_the_grid_is_the_logged_rate_thinned_to_at_most_about_its_own(rate_Hz: float, grid_Hz: float) -> None:
+    trace = of(sine(rate_Hz))
+    assert trace.rate_Hz == pytest.approx(grid_Hz) and trace.rate_Hz <= GRID_HZ
+    np.testing.assert_allclose(np.diff(trace.time_s), trace.step_s)
+    assert trace.grid_ns()[0] == 10**18 and trace.grid_ns()[-1] == 10**18 + round(trace.time_s[-1] * 1e9)
+
+
+@pytest.mark.parametrize("rate_Hz", [500.0, 1000.0, 2000.0])
+def test_motion_and_force_come_through_without_delay(rate_Hz: float) -> None:
+    trace = of(sine(rate_Hz, noise_m=1e-5))
+    w, t, use = 2.0 * np.pi * 2.0, trace.time_s, trace.usable
+    np.testing.assert_allclose(trace.inputs.position[use], 0.02 * np.sin(w * t[use]), atol=2e-5)
+    np.testing.assert_allclose(trace.inputs.speed[use], 0.02 * w * np.cos(w * t[use]), atol=0.01)
+    np.testing.assert_allclose(trace.force[use], 1000.0 * 0.02 * w * np.cos(w * t[use]), atol=0.5)
+    np.testing.assert_allclose(trace.inputs.current, 0.7)
+    acceleration = -0.02 * w**2 * np.sin(w * t[use])
+    assert np.corrcoef(trace.acceleration[use], acceleration)[0, 1] > 0.95
+
+
+@pytest.mark.parametrize("rate_Hz", [500.0, 1000.0, 2000.0])
+def test_the_noise_is_what_was_put_in(rate_Hz: float) -> None:
+    trace = of(sine(rate_Hz, seconds=20.0, force_N=10.0))
+    clean = of(sine(rate_Hz, seconds=20.0))
+    true = (trace.force - clean.force)[trace.usable].std()
+    assert trace.noise_N == pytest.approx(true, rel=0.07)
+    assert clean.noise_N < 0.5
+
+
+def test_measured_and_simulated_force_pass_the_same_filter() -> None:
+    recording = sine(2000.0, force_N=10.0)
+    trace = make_trace(recording, recording.channel("force").values)
+    np.testing.assert_allclose(trace.simulated, trace.force, atol=1e-9)
+
+
+@pytest.mark.parametrize("signal", ["position", "force"])
+def test_a_silent_channel_is_not_bridged_and_filters_run_in_around_it(signal: str) -> None:
+    recording = sine()
+    channel = recording.channel(signal)
+    time = (channel.stamps_ns - 10**18) * 1e-9
+    lost = replace(channel, values=np.where((time > 1.0) & (time < 1.3), np.nan, channel.values))
+    trace = of(replace(recording, channels={**recording.channels, signal: lost}))
+    inside = (trace.time_s > 0.95) & (trace.time_s < 1.35)
+    assert not trace.usable[inside].any()
+    assert trace.usable[(trace.time_s > 0.2) & (trace.time_s < 0.8)].all()
+    assert trace.usable[(trace.time_s > 1.5) & (trace.time_s < 3.8)].all()
+    assert not trace.usable[trace.time_s < 0.05].any()
+    assert all(np.isfinite(a).all() for a in (trace.force, trace.simulated, trace.inputs.position, trace.acceleration))
+
+
+def test_what_the_simulation_does_not_know_is_not_usable() -> None:
+    recording = sine()
+    simulated = np.where(np.arange(4000) < 2000, np.nan, 1.0)
+    trace = make_trace(recording, simulated)
+    assert (
+        not trace.usable[trace.time_s < 2.0].any() and trace.usable[(trace.time_s > 2.2) & (trace.time_s < 3.8)].all()
+    )
+
+
+def test_a_recording_without_force_has_no_usable_tick() -> None:
+    recording = sine()
+    trace = of(replace(recording, channels={n: c for n, c in recording.channels.items() if n != "force"}))
+    assert not trace.usable.any() and trace.noise_N == 0.0 and not trace.force.any()
+    with pytest.raises(GapError, match=r"sine: 0\.00 s"):
+        require_usable(trace)
+
+
+def test_a_handful_of_samples_is_refused() -> None:
+    with pytest.raises(GapError, match="expected at least 100"):
+        of(sine(seconds=0.05))
+
+
+def test_the_simulation_is_run_on_the_smoothed_position_and_as_given() -> None:
+    recording = recorded()
+    position = recording.channel("position")
+    noisy = position.values + 2e-5 * np.random.default_rng(1).standard_normal(len(position))
+    recording = replace(recording, channels={**recording.channels, "position": replace(position, values=noisy)})
+    trace, clean = open_trace(SIMULATION, recording), traced()
+    use = trace.usable
+    given, smooth = (np.std((f - clean.simulated)[use]) for f in (trace.as_given, trace.simulated))
+    assert smooth < 0.5 * given
+    once = open_trace(SIMULATION, recording, as_given=False)
+    np.testing.assert_array_equal(once.simulated, once.as_given)
+    np.testing.assert_allclose(once.simulated, trace.simulated, atol=1e-6)
+
+
+def test_the_smoothed_recording_keeps_stamps_and_gaps() -> None:
+    recording = recorded()
+    position = recording.channel("position")
+    holed = replace(position, values=np.where(np.arange(len(position)) == 700, np.nan, position.values))
+    recording = replace(recording, channels={**recording.channels, "position": holed})
+    made = smoothed(recording, of(recording)).channel("position")
+    np.testing.assert_array_equal(made.stamps_ns, position.stamps_ns)
+    assert np.flatnonzero(np.isnan(made.values)).tolist() == [700]
+    inside = np.delete(np.arange(10, len(position) - 10), 690)
+    np.testing.assert_allclose(made.values[inside], position.values[inside], atol=5e-5)
+
+
+def test_a_force_at_the_samples_goes_on_the_grid_as_the_simulated_one_did() -> None:
+    recording = sine(2000.0)
+    force = recording.channel("force").values
+    trace = make_trace(recording, force)
+    np.testing.assert_array_equal(on_grid(trace, force), trace.simulated)
+
+
+def test_moved_inputs_change_their_speed_by_as_much() -> None:
+    inputs = traced().inputs
+    time = np.arange(len(inputs.position)) / RATE_HZ
+    moved = inputs.moved(inputs.position + 0.001 * np.sin(10.0 * time), RATE_HZ)
+    np.testing.assert_allclose((moved.speed - inputs.speed)[3:-3], 0.01 * np.cos(10.0 * time[3:-3]), atol=1e-6)
+    assert moved.current is inputs.current
+    powered = inputs.powered(2.0 * inputs.current)
+    assert isinstance(powered, Inputs) and powered.position is inputs.position
+
+
+def test_a_derivative_is_of_fourth_order() -> None:
+    errors = []
+    for rate in (50.0, 100.0):
+        time: F = np.arange(round(2.0 * rate)) / rate
+        away = derivative(np.sin(8.0 * time), rate) - 8.0 * np.cos(8.0 * time)
+        errors.append(np.abs(away[2:-2]).max())
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.1)
+    np.testing.assert_allclose(derivative(np.array([0.0, 1.0, 3.0]), 2.0), [2.0, 3.0, 4.0])
+
+
+def test_noise_of_the_damper_of_these_tests_is_recognised() -> None:
+    assert traced(seconds=20.0, constant_A=0.6).noise_N == pytest.approx(NOISE_N, rel=0.08)
