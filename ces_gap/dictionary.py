@@ -76,7 +76,7 @@ class Dictionary:
 
     def told(self, trace: Trace, inputs: Inputs, force: F, weights: F) -> F:
         """Return the features' weighted sum (n,), without making them all."""
-        out = np.empty((len(force), 1))
+        out = np.zeros((len(force), 1))
         self._fill(trace, inputs, force, np.ascontiguousarray(weights[: self.size]), out)
         if not self.by_time:
             return out[:, 0]

@@ -8,7 +8,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ces_gap.series_kernels import steep
+
 F = NDArray[np.float64]
+
+SAME_N = 1e-6  # [N] below it a loose joint's force has come back to a tight one's
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -90,3 +94,96 @@ def void(rate: F, step_s: float) -> F:
         z = max(z + 0.5 * (rate[k - 1] + rate[k]) * step_s, 0.0)
         out[k] = z
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tight_force(speed: F, level: F, plant: tuple[float, float, F], own: float, step_s: float, substeps: int) -> F:
+    """Return the force [N] of F = f(v - own·dF/dt), f the `steep` of `plant`, `substeps` a tick, implicit Euler."""
+    out = np.empty((len(speed) - 1) * substeps + 1)
+    g = speed[0]
+    out[0] = steep(g, level[0], plant[0], plant[1], plant[2])[0]
+    for i in range(1, len(out)):
+        k, w = (i - 1) // substeps, ((i - 1) % substeps + 1) / substeps
+        v, s = speed[k] + w * (speed[k + 1] - speed[k]), level[k] + w * (level[k + 1] - level[k])
+        g, out[i] = _sprung(v, s, out[i - 1], g, own * substeps / step_s, plant)
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def loose_force(
+    speed: F,
+    level: F,
+    memory: F,
+    tight: F,
+    gap: float,
+    parted: float,
+    plant: tuple[float, float, F],
+    own: float,
+    step_s: float,
+    substeps: int,
+) -> F:
+    """Return a damper's force [N] behind a joint with a gap, less `memory`, `substeps` a tick ((n - 1)·substeps + 1,).
+
+    `tight` is `tight_force`, without a gap. The damper is f(v' - own·dF/dt) + memory, f the `steep` of `plant`.
+    Its joint's place z stays at ±gap/2 as long as pushing or pulling lasts; between, the damper moves so that its force
+    is `parted`. Implicit Euler.
+    """
+    out = np.empty((len(speed) - 1) * substeps + 1)
+    h, half, z, g, creep = step_s / substeps, 0.5 * gap, 0.0, speed[0], 0.0
+    force = tight[0]
+    out[0] = force
+    for i in range(1, len(out)):
+        k, w = (i - 1) // substeps, ((i - 1) % substeps + 1) / substeps
+        v, s = speed[k] + w * (speed[k + 1] - speed[k]), level[k] + w * (level[k + 1] - level[k])
+        free = parted - memory[k] - w * (memory[k + 1] - memory[k])
+        moved, touching = v, tight[i]
+        if abs(force - tight[i - 1]) > SAME_N:
+            moved, touching = _sprung(v, s, force, g, own / h, plant)
+        if (touching < free or z < half) and (touching > free or z > -half):
+            creep = _sprung_at(free, s, creep, plant)
+            goal = min(max(z + h * (v - creep) - own * (free - force), -half), half)
+            moved, touching = _sprung(v - (goal - z) / h, s, force, moved, own / h, plant)
+            z = goal
+        g, force = moved, touching
+        out[i] = force
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sprung(
+    v: float, s: float, before: float, guess: float, own: float, plant: tuple[float, float, F]
+) -> tuple[float, float]:
+    """Return the speed g [m/s] at which g + own·(f(g) - before) = v, by Newton's method in a bracket, and f(g) [N]."""
+    g, low, high = v, -np.inf, np.inf
+    if own > 0.0:
+        g = guess
+        for _ in range(40):
+            value, slope = steep(g, s, plant[0], plant[1], plant[2])
+            wrong = v - g - own * (value - before)
+            low, high = (g, high) if wrong > 0.0 else (low, g)
+            move = wrong / (1.0 + own * slope)
+            if not low < g + move < high and abs(low) < np.inf and abs(high) < np.inf:
+                move = 0.5 * (low + high) - g
+            g += move
+            if abs(move) < 1e-9:
+                break
+    return g, steep(g, s, plant[0], plant[1], plant[2])[0]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sprung_at(force: float, s: float, guess: float, plant: tuple[float, float, F]) -> float:
+    """Return the speed [m/s] at which f is `force` [N], within the map's range, by Newton's method in a bracket."""
+    fastest = plant[0] * ((1.0 + plant[1]) ** 2 - 1.0)
+    low, high = -fastest, fastest
+    g = min(max(guess, low), high)
+    for _ in range(40):
+        value, slope = steep(g, s, plant[0], plant[1], plant[2])
+        wrong = force - value
+        low, high = (g, high) if wrong > 0.0 else (low, g)
+        move = wrong / (slope + 1e-3)
+        if not low < g + move < high:
+            move = 0.5 * (low + high) - g
+        g += move
+        if abs(move) < 1e-9:
+            break
+    return g

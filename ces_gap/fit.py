@@ -22,6 +22,7 @@ F = NDArray[np.float64]
 ITERATIONS = 8
 STEP = 1e-3  # of a parameter's range: step of the difference quotients
 ENOUGH = 3e-4  # stop when an iteration explains less than this share of the gap's energy
+HOPELESS = 0.005  # stop when all of it together explains less than this share
 MOST_STARTS = 6
 NEAR_BOUND = 1e-3  # of the range: nearer than this, a parameter sticks to its bound
 
@@ -169,7 +170,8 @@ def polish(evidence: Evidence, effects: tuple[Effect, ...], start: F, objective:
             break
         searched, residual = moved, there
         jacobian = goal.jacobian(searched, residual)
-        if before - float(residual @ residual) < ENOUGH * whole:
+        after = float(residual @ residual)
+        if before - after < ENOUGH * whole or whole - after < HOPELESS * whole:
             break
     return _finished(evidence, effects, goal, searched, residual, jacobian)
 

@@ -35,43 +35,66 @@ def place(value: float, knots: F) -> tuple[int, float]:
 
 
 @njit(cache=True)
-def put_hats(row: F, at: int, value: float, knots: F, first: float, second: float) -> int:
-    """Write hats of `value` times `first`, then times `second` unless that is NaN; return where the row goes on."""
+def add(row: F, weights: F, at: int, value: float) -> None:
+    """Add a feature's value to its place in the row, or with weights its weighted value to the row's only place."""
+    if len(weights):
+        row[0] += weights[at] * value
+    else:
+        row[at] += value
+
+
+@njit(cache=True)
+def put_hats(row: F, weights: F, at: int, value: float, knots: F, first: float, second: float) -> int:
+    """Add hats of `value` times `first`, then times `second` unless that is NaN; return where the row goes on."""
     j, share = place(value, knots)
     m = len(knots)
-    row[at + j] += (1.0 - share) * first
-    row[at + j + 1] += share * first
+    add(row, weights, at + j, (1.0 - share) * first)
+    add(row, weights, at + j + 1, share * first)
     if np.isnan(second):
         return at + m
-    row[at + m + j] += (1.0 - share) * second
-    row[at + m + j + 1] += share * second
+    add(row, weights, at + m + j, (1.0 - share) * second)
+    add(row, weights, at + m + j + 1, share * second)
     return at + 2 * m
 
 
 @njit(cache=True)
-def put_sided(row: F, at: int, value: float, i: float, varies: bool, pushed: float) -> int:
-    """Write `value`, times the current if it varies, and times 1 in compression; return where the row goes on."""
-    row[at] = value
+def put_sided(row: F, weights: F, at: int, value: float, i: float, varies: bool, pushed: float) -> int:
+    """Add `value`, times the current if it varies, and times 1 in compression; return where the row goes on."""
+    add(row, weights, at, value)
     at += 1
     if varies:
-        row[at] = value * i
+        add(row, weights, at, value * i)
         at += 1
-    row[at] = value * pushed
+    add(row, weights, at, value * pushed)
     return at + 1
 
 
 @njit(cache=True)
-def put_motion(row: F, x: float, u: float, i: float, varies: bool, fine: F, coarse: F) -> int:
-    """Write the memoryless functions of position, warped speed `u` and current; return where the row goes on."""
-    at = put_hats(row, 0, u, fine, 1.0, i if varies else np.nan)
+def put_motion(row: F, weights: F, x: float, u: float, i: float, varies: bool, fine: F, coarse: F) -> int:
+    """Add the memoryless functions of position, warped speed `u` and current; return where the row goes on."""
+    at = put_hats(row, weights, 0, u, fine, 1.0, i if varies else np.nan)
     if varies:
-        at = put_hats(row, at, u, fine, i * i, np.nan)
-    row[at], row[at + 1], row[at + 2] = x, x * x, x**3
+        at = put_hats(row, weights, at, u, fine, i * i, np.nan)
+    add(row, weights, at, x)
+    add(row, weights, at + 1, x * x)
+    add(row, weights, at + 2, x**3)
     at += 3
     if varies:
-        row[at] = x * i
+        add(row, weights, at, x * i)
         at += 1
-    return int(put_hats(row, at, u, coarse, x, np.nan))
+    return int(put_hats(row, weights, at, u, coarse, x, np.nan))
+
+
+@njit(cache=True)
+def put_force(row: F, weights: F, at: int, f: float, i: float, varies: bool, level: F) -> int:
+    """Add the memoryless functions of force and current; return where the row goes on."""
+    at = put_hats(row, weights, at, f, level, 1.0, i if varies else np.nan)
+    add(row, weights, at, f)
+    at += 1
+    if varies:
+        add(row, weights, at, f * i)
+        at += 1
+    return at
 
 
 @njit(cache=True)
@@ -79,20 +102,16 @@ def fill_features(
     x: F, v: F, i: F, f: F, rate_Hz: float, varies: bool, by_force: bool,
     fine: F, coarse: F, level: F, turns: F, memories_s: F, valve_s: F, weights: F, out: F,
 ) -> None:  # fmt: skip
-    """Fill `out` (n, q), zeros before, with the features of position, speed, current and force, each scaled (n,).
+    """Add to `out` (n, q), zeros before, the features of position, speed, current and force, each scaled (n,).
 
-    With `weights` (q,), fill `out` (n, 1) with the features' weighted sum instead. Speed goes through asinh(10·speed);
+    With `weights` (q,), add to `out` (n, 1) the features' weighted sum instead. Speed goes through asinh(10·speed);
     `fine`, `coarse` are knots of that, `level` those of the force.
     """
     poles, valve_poles = np.exp(-1.0 / (rate_Hz * memories_s)), np.exp(-1.0 / (rate_Hz * valve_s))
     slow_v, slow_f, slow_i = np.full(3, v[0]), np.full(3, f[0]), np.full(2, i[0])
     turn = np.zeros(len(turns))
-    summed = np.zeros(len(weights))
     for k in range(len(x)):
         row = out[k]
-        if len(weights):
-            row = summed
-            row[:] = 0.0
         pushed, moving = 1.0 if f[k] > 0.0 else 0.0, 1.0 if v[k] > 0.0 else 0.0
         for r in range(len(turns)):
             if k > 0:
@@ -103,22 +122,15 @@ def fill_features(
             slow_v[m] = v[k] + poles[m] * (slow_v[m] - v[k])
             slow_f[m] = f[k] + poles[m] * (slow_f[m] - f[k])
         u = np.arcsinh(10.0 * v[k])
-        at = put_motion(row, x[k], u, i[k], varies, fine, coarse)
+        at = put_motion(row, weights, x[k], u, i[k], varies, fine, coarse)
         for r in range(len(turns)):
-            at = put_sided(row, at, turn[r] / turns[r], i[k], varies, moving)
+            at = put_sided(row, weights, at, turn[r] / turns[r], i[k], varies, moving)
         if varies:
             for m in range(2):
-                at = put_hats(row, at, u, coarse, i[k] - slow_i[m], np.nan)
+                at = put_hats(row, weights, at, u, coarse, i[k] - slow_i[m], np.nan)
         for m in range(1 if by_force else 3):
-            at = put_hats(row, at, np.arcsinh(10.0 * slow_v[m]), fine, 1.0, i[k] if varies else np.nan)
+            at = put_hats(row, weights, at, np.arcsinh(10.0 * slow_v[m]), fine, 1.0, i[k] if varies else np.nan)
         if by_force:
-            at = put_hats(row, at, f[k], level, 1.0, i[k] if varies else np.nan)
-            row[at] = f[k]
-            at += 1
-            if varies:
-                row[at] = f[k] * i[k]
-                at += 1
+            at = put_force(row, weights, at, f[k], i[k], varies, level)
             for m in range(3):
-                at = put_sided(row, at, 3.0 * (f[k] - slow_f[m]), i[k], varies, pushed)
-        if len(weights):
-            out[k, 0] = np.dot(summed, weights)
+                at = put_sided(row, weights, at, 3.0 * (f[k] - slow_f[m]), i[k], varies, pushed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import copysign, exp, sqrt
+from math import copysign, exp, sqrt, tanh
 
 import numpy as np
 from numba import njit
@@ -188,6 +188,67 @@ def leaking_force(
         force = steep(speed[k] - g, level[k], plant[0], plant[1], plant[2])[0] - rest
         out[k] = force
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def pumped_stroke(
+    speed: F,
+    level: F,
+    memory: F,
+    plant: tuple[float, float, F],
+    own: tuple[float, float],
+    added: tuple[float, float],
+    widths: tuple[float, float],
+    step_s: float,
+    substeps: int,
+) -> F:
+    """Return the stroke z [m] (n,), dz/dt = C·dF/dt, of a compliance C added to that of the plant's own spring.
+
+    Both have one compliance [m/N] while the damper is pushed and moves in, and another otherwise; `widths` [N], [m/s]
+    are those of the change. F = f(v - (C + own)·df/dt - C·dm/dt) + memory m. Implicit Euler.
+    """
+    out = np.zeros_like(speed)
+    h, g, z = step_s / substeps, 0.0, 0.0
+    force = steep(speed[0], level[0], plant[0], plant[1], plant[2])[0]
+    for i in range(1, (len(speed) - 1) * substeps + 1):
+        k, w = (i - 1) // substeps, ((i - 1) % substeps + 1) / substeps
+        v, s = speed[k] + w * (speed[k + 1] - speed[k]), level[k] + w * (level[k + 1] - level[k])
+        rise = memory[k + 1] - memory[k]
+        pumping = in_class(force + memory[k] + w * rise, v, widths)
+        own_c = own[1] + pumping * (own[0] - own[1])
+        added_c = added[1] + pumping * (added[0] - added[1])
+        before = force - added_c * rise / substeps / max(own_c + added_c, 1e-15)
+        g, now = _squeezed(v, s, before, g, (own_c + added_c) / h, plant)
+        z += added_c * (now - force + rise / substeps)
+        force = now
+        out[k + 1] = z
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def in_class(force: float, speed: float, widths: tuple[float, float]) -> float:
+    """Return from 0 to 1 how far a damper is pushed and moves in."""
+    return 0.25 * (1.0 + tanh(force / widths[0])) * (1.0 + tanh(speed / widths[1]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _squeezed(
+    v: float, s: float, before: float, guess: float, whole: float, plant: tuple[float, float, F]
+) -> tuple[float, float]:
+    """Return g [m/s] = whole·(f(v - g) - before), by Newton's method in a bracket, and that force f [N]."""
+    low, high = -np.inf, np.inf
+    g = guess
+    for _ in range(40):
+        value, slope = steep(v - g, s, plant[0], plant[1], plant[2])
+        wrong = whole * (value - before) - g
+        low, high = (g, high) if wrong > 0.0 else (low, g)
+        move = wrong / (whole * slope + 1.0)
+        if not low < g + move < high and abs(low) < np.inf and abs(high) < np.inf:
+            move = 0.5 * (low + high) - g
+        g += move
+        if abs(move) < RATE_TOLERANCE:
+            break
+    return g, steep(v - g, s, plant[0], plant[1], plant[2])[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

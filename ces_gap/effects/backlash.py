@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import firwin
 
 from ces_gap.effect import MOTION, Effect, Parameter
-from ces_gap.effect_kernels import gated_play
+from ces_gap.effect_kernels import gated_play, loose_force, tight_force
+from ces_gap.own_spring import banded, learn_sprung
 from ces_gap.series_strain import less, soft_width
 from ces_gap.speed_map import learn_map
 from ces_gap.trace import Inputs, Trace
@@ -17,7 +19,7 @@ from ces_gap.trace import Inputs, Trace
 F = NDArray[np.float64]
 
 GAP = Parameter("gap_m", 0.0, 0.01, (5e-4, 2e-3), "free play from stop to stop", magnitude=True)
-SLOW = 0.03  # of the RMS speed: below it the damper stands
+SUBSTEP_S = 5e-4  # [s] of the integration: the moments of parting and contact fall between ticks
 
 
 @dataclass(frozen=True)
@@ -40,19 +42,33 @@ class HeldPlay(Effect):
 
 
 @dataclass(frozen=True)
-class PartedPlay(HeldPlay):
-    """The same, and no force passes while the damper stands: F·w, w = (v'² + ε²)/(v'² + (v - v')² + ε²).
+class PartedPlay(Effect):
+    """The same, and the cell reads a constant level while the joint is parted: no force passes, the damper creeps.
 
-    It differs where the simulation still has a force at standstill (gas, a friction that holds). Source as above.
+    A damper that nothing holds moves so that its own force is that level: f(v' - c·dF/dt) + memory = `parted_N`, f and
+    c learnt from the simulation (a map of speed and current behind its own spring); it moves with the joint again once
+    the gap is crossed. The effect is the difference this makes to the map's force. The level is the zero of the force
+    that passes: 0 N, or what the recording was tared by (the force of gas). Source as above.
     """
 
-    form = "parted"
+    name, form, stage, reruns, needs = "backlash", "parted", MOTION, False, "reversals"
+    parameters = (GAP, Parameter("parted_N", -500.0, 500.0, (-20.0,), "what the cell reads while nothing passes"))
 
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] that passes the joint."""
-        own, outer = inputs.speed, trace.inputs.speed
-        slow = (SLOW * float(np.sqrt(np.mean(outer**2)))) ** 2 + 1e-12
-        return np.asarray(force * (own**2 + slow) / (own**2 + (outer - own) ** 2 + slow))
+        plant, (gap, level) = learn_sprung(trace), values
+        substeps = int(np.ceil(trace.step_s / SUBSTEP_S - 1e-6))
+        how = plant.map.kernel(), plant.compliance, trace.step_s, substeps
+        given = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
+        tight = tight_force(*given, *how)
+        memory = banded(force - tight[::substeps], trace.rate_Hz)
+        return force + _thinned(loose_force(*given, memory, tight, gap, level, *how) - tight, substeps)
+
+
+def _thinned(values: F, factor: int) -> F:
+    """Return every `factor`-th value behind the low-pass that measured forces have passed on their way to the grid."""
+    taps = firwin(8 * factor + 1, 0.8 / factor) if factor > 1 else np.ones(1)
+    return np.asarray(np.convolve(np.pad(values, len(taps) // 2, mode="edge"), taps, mode="valid")[::factor])
 
 
 FORMS = (HeldPlay(), PartedPlay())

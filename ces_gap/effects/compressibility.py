@@ -7,14 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
 
 from ces_gap.effect import FLUID, Effect, Parameter
-from ces_gap.series_strain import Strain, shortened
-from ces_gap.trace import Inputs, Trace
+from ces_gap.own_spring import learn_pumped
+from ces_gap.series_kernels import pumped_stroke
+from ces_gap.series_strain import Strain, less, shortened
+from ces_gap.trace import Inputs, Trace, derivative
 
 F = NDArray[np.float64]
 
 INFINITE = float("inf")
+SLOWEST_HZ = 0.2  # [Hz] below it what is squeezed is wandering
+PUMPED_SUBSTEPS = 2
 
 
 @dataclass(frozen=True)
@@ -83,4 +88,48 @@ class Aerated(Effect):
         return shortened(trace, inputs, force, law)
 
 
-FORMS = (SideSpecific(), Aerated())
+@dataclass(frozen=True)
+class Pumped(Effect):
+    """Check valves choose what is squeezed: ds/dt = C·dF/dt, C = 1/`pumping_N_m` while pushed and moving in, else less.
+
+    Moving in with the piston's check valve open, both chambers have one pressure, which acts on the rod's area only:
+    k = β·A_rod²/(V₁ + V₂). Once the motion turns the valve shuts and each chamber acts on its own, much larger area:
+    k = β·A²/V. What is squeezed in is not given back on the same path, so s would wander: its slow part is not driven
+    with, but the map's answer to it added. The plant's own spring, learnt from it, has the same two classes. Source:
+    continuity by chamber as above (Merritt 1967), for uniflow and monotube dampers with a check valve in the piston.
+    """
+
+    name, form, stage, reruns = "compressibility", "pumped", FLUID, True
+    needs = SideSpecific.needs
+    parameters = (
+        Parameter(
+            "pumping_N_m", 5e4, 1e9, (2e6, 1e7), "stiffness while pushed and moving in", "inverse", True, INFINITE
+        ),
+        Parameter("other_N_m", 5e4, 1e9, (2e7,), "stiffness otherwise", "inverse", True, INFINITE),
+    )
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the motion that displaces oil through the valve, without the slow part of what is squeezed."""
+        return less(inputs, fast(self._stroke(trace, values), trace), trace.rate_Hz)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] with the slow part as well."""
+        stroke, plant = self._stroke(trace, values), learn_pumped(trace).map
+        slow = derivative(stroke - fast(stroke, trace), trace.rate_Hz)
+        return force + plant.force(inputs.speed - slow, inputs.current) - plant.force(inputs.speed, inputs.current)
+
+    def _stroke(self, trace: Trace, values: Sequence[float]) -> F:
+        plant = learn_pumped(trace)
+        added, inputs = (1.0 / values[0], 1.0 / values[1]), trace.inputs
+        speed, level = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
+        how = plant.map.kernel(), plant.own, added, plant.widths, trace.step_s, PUMPED_SUBSTEPS
+        return np.asarray(pumped_stroke(speed, level, plant.memory, *how))
+
+
+def fast(stroke: F, trace: Trace) -> F:
+    """Return a stroke (n,) without what is slower than `SLOWEST_HZ`, not delayed."""
+    sos = butter(1, SLOWEST_HZ, "high", fs=trace.rate_Hz, output="sos")
+    return np.asarray(sosfiltfilt(sos, stroke, padlen=min(len(stroke) - 1, round(trace.rate_Hz))))
+
+
+FORMS = (SideSpecific(), Aerated(), Pumped())

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.noise import Noise
 from ces_gap.trace import Trace, open_trace
 from ces_identify.recording import Channel, Recording
 from ces_identify.simulation import FunctionSimulation
@@ -47,9 +46,3 @@ def recorded(truth: Truth = damper, seed: int = 1, seconds: float = 8.0, constan
 def traced(truth: Truth = damper, seed: int = 1, seconds: float = 8.0, constant_A: float | None = None) -> Trace:
     """The same as a trace beside the damper's simulation."""
     return open_trace(SIMULATION, recorded(truth, seed, seconds, constant_A))
-
-
-def coloured(rms_N: float, pole: float) -> Noise:
-    """First-order autoregressive noise."""
-    lags = rms_N**2 * pole ** np.arange(2.0)
-    return Noise(rms_N, rms_N * float(np.sqrt(1.0 - pole**2)), np.array([pole]), lags)

@@ -83,6 +83,22 @@ def spring_in_series(speed, current, forces, strokes, relaxation, step):
 
 
 @njit(cache=True)
+def pumped(speed, current, pumping, other, step):
+    """The force through a spring of 1/`pumping` while pushed and moving in, 1/`other` otherwise."""
+    out = np.zeros_like(speed)
+    for k in range(1, len(speed)):
+        compliance = 1.0 / pumping if out[k - 1] > 0.0 and speed[k] > 0.0 else 1.0 / other
+        low, high = -6000.0, 6000.0
+        for _ in range(45):
+            out[k] = 0.5 * (low + high)
+            if valve(speed[k] - compliance * (out[k] - out[k - 1]) / step, current[k]) > out[k]:
+                low = out[k]
+            else:
+                high = out[k]
+    return out
+
+
+@njit(cache=True)
 def leaking(speed, current, forces, leaks):
     out = np.empty_like(speed)
     for k in range(len(speed)):
@@ -124,6 +140,26 @@ def loose_brake(x, current, gap):
         force = dahl(force, step, current[k])
         own += step
         out[k] = force
+    return out
+
+
+@njit(cache=True)
+def loose(x, current, gap, level, step_s):
+    """The same for a damper without memory; the cell reads `level` where the joint passes nothing."""
+    out = np.zeros_like(x)
+    own = x[0]
+    for k in range(1, len(x)):
+        low, high = -1e-3, 1e-3
+        for _ in range(40):
+            step = 0.5 * (low + high)
+            reach = x[k] - own - step
+            contact = 1e8 * (max(reach - 0.5 * gap, 0.0) + min(reach + 0.5 * gap, 0.0))
+            if valve(step / step_s, current[k]) < level + contact:
+                low = step
+            else:
+                high = step
+        out[k] = valve(step / step_s, current[k])
+        own += step
     return out
 
 
@@ -212,6 +248,7 @@ PLANTED: dict[str, tuple[tuple[float, ...], Truth]] = {
         (1e-3, 3e-4, 200.0),
         series(np.where(TABLE > 0, 1e-3, 3e-4) * TABLE / (np.abs(TABLE) + 200.0)),
     ),
+    "compressibility-pumped": ((1e6, 5e6), lambda x, v, i: pumped(v, i, 1e6, 5e6, FINE_S)),
     "leakage-rebound": ((3e-5,), leak(np.minimum(TABLE, 0.0) * 3e-5)),
     "leakage-both": ((3e-5,), leak(TABLE * 3e-5)),
     "leakage-orifice": (
@@ -230,7 +267,7 @@ PLANTED: dict[str, tuple[tuple[float, ...], Truth]] = {
     "current_scale-gain": ((1.1,), acting(lambda i: 1.1 * i)),
     "current_scale-gain_offset": ((0.9, 0.05), acting(lambda i: 0.9 * i + 0.05)),
     "backlash-held": ((1e-3,), lambda x, v, i: valves(np.gradient(play(x, 5e-4)) / FINE_S, i)),
-    "backlash-parted": ((1e-3,), lambda x, v, i: valves(np.gradient(play(x, 5e-4)) / FINE_S, i)),
+    "backlash-parted": ((1e-3, -30.0), lambda x, v, i: loose(x, i, 1e-3, -30.0, FINE_S)),
     "cavitation-rebound_intake": (
         (0.8, 0.04, 5e-4),
         lambda x, v, i: starving(v, valves(v, i), -1.0, 0.04, 0.8, 5e-4, FINE_S),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from engine_plant import SIMULATION, coloured, damper, traced
-from gap_traces import ar_noise
+from engine_plant import SIMULATION, damper, traced
+from gap_traces import ar, ar_noise
 from numpy.typing import NDArray
 
 from ces_gap import evidence as evidence_module
@@ -34,7 +34,7 @@ def inverse_root(matrix: F) -> F:
     return np.asarray(vectors / np.sqrt(values)) @ vectors.T
 
 
-@pytest.mark.parametrize("noise", [white(8.0), coloured(8.0, 0.8)], ids=["white", "coloured"])
+@pytest.mark.parametrize("noise", [white(8.0), ar(8.0, 0.8)], ids=["white", "coloured"])
 def test_marginalising_is_the_dense_inverse_root(noise: Noise, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(evidence_module, "LEAST_MODE", 0.0)
     features, covariance = drawn(1, 5), covariance_of(5)
@@ -75,7 +75,7 @@ def test_without_a_covariance_the_features_are_projected_out() -> None:
 
 def test_noise_and_an_error_as_large_as_expected_come_out_as_white_of_unit_variance() -> None:
     rng = np.random.default_rng(7)
-    noise, features, covariance = coloured(8.0, 0.8), drawn(1, 5), covariance_of(5)
+    noise, features, covariance = ar(8.0, 0.8), drawn(1, 5), covariance_of(5)
     evidence = gather(TRACES, PLANT, noise, features, covariance)
     squares = []
     for _ in range(60):
@@ -89,7 +89,7 @@ def test_noise_and_an_error_as_large_as_expected_come_out_as_white_of_unit_varia
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_units_hold_every_clean_tick_once(count: int) -> None:
-    noise = coloured(8.0, 0.5)
+    noise = ar(8.0, 0.5)
     evidence = gather(TRACES[:count], PLANT, noise, drawn(1, 3)[:count], covariance_of(3))
     assert len(evidence.units) >= 4
     for number, trace in enumerate(evidence.traces):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from engine_plant import coloured
-from gap_traces import ar_noise
+from gap_traces import ar, ar_noise
 from numpy.typing import NDArray
 
-from ces_gap.noise import autocovariance, noise_of, white
+from ces_gap.noise import noise_of, white
 
 F = NDArray[np.float64]
 EVERYWHERE = np.ones(40000, bool)
@@ -36,7 +35,7 @@ def test_simulated_noise_is_recognised_and_made_white(pole: float) -> None:
 
 
 def test_whitening_is_linear_and_works_column_by_column() -> None:
-    noise = coloured(8.0, 0.6)
+    noise = ar(8.0, 0.6)
     columns = np.stack([simulated(0.6, 1), simulated(0.6, 2)], axis=1)
     np.testing.assert_allclose(noise.whitened(columns)[:, 1], noise.whitened(columns[:, 1]))
     np.testing.assert_allclose(noise.whitened(columns @ [2.0, -3.0]), noise.whitened(columns) @ [2.0, -3.0], atol=1e-9)
@@ -69,28 +68,3 @@ def test_silence_is_noise_without_power_and_without_nonsense() -> None:
     noise = noise_of([np.zeros(500)], [np.ones(500, bool)])
     assert np.isfinite(noise.whitened(np.ones(500))).all()
     assert noise.rms_N < 1e-3
-
-
-def test_louder_noise_is_whitened_by_the_same_filter() -> None:
-    values = simulated(0.6)
-    noise = coloured(8.0, 0.6)
-    np.testing.assert_allclose(noise.louder(3.0).whitened(values), noise.whitened(values) / 3.0)
-
-
-def test_beside_an_error_of_form_the_noise_keeps_its_variance_and_the_error_is_whitened_too() -> None:
-    usable = EVERYWHERE[:20000]
-    gap = simulated(0.98, seed=2, rms_N=400.0)[: len(usable)]
-    noise = noise_of([simulated(0.3)], [EVERYWHERE])
-    beside = noise.beside([gap], [usable], 0.02)
-    assert beside.whitened(simulated(0.3, seed=3)).std() == pytest.approx(1.0, abs=0.03)
-    both = simulated(0.3, seed=4)[: len(usable)] + np.sqrt(0.02) * gap
-    before, after = noise.whitened(both), beside.whitened(both)
-    assert abs(autocorrelation(after, 1)) < 0.03
-    assert autocorrelation(before, 1) > 0.5
-    np.testing.assert_allclose(noise.beside([gap], [usable], 0.0).ar, noise.ar, atol=1e-3)
-
-
-def test_the_autocovariance_is_that_of_usable_ticks() -> None:
-    usable = np.arange(len(EVERYWHERE)) % 4000 > 400
-    lags = autocovariance([np.where(usable, simulated(0.7), np.nan)], [usable], 3)
-    np.testing.assert_allclose(lags, 64.0 * 0.7 ** np.arange(4), rtol=0.08)

@@ -100,7 +100,8 @@ def test_a_lag_is_that_of_the_slow_twin_and_leaves_what_never_changes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "hat", "share"), [(-9.0, 0, 0.0), (-2.0, 0, 0.0), (0.0, 1, 0.5), (0.5, 1, 1.0), (3.0, 2, 1.0), (9.0, 2, 1.0)]
+    ("value", "hat", "share"),
+    [(-9.0, 0, 0.0), (-2.0, 0, 0.0), (0.0, 1, 0.5), (0.5, 1, 1.0), (3.0, 2, 1.0), (9.0, 2, 1.0)],
 )
 def test_a_value_lies_between_two_knots_or_at_an_end(value: float, hat: int, share: float) -> None:
     assert place(value, FINE) == (hat, pytest.approx(share))

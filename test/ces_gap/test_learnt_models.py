@@ -93,7 +93,9 @@ def test_the_surrogates_cost_is_that_of_blocks_it_did_not_see() -> None:
     spread = np.linalg.norm(UNSEEN.simulated[use] - UNSEEN.simulated[use].mean())
     unseen_J = 100.0 * np.linalg.norm((told - UNSEEN.simulated)[use]) / spread
     assert surrogate.cost_J > 1.0
-    assert 0.5 * surrogate.cost_J < unseen_J < 2.5 * surrogate.cost_J  # another stroke is a little harder than another block
+    assert (
+        0.5 * surrogate.cost_J < unseen_J < 2.5 * surrogate.cost_J
+    )  # another stroke is a little harder than another block
 
 
 def test_a_surrogates_json_is_itself() -> None:

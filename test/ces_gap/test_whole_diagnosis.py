@@ -1,0 +1,190 @@
+"""Whole diagnoses on a cheap damper: the cause named, no gap, something unknown, predictions only recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from engine_plant import NOISE_N, SIMULATION, F, Truth, damper, recorded
+
+from ces_gap import given as given_module
+from ces_gap.diagnose import Options, diagnose
+from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.effect import Effect, Parameter
+from ces_gap.errors import GapError
+from ces_gap.trace import Inputs, Trace
+from ces_identify.recording import Channel, Recording
+from ces_identify.simulation import FunctionSimulation, RecordedSimulation, Simulation
+
+STIFFNESS = 3000.0
+
+
+def wrong(time_s: F, position_m: F, current_A: F) -> F:
+    """A truth of which the damper is a rough simulation, with no effect on it."""
+    speed = np.gradient(position_m, time_s)
+    bent = 60.0 * speed * np.abs(speed) + 30.0 * np.tanh(speed / 0.1)
+    return np.asarray(1.05 * damper(time_s, position_m, current_A) + bent)
+
+
+def sprung(time_s: F, position_m: F, current_A: F) -> F:
+    """The same with a gas spring."""
+    return wrong(time_s, position_m, current_A) + STIFFNESS * position_m
+
+
+def strange(time_s: F, position_m: F, current_A: F) -> F:
+    """The same with what no library would hold."""
+    speed = np.gradient(position_m, time_s)
+    return np.asarray(wrong(time_s, position_m, current_A) + 120.0 * np.sin(speed / 0.08) * np.cos(4.0 * current_A))
+
+
+def late(time_s: F, position_m: F, current_A: F) -> F:
+    """The damper 4 ms behind its position."""
+    return damper(time_s, np.interp(time_s - 0.004, time_s, position_m), current_A)
+
+
+class Ripple(Effect):
+    """A user's own effect: what is strange above."""
+
+    name, form, needs = "ripple", "sine", "motion"
+    parameters = (Parameter("ripple_N", 0.0, 500.0, (50.0,), "size", magnitude=True),)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        return np.asarray(force + values[0] * np.sin(inputs.speed / 0.08) * np.cos(4.0 * inputs.current))
+
+
+def with_predictions(recording: Recording) -> Recording:
+    channel = Channel("sim_force", "N", recording.channel("position").stamps_ns, SIMULATION.force(recording))
+    return replace(recording, channels={**recording.channels, "sim_force": channel})
+
+
+@pytest.fixture(autouse=True)
+def asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However busy the machine is."""
+    monkeypatch.setattr(given_module, "SLOW_S", 60.0)
+
+
+@cache
+def diagnosed(truth: Truth, effects: tuple[Effect, ...] = (), played_back: bool = False, threads: int = 1) -> Diagnosis:
+    simulation: Simulation = RecordedSimulation("/prediction") if played_back else SIMULATION
+    kinds = ((truth, (1, 2), 5.0), (truth, (3,), 5.0), (wrong, (11, 12), 10.0))
+    real, held_out, reference = ([recorded(of, seed, seconds) for seed in seeds] for of, seeds, seconds in kinds)
+    if played_back:
+        real, held_out, reference = ([with_predictions(r) for r in some] for some in (real, held_out, reference))
+    return diagnose(
+        simulation, "damper.py:force", real, held_out, reference, Options(effects, threads, experiment=False)
+    )
+
+
+def sum_of_probabilities(found: Diagnosis) -> float:
+    return found.probability_none + found.probability_unknown + sum(c.probability for c in found.causes)
+
+
+def test_a_cause_beside_the_simulations_own_error_is_named_with_its_parameter() -> None:
+    found = diagnosed(sprung)
+    assert found.verdict == NAMED and found.composition.effects == ("gas_spring",)
+    assert found.causes[0].effects == ("gas_spring",) and found.causes[0].probability > 0.5
+    stiffness = next(e for e in found.composition.estimates[0] if e.name == "stiffness_N_m")
+    assert stiffness.value == pytest.approx(STIFFNESS, rel=0.05) and not stiffness.at_bound
+    assert stiffness.ci95[0] < stiffness.value < stiffness.ci95[1]
+    assert "gas spring" in found.sentence
+    assert sum_of_probabilities(found) == pytest.approx(1.0)
+
+
+def test_what_was_planted_is_taken_from_the_gap() -> None:
+    found = diagnosed(sprung)
+    stroke = recorded(sprung, 3, 5.0)
+    planted = STIFFNESS * stroke.channel("position").values
+    assert found.gap.corrected_N == pytest.approx(float(np.sqrt(np.mean(planted**2))), rel=0.1)
+    assert found.gap.rms_N > found.gap.corrected_N
+    assert found.gap.ci95_N[0] < found.gap.rms_N < found.gap.ci95_N[1]
+    assert found.composition.gap_after_N < NOISE_N and found.composition.shrink > 0.85
+    assert found.wrong is not None and found.wrong.effects[0] not in found.composition.effects
+    left = {cause.effects[0]: cause.gap_after_N for cause in found.causes}
+    assert min(left["position_delay"], left["friction"], left["inertia"]) > 3.0 * NOISE_N
+    assert [s.trace.name for s in found.held_out] == ["made3"]
+    trace, augmented = found.held_out[0].trace, found.held_out[0].augmented
+    assert np.std((trace.force - augmented)[trace.usable]) == pytest.approx(NOISE_N, rel=0.15)
+
+
+def test_a_wrong_simulation_without_an_effect_has_no_gap() -> None:
+    found = diagnosed(wrong)
+    assert found.verdict == NO_GAP and found.probability_none > 0.5
+    assert found.composition.effects == () and found.correction is not None
+    assert found.gap.rms_N > 5.0 * NOISE_N > 10.0 * found.gap.corrected_N
+    assert sum_of_probabilities(found) == pytest.approx(1.0)
+    assert found.next_experiment is None and found.rest is None
+
+
+def test_what_no_known_effect_explains_is_unknown_and_located() -> None:
+    found = diagnosed(strange)
+    assert found.verdict == UNKNOWN and found.probability_unknown > 0.5
+    assert found.rest is not None and found.rest.regions
+    assert found.composition.gap_after_N > 0.5 * found.gap.corrected_N
+    assert found.ceiling_after_N < found.gap.corrected_N
+    assert sum_of_probabilities(found) == pytest.approx(1.0)
+
+
+def test_a_users_own_effect_explains_it() -> None:
+    found = diagnosed(strange, (Ripple(),))
+    assert found.verdict == NAMED and found.composition.effects == ("ripple",)
+    assert found.composition.estimates[0][0].value == pytest.approx(120.0, rel=0.05)
+
+
+def test_predictions_that_are_only_recorded_are_enough() -> None:
+    found = diagnosed(sprung, played_back=True)
+    assert found.verdict == NAMED and found.composition.effects == ("gas_spring",)
+    assert found.surrogate is not None and found.surrogate_cost_J == found.surrogate.cost_J
+    assert found.composition.shrink > 0.85
+    assert diagnosed(sprung).surrogate is None and diagnosed(sprung).surrogate_cost_J is None
+
+
+def test_the_same_recordings_give_the_same_diagnosis_by_however_many_threads() -> None:
+    first, again = diagnosed(wrong), diagnosed(wrong, threads=2)
+    assert again.gap == first.gap and again.figures == first.figures
+    assert [(c.effects, c.probability, c.shrink) for c in again.causes] == [
+        (c.effects, c.probability, c.shrink) for c in first.causes
+    ]
+
+
+def test_without_references_a_cause_that_no_calibration_absorbs_is_named() -> None:
+    real, held_out = [recorded(late, seed, 5.0) for seed in (1, 2)], [recorded(late, 3, 5.0)]
+    found = diagnose(SIMULATION, "damper.py:force", real, held_out, options=Options(experiment=False))
+    assert found.verdict == NAMED and found.composition.effects == ("position_delay",)
+    assert found.composition.estimates[0][0].value == pytest.approx(0.004, abs=2e-4)
+    assert found.gap.corrected_N == found.gap.rms_N and found.correction is None
+    assert "position_delay" not in found.not_separable and "gas_spring" in found.not_separable
+
+
+def test_a_simulation_of_the_wrong_sign_is_refused() -> None:
+    backwards = FunctionSimulation("backwards", lambda t, x, i: -damper(t, x, i))
+    with pytest.raises(GapError, match="sign"):
+        diagnose(backwards, "backwards", [recorded(seconds=6.0)], [recorded(seed=2)], [])
+
+
+def test_too_little_to_fit_on_is_refused_before_anything_is_learnt() -> None:
+    told: list[str] = []
+    with pytest.raises(GapError, match="expected at least"):
+        diagnose(
+            SIMULATION,
+            "m",
+            [recorded(seconds=2.0)],
+            [recorded(seed=2)],
+            (),
+            None,
+            lambda what, share: told.append(what),
+        )
+    assert all("simulating" in what for what in told)
+
+
+def test_a_users_effect_that_breaks_its_contract_is_refused() -> None:
+    class Breaking(Ripple):
+        """Gives nonsense."""
+
+        def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+            return np.full(len(force), np.nan)
+
+    with pytest.raises(GapError, match="ripple"):
+        diagnose(SIMULATION, "m", [recorded()], [recorded(seed=2)], (), Options((Breaking(),)))
