@@ -25,7 +25,7 @@ from ces_rig.blind.seal import open_seal
 
 F = NDArray[np.float64]
 
-PENALTY = 0.02  # of the squared weights, features scaled
+PENALTY = 0.003  # of the squared weights, features scaled
 FALSE_REJECTION = 0.05  # share of known effects that may be called unknown
 OUT = Path(__file__).resolve().parent.parent / "ces_gap" / "calibration.json"
 
@@ -55,7 +55,10 @@ def cases(folder: Path, results: Path) -> list[Case]:
 
 
 def logistic(features: F, positive: NDArray[np.bool_]) -> F:
-    """Return the weights (q,) of a penalised logistic regression on features (n, q), the first of them 1."""
+    """Return the weights (q,) of a penalised logistic regression on features (n, q), the first of them 1.
+
+    Each feature can only speak for what it stands for: all weights but the first are 0 or above.
+    """
     spread = np.maximum(features.std(axis=0), 1e-9)
     spread[0] = 1.0
     scaled, sign = features / spread, np.where(positive, 1.0, -1.0)
@@ -63,7 +66,8 @@ def logistic(features: F, positive: NDArray[np.bool_]) -> F:
     def cost(w: F) -> float:
         return float(np.logaddexp(0.0, -sign * (scaled @ w)).mean() + PENALTY * (w[1:] @ w[1:]))
 
-    return np.asarray(minimize(cost, np.zeros(features.shape[1])).x / spread)
+    bounds = [(None, None), *((0.0, None) for _ in spread[1:])]
+    return np.asarray(minimize(cost, np.zeros(features.shape[1]), bounds=bounds).x / spread)
 
 
 def sharpness(some: list[Case]) -> float:

@@ -123,7 +123,8 @@ def test_refining_is_asked_for_the_most_promising_and_its_answer_counts() -> Non
     def spoil_springs(given: Evidence, fit: Fit) -> Fit:
         """The simulation itself has no spring."""
         asked.append(fit.names)
-        return replace(fit, residual=fit.residual * 3.0, left_out=fit.left_out * 3.0) if "spring" in fit.names else fit
+        spoilt = replace(fit, residual=fit.residual * 30.0, left_out=fit.left_out * 30.0)
+        return spoilt if "spring" in fit.names else fit
 
     found = search(evidence, EFFECTS, spoil_springs, 1, lambda what, share: None)
     assert ("spring",) in asked
