@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 F = NDArray[np.float64]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def low_passed(x: F, step_s: float, time_s: float) -> F:
     """Return `x` (n,) behind a first-order lag, started at rest."""
     out = np.empty_like(x)
@@ -23,7 +23,7 @@ def low_passed(x: F, step_s: float, time_s: float) -> F:
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def place(value: float, knots: F) -> tuple[int, float]:
     """Return the hat below a value, and the share of the one above; constant beyond the outer knots."""
     m = len(knots)
@@ -34,7 +34,7 @@ def place(value: float, knots: F) -> tuple[int, float]:
     return j, (u - knots[j]) / (knots[j + 1] - knots[j])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def add(row: F, weights: F, at: int, value: float) -> None:
     """Add a feature's value to its place in the row, or with weights its weighted value to the row's only place."""
     if len(weights):
@@ -43,7 +43,7 @@ def add(row: F, weights: F, at: int, value: float) -> None:
         row[at] += value
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def put_hats(row: F, weights: F, at: int, value: float, knots: F, first: float, second: float) -> int:
     """Add hats of `value` times `first`, then times `second` unless that is NaN; return where the row goes on."""
     j, share = place(value, knots)
@@ -57,7 +57,7 @@ def put_hats(row: F, weights: F, at: int, value: float, knots: F, first: float, 
     return at + 2 * m
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def put_sided(row: F, weights: F, at: int, value: float, i: float, varies: bool, pushed: float) -> int:
     """Add `value`, times the current if it varies, and times 1 in compression; return where the row goes on."""
     add(row, weights, at, value)
@@ -69,7 +69,7 @@ def put_sided(row: F, weights: F, at: int, value: float, i: float, varies: bool,
     return at + 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def put_motion(row: F, weights: F, x: float, u: float, i: float, varies: bool, fine: F, coarse: F) -> int:
     """Add the memoryless functions of position, warped speed `u` and current; return where the row goes on."""
     at = put_hats(row, weights, 0, u, fine, 1.0, i if varies else np.nan)
@@ -85,7 +85,7 @@ def put_motion(row: F, weights: F, x: float, u: float, i: float, varies: bool, f
     return int(put_hats(row, weights, at, u, coarse, x, np.nan))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def put_force(row: F, weights: F, at: int, f: float, i: float, varies: bool, level: F) -> int:
     """Add the memoryless functions of force and current; return where the row goes on."""
     at = put_hats(row, weights, at, f, level, 1.0, i if varies else np.nan)
@@ -97,7 +97,7 @@ def put_force(row: F, weights: F, at: int, f: float, i: float, varies: bool, lev
     return at
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fill_features(
     x: F, v: F, i: F, f: F, rate_Hz: float, varies: bool, by_force: bool,
     fine: F, coarse: F, level: F, turns: F, memories_s: F, valve_s: F, weights: F, out: F,
