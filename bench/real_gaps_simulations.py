@@ -1,16 +1,11 @@
 """Simulations that lack something on purpose, for `bench/real_gaps.py`: a brake without play, a damper without lag.
 
-Each is fitted to a recording where what it lacks is not at work, and holds plain numbers. `band_brake` and `static_map`
-are what `ces diagnose --sim real_gaps_simulations:band_brake` wants; they read their numbers from the file that
-`bench/real_gaps.py --keep FOLDER` wrote, band_brake.json or static_map.json in the present folder.
+Each is fitted to those parts of a measured recording where what it lacks is hardly at work.
 """
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -39,7 +34,7 @@ class BandBrake:
 
     def __call__(self, time_s: F, position_m: F, current_A: F) -> F:
         """Return the force [N] (n,) at positions [m] (n,)."""
-        return np.asarray(_stopped(position_m, self.stiffness_N_m, -self.pull_N, self.push_N))
+        return np.asarray(stopped(position_m, self.stiffness_N_m, -self.pull_N, self.push_N))
 
     @classmethod
     def fitted(cls, recording: Recording) -> BandBrake:
@@ -55,7 +50,7 @@ class BandBrake:
 
 
 @njit(cache=True)
-def _stopped(position: F, stiffness: float, low: float, high: float) -> F:
+def stopped(position: F, stiffness: float, low: float, high: float) -> F:
     """Return the force (n,) of a spring behind a slider, begun at rest (a stop operator)."""
     out = np.zeros_like(position)
     for k in range(1, len(position)):
@@ -129,22 +124,3 @@ def low_passed(values: F, corner_Hz: float, rate_Hz: float) -> F:
 def rate_of(recording: Recording) -> float:
     """Return the rate [Hz] of the position."""
     return 1e9 / float(np.median(np.diff(recording.channel("position").stamps_ns)))
-
-
-def write(simulation: BandBrake | StaticMap, path: Path) -> None:
-    """Write the numbers of a simulation as JSON."""
-    path.write_text(json.dumps(asdict(simulation)) + "\n", encoding="utf-8")
-
-
-def _read(name: str) -> dict[str, Any]:
-    return dict(json.loads(Path(name).read_text(encoding="utf-8")))
-
-
-def band_brake(time_s: F, position_m: F, current_A: F) -> F:
-    """Return the force [N] (n,) of the brake in band_brake.json."""
-    return BandBrake(**_read("band_brake.json"))(time_s, position_m, current_A)
-
-
-def static_map(time_s: F, position_m: F, current_A: F) -> F:
-    """Return the force [N] (n,) of the map in static_map.json."""
-    return StaticMap(**_read("static_map.json"))(time_s, position_m, current_A)

@@ -49,7 +49,7 @@ from ces_identify.simulation import Simulation
 F = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-CLEAR = 20.0  # z for which a gain as large as the noise counts, in however few blocks it arose
+CLEAR_Z = 20.0  # z for which a gain as large as the noise counts, in however few blocks it arose
 POSSIBLE = 0.1  # probability from which a twin makes a verdict ambiguous
 EXACT_CAUSES = 3  # causes whose shrink is computed with the simulation itself, however slow
 TWIN_CANDIDATES = 6  # effects compared as twins
@@ -187,7 +187,7 @@ class _Diagnosing:
         learnable = more.energy / found.gap_energy
         return Figures(
             energy=(float(found.none @ found.none) - len(found.none)) / len(found.none),
-            gain_z=max(gained.z, CLEAR * gained.energy / len(residual)) if best is not None else 0.0,
+            gain_z=max(gained.z, CLEAR_Z * gained.energy / len(residual)) if best is not None else 0.0,
             ceiling_z=open_.z,
             unexplained=left if evidence.noise_known else learnable,
             learnable=learnable,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from ces_gap.anchored import reruns
 from ces_gap.diagnosis import Estimate, Explained
-from ces_gap.effect import Composition, Effect, Parameter
+from ces_gap.effect import Composition, Parameter
 from ces_gap.fit import NEAR_BOUND, Fit, bounds
 from ces_gap.plant import Plant, Rerun
 from ces_gap.shrinkage import Blocks
@@ -99,15 +98,10 @@ def drift(fit: Fit) -> float:
 
 def _stuck(parameter: Parameter, searched: float, low: float, high: float) -> bool:
     near = NEAR_BOUND * (high - low)
-    neutral = parameter.to_search(parameter.neutral) if parameter.magnitude and parameter.scale != "log" else np.nan
+    neutral = parameter.to_search(parameter.neutral) if parameter.scale != "log" else np.nan
     return bool((searched - low < near or high - searched < near) and not abs(searched - neutral) < near)
 
 
 def _estimate(parameter: Parameter, searched: float, error: float, at_bound: bool, drifts: bool) -> Estimate:
     ends = sorted(parameter.to_value(searched + sign * Z95 * error) for sign in (-1.0, 1.0))
     return Estimate(parameter.name, parameter.to_value(searched), (ends[0], ends[1]), at_bound, drifts)
-
-
-def named(effects: Sequence[Effect]) -> str:
-    """Return the effects' names in words."""
-    return " and ".join(e.name for e in effects)

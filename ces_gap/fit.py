@@ -6,7 +6,7 @@ its residual there (exact for effects that are linear in their parameters).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -156,9 +156,9 @@ def _scaled(objective: _Objective, start: F) -> tuple[F, F]:
     return (scaled, there) if there @ there < at @ at else (start, at)
 
 
-def polish(evidence: Evidence, effects: tuple[Effect, ...], start: F, objective: Callable[[F], F] | None = None) -> Fit:
+def polish(evidence: Evidence, effects: tuple[Effect, ...], start: F, objective: _Objective | None = None) -> Fit:
     """Return the fit that Levenberg-Marquardt reaches from `start` (p,) inside the bounds."""
-    goal = objective if isinstance(objective, _Objective) else _Objective(evidence, effects)
+    goal = objective or _Objective(evidence, effects)
     searched = np.clip(start, goal.low, goal.high)
     residual = goal(searched)
     jacobian = goal.jacobian(searched, residual)
@@ -235,7 +235,10 @@ def _covariance(evidence: Evidence, residual: F, jacobian: F) -> F:
     size = _sizes(jacobian)
     scaled = jacobian / size
     bread = np.linalg.pinv(scaled.T @ scaled + 1e-12 * np.eye(len(size))) / np.outer(size, size)
-    return np.asarray(bread @ (scores.T @ scores) @ bread)
+    covariance = np.asarray(bread @ (scores.T @ scores) @ bread)
+    blind = np.flatnonzero(np.linalg.norm(jacobian, axis=0) == 0.0)
+    covariance[blind, blind] = np.inf  # what changes nothing is not known at all
+    return covariance
 
 
 def _sizes(jacobian: F) -> F:

@@ -19,7 +19,7 @@ from ces_identify.simulation import Simulation
 
 LEAST_FIT_S = 4.0  # [s] usable for the fit
 PARTS, PART_S = 10, 1.0  # of a single recording, the shortest [s]: every third is set aside
-SLOW_S = 0.025  # [s] a rerun of all real recordings that is slower is asked seldom
+SLOW_S = 0.025  # [s] of computing: a rerun of all real recordings that is slower is asked seldom
 
 Progress = Callable[[str, float], None]
 
@@ -99,10 +99,10 @@ def _reruns(
         surrogate = learn_surrogate(recorded([*fitted, *others]))
         return None, surrogate, surrogate
     called = Called(simulation)
-    began = time.perf_counter()
+    began = time.process_time()
     for trace in fitted:
         called.force(trace, trace.inputs.moved(trace.inputs.position + 0.0, trace.rate_Hz))
-    if time.perf_counter() - began <= SLOW_S:
+    if time.process_time() - began <= SLOW_S:
         return called, called, None
     surrogate = learn_surrogate([*explored(fitted, called), *recorded(others)])
     return called, surrogate, surrogate

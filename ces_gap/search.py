@@ -26,7 +26,7 @@ SWAPS = 2  # of each effect in the best composition
 MOST_EFFECTS = 3
 LEAST_SHARE = 0.05  # of the gap's energy that another effect must explain
 LEAST_Z = 2.0
-CLEAR = 0.1  # of the noise's energy
+CLEAR_SHARE = 0.1  # of the noise's energy
 REFINED, HOPEFUL = 10, 0.4  # forms that are refined: so many, and within so much of the gap's energy of the best
 LEAST_ENERGY = 0.02  # of the noise's: a smaller gap is not looked into
 PARAMETER = 0.005  # share of the gap's energy that a parameter must be worth when effects are ranked
@@ -133,8 +133,8 @@ def pruned(
             return pruned(evidence, fewer, alone, forms, energy, refine) if len(others) > 1 else fewer
         for _, swap in _ranked(fewer, _outside(alone, best.names))[:SWAPS]:
             swapped = fit_together(evidence, [*_parts(fewer, forms), swap])
-            if swapped.cost < best.cost and _worth(evidence, best.left_out, refine(evidence, swapped), 0.0):
-                best = refine(evidence, swapped)
+            if swapped.cost < best.cost and _worth(evidence, best.left_out, swapped := refine(evidence, swapped), 0.0):
+                best = swapped
                 break
     return best
 
@@ -145,7 +145,7 @@ def _worth(evidence: Evidence, before: F, after: Fit, least: float) -> bool:
     What happens in a few blocks only, as at a bump stop, has a large error between blocks however clear it is.
     """
     paired = gain(evidence, before, after.left_out)
-    return paired.energy > least and (paired.z > LEAST_Z or paired.energy > CLEAR * len(before))
+    return paired.energy > least and (paired.z > LEAST_Z or paired.energy > CLEAR_SHARE * len(before))
 
 
 def _additions(beam: Sequence[Fit], alone: Sequence[Fit], forms: Sequence[Fit]) -> list[list[Fit]]:

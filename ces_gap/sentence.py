@@ -15,7 +15,7 @@ def sentence(found: Diagnosis) -> str:
                 f"all but {gap.corrected_N:.0f} N."
             )
         return f"No gap: what is left, {gap.corrected_N:.0f} N RMS, is not told from noise and calibration."
-    shrunk = f"the gap shrinks from {gap.rms_N:.0f} N to {found.composition.gap_after_N:.0f} N RMS"
+    shrunk = _shrunk(gap.rms_N, found.composition.gap_after_N)
     words = " and ".join(n.replace("_", " ") for n in found.composition.effects)
     if found.verdict == UNKNOWN:
         nearest = f"; the nearest, {words}, leaves {found.composition.gap_after_N:.0f} N" if words else ""
@@ -25,3 +25,9 @@ def sentence(found: Diagnosis) -> str:
         others = " or ".join(n.replace("_", " ") for n in group)
         return f"These recordings cannot tell {others} apart; with {words}, {shrunk}."
     return f"The gap is caused by {words}: once added, {shrunk} on recordings the fit never saw."
+
+
+def _shrunk(before_N: float, after_N: float) -> str:
+    if after_N < before_N:
+        return f"the gap shrinks from {before_N:.0f} N to {after_N:.0f} N RMS"
+    return f"the gap does not shrink ({before_N:.0f} N before, {after_N:.0f} N RMS after)"

@@ -42,11 +42,9 @@ class Blocks:
         return float(_root(energy.sum() / max(float(self.ticks.sum()), 1.0))), (float(low), float(high))
 
     def shrink(self, before: F, after: F) -> tuple[float, Interval]:
-        """Return 1 - RMS after / RMS before of two energies (b,) and its 95 % interval."""
-        ratio = _root(after[self.drawn].sum(1)) / np.maximum(_root(before[self.drawn].sum(1)), 1e-9)
-        low, high = np.percentile(1.0 - ratio, [2.5, 97.5])
-        point = 1.0 - float(_root(after.sum())) / max(float(_root(before.sum())), 1e-9)
-        return point, (float(low), float(high))
+        """Return 1 - RMS after / RMS before of two energies (b,) and its 95 % interval; 0 without a gap before."""
+        low, high = np.percentile(_shrunk(before[self.drawn].sum(1), after[self.drawn].sum(1)), [2.5, 97.5])
+        return float(_shrunk(before.sum(), after.sum())), (float(low), float(high))
 
 
 def cut(traces: Sequence[Trace], seed: int) -> Blocks:
@@ -60,6 +58,12 @@ def cut(traces: Sequence[Trace], seed: int) -> Blocks:
     noise = sum(np.bincount(n, t.usable * t.noise_N**2, first) for t, n in zip(traces, number, strict=True))
     drawn = np.random.default_rng(seed).integers(0, first, (RESAMPLES, first))
     return Blocks(tuple(traces), np.asarray(ticks), np.asarray(noise), tuple(number), drawn)
+
+
+def _shrunk(before: F, after: F) -> F:
+    """Return 1 - sqrt(after / before), 0 where nothing was there before."""
+    there = np.asarray(before) > 0.0
+    return np.asarray(np.where(there, 1.0 - _root(after) / _root(np.where(there, before, 1.0)), 0.0))
 
 
 def _root(energy: F | float) -> F:

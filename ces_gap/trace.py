@@ -192,7 +192,7 @@ def _rates(seconds: F, name: str) -> tuple[float, int]:
 
 
 def _base(seconds: F, rate_Hz: float) -> F:
-    return np.arange(int((seconds[-1] - 1e-9) * rate_Hz) + 1) / rate_Hz
+    return np.arange(int(seconds[-1] * rate_Hz + 1e-6) + 1) / rate_Hz
 
 
 def _bridged(seconds: F, values: F, grid: F) -> tuple[F, B]:
@@ -239,7 +239,7 @@ def _noise_N(recording: Recording, clock: NDArray[np.int64], base: F, factor: in
         return 0.0
     channel = recording.channel("force")
     values = channel.values[np.isfinite(channel.values)]
-    power = welch(values, 2.0, nperseg=min(len(values), 1024), average="median")[1]
+    power = welch(values, 2.0, nperseg=min(len(values), 64), average="median")[1]
     level = float(np.median(power[7 * len(power) // 8 : -1]))
     drawn = np.random.default_rng(0).standard_normal(len(channel))  # what resampling leaves of it
     resampled = _thinned(_bridged((channel.stamps_ns - clock[0]) * 1e-9, drawn, base)[0], factor)

@@ -73,7 +73,7 @@ def calibration() -> Calibration:
 
 def gap_features(figures: Figures) -> F:
     """Return what the probability of a gap is made of."""
-    z = max(figures.gain_z, figures.ceiling_z, 0.1)
+    z = max(figures.gain_z, figures.ceiling_z, figures.energy, 0.1)  # a gap above a known noise needs no explanation
     return np.array([1.0, np.log(max(figures.energy, 1e-3)), np.log(z)])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.trace import Trace, open_trace
+from ces_gap.verdict import Calibration
 from ces_identify.recording import Channel, Recording
 from ces_identify.simulation import FunctionSimulation
 
@@ -16,6 +17,7 @@ Truth = Callable[[F, F, F], F]  # time [s], position [m], current [A] -> force [
 
 RATE_HZ = 500.0
 NOISE_N = 8.0
+WEIGHTS = Calibration((-2.0, 1.5, 2.5), (3.0, 2.5, 3.0, 0.5), 3.0, 0.5, 0.5)  # plain ones, none of the package's
 
 
 def damper(time_s: F, position_m: F, current_A: F) -> F:

@@ -1,4 +1,4 @@
-"""Probabilities: they sum to one and go the right way, whatever the weights that come with the package."""
+"""Probabilities: they sum to one and go the right way; the weights that come with the package are complete."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from engine_plant import WEIGHTS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,7 +19,7 @@ LEFT = {"friction": 0.02, "gas_spring": 0.5, "inertia": 0.9}
 def odds(
     figures: Figures, left: dict[str, float] | None = None, composition: tuple[str, ...] = ("friction",)
 ) -> Probabilities:
-    return probabilities(figures, LEFT if left is None else left, composition, calibration())
+    return probabilities(figures, LEFT if left is None else left, composition, WEIGHTS)
 
 
 SHARE = st.floats(-2.0, 3.0)

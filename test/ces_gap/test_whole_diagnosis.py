@@ -8,8 +8,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from engine_plant import NOISE_N, SIMULATION, F, Truth, damper, recorded
+from engine_plant import NOISE_N, SIMULATION, WEIGHTS, F, Truth, damper, recorded
 
+from ces_gap import diagnose as diagnose_module
 from ces_gap import given as given_module
 from ces_gap.diagnose import Options, diagnose
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
@@ -62,8 +63,9 @@ def with_predictions(recording: Recording) -> Recording:
 
 @pytest.fixture(autouse=True)
 def asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However busy the machine is."""
+    """However busy the machine is, and judged by weights that no calibration changes."""
     monkeypatch.setattr(given_module, "SLOW_S", 60.0)
+    monkeypatch.setattr(diagnose_module, "calibration", lambda: WEIGHTS)
 
 
 @cache

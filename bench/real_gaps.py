@@ -1,0 +1,171 @@
+"""Diagnoses of sim-to-real gaps on measured data, printed as the Markdown table of docs/results.md.
+
+    python bench/real_gaps.py DATA [--only CASE ...] [--threads N]
+
+DATA holds brfd_backlash/*.json and dyke_mr/ranran_50.csv. First simulations that lack what the real machine has: a
+band brake without play, and a damper without lag of its valve. Then an identified model and real recordings with a
+known change. About a minute a diagnosis; each row is printed as soon as it is known.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import blas_one_thread  # noqa: F401 - before NumPy
+from measuring import say
+from real_gaps_effects import CHANGES, Change
+from real_gaps_simulations import BandBrake, StaticMap
+
+from ces_cli import import_
+from ces_gap.diagnose import Options, diagnose
+from ces_gap.diagnosis import NO_GAP, Diagnosis, Estimate
+from ces_identify.bag_reader import read_recording
+from ces_identify.identify import Options as IdentifyOptions
+from ces_identify.identify import identify
+from ces_identify.limits import Limits
+from ces_identify.recording import Recording
+from ces_identify.signals_file import load_signals
+from ces_identify.simulation import FunctionSimulation, ModelSimulation, Simulation
+
+ROOT = Path(__file__).resolve().parent.parent
+BRFD_BOTH = ("0.25Hz30lbtension1amplitude", "1Hz30lbtension1amplitude")
+BRFD_OTHER = ("0.5Hz36lbtension1.5amplitude",)
+DYKE = "ranran_50"
+FIT_S, REFERENCE_S, REAL_S = (0.0, 7.0), (7.0, 13.0), (13.0, 21.0)  # the damper rests after 21 s
+SEARCH = Limits(most_terms=25, seconds=300.0, starts=4, threads=1)  # ends by itself before
+
+HEADER = ("simulation and recordings", "in truth", "verdict", "named", "gap N", "left N", "shrink", "parameters")
+
+
+@dataclass(frozen=True)
+class Data:
+    """The measured recordings, imported into bags below `bags`."""
+
+    logs: Path
+    bags: Path
+
+    def brfd(self, name: str) -> Recording:
+        return self._imported(f"brfd_backlash/{name}.json", "brfd_backlash.yaml")
+
+    def dyke(self) -> Recording:
+        return self._imported(f"dyke_mr/{DYKE}.csv", "dyke_mr.yaml")
+
+    def _imported(self, log: str, mapping: str) -> Recording:
+        """Return a log by way of a bag, as `ces import` writes and `ces diagnose` reads it."""
+        bag = self.bags / Path(log).stem
+        if not bag.exists():
+            words = [str(self.logs / log), "--mapping", str(ROOT / "config" / "import" / mapping), "--out", str(bag)]
+            with contextlib.redirect_stdout(sys.stderr):
+                import_.main(words)
+        return read_recording(bag, load_signals(ROOT / "config" / "signals.yaml"))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A diagnosis to make: what simulation and recordings, what is so in truth."""
+
+    case: str
+    setup: str
+    truth: str
+    made: Callable[[], Diagnosis]
+
+
+def brake_without_play(data: Data, names: Sequence[str], threads: int = 1) -> Diagnosis:
+    """Diagnose the band brake, fitted to the first of the recordings, on all of them."""
+    recordings = [data.brfd(name) for name in names]
+    return _diagnosed(FunctionSimulation("brake", BandBrake.fitted(recordings[0])), recordings, (), threads)
+
+
+def damper_without_lag(data: Data, threads: int = 1) -> Diagnosis:
+    """Diagnose the static map of Dyke's damper, fitted where its voltage had settled."""
+    recording = data.dyke()
+    return _diagnosed(FunctionSimulation("map", StaticMap.fitted(recording)), [recording], (), threads)
+
+
+def with_change(data: Data, change: Change | None, threads: int = 1) -> Diagnosis:
+    """Diagnose an identified model on Dyke's damper with a known change; references are without it."""
+    recording = data.dyke()
+    real = between(recording, *REAL_S)
+    changed = real if change is None else change.put(real)
+    return _diagnosed(_identified(data), [changed], [between(recording, *REFERENCE_S)], threads)
+
+
+@cache
+def _identified(data: Data) -> Simulation:
+    options = IdentifyOptions(split=1.0, limits=SEARCH)
+    return ModelSimulation(identify([between(data.dyke(), *FIT_S)], options=options).model)
+
+
+def _diagnosed(
+    simulation: Simulation, real: Sequence[Recording], reference: Sequence[Recording], threads: int
+) -> Diagnosis:
+    options = Options(threads=threads, experiment=False)
+    return diagnose(simulation, "simulation", real, reference=reference, options=options)
+
+
+def between(recording: Recording, from_s: float, to_s: float) -> Recording:
+    """Return what was logged from `from_s` to before `to_s` after the first position."""
+    begin = recording.channel("position").stamps_ns[0]
+    low, high = (begin + round(1e9 * s) for s in (from_s, to_s))
+    kept = {n: c.where((c.stamps_ns >= low) & (c.stamps_ns < high)) for n, c in recording.channels.items()}
+    return replace(recording, channels=kept, source="", sha256="")
+
+
+def rows(data: Data, threads: int) -> list[Row]:
+    """Return all diagnoses, none of them made yet."""
+    brake, model = "band brake without play", "Dyke: identified model, change put into the recording"
+    found = [
+        Row("brfd", f"{brake}, 0.25 and 1 Hz", "backlash", lambda: brake_without_play(data, BRFD_BOTH, threads)),
+        Row("brfd_other", f"{brake}, 0.5 Hz", "backlash", lambda: brake_without_play(data, BRFD_OTHER, threads)),
+        Row("dyke", "Dyke: static map of speed and voltage", "valve lag", lambda: damper_without_lag(data, threads)),
+        Row("none", "Dyke: identified model, recording as it is", "nothing", lambda: with_change(data, None, threads)),
+    ]
+    for change in CHANGES:
+        truth = f"{change.effect.replace('_', ' ')}: {change.words}"
+        found.append(Row(change.effect, model, truth, lambda c=change: with_change(data, c, threads)))
+    return found
+
+
+def cells(row: Row, made: Diagnosis) -> tuple[str, ...]:
+    """Return a row of the table."""
+    best = made.composition
+    nothing = made.verdict == NO_GAP
+    names = " + ".join(name.replace("_", " ") for name in best.effects) or "nothing"
+    told = "; ".join(_told(e) for estimates in best.estimates for e in estimates)
+    left, shrink = ("", "") if nothing else (f"{best.gap_after_N:,.0f}", f"{100.0 * best.shrink:.0f} %")
+    gap = f"{made.gap.rms_N:,.0f}"
+    return row.setup, row.truth, made.verdict.replace("_", " "), names, gap, left, shrink, told
+
+
+def _told(estimate: Estimate) -> str:
+    low, high = estimate.ci95
+    doubt = " at its bound" if estimate.at_bound else ""
+    return f"{estimate.name} {estimate.value:.3g} ({low:.3g} to {high:.3g}){doubt}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, metavar="DATA", help="folder of the measured logs")
+    parser.add_argument("--only", nargs="+", metavar="CASE", help="brfd, brfd_other, dyke, none, or a change's effect")
+    parser.add_argument("--threads", type=int, default=1, help="of each diagnosis, default 1")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        chosen = rows(Data(options.data, Path(folder)), options.threads)
+        print(f"| {' | '.join(HEADER)} |\n|---|---|---|---|---:|---:|---:|---|", flush=True)
+        for row in chosen:
+            if options.only is None or row.case in options.only:
+                began = time.monotonic()
+                print(f"| {' | '.join(cells(row, row.made()))} |", flush=True)
+                say(f"{row.case}: {time.monotonic() - began:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,80 @@
+"""Known changes for real recordings, each in a form of its own that `ces_gap` does not use, for `bench/real_gaps.py`.
+
+A change takes a measured recording and returns it as another rig, or another damper, would have logged it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from real_gaps_simulations import SPEED_HZ, low_passed, rate_of, stopped
+
+from ces_identify.recording import Recording
+
+F = NDArray[np.float64]
+
+FRICTION_N, TRAVELS_M = 200.0, (5e-5, 2e-4, 8e-4)
+VALVE_LAG_S = 8e-3
+POSITION_DELAY_S = 1.2e-3
+GAIN = 1.2
+MASS_KG = 12.0
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change called by the effect that it should be named as, in words, with the change itself."""
+
+    effect: str
+    words: str
+    put: Callable[[Recording], Recording]
+
+
+def with_values(recording: Recording, name: str, values: F) -> Recording:
+    """Return the recording, made in memory, with other values (n,) in a channel."""
+    channel = replace(recording.channel(name), values=values)
+    return replace(recording, channels={**recording.channels, name: channel}, source="", sha256="")
+
+
+def later(recording: Recording, name: str, by_s: float) -> Recording:
+    """Return the recording with a channel that shows what was there `by_s` before."""
+    channel = recording.channel(name)
+    time = 1e-9 * (channel.stamps_ns - channel.stamps_ns[0])
+    return with_values(recording, name, np.interp(time - by_s, time, channel.values))
+
+
+def with_force(recording: Recording, force: F) -> Recording:
+    return with_values(recording, "force", recording.channel("force").values + force)
+
+
+def rubbed(recording: Recording) -> Recording:
+    """Three springs behind sliders (Iwan) that let go one after the other, where `ces_gap` has one smooth curve."""
+    position = low_passed(recording.channel("position").values, SPEED_HZ, rate_of(recording))
+    share = FRICTION_N / len(TRAVELS_M)
+    return with_force(recording, sum(stopped(position, share / x, -share, share) for x in TRAVELS_M))
+
+
+def weighed(recording: Recording) -> Recording:
+    """A mass on the piston's side of the cell; the acceleration ends at 80 Hz, where the position's noise begins."""
+    rate = rate_of(recording)
+    position = low_passed(recording.channel("position").values, SPEED_HZ, rate)
+    return with_force(recording, MASS_KG * rate**2 * np.gradient(np.gradient(position)))
+
+
+def scaled(recording: Recording) -> Recording:
+    return with_values(recording, "force", GAIN * recording.channel("force").values)
+
+
+CHANGES = (
+    Change("friction", f"{FRICTION_N:.0f} N, let go after 0.05, 0.2 and 0.8 mm", rubbed),
+    Change("valve_lag", f"{1e3 * VALVE_LAG_S:.0f} ms of dead time", lambda r: later(r, "current", -VALVE_LAG_S)),
+    Change(
+        "position_delay",
+        f"position logged {1e3 * POSITION_DELAY_S:.1f} ms late",
+        lambda r: later(r, "position", POSITION_DELAY_S),
+    ),
+    Change("force_scale", f"force cell reads {100.0 * (GAIN - 1.0):.0f} % more", scaled),
+    Change("inertia", f"{MASS_KG:.0f} kg between cell and piston", weighed),
+)
