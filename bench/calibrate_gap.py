@@ -25,7 +25,7 @@ from ces_rig.blind.seal import open_seal
 
 F = NDArray[np.float64]
 
-PENALTY = 0.003  # of the squared weights, features scaled
+PENALTY = 0.0003  # of the squared weights, features scaled
 FALSE_REJECTION = 0.05  # share of known effects that may be called unknown
 OUT = Path(__file__).resolve().parent.parent / "ces_gap" / "calibration.json"
 

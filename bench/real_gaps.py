@@ -26,7 +26,7 @@ from real_gaps_simulations import BandBrake, StaticMap
 
 from ces_cli import import_
 from ces_gap.diagnose import Options, diagnose
-from ces_gap.diagnosis import NO_GAP, Diagnosis, Estimate
+from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis, Estimate
 from ces_identify.bag_reader import read_recording
 from ces_identify.identify import Options as IdentifyOptions
 from ces_identify.identify import identify
@@ -139,6 +139,7 @@ def cells(row: Row, made: Diagnosis) -> tuple[str, ...]:
     best = made.composition
     nothing = made.verdict == NO_GAP
     names = " + ".join(name.replace("_", " ") for name in best.effects) or "nothing"
+    names = f"(nearest: {names})" if made.verdict == UNKNOWN else names
     told = "; ".join(_told(e) for estimates in best.estimates for e in estimates)
     left, shrink = ("", "") if nothing else (f"{best.gap_after_N:,.0f}", f"{100.0 * best.shrink:.0f} %")
     gap = f"{made.gap.rms_N:,.0f}"
@@ -154,17 +155,21 @@ def _told(estimate: Estimate) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, metavar="DATA", help="folder of the measured logs")
-    parser.add_argument("--only", nargs="+", metavar="CASE", help="brfd, brfd_other, dyke, none, or a change's effect")
+    parser.add_argument(
+        "--only", nargs="+", metavar="CASE", help="brfd, brfd_other, dyke, none, or what is changed: friction, ..."
+    )
     parser.add_argument("--threads", type=int, default=1, help="of each diagnosis, default 1")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        chosen = rows(Data(options.data, Path(folder)), options.threads)
+        known = {row.case: row for row in rows(Data(options.data, Path(folder)), options.threads)}
+        chosen = options.only or list(known)
+        if missing := set(chosen) - set(known):
+            parser.error(f"no case {', '.join(sorted(missing))}; expected {', '.join(known)}")
         print(f"| {' | '.join(HEADER)} |\n|---|---|---|---|---:|---:|---:|---|", flush=True)
-        for row in chosen:
-            if options.only is None or row.case in options.only:
-                began = time.monotonic()
-                print(f"| {' | '.join(cells(row, row.made()))} |", flush=True)
-                say(f"{row.case}: {time.monotonic() - began:.0f} s")
+        for case in chosen:
+            began = time.monotonic()
+            print(f"| {' | '.join(cells(known[case], known[case].made()))} |", flush=True)
+            say(f"{case}: {time.monotonic() - began:.0f} s")
 
 
 if __name__ == "__main__":
