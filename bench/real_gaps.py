@@ -155,9 +155,7 @@ def _told(estimate: Estimate) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, metavar="DATA", help="folder of the measured logs")
-    parser.add_argument(
-        "--only", nargs="+", metavar="CASE", help="brfd, brfd_other, dyke, none, or what is changed: friction, ..."
-    )
+    parser.add_argument("--only", nargs="+", metavar="CASE", help="brfd, brfd_other, dyke, none, friction, ...")
     parser.add_argument("--threads", type=int, default=1, help="of each diagnosis, default 1")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:

@@ -18,6 +18,7 @@ from ces_gap.report.words import effect_name, joined, newtons, percent, percents
 from ces_identify.report.shell import page_template, well_formed
 from ces_observer.checked import write_beside
 
+CLEAR_Q, MOST_REGIONS = 0.05, 10  # false-discovery rate and number of the regions shown before and after
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
 STANDS_OUT = 0.05  # p-value of the test over all regions
 EXPERIMENT_FILES = {"next_experiment.yaml": "for ces rig", "next_experiment.csv": "stroke and current for a real rig"}
@@ -157,7 +158,8 @@ def _plots(d: Diagnosis, effects: str) -> dict[str, Any] | None:
 
 
 def _by_region(regions: Sequence[tuple[Region, float]]) -> list[dict[str, Any]]:
-    """Return rows of before and after, with the lengths of their bars in percent."""
+    """Return rows of before and after where the gap is clearly larger than elsewhere, with their bars in percent."""
+    regions = [(r, after) for r, after in regions if r.q_value <= CLEAR_Q][:MOST_REGIONS]
     longest = max([max(r.rms_N, after) for r, after in regions] + [1e-9])
     return [
         {

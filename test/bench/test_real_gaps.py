@@ -49,7 +49,8 @@ def sine():
 def test_a_real_brake_with_play_is_told_from_a_brake_without(tmp_path):
     found = real_gaps.brake_without_play(real_gaps.Data(DATA, tmp_path), real_gaps.BRFD_OTHER)
     assert (found.verdict, found.composition.effects) == (NAMED, ("backlash",))
-    assert found.composition.estimates[0][0].value == pytest.approx(0.0043, rel=0.2)  # m, as read off its loops
+    play_m = found.composition.estimates[0][0].value
+    assert 0.0034 < play_m < 0.0052  # from 3.4 mm on the loops have left a tenth of the force
     assert found.composition.shrink > 0.3
 
 
