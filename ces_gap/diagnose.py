@@ -242,7 +242,7 @@ class _Diagnosing:
     def _gap(self, court: Judge) -> Gap:
         given, corrected = court.before, court.blocks.energy(court.alone)
         rms, ci95 = court.blocks.rms(given)
-        fixed, fixed_ci95 = court.blocks.rms(corrected)
+        fixed, fixed_ci95 = court.blocks.rms(corrected) if self.given.reference else (rms, ci95)
         return Gap(rms, ci95, _floor(court.blocks), _cost_J(court.blocks), fixed, fixed_ci95)
 
     def _where(self, court: Judge, composition: Explained, verdict: str) -> tuple[Where, Explained, Where | None]:
