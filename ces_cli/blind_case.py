@@ -82,10 +82,9 @@ def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Reco
 
 
 def _save_augmented(path: Path, spec: str, diagnosis: Diagnosis) -> None:
-    from ces_gap.augmented import augmented_text, named
+    from ces_gap.augmented import save_augmented
 
-    found, d = diagnosis.composition.composition, diagnosis
-    write_beside(path, augmented_text(named(spec, path.parent), found, d.correction, d.surrogate))
+    save_augmented(path, spec, diagnosis.composition.composition, diagnosis.correction, diagnosis.surrogate)
 
 
 def _save_decision(path: Path, diagnosis: Diagnosis) -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from types import TracebackType
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
 from ces_cli import terminal
+from ces_cli.counted_bar import counted_bar
 
 
 class CasesProgress:
@@ -14,18 +13,7 @@ class CasesProgress:
 
     def __init__(self, total: int, already: int = 0) -> None:
         self.total, self.done = total, already
-        self._bar = Progress(
-            TextColumn("cases"),
-            BarColumn(bar_width=24),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            TextColumn("{task.description}"),
-            console=terminal.err,
-            transient=True,
-            disable=not terminal.err.is_terminal,
-        )
+        self._bar = counted_bar("cases")
         self._task = self._bar.add_task("", total=total, completed=already)
 
     def __enter__(self) -> CasesProgress:

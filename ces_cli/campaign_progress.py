@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from types import TracebackType
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
 from ces_cli import terminal
+from ces_cli.counted_bar import counted_bar
 from ces_identify.campaign.cell import DONE, Row
 
 
@@ -21,18 +20,7 @@ class CampaignProgress:
         self, total: int, already: int, things: str = "cells", tell: Callable[[Row], str] | None = None
     ) -> None:
         self.total, self.there, self.failed, self._tell = total, already, 0, tell or _cell
-        self._bar = Progress(
-            TextColumn(things),
-            BarColumn(bar_width=24),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            TextColumn("{task.description}"),
-            console=terminal.err,
-            transient=True,
-            disable=not terminal.err.is_terminal,
-        )
+        self._bar = counted_bar(things)
         text = f"{already} from an earlier run" if already else "(Ctrl-C keeps what is finished)"
         if already and self._bar.disable:
             terminal.err.print(f"{already} of {total} {things} are there from an earlier run", highlight=False)

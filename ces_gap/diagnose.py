@@ -37,7 +37,7 @@ from ces_gap.plant import Plant
 from ces_gap.search import Found, search
 from ces_gap.sentence import sentence
 from ces_gap.shrinkage import Blocks, cut
-from ces_gap.static_map import project_static, static_features
+from ces_gap.static_map import absorbed_by_map, static_features
 from ces_gap.trace import Trace
 from ces_gap.twins import Twins, seen_by, twin_classes
 from ces_gap.user_effects import require_sound
@@ -147,7 +147,7 @@ class _Diagnosing:
             causes=causes,
             composition=composition,
             indistinguishable=twins.classes if twins is not None else (),
-            not_separable=() if self.given.reference else project_static(evidence, found.alone),
+            not_separable=() if self.given.reference else absorbed_by_map(evidence, found.alone),
             invisible=unseen,
             ceiling_after_N=self._ceiling(court),
             wrong=next((c for c in causes if c.effects[0] not in composition.effects), None),

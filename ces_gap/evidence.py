@@ -1,7 +1,8 @@
 """What the recordings say, as whitened residuals: noise made white, the baseline's own error marginalised.
 
 The baseline's error is a dictionary with weights w ~ N(ŵ, Σ) that references taught. Its mean is in the plant; what is
-not known of it is integrated out: a residual e of covariance σ²I + ΦΣΦᵀ is multiplied by that matrix' inverse root.
+not known of it is integrated out: a residual e of covariance σ²I + ΦΣΦᵀ is multiplied by that matrix' inverse root,
+each unit's with weights of its own.
 """
 
 from __future__ import annotations
@@ -57,9 +58,9 @@ class Evidence:
     units: tuple[Unit, ...]
     noise_known: bool = True
 
-    def louder(self, factor: float) -> Evidence:
-        """Return the evidence with noise that is stronger by a factor."""
-        return replace(self, noise=self.noise.louder(factor))
+    def scaled(self, factor: float) -> Evidence:
+        """Return the evidence with `factor` times the noise."""
+        return replace(self, noise=self.noise.scaled(factor))
 
     def forces(self, composition: Composition) -> list[F]:
         """Return the force [N] with the effects around the plant, on each trace."""

@@ -44,7 +44,8 @@ class _Rows:
 def learn(features: Sequence[F], targets: Sequence[F], usable: Sequence[B], rate_Hz: float, passes: int = 2) -> Learnt:
     """Return what ridge regression learns of `targets` [N] (n,) from `features` (n, q) on the usable ticks of traces.
 
-    Each pass whitens by the autoregression of the cross-fitted residuals of the pass before.
+    Each pass whitens by the autoregression of the cross-fitted residuals of the pass before, so that after the first a
+    fold is not quite unseen: the noise's six coefficients, and the penalty, know all folds.
     """
     folds = _folds(features, rate_Hz)
     noise = white(1.0)

@@ -24,8 +24,8 @@ class Noise:
     innovation_N: float
     ar: F
 
-    def louder(self, factor: float) -> Noise:
-        """Return noise of the same colour, stronger by a factor."""
+    def scaled(self, factor: float) -> Noise:
+        """Return noise of the same colour, `factor` times as strong."""
         return Noise(self.rms_N * factor, self.innovation_N * factor, self.ar)
 
     def whitened(self, values: F) -> F:

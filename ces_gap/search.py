@@ -83,7 +83,7 @@ def _as_quiet_as_explained(evidence: Evidence, forms: Sequence[Fit]) -> tuple[Ev
         replace(f, residual=f.residual / factor, jacobian=f.jacobian / factor, left_out=f.left_out / factor)
         for f in forms
     ]
-    return evidence.louder(factor), quieter
+    return evidence.scaled(factor), quieter
 
 
 def best_forms(forms: Sequence[Fit], energy: float) -> tuple[Fit, ...]:

@@ -60,11 +60,11 @@ def cut(traces: Sequence[Trace], seed: int) -> Blocks:
     return Blocks(tuple(traces), np.asarray(ticks), np.asarray(noise), tuple(number), drawn)
 
 
-def _shrunk(before: F, after: F) -> F:
+def _shrunk(before: F | np.float64, after: F | np.float64) -> F:
     """Return 1 - sqrt(after / before), 0 where nothing was there before."""
     there = np.asarray(before) > 0.0
     return np.asarray(np.where(there, 1.0 - _root(after) / _root(np.where(there, before, 1.0)), 0.0))
 
 
-def _root(energy: F | float) -> F:
-    return np.sqrt(np.maximum(energy, 0.0))
+def _root(energy: F | np.float64) -> F:
+    return np.asarray(np.sqrt(np.maximum(energy, 0.0)))

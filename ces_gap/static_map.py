@@ -46,7 +46,7 @@ def _powers(x: F, v: F, i: F | None) -> F:
     return np.stack(columns, axis=1)
 
 
-def project_static(evidence: Evidence, fits: Sequence[Fit]) -> tuple[str, ...]:
+def absorbed_by_map(evidence: Evidence, fits: Sequence[Fit]) -> tuple[str, ...]:
     """Return the effects whose signatures lie mostly inside the map."""
     absorbed = []
     for fit in fits:

@@ -65,8 +65,9 @@ def twin_classes(
     `fitted` may hold several forms of an effect: the first stands for it when others try to match it, all are tried
     when it tries to match others. `signatures` by effect, the first at the fitted values of the first form, spare all
     simulation but that of the refinement. `evidence` is the expected log-likelihood ratio below which two are twins,
-    and an effect is not told from none; at 3 the wrong one of two fits better with probability Φ(−√6/2) = 11 %.
-    `around` are effects that are there besides, none of them in `fitted`.
+    and an effect is not told from none; at 3 the wrong one of two fits better with probability Φ(−√6/2) = 11 %. Two
+    are twins as well within `FORM` of the signature's size, because forms are no more exact than that. `around` are
+    effects that are there besides, none of them in `fitted`.
     """
     probe = Probe(plant, traces, whiten, around)
     if signatures is None:

@@ -26,8 +26,8 @@ class Figures:
 
     `energy` is that energy over the noise's; `gain_z` the best explanation's gain over its error; `ceiling_z` that of
     the generic learner's. `unexplained` is what the best explanation leaves, `learnable` what the learner still finds
-    in that, `learnable_z` over its error. `stuck` counts parameters at a bound, `drift` is how far units disagree on
-    parameters, in standard errors.
+    in that (both the same where the noise is not known), `learnable_z` over its error. `stuck` counts parameters at a
+    bound, `drift` is how far units disagree on parameters, in standard errors.
     """
 
     energy: float

@@ -113,8 +113,8 @@ def test_the_residual_is_that_of_the_force_and_louder_noise_makes_it_smaller() -
     gaps = [evidence.noise.whitened(t.force - t.simulated) for t in TRACES]
     expected = [gaps[u.trace][u.ticks] for u in evidence.units]
     np.testing.assert_allclose(residual, np.concatenate(expected))
-    np.testing.assert_allclose(evidence.louder(2.0).residual(evidence.alone), residual / 2.0)
-    assert evidence.louder(2.0).noise.rms_N == 16.0
+    np.testing.assert_allclose(evidence.scaled(2.0).residual(evidence.alone), residual / 2.0)
+    assert evidence.scaled(2.0).noise.rms_N == 16.0
 
 
 class Lifting:

@@ -15,7 +15,7 @@ from ces_gap.evidence import gather
 from ces_gap.fit import fit_alone
 from ces_gap.noise import white
 from ces_gap.plant import Called, Plant
-from ces_gap.static_map import project_static, static_features
+from ces_gap.static_map import absorbed_by_map, static_features
 from ces_gap.trace import Inputs, Trace
 
 PLANT = Plant(Called(SIMULATION))
@@ -67,4 +67,4 @@ def test_effects_inside_the_map_are_told() -> None:
     evidence = gather(real, PLANT, white(NOISE_N), static_features(real), None)
     fits = [fit_alone(evidence, effect) for effect in (Spring(), Chirps())]
     assert fits[0].searched[0] > 0.0 and fits[1].searched[0] > 30.0
-    assert project_static(evidence, fits) == ("spring",)
+    assert absorbed_by_map(evidence, fits) == ("spring",)
