@@ -109,10 +109,10 @@ def machine() -> str:
         except importlib.metadata.PackageNotFoundError:
             versions.append(f"no {package}")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return f"{_processor()}, {cores} cores (load {os.getloadavg()[0]:.1f} at the end); {', '.join(versions)}."
+    return f"{processor()}, {cores} cores (load {os.getloadavg()[0]:.1f} at the end); {', '.join(versions)}."
 
 
-def _processor() -> str:
+def processor() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

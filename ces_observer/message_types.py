@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from rosidl_runtime_py.utilities import get_message
@@ -21,6 +22,19 @@ def message_class(signal: Signal) -> Any:
             "source the workspace that holds it"
         ) from None
     return kind
+
+
+def fields_of(type_name: str) -> Mapping[str, str]:
+    """Return the fields of a type (`package/Type` or `package/msg/Type`) and rosidl's notation of their types.
+
+    Raises LookupError if the type is not installed.
+    """
+    package, *_, name = type_name.split("/")
+    try:
+        fields: Mapping[str, str] = get_message(f"{package}/msg/{name}").get_fields_and_field_types()
+    except (ImportError, AttributeError, ValueError):
+        raise LookupError(f"message type '{type_name}' is not installed") from None
+    return fields
 
 
 def is_stamped(kind: Any) -> bool:

@@ -1,0 +1,50 @@
+"""The estimate as a serialised sensor_msgs/JointState of one joint: numbers in, bytes to publish out."""
+
+from __future__ import annotations
+
+import struct
+from struct import Struct
+
+from ces_observer.errors import SignalsError
+
+LITTLE_CDR = b"\x00\x01\x00\x00"
+ONE = struct.pack("<I", 1)  # the length of a sequence
+
+
+class RawEstimate:
+    """Writer of estimates of the joint `name`; everything but the numbers is laid out once for a frame id."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name.encode()
+        self._lay_out(b"")
+
+    def fill(self, stamp_ns: int, frame_id: bytes, position: float, speed: float, force: float) -> bytes:
+        """Return the message: position [m], velocity [m/s], effort [N]; `frame_id` is UTF-8.
+
+        Raises SignalsError if the stamp is not in the range of builtin_interfaces/Time (int32 seconds).
+        """
+        if frame_id != self._frame_id:
+            self._lay_out(frame_id)
+        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+        try:
+            return self._pack(LITTLE_CDR, sec, nanosec, self._names, position, self._next, speed, self._next, force)
+        except struct.error:
+            raise SignalsError(f"stamp {stamp_ns} ns is out of the range of a header stamp") from None
+
+    def _lay_out(self, frame_id: bytes) -> None:
+        """Prepare what lies between the numbers; offsets are from the end of the encapsulation, padding is zero."""
+        names = _aligned(_text(frame_id), 4) + ONE
+        names = _aligned(names + _text(self._name), 4) + ONE
+        self._names = _aligned(names, 8)
+        self._next = _aligned(ONE, 8)
+        self._frame_id = frame_id
+        self._pack = Struct(f"<4siI{len(self._names)}sd8sd8sd").pack
+
+
+def _text(text: bytes) -> bytes:
+    return struct.pack("<I", len(text) + 1) + text + b"\0"
+
+
+def _aligned(part: bytes, size: int) -> bytes:
+    """Return `part`, which begins at a multiple of 8, filled up to a multiple of `size`."""
+    return part + bytes(-len(part) % size)
