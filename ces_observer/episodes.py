@@ -1,0 +1,63 @@
+"""Episodes of withholding: from a force withheld to the next one given, however short, with reasons and counts."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+KEPT = 10  # ended episodes that are told one by one; all are in the totals
+MOST_REASONS = 4  # of one episode that are told by name
+
+
+@dataclass(frozen=True)
+class Episode:
+    """An ended episode: when it began [ns of the node's clock], its length [s], reasons in order, samples withheld."""
+
+    start_ns: int
+    length_s: float
+    reasons: tuple[str, ...]
+    withheld: int
+
+    @property
+    def reason(self) -> str:
+        """All its reasons in one line."""
+        return ", then ".join(self.reasons)
+
+    def __str__(self) -> str:
+        begun = f"{self.start_ns // 10**9}.{self.start_ns // 10**6 % 1000:03d} s"
+        return f"{begun}, for {self.length_s:.3f} s: {self.reason} ({self.withheld} samples withheld)"
+
+
+class Episodes:
+    """Follows the reasons of one damper, "ok" or why its force is withheld; `total` counts the ended episodes.
+
+    `last` holds the newest of them, `by_reason` number and length [s] of all, by the reason they began with.
+    """
+
+    __slots__ = ("_reasons", "_start_ns", "_withheld", "by_reason", "last", "total")
+
+    def __init__(self) -> None:
+        self.total = 0
+        self.last: deque[Episode] = deque(maxlen=KEPT)
+        self.by_reason: dict[str, tuple[int, float]] = {}
+        self._reasons: list[str] = []
+        self._start_ns = self._withheld = 0
+
+    def withheld(self, reason: str, now_ns: int, withheld_before: int) -> None:
+        """Take a reason for withholding; `withheld_before` is how many samples were withheld before this one."""
+        if not self._reasons:
+            self._start_ns, self._withheld = now_ns, withheld_before
+        if reason not in self._reasons and len(self._reasons) < MOST_REASONS:
+            self._reasons.append(reason)
+
+    def recovered(self, now_ns: int, withheld: int) -> None:
+        """End the episode, if there is one; `withheld` is how many samples have been withheld up to now."""
+        if not self._reasons:
+            return
+        length_s = max(0, now_ns - self._start_ns) * 1e-9
+        episode = Episode(self._start_ns, length_s, tuple(self._reasons), withheld - self._withheld)
+        self._reasons.clear()
+        self.total += 1
+        self.last.append(episode)
+        count, length = self.by_reason.get(episode.reasons[0], (0, 0.0))
+        self.by_reason[episode.reasons[0]] = count + 1, length + episode.length_s

@@ -1,0 +1,52 @@
+"""The text by which a bag explains a message type to readers that do not know it: its .msg file and those it needs.
+
+The form is that of MCAP's schema encoding `ros2msg`: the type's own text, then each type it contains after a line of
+80 equals signs and a line `MSG: package/Name`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+
+from ces_observer.errors import SignalsError
+
+SEPARATOR = "=" * 80
+INTEGERS = (f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
+PRIMITIVES = frozenset(("bool", "byte", "char", "float32", "float64", "string", "wstring", *INTEGERS))
+FIELD = re.compile(r"\s*([A-Za-z]\w*(?:/\w+)*)\S*\s+\w")  # the type, without bounds and brackets, and a name
+
+
+def message_definition(type_name: str, read_msg_file: Callable[[str], str]) -> str:
+    """Return the definition of `type_name`, such as sensor_msgs/msg/JointState, with all types it contains.
+
+    `read_msg_file` returns the text of a type's .msg file. Raises SignalsError if a name is no message type; what
+    `read_msg_file` raises is passed on.
+    """
+    texts: dict[str, str] = {}
+    waiting = [_full(type_name, "")]
+    while waiting:
+        name = waiting.pop(0)
+        if name not in texts:
+            texts[name] = read_msg_file(name)
+            waiting.extend(_contained(texts[name], name.partition("/")[0]))
+    parts = [f"{SEPARATOR}\nMSG: {name.replace('/msg/', '/')}\n{text}" for name, text in texts.items()]
+    return "\n".join([texts[_full(type_name, "")], *parts[1:]])
+
+
+def _contained(text: str, package: str) -> Iterator[str]:
+    """Yield the full names of the message types among the fields of a .msg text."""
+    for line in text.splitlines():
+        field = FIELD.match(line.partition("#")[0])
+        if field and field[1] not in PRIMITIVES:
+            yield _full(field[1], package)
+
+
+def _full(name: str, package: str) -> str:
+    """Return a type's name as package/msg/Name; a name alone is of the same package."""
+    parts = name.split("/")
+    if len(parts) == 1 and package:
+        return f"{package}/msg/{name}"
+    if len(parts) not in (2, 3) or (len(parts) == 3 and parts[1] != "msg") or not all(parts):
+        raise SignalsError(f"'{name}' is no message type; expected package/msg/Name")
+    return f"{parts[0]}/msg/{parts[-1]}"

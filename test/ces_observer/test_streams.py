@@ -1,0 +1,199 @@
+"""Figures of an input topic against what was really sent."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ces_observer.streams import LEARN, Arrivals, StreamFigures
+
+MS = 1_000_000
+SECOND = 1000 * MS
+START = 1_700_000_000 * SECOND
+DELAY = 300_000  # [ns] from stamp to arrival
+
+
+def regular(arrivals: Arrivals, first: int, last: int, period_ns: int = MS) -> StreamFigures:
+    """Send messages [first, last) of a steady topic and close the window."""
+    for k in range(first, last):
+        arrivals.take(START + k * period_ns, START + k * period_ns + DELAY)
+    return arrivals.roll((last - first) * period_ns * 1e-9)
+
+
+def test_a_steady_topic() -> None:
+    figures = regular(Arrivals(), 0, 1000)
+    assert (figures.samples, figures.rate_Hz, figures.burst) == (1000, 1000.0, 1)
+    assert (figures.dropped, figures.total_out_of_order, figures.total_duplicates) == (0, 0, 0)
+    assert figures.period_s == pytest.approx(1e-3)
+    assert [figures.age_s, figures.mean_age_s, figures.max_age_s] == pytest.approx([3e-4] * 3)
+    assert figures.jitter_s == 0.0
+    assert figures.longest_s == pytest.approx(1e-3)
+    assert figures.total_interruptions == 0
+
+
+def test_an_empty_window() -> None:
+    arrivals = Arrivals()
+    regular(arrivals, 0, 1000)
+    figures = arrivals.roll(1.0)
+    assert (figures.samples, figures.rate_Hz, figures.burst, figures.age_s) == (0, 0.0, 0, 0.0)
+    assert figures.total_samples == 1000
+
+
+def test_jitter_and_age_are_those_of_the_stamps() -> None:
+    chance = np.random.default_rng(1)
+    stamps = START + np.arange(1001) * MS + chance.integers(-100_000, 100_000, 1001)
+    ages = chance.integers(0, MS, 1001)
+    arrivals = Arrivals()
+    for stamp, age in zip(stamps[: LEARN + 1].tolist(), ages[: LEARN + 1].tolist(), strict=True):
+        arrivals.take(stamp, stamp + age)
+    arrivals.roll(0.01)
+    for stamp, age in zip(stamps[LEARN + 1 :].tolist(), ages[LEARN + 1 :].tolist(), strict=True):
+        arrivals.take(stamp, stamp + age)
+    figures = arrivals.roll(1.0)
+    intervals = np.diff(stamps[LEARN:])
+    assert figures.jitter_s == pytest.approx(intervals.std() * 1e-9, rel=1e-6)
+    assert figures.period_s == pytest.approx(intervals.mean() * 1e-9, rel=1e-6)
+    assert figures.longest_s == pytest.approx(intervals.max() * 1e-9)
+    assert figures.mean_age_s == pytest.approx(ages[LEARN + 1 :].mean() * 1e-9)
+    assert figures.max_age_s == pytest.approx(ages[LEARN + 1 :].max() * 1e-9)
+
+
+@settings(deadline=None)
+@given(
+    loss=st.floats(0.0, 0.35),
+    jitter=st.floats(0.0, 0.2),
+    period_ns=st.sampled_from([100_000, MS, 5 * MS, 33_333_333]),
+    seed=st.integers(0, 2**32),
+)
+def test_random_losses_are_counted(loss: float, jitter: float, period_ns: int, seed: int) -> None:
+    """The estimate is within 2 % of the messages sent, and exact without jitter once the period is known."""
+    chance = random.Random(seed)
+    arrivals = Arrivals()
+    for k in range(LEARN + 1):
+        arrivals.take(START + k * period_ns, START + k * period_ns)
+    sent = range(LEARN + 1, 1200)
+    kept = [k for k in sent if chance.random() >= loss] + [1200, 1201]  # a gap is told when a usual interval follows
+    for k in kept:
+        stamp = START + k * period_ns + round(chance.uniform(-jitter, jitter) * period_ns)
+        arrivals.take(stamp, stamp)
+    lost = len(sent) + 2 - len(kept)
+    total = arrivals.roll(1.0).total_dropped
+    assert total is not None
+    assert abs(total - lost) <= (0.02 * len(sent) if jitter else 0)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 15))
+def test_shuffled_messages_are_out_of_order_and_not_dropped(seed: int, apart: int) -> None:
+    chance = random.Random(seed)
+    arrivals = Arrivals()
+    regular(arrivals, 0, 100)
+    late = 0
+    for begin in range(100, 1000, apart):
+        block = list(range(begin, min(begin + apart, 1000)))
+        chance.shuffle(block)
+        for k in block:
+            arrivals.take(START + k * MS, START + begin * MS)
+        late += sum(k < max(block[: i + 1]) for i, k in enumerate(block))
+    figures = arrivals.roll(0.9)
+    assert (figures.total_out_of_order, figures.total_duplicates) == (late, 0)
+    # Up to the newest stamp of a block's first message nothing can be told; all later ones make up for the gaps.
+    assert figures.total_dropped == 0
+
+
+def test_a_late_message_makes_up_for_the_gap_it_left() -> None:
+    arrivals = Arrivals()
+    regular(arrivals, 0, 100)
+    for k in (101, 102):
+        arrivals.take(START + k * MS, START + k * MS)
+    assert arrivals.roll(0.1).dropped == 1
+    arrivals.take(START + 100 * MS, START + 102 * MS)
+    figures = arrivals.roll(0.1)
+    assert (figures.dropped, figures.total_dropped, figures.total_out_of_order) == (0, 0, 1)
+
+
+def test_duplicates_are_counted() -> None:
+    arrivals = Arrivals()
+    regular(arrivals, 0, 100)
+    for k in range(100, 200):
+        for _ in range(3):
+            arrivals.take(START + k * MS, START + k * MS)
+    figures = arrivals.roll(0.1)
+    assert (figures.total_duplicates, figures.total_out_of_order, figures.dropped) == (200, 0, 0)
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.5, 0.8, 1.3, 2.0, 10.0])
+def test_the_period_follows_another_rate_and_nothing_was_dropped(factor: float) -> None:
+    arrivals = Arrivals()
+    regular(arrivals, 0, 1000)
+    begin, period = START + 1000 * MS, round(MS * factor)
+    for k in range(round(2000 / factor)):
+        arrivals.take(begin + k * period, begin + k * period)
+        if k == round(1000 / factor):
+            arrivals.roll(1.0)
+    figures = arrivals.roll(1.0)
+    assert figures.period_s == pytest.approx(factor * 1e-3, rel=1e-3)
+    assert figures.total_dropped == 0
+
+
+def test_losses_while_the_period_is_learnt_do_not_spoil_it() -> None:
+    arrivals = Arrivals()
+    for k in [0, 1, 4, 5, 6, 9, 10, 11, 12, 15, 16, 17, 18, 19]:
+        arrivals.take(START + k * MS, START + k * MS)
+    figures = arrivals.roll(0.02)
+    assert (figures.period_s, figures.dropped) == (pytest.approx(1e-3), 6)
+
+
+def test_stamps_in_pairs_are_no_losses() -> None:
+    """A sensor bus that delivers two samples at a time has short and long intervals in turn."""
+    arrivals = Arrivals()
+    for k in range(1000):
+        stamp = START + k // 2 * 2 * MS + k % 2 * 100_000
+        arrivals.take(stamp, stamp)
+    figures = arrivals.roll(1.0)
+    assert figures.period_s == pytest.approx(1e-3, rel=0.2)
+    assert figures.dropped in (0, 1)
+
+
+@pytest.mark.parametrize("jump_s", [-3600.0, -2.0, 5.0, 3600.0])
+def test_a_clock_jump_is_one_interruption(jump_s: float) -> None:
+    arrivals = Arrivals()
+    regular(arrivals, 0, 1000)
+    shift = round(jump_s * 1e9)
+    for k in range(1000, 2000):
+        arrivals.take(START + k * MS + shift, START + k * MS + shift)
+    figures = arrivals.roll(1.0)
+    assert (figures.total_interruptions, figures.dropped, figures.total_out_of_order) == (1, 0, 0)
+    assert figures.rate_Hz == 1000.0
+
+
+def test_a_burst_after_a_stall_is_seen() -> None:
+    arrivals = Arrivals()
+    regular(arrivals, 0, 100)
+    for k in range(100, 150):
+        arrivals.take(START + k * MS, START + 150 * MS + 1000 * k)
+    assert arrivals.roll(0.1).burst == 50
+    assert regular(arrivals, 151, 200).burst == 1
+
+
+def test_without_stamps_nothing_is_said_of_losses() -> None:
+    arrivals = Arrivals(stamped=False)
+    regular(arrivals, 0, 100)
+    for k in [*range(200, 300), 300, 300]:
+        arrivals.take(START + k * MS, START + k * MS)
+    figures = arrivals.roll(0.2)
+    assert (figures.dropped, figures.total_dropped, figures.total_duplicates) == (None, None, 0)
+
+
+@given(st.lists(st.integers(-(2**62), 2**62)), st.lists(st.integers(-(2**62), 2**62)))
+def test_any_stamps_are_survived(stamps: list[int], nows: list[int]) -> None:
+    arrivals = Arrivals()
+    for stamp, now in zip(stamps, nows, strict=False):
+        arrivals.take(stamp, now)
+    figures = arrivals.roll(1.0)
+    assert figures.samples == min(len(stamps), len(nows))
+    assert figures.dropped is not None and figures.dropped >= 0
