@@ -16,6 +16,7 @@ from typing import Any
 from ces_cli import terminal
 from ces_cli.blind_case import ROW, Mode, diagnose_case
 from ces_cli.blind_progress import CasesProgress
+from ces_identify.campaign.workers import broken
 from ces_observer.checked import write_beside
 from ces_observer.errors import CesError
 
@@ -71,10 +72,8 @@ def _in_processes(cases: Sequence[Path], results: Path, mode: Mode, processes: i
         pool = joblib.Parallel(n_jobs=processes, batch_size=1, pre_dispatch=processes, return_as="generator")
         try:
             yield from pool(tasks)
-        except BrokenProcessPool:
-            raise CesError(
-                "a worker process died, perhaps short of memory; finished cases are kept: run again with fewer --jobs"
-            ) from None
+        except BrokenProcessPool as error:
+            raise broken(error) from None
 
 
 def _cases(folder: Path, limit: int | None) -> tuple[Path, ...]:

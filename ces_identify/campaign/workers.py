@@ -70,10 +70,18 @@ def in_processes(
         )
         try:
             yield from pool(joblib.delayed(_in_process)(function, *task) for task in tasks)
-        except BrokenProcessPool:
-            raise CesError(
-                "a worker process died, perhaps short of memory; what is finished is kept: run again with fewer --jobs"
-            ) from None
+        except BrokenProcessPool as error:
+            raise broken(error) from None
+
+
+def broken(error: BrokenProcessPool) -> CesError:
+    """Return what to tell of processes that broke: one could not read its task, for the reason it gives, or died."""
+    if error.__cause__ is not None:
+        reason = str(error.__cause__).strip(' \n"').rpartition("\n")[2]
+        return CesError(f"a worker process could not read its task or tell its result ({reason})")
+    return CesError(
+        "a worker process died, perhaps short of memory; what is finished is kept: run again with fewer --jobs"
+    )
 
 
 @contextmanager

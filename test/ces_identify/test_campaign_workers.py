@@ -1,5 +1,7 @@
 """Processes of this machine and the workers of a real Dask cluster give what this process gives."""
 
+import os
+import signal
 import socket
 from dataclasses import replace
 
@@ -10,7 +12,7 @@ from ces_identify.campaign import workers
 from ces_identify.campaign.cell import compute
 from ces_identify.campaign.description import load_campaign
 from ces_identify.campaign.plan import jobs
-from ces_identify.campaign.workers import on_cluster, on_this_machine
+from ces_identify.campaign.workers import in_processes, on_cluster, on_this_machine
 from ces_observer.errors import CesError
 
 
@@ -93,3 +95,22 @@ def test_no_dask_is_one_line(work, monkeypatch):
     monkeypatch.setattr(workers, "import_module", missing)
     with pytest.raises(CesError, match=r"pip install 'ces_observer\[dask\]'"):
         list(on_cluster(*work, address="127.0.0.1:8786"))
+
+
+def kill_itself():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+class Unreadable:
+    def __reduce__(self):
+        return int, ("no number",)
+
+
+def test_a_killed_process_is_one_line():
+    with pytest.raises(CesError, match="a worker process died, perhaps short of memory"):
+        list(in_processes(kill_itself, [()], processes=2, threads=1))
+
+
+def test_a_task_that_no_process_can_read_is_one_line_with_the_reason():
+    with pytest.raises(CesError, match=r"could not read its task .*\(ValueError: invalid literal for int.*no number"):
+        list(in_processes(abs, [(Unreadable(),)], processes=2, threads=1))
