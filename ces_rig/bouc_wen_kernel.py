@@ -142,13 +142,28 @@ def advance(
     c: Any, s: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int, out: Array
 ) -> None:
     """Run from rest; `out` (3, n) receives force [N], coil current [A] and temperature [°C]."""
-    h = interval / substeps
+    out[0, 0] = settle(c, s, stroke[0], speed[0], current[0])
+    out[1, 0], out[2, 0] = current[0], c.start_degC
+    go_on(c, s, stroke, speed, current, interval, substeps, out)
+
+
+@njit(cache=True)
+def settle(c: Any, s: Array, stroke: float, speed: float, current: float) -> float:
+    """Bring the state to rest at this input and return the force [N]; the cell reads 0 under the gas at mid-stroke."""
     s[:] = 0.0
-    zero, held = gas(c, 0.0), gas(c, stroke[0])  # the cell reads 0 under the gas at mid-stroke
-    s[PISTON] = s[DASHPOT] = stroke[0] - held / c.mount_N_m - (0.5 * c.play_m if held > 0.0 else -0.5 * c.play_m)
-    s[SPEED], s[TEMPERATURE], s[BUBBLES] = speed[0], c.start_degC, c.bubbles_m
-    s[COIL] = s[FIELD] = s[EDDY] = current[0]
-    out[0, 0], out[1, 0], out[2, 0] = held - zero, current[0], c.start_degC
+    held = gas(c, stroke)
+    s[PISTON] = s[DASHPOT] = stroke - held / c.mount_N_m - (0.5 * c.play_m if held > 0.0 else -0.5 * c.play_m)
+    s[SPEED], s[TEMPERATURE], s[BUBBLES] = speed, c.start_degC, c.bubbles_m
+    s[COIL] = s[FIELD] = s[EDDY] = current
+    return float(held - gas(c, 0.0))
+
+
+@njit(cache=True)
+def go_on(
+    c: Any, s: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int, out: Array
+) -> None:
+    """Go from the first input, at which the state stands, through the others; fills `out` from column 1 on."""
+    h, zero = interval / substeps, gas(c, 0.0)
     for n in range(1, stroke.shape[0]):
         x0, v0, x1, v1 = stroke[n - 1], speed[n - 1], stroke[n], speed[n]
         bend2, bend3 = 3.0 * (x1 - x0) - (2.0 * v0 + v1) * interval, 2.0 * (x0 - x1) + (v0 + v1) * interval

@@ -90,6 +90,10 @@ def _value(f: Field[Any], hint: Any, value: object, where: str) -> Any:
         if not isinstance(value, hint):
             raise RigError(f"{where} is {value!r}; expected {'true or false' if hint is bool else 'a word'}")
         return value
+    if hint == tuple[str, ...]:
+        if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
+            raise RigError(f"{where} is {value!r}; expected a list of words")
+        return tuple(value)
     if hint == tuple[float, ...]:
         items = value if isinstance(value, list | tuple) and value else None
         if items is None:

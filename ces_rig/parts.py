@@ -27,7 +27,7 @@ def value(whole: object, path: str) -> float:
     return float(reduce(getattr, path.split("."), whole))  # type: ignore[arg-type]
 
 
-def put(whole: T, numbers: Mapping[str, float], where: str = "plant") -> T:
+def put(whole: T, numbers: Mapping[str, Any], where: str = "plant") -> T:
     """Return `whole` with the `numbers` at their paths; raises RigError for one outside its declared range."""
     nested: dict[str, Any] = {}
     for path, number in numbers.items():

@@ -1,0 +1,122 @@
+"""What a live rig carries: the damper of a rig description, with withheld effects put in by name and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ces_rig.damper import Damper, damper_from
+from ces_rig.descriptions import build, read_yaml
+from ces_rig.errors import RigError
+from ces_rig.experiment import Experiment, experiment_from
+from ces_rig.sensors import Sensors
+from ces_rig.simulation import LUMPED
+from ces_rig.stepper import rest_force
+from ces_rig.withheld import plants, sensing
+from ces_rig.withheld.effects import Spread, Withheld
+from ces_rig.withheld.hydraulic import Hydraulic
+from ces_rig.withheld.lumped import Lumped
+
+HYDRAULIC = "hydraulic"
+LUMPED_REACH_M = 0.06  # [m] the stroke the lumped dampers' gas is made for
+LIVE_SENSING = ("current_scale", "force_offset", "force_drift", "force_scale", "mains_hum", "position_wave")
+
+
+@dataclass(frozen=True)
+class Description:
+    """A damper of a kind (`withheld.plants.PLANTS`), its sensors, and what the cell reads at mid-stroke [N]."""
+
+    kind: str = HYDRAULIC
+    model: Any = field(default_factory=lambda: Hydraulic(Damper()))  # of withheld.plants.Model
+    sensors: Sensors = field(default_factory=Sensors)
+    rest_N: float = 0.0
+    sensed: tuple[tuple[str, Mapping[str, float]], ...] = ()  # effects of the sensors: name and physical numbers
+
+    @property
+    def current_A(self) -> tuple[float, float]:
+        """The range [A] of the current that acts."""
+        if isinstance(self.model, Hydraulic):
+            valve = self.model.damper.ces_valve
+            return valve.current_low_A, valve.current_high_A
+        return plants.KINDS[self.kind].current_A
+
+    @property
+    def reach_m(self) -> float:
+        """Travel [m] from mid-stroke to either end."""
+        return self.model.damper.body.half_stroke_m if isinstance(self.model, Hydraulic) else LUMPED_REACH_M
+
+
+def load_description(path: Path) -> Description:
+    """Return the damper in a rig YAML (a damper of any kind, or an experiment); raises RigError, OSError."""
+    given = read_yaml(path)
+    kind = given.pop("kind", HYDRAULIC)
+    if kind in LUMPED:
+        return Description(kind, Lumped(kind, build(LUMPED[kind], given, str(path))))
+    if kind != HYDRAULIC:
+        raise RigError(f"{path}: kind is {kind!r}; expected one of {HYDRAULIC}, {', '.join(LUMPED)}")
+    if "stroke" in given:
+        return of_experiment(experiment_from(given, str(path), path))
+    return Description(model=Hydraulic(damper_from(given, str(path))))
+
+
+def of_experiment(experiment: Experiment) -> Description:
+    """Return the damper and sensors of an experiment."""
+    rest = 0.0 if experiment.settings.tare else rest_force(experiment.damper)
+    return Description(model=Hydraulic(experiment.damper), sensors=experiment.sensors, rest_N=rest)
+
+
+def with_effects(damper: Description, given: Iterable[str]) -> Description:
+    """Return the damper with the effects put in, each given as `name` or `name: {severity: s, proportion: p, …}`.
+
+    Raises RigError for what is no effect, or cannot be had by this damper or live.
+    """
+    for effect in (effect_from(text, damper.kind) for text in given):
+        if effect.name in sensing.SENSING:
+            numbers = sensing.numbers(effect, damper.current_A[1])
+            damper = replace(damper, sensed=(*damper.sensed, (effect.name, numbers)))
+        else:
+            changed = damper.model.changed(plants.KINDS[damper.kind].numbers(damper.model, effect))
+            damper = replace(damper, model=changed)
+    return damper
+
+
+def effect_from(text: str, kind: str) -> Withheld:
+    """Return the effect that a line of YAML describes; by default severity is 1, each proportion amid its spread."""
+    name, numbers = _read(text)
+    known = _available(kind)
+    if name not in known:
+        there = ", ".join(known)
+        raise RigError(f"withheld '{text}': no effect '{name}' on a live {kind} damper; there are {there}")
+    spreads = {**plants.KINDS[kind].spreads, **sensing.SPREADS}[name]
+    middle = {key: _middle(spread) for key, spread in spreads.items()}
+    for key in numbers:
+        if key != "severity" and key not in middle:
+            raise RigError(f"withheld '{text}': unknown key '{key}'; known are severity, {', '.join(middle)}")
+    severity = numbers.pop("severity", 1.0)
+    return Withheld(name, severity, {**middle, **numbers})
+
+
+def _available(kind: str) -> Sequence[str]:
+    """Names of the effects that can be had tick by tick: not of sensors with a memory, nor foam in the CES damper."""
+    unable = {*sensing.SENSING} - {*LIVE_SENSING} | ({"foaming"} if kind == HYDRAULIC else set())
+    return [name for name in plants.available(kind) if name not in unable]
+
+
+def _read(text: str) -> tuple[str, dict[str, float]]:
+    try:
+        given = yaml.safe_load(text)
+        if isinstance(given, str):
+            return given, {}
+        ((name, numbers),) = given.items()
+        return str(name), {str(key): float(number) for key, number in numbers.items()}
+    except (yaml.YAMLError, AttributeError, TypeError, ValueError):
+        raise RigError(f"withheld '{text}': expected a name, or such as 'friction: {{severity: 0.5}}'") from None
+
+
+def _middle(spread: Spread) -> float:
+    return 0.5 * (spread.low + spread.high) if spread.uniform else sqrt(spread.low * spread.high)

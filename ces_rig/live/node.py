@@ -1,0 +1,164 @@
+"""The rig node: commanded valve current in, position, coil current and force out, sample by sample, as on a vehicle.
+
+In real time a steady timer asks how many samples are due, and after a stall they all follow, each with its own stamp.
+With `publish_clock` the node makes time itself: at a factor, or as fast as its samples are taken.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from time import monotonic
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ces_observer.executors import collect, run
+from ces_rig.errors import RigError
+from ces_rig.live import vehicle as qv
+from ces_rig.live.node_parameters import declare_settings
+from ces_rig.live.pace import Pace
+from ces_rig.live.rig import LIVE, VEHICLE, LiveRig, Settings
+from ces_rig.live.topics import RigTopics
+
+SECOND_NS = 1_000_000_000
+CLOCK_START_NS = SECOND_NS  # of simulated time: 0 means to ROS that there is no time yet
+AT_ONCE = 50  # ticks before commands are listened to again
+LAG_S = 0.1  # behind which the node warns
+DRIFT_S = 0.01  # of the system's clock from the steady one, after which stamps follow it
+IDLE_S = 1e-3  # period of the timer when it is the samples' readers that set the pace
+SOONEST_S = 1e-4
+
+
+class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
+    """The node `rig`; raises what executors.START_ERRORS lists if it cannot be built."""
+
+    def __init__(self) -> None:
+        super().__init__("rig")
+        own, settings = declare_settings(self)
+        self.executor_choice = own.executor
+        self._own, self._rig = own, _compiled(settings, self)
+        self._free = own.publish_clock and own.real_time_factor == 0.0
+        self._answers = self._free and own.answer_s > 0.0
+        self._topics = RigTopics(
+            self,
+            own.joint,
+            self._command,
+            vehicle=settings.drive == VEHICLE,
+            stamped=own.stamped_current,
+            clock=own.publish_clock,
+            patient=self._free,
+        )
+        self.add_on_set_parameters_callback(self._check)
+        self.add_post_set_parameters_callback(self._set)
+        self._asked_s, self._blows, self._refused, self._commanded = monotonic(), 0, 0, False
+        self._start()
+
+    def _start(self) -> None:
+        factor = self._own.real_time_factor if self._own.publish_clock else 1.0
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._begin_s = monotonic()
+        self._first_ns = CLOCK_START_NS if self._own.publish_clock else self.get_clock().now().nanoseconds
+        self._pace = Pace(self._rig.period_s, self._begin_s, factor or 1.0)
+        period_s = max(self._rig.period_s / factor, SOONEST_S) if factor else IDLE_S if self._answers else SOONEST_S
+        self.create_timer(period_s, self._follow if self._free else self._keep_pace, clock=steady)
+        self.create_timer(1.0, self._watch, clock=steady)
+
+    def _keep_pace(self) -> None:
+        """Make the samples that are due; more than AT_ONCE wait until commands have been heard."""
+        for _ in range(min(self._pace.due(monotonic()), AT_ONCE)):
+            self._tick()
+            self._pace.done(1)
+
+    def _follow(self) -> None:
+        """Make samples as fast as they are taken, or one as soon as its predecessor's answer is overdue."""
+        if self._answers:
+            if not self._commanded or monotonic() - self._asked_s > self._own.answer_s:
+                self._tick()
+            return
+        for _ in range(AT_ONCE):  # a reader that keeps all of a reliable topic holds `publish` up
+            self._tick()
+
+    def _tick(self) -> None:
+        sample = self._rig.tick()
+        self._asked_s = monotonic()
+        try:
+            self._topics.publish(sample, self._first_ns + sample.tick * SECOND_NS // self._rig.settings.rate_hz)
+        except RuntimeError:
+            if self.context.ok():  # otherwise a signal came in between
+                raise
+
+    def _command(self, current_A: float) -> None:
+        self._rig.command.give(current_A, self._rig.time_s)
+        if self._answers:
+            self._tick()
+
+    def _watch(self) -> None:
+        """Once a second: clocks, and what went wrong meanwhile."""
+        collect()
+        self._commanded = self._topics.is_commanded()
+        if not self._own.publish_clock:
+            self._follow_clock()
+        if not self._free:
+            self._warn_of_lag()
+        self._warn_of_events()
+
+    def _follow_clock(self) -> None:
+        """Keep the stamps on the system's clock when that is set or drifts away from the steady one."""
+        off_ns = self.get_clock().now().nanoseconds - self._first_ns - int((monotonic() - self._begin_s) * SECOND_NS)
+        if abs(off_ns) > DRIFT_S * SECOND_NS:
+            self.get_logger().warning(f"the system's clock went {off_ns * 1e-9:.3f} s off; stamps follow it")
+            self._first_ns += off_ns
+
+    def _warn_of_lag(self) -> None:
+        lag_s = self._pace.lag_s(monotonic())
+        if lag_s > LAG_S:
+            self.get_logger().warning(
+                f"{lag_s:.2f} s behind: samples come late, with true stamps; lower rate_hz or free the processor"
+            )
+
+    def _warn_of_events(self) -> None:
+        blows, refused = int(self._rig.motion[qv.BLOWS]), self._rig.command.refused
+        if blows > self._blows:
+            self.get_logger().warning(f"the damper bottomed {blows - self._blows} times in a second, metal on metal")
+        if refused > self._refused:
+            self.get_logger().warning(f"{refused - self._refused} commands were no finite number and refused")
+        self._blows, self._refused = blows, refused
+
+    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        try:
+            self._rig.check(_live(parameters))
+        except RigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _set(self, parameters: Sequence[Parameter]) -> None:
+        self._rig.change(_live(parameters))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node; returns 0 when stopped by a signal, 2 if a parameter cannot be used."""
+    return run("rig", Rig, argv)
+
+
+def _live(parameters: Sequence[Parameter]) -> dict[str, object]:
+    return {parameter.name: parameter.value for parameter in parameters if parameter.name in LIVE}
+
+
+def _compiled(settings: Settings, node: Node) -> LiveRig:
+    """Return the rig at rest, its kernels compiled, so that no sample is late for that."""
+    begin = monotonic()
+    try:
+        LiveRig(settings).tick()
+    except OSError as error:
+        raise RigError(f"{error.filename}: {error.strerror}") from None
+    took = monotonic() - begin
+    if took > 5.0:
+        node.get_logger().info(f"compiled in {took:.0f} s; the next start takes it from the cache")
+    return LiveRig(settings)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

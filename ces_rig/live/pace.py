@@ -1,0 +1,23 @@
+"""When a live rig must step: how many ticks are due, and how far it is behind."""
+
+from __future__ import annotations
+
+
+class Pace:
+    """Ticks of `period_s` at `factor` times real time since `start_s` of a steady clock."""
+
+    def __init__(self, period_s: float, start_s: float, factor: float = 1.0) -> None:
+        self._period_s, self._start_s, self._factor = period_s, start_s, factor
+        self._done = 0
+
+    def due(self, now_s: float) -> int:
+        """Return how many ticks are due at `now_s` and not yet done."""
+        return int((now_s - self._start_s) * self._factor / self._period_s) - self._done
+
+    def done(self, count: int) -> None:
+        """Note that so many were made."""
+        self._done += count
+
+    def lag_s(self, now_s: float) -> float:
+        """Return how long ago [s] the next tick was due; negative while it is not."""
+        return now_s - self._start_s - (self._done + 1) * self._period_s / self._factor

@@ -1,0 +1,183 @@
+"""A live rig: command in, one tick on, what the sensors read out. No ROS, no clock: whoever calls it keeps time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import ceil
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ces_rig.descriptions import choice, quantity
+from ces_rig.errors import RigError
+from ces_rig.experiment import GRID_S, Experiment, find_experiment, load_experiment
+from ces_rig.live import vehicle as qv
+from ces_rig.live.command import Command
+from ces_rig.live.description import Description, load_description, of_experiment, with_effects
+from ces_rig.live.plant import LivePlant
+from ces_rig.live.road import Road
+from ces_rig.live.script import Actuator, Loop, Script, loop_of, loop_of_experiment, still
+from ces_rig.live.sensing import LiveSensors
+from ces_rig.live.vehicle import Vehicle
+from ces_rig.parts import put
+
+SCRIPT, EXPERIMENT, VEHICLE = "script", "experiment", "vehicle"
+ROAD_STREAM = 6  # beside ces_rig.experiment.STREAMS
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a live rig is."""
+
+    drive: str = choice(SCRIPT, "what moves the damper", (SCRIPT, EXPERIMENT, VEHICLE))
+    experiment: str = field(
+        default="sine_4hz", metadata={"unit": "", "what": "experiment whose stroke is repeated: packaged name or file"}
+    )
+    damper: str = field(
+        default="", metadata={"unit": "", "what": "rig YAML of the damper, any kind; empty: experiment's or packaged"}
+    )
+    withheld: tuple[str, ...] = field(
+        default=(),
+        metadata={"unit": "", "what": "effects put in: name or 'name: {severity: 1.0, proportion: …}' (docs/rig.md)"},
+    )
+    rate_hz: int = quantity(1000, "Hz", "samples a second", 200, 2000)
+    step_s: float = quantity(0.0, "s", "integrator's step; 0: as on the recorded rig, 5e-5 or 1e-4", 0.0, 2e-4)
+    seed: int = quantity(1, "1", "seed of road, noise stroke and sensors", 0, 2**31)
+    noise: float = quantity(1.0, "1", "size of the sensors' noise; 0: ideal sensors", 0.0, 100.0)
+    dropout: float = quantity(0.0, "1", "probability that a sample is lost", 0.0, 0.9)
+    safe_current_A: float = quantity(0.4, "A", "current without command", 0.0, 10.0)
+    command_timeout_s: float = quantity(0.1, "s", "age beyond which a command no longer holds; 0: never", 0.0, 60.0)
+    script: Script = field(default_factory=Script)
+    vehicle: Vehicle = field(default_factory=Vehicle)
+
+
+class Sample(NamedTuple):
+    """What one tick gives: readings, None where a sensor gave none; and the truth about a vehicle."""
+
+    tick: int
+    position_m: float | None
+    current_A: float | None
+    force_N: float | None
+    body_m_s2: float  # mean over the tick, upwards
+    tyre_N: float
+
+
+class LiveRig:
+    """The rig at tick 0, at rest; raises RigError or OSError for settings that cannot be used."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        experiment = load_experiment(find_experiment(settings.experiment)) if settings.drive == EXPERIMENT else None
+        self.damper = with_effects(_damper(settings, experiment), settings.withheld)
+        self.period_s = 1.0 / settings.rate_hz
+        self._count = ceil(self.period_s / GRID_S - 1e-9)
+        self._interval_s = self.period_s / self._count
+        self._plant = LivePlant(self.damper, self._interval_s, self._count, settings.step_s or None)
+        self.command = Command(self.damper.current_A, settings.safe_current_A, settings.command_timeout_s)
+        self.sensors = LiveSensors(self.damper.sensors, settings.seed, settings.rate_hz, self.damper.sensed)
+        self.sensors.set(settings.noise, settings.dropout)
+        self.motion = np.zeros(qv.MOTION_SIZE)
+        self._numbers = qv.numbers_of(settings.vehicle, self.damper.reach_m)
+        self._road = _road(settings, self._interval_s)
+        self._actuator = self._actuated(settings, experiment)
+        self.ticks = 0
+        self._plant.settle(*self._actuator.start, self.command.at(0.0))
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since the start."""
+        return self.ticks / self.settings.rate_hz
+
+    @property
+    def coil_A(self) -> float:
+        """True current in the coil [A]."""
+        return self._plant.coil_A
+
+    def tick(self) -> Sample:
+        """Go one tick on under the command as it stands."""
+        current = self.command.at(self.time_s)
+        self.ticks += 1
+        motion, before = self.motion, self.motion[qv.BODY_SPEED]
+        if self.settings.drive == VEHICLE:
+            self._plant.ride(self._numbers, motion, self._road.heights(self._count), current)
+        else:
+            stroke, speed = self._actuator.moves(self._count)
+            self._plant.drive(stroke, speed, current)
+            motion[qv.STROKE], motion[qv.FORCE] = stroke[-1], self._plant.force_N
+        return self._sample(current, (motion[qv.BODY_SPEED] - before) / self.period_s)
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Raise the RigError that `change` would raise."""
+        self._changed(values)
+
+    def change(self, values: Mapping[str, Any]) -> None:
+        """Change what may change while it runs (`LIVE`), given by dotted name; raises RigError and changes nothing."""
+        changed, loop = self._changed(values)
+        if loop is not None:
+            self._actuator.change(loop)
+        self._road.road_class, self._road.speed_m_s = changed.vehicle.road_class, changed.vehicle.speed_m_s
+        self.command.safe_A, self.command.timeout_s = changed.safe_current_A, changed.command_timeout_s
+        self.sensors.set(changed.noise, changed.dropout)
+        self.settings = changed
+
+    def _changed(self, values: Mapping[str, Any]) -> tuple[Settings, Loop | None]:
+        """Return the settings as changed, and the script's loop if it is a new one."""
+        changed = with_values(self.settings, values)
+        if changed.script == self.settings.script or self.settings.drive != SCRIPT:
+            return changed, None
+        return changed, loop_of(changed.script, self._interval_s, changed.seed).checked(self.damper.reach_m)
+
+    def _sample(self, command: float, body: float) -> Sample:
+        motion, sensors = self.motion, self.sensors
+        stroke, current, force = sensors.seen(
+            self.time_s,
+            float(motion[qv.STROKE]),
+            command if sensors.commanded else self._plant.coil_A,
+            float(motion[qv.FORCE]) + self.damper.rest_N,
+        )
+        return Sample(
+            self.ticks,
+            sensors.position.read(stroke),
+            sensors.current.read(current) if self.ticks % sensors.current_every == 0 else None,
+            sensors.force.read(force),
+            float(body),
+            float(motion[qv.TYRE]),
+        )
+
+    def _actuated(self, settings: Settings, experiment: Experiment | None) -> Actuator:
+        """An experiment fades in by itself; a script is blended in from rest."""
+        if experiment is not None:
+            loop = loop_of_experiment(experiment, self._interval_s).checked(self.damper.reach_m)
+            return Actuator(loop, self._interval_s)
+        actuator = Actuator(still(self._interval_s), self._interval_s)
+        if settings.drive == SCRIPT:
+            loop = loop_of(settings.script, self._interval_s, settings.seed)
+            actuator.change(loop.checked(self.damper.reach_m))
+        return actuator
+
+
+LIVE = (
+    "noise", "dropout", "safe_current_A", "command_timeout_s", "script.kind", "script.amplitude_m",
+    "script.frequency_Hz", "vehicle.road_class", "vehicle.speed_m_s",
+)  # fmt: skip
+
+
+def with_values(settings: Settings, values: Mapping[str, Any]) -> Settings:
+    """Return the settings with other values at dotted names; raises RigError for one out of range or not LIVE."""
+    for name in values:
+        if name not in LIVE:
+            raise RigError(f"rig: '{name}' cannot change while it runs; what can is {', '.join(LIVE)}")
+    return put(settings, values, "rig")
+
+
+def _damper(settings: Settings, experiment: Experiment | None) -> Description:
+    if settings.damper:
+        return load_description(Path(settings.damper).expanduser())
+    return of_experiment(experiment) if experiment else Description()
+
+
+def _road(settings: Settings, interval_s: float) -> Road:
+    rng = np.random.default_rng([settings.seed, ROAD_STREAM])
+    return Road(settings.vehicle.road_class, settings.vehicle.speed_m_s, interval_s, rng)

@@ -1,0 +1,73 @@
+"""An endless ISO 8608 road: white noise behind a first-order filter in distance, so that speed and class may change.
+
+The profile's spectral density is G(n) = G(n0)·n0²/(n² + nc²), the standard's with waviness 2 above `nc` (1/100 m); the
+tyre averages what is shorter than its contact patch by a second first-order filter in distance.
+"""
+
+from __future__ import annotations
+
+from math import exp, pi, sqrt
+
+import numpy as np
+from numba import njit
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CLASSES = ("A", "B", "C", "D", "E", "F", "G", "H")
+REFERENCE_1_M = 0.1  # n0 [cycles/m]
+LONGEST_M = 100.0  # [m] waves longer than this fade out
+CONTACT_M = 0.1  # [m] length of the tyre's contact patch
+BLOCK = 100  # grid points rolled at once; a new speed or class waits for the next block
+
+
+def roughness_m3(road_class: str) -> float:
+    """Return the class's mean displacement spectral density G(n0) [m³] (ISO 8608: 16e-6 for A, four times each on)."""
+    return float(16e-6 * 4.0 ** CLASSES.index(road_class))
+
+
+def density_m3(road_class: str, wave_1_m: Array) -> Array:
+    """Return the one-sided density [m³] of the road as generated, under the tyre, at wave numbers [cycles/m]."""
+    corner, patch = 1.0 / LONGEST_M, 2.0 * pi * CONTACT_M / AVERAGING
+    profile = roughness_m3(road_class) * REFERENCE_1_M**2 / (wave_1_m**2 + corner**2)
+    return np.asarray(profile / (1.0 + (patch * wave_1_m) ** 2))
+
+
+AVERAGING = 2.8  # contact length over the length of a first-order filter that is 3 dB down at the same wave
+
+
+class Road:
+    """The road under the wheel at grid points every `interval_s` seconds; `road_class` and `speed_m_s` may be set."""
+
+    def __init__(self, road_class: str, speed_m_s: float, interval_s: float, rng: Generator) -> None:
+        self.road_class, self.speed_m_s = road_class, speed_m_s
+        self._interval_s, self._rng = interval_s, rng
+        self._state = np.zeros(2)  # profile and height under the tyre [m]
+        self._block, self._next = np.empty(0), 0
+
+    def heights(self, count: int) -> Array:
+        """Return the next `count` heights [m] under the tyre, at most BLOCK."""
+        if self._next + count > len(self._block):
+            self._block = np.concatenate([self._block[self._next :], self._rolled()])
+            self._next = 0
+        self._next += count
+        return self._block[self._next - count : self._next]
+
+    def _rolled(self) -> Array:
+        out = self._rng.standard_normal(BLOCK)
+        roll(self._state, roughness_m3(self.road_class), self.speed_m_s * self._interval_s, out)
+        return out
+
+
+@njit(cache=True)
+def roll(state: Array, roughness: float, distance: float, out: Array) -> None:
+    """Turn normal numbers in `out` into heights [m] under the tyre, `distance` [m] apart; exact at the points."""
+    corner = 1.0 / LONGEST_M
+    kept = exp(-2.0 * pi * corner * distance)
+    spread = sqrt(0.5 * pi * roughness * REFERENCE_1_M**2 / corner * (1.0 - kept * kept))
+    left = exp(-AVERAGING * distance / CONTACT_M)
+    for k in range(out.shape[0]):
+        state[0] = kept * state[0] + spread * out[k]
+        state[1] = state[0] + left * (state[1] - state[0])
+        out[k] = state[1]

@@ -1,0 +1,163 @@
+"""Scripted strokes without end: a loop of position and speed on the rig's grid, blended over when it is changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from ces_rig.descriptions import choice, quantity
+from ces_rig.errors import RigError
+from ces_rig.experiment import STREAMS, Experiment
+from ces_rig.stepper import spline_speed
+from ces_rig.strokes import Common, Noise, Rest, Sine, Stroke, Sweep, Triangle
+
+Array = NDArray[np.float64]
+
+BLOCK = 200  # grid points made at once; a changed script waits for the next block
+BLEND_S = 0.5  # [s] from one script to the next
+SEAM_M = 1e-6  # [m] by which a loop may miss its own start
+CYCLES_S = 5.0  # [s] least length of a loop of whole cycles: rounds the frequency by 5e-5 at most
+PERIODIC = ("sine", "triangle")
+
+
+@dataclass(frozen=True)
+class Script:
+    """What the actuator does, over and over."""
+
+    kind: str = choice("sine", "kind of stroke", ("rest", "sine", "sweep", "noise", "triangle"))
+    amplitude_m: float = quantity(0.015, "m", "largest distance from mid-stroke", 0.0, 0.5)
+    frequency_Hz: float = quantity(2.0, "Hz", "frequency of sine and triangle", 0.05, 50.0)
+    from_Hz: float = quantity(1.0, "Hz", "sweep: frequency at the start", 0.05, 100.0)
+    to_Hz: float = quantity(12.0, "Hz", "sweep: frequency at the end", 0.05, 100.0)
+    speed_m_s: float = quantity(0.45, "m/s", "sweep: limit of the peak speed", 1e-3, 10.0)
+    cutoff_Hz: float = quantity(15.0, "Hz", "noise: cutoff of the low-pass filter", 0.1, 50.0)
+    loop_s: float = quantity(30.0, "s", "sweep and noise: length of the loop", 2.0, 600.0)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A stroke [m] and its speed [m/s] on grid points, each (n,); point n is point 0 again."""
+
+    stroke_m: Array
+    speed_m_s: Array
+
+    def scaled(self, factor: float) -> Loop:
+        """Return it larger."""
+        return Loop(factor * self.stroke_m, factor * self.speed_m_s)
+
+    def checked(self, reach_m: float) -> Loop:
+        """Return it if it stays inside ±`reach_m`; raises RigError."""
+        reach = float(np.abs(self.stroke_m).max())
+        if reach > reach_m:
+            raise RigError(f"rig: the stroke reaches {reach:.4g} m; the damper's ends are at ±{reach_m:g} m")
+        return self
+
+
+def loop_of(script: Script, interval_s: float, seed: int) -> Loop:
+    """Return the script's loop; raises RigError."""
+    if script.kind in PERIODIC and script.amplitude_m > 0.0:
+        return _cycles(script, interval_s)
+    time = _times(round(script.loop_s / interval_s), interval_s)
+    stroke = Stroke(_shape(script), Common()).samples(time, np.random.default_rng([seed, STREAMS["stroke"]]))
+    return Loop(stroke[:-1], spline_speed(time, stroke)[:-1])
+
+
+def loop_of_experiment(experiment: Experiment, interval_s: float) -> Loop:
+    """Return the experiment's stroke as a loop; raises RigError if it does not end where it begins."""
+    settings = experiment.settings
+    time = _times(round(settings.duration_s / interval_s), interval_s)
+    stroke = experiment.stroke.samples(time, np.random.default_rng([settings.seed, STREAMS["stroke"]]))
+    miss = abs(stroke[-1] - stroke[0])
+    if miss > SEAM_M:
+        raise RigError(f"{settings.name}: its stroke ends {miss:.2g} m from its start; give stroke.fade_s to repeat it")
+    return Loop(stroke[:-1], spline_speed(time, stroke)[:-1])
+
+
+class Actuator:
+    """Moves through a loop at grid points every `interval_s` seconds, and blends into another when told."""
+
+    def __init__(self, loop: Loop, interval_s: float) -> None:
+        self.start = float(loop.stroke_m[0]), float(loop.speed_m_s[0])
+        self._loop, self._place = loop, 0
+        self._new: Loop | None = None
+        self._wanted: Loop | None = None
+        points = round(BLEND_S / interval_s / BLOCK) * BLOCK or BLOCK
+        u = np.arange(1, points + 1) / points
+        self._weight = u**3 * (10.0 + u * (6.0 * u - 15.0))
+        self._weight_rate = 30.0 * (u * (1.0 - u)) ** 2 / (points * interval_s)
+        self._blended = 0
+        self._ready = np.empty((2, 0))
+        self._next = 0
+
+    def change(self, loop: Loop) -> None:
+        """Go over to another loop, half a second long, as soon as the last change is done."""
+        self._wanted = loop
+
+    def moves(self, count: int) -> tuple[Array, Array]:
+        """Return the next `count` strokes [m] and speeds [m/s], at most BLOCK."""
+        if self._next + count > self._ready.shape[1]:
+            self._ready = np.concatenate([self._ready[:, self._next :], self._block()], axis=1)
+            self._next = 0
+        self._next += count
+        part = slice(self._next - count, self._next)
+        return self._ready[0, part], self._ready[1, part]
+
+    def _block(self) -> Array:
+        if self._new is None and self._wanted is not None:
+            self._new, self._wanted, self._blended = self._wanted, None, 0
+        at = np.arange(self._place + 1, self._place + BLOCK + 1)
+        self._place += BLOCK
+        old = _points(self._loop, at)
+        return old if self._new is None else self._blend(old, _points(self._new, at))
+
+    def _blend(self, old: Array, new: Array) -> Array:
+        part = slice(self._blended, self._blended + BLOCK)
+        weight, rate = self._weight[part], self._weight_rate[part]
+        mixed = old + weight * (new - old)
+        mixed[1] += rate * (new[0] - old[0])
+        self._blended += BLOCK
+        if self._blended == len(self._weight):
+            self._loop, self._new = self._new or self._loop, None
+        return mixed
+
+
+def still(interval_s: float) -> Loop:
+    """Return a loop that rests at mid-stroke."""
+    return loop_of(replace(Script(), kind="rest", loop_s=2.0), interval_s, 0)
+
+
+def _points(loop: Loop, at: NDArray[np.int64]) -> Array:
+    place = at % len(loop.stroke_m)
+    return np.stack([loop.stroke_m[place], loop.speed_m_s[place]])
+
+
+def _times(points: int, interval_s: float) -> Array:
+    return np.arange(points + 1, dtype=np.float64) * interval_s
+
+
+def _cycles(script: Script, interval_s: float) -> Loop:
+    """Return whole cycles, so that nothing must fade at the seam; the spline through them is periodic."""
+    cycles = max(1, round(CYCLES_S * script.frequency_Hz))
+    points = round(cycles / script.frequency_Hz / interval_s)
+    time = _times(points, interval_s)
+    exact = replace(script, frequency_Hz=cycles / (points * interval_s))
+    stroke = _shape(exact).samples(time, np.random.default_rng(0))
+    stroke[-1] = stroke[0]
+    speed = CubicSpline(time, stroke, bc_type="periodic")(time, 1)
+    return Loop(stroke[:-1], np.asarray(speed[:-1]))
+
+
+def _shape(script: Script) -> Rest | Sine | Sweep | Noise | Triangle:
+    a, f = script.amplitude_m, script.frequency_Hz
+    if a == 0.0 or script.kind == "rest":
+        return Rest()
+    if script.kind == "sine":
+        return Sine(a, f)
+    if script.kind == "sweep":
+        return Sweep(script.from_Hz, script.to_Hz, a, script.speed_m_s)
+    if script.kind == "noise":
+        return Noise(2.0 * a, script.cutoff_Hz)
+    return Triangle(a, 4.0 * a * f, min(0.02, 0.1 / f))

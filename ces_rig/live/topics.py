@@ -1,0 +1,115 @@
+"""Topics of the rig node: samples out as messages with the sample's own stamp, commands in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import AccelStamped, WrenchStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from ces_rig.live.patched_message import PatchedMessage
+from ces_rig.live.rig import Sample
+
+DEPTH = 100  # a tenth of a second at 1 kHz
+
+
+class RigTopics:
+    """Publishers and the subscription of one rig; with `patient`, a full history holds the publisher up."""
+
+    def __init__(
+        self,
+        node: Node,
+        joint: str,
+        hear: Callable[[float], None],
+        *,
+        vehicle: bool,
+        stamped: bool,
+        clock: bool,
+        patient: bool,
+    ) -> None:
+        self._node, self._joint = node, joint
+        self._history = HistoryPolicy.KEEP_ALL if patient else HistoryPolicy.KEEP_LAST
+        self._position = self._patched("joint_states", JointState(name=[joint], position=[0.0]), _put_position)
+        self._force = self._patched("measured_force", WrenchStamped(), _put_force)
+        self._current = self._stamped_current() if stamped else self._plain_current()
+        self._body = self._patched("body_acceleration", AccelStamped(), _put_acceleration) if vehicle else None
+        self._tyre = self._patched("tyre_load", WrenchStamped(), _put_force) if vehicle else None
+        self._clocks = node.create_publisher(Clock, "/clock", 10) if clock else None
+        self._clock = Clock()
+        self._hear = hear
+        qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._commands = node.create_subscription(
+            Float64, "valve_command", self._heard, qos, qos_overriding_options=_overridable()
+        )
+
+    def publish(self, sample: Sample, stamp_ns: int) -> None:
+        """Publish what the sensors gave at `stamp_ns`: clock first, then what an observer needs before a position."""
+        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+        if self._clocks is not None:
+            self._clock.clock.sec, self._clock.clock.nanosec = sec, nanosec
+            self._clocks.publish(self._clock)
+        if sample.current_A is not None:
+            self._current(sec, nanosec, sample.current_A)
+        if sample.force_N is not None:
+            self._force.publish(sec, nanosec, sample.force_N)
+        if self._body is not None and self._tyre is not None:
+            self._body.publish(sec, nanosec, sample.body_m_s2)
+            self._tyre.publish(sec, nanosec, sample.tyre_N)
+        if sample.position_m is not None:
+            self._position.publish(sec, nanosec, sample.position_m)
+
+    def is_commanded(self) -> bool:
+        """Tell whether anybody publishes commands."""
+        return bool(self._commands.get_publisher_count() > 0)
+
+    def _heard(self, message: Float64) -> None:
+        self._hear(message.data)
+
+    def _patched(self, topic: str, message: Any, put: Callable[[Any, float], None]) -> PatchedMessage:
+        message.header.frame_id = self._joint
+        return PatchedMessage(self._publisher(type(message), topic), message, put)
+
+    def _stamped_current(self) -> Callable[[int, int, float], None]:
+        message = JointState(name=[self._joint], effort=[0.0])
+        return self._patched("valve_current", message, _put_effort).publish
+
+    def _plain_current(self) -> Callable[[int, int, float], None]:
+        """Return what publishes a current and leaves its stamp out."""
+        publisher, message = self._publisher(Float64, "valve_current"), Float64()
+
+        def publish(sec: int, nanosec: int, current_A: float) -> None:
+            message.data = current_A
+            publisher.publish(message)
+
+        return publish
+
+    def _publisher(self, kind: type, topic: str) -> Publisher:
+        qos = QoSProfile(depth=DEPTH, history=self._history)
+        return self._node.create_publisher(kind, topic, qos, qos_overriding_options=_overridable())
+
+
+def _overridable() -> QoSOverridingOptions:
+    return QoSOverridingOptions.with_default_policies()
+
+
+def _put_position(message: Any, value: float) -> None:
+    message.position[0] = value
+
+
+def _put_effort(message: Any, value: float) -> None:
+    message.effort[0] = value
+
+
+def _put_force(message: Any, value: float) -> None:
+    message.wrench.force.z = value
+
+
+def _put_acceleration(message: Any, value: float) -> None:
+    message.accel.linear.z = value

@@ -1,0 +1,237 @@
+"""The rig node on a real ROS 2: true stamps at the rate, a damper that obeys, time of its own, an end in order."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import AccelStamped, WrenchStamped
+from node_process import NodeProcess, ros_args
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from vehicle import stamp_of, wait
+
+MS = 1_000_000
+DEEP = QoSProfile(depth=5000)
+START_S = 40.0  # compiling the kernels, the first time
+Start = Callable[..., NodeProcess]
+
+
+class Bench:
+    """What stands around the rig: hears all it publishes, commands the valve."""
+
+    def __init__(self, namespace: str) -> None:
+        self._context = rclpy.Context()
+        self._context.init()
+        self.node = rclpy.create_node("bench", namespace=namespace, context=self._context)
+        self.heard: dict[str, list] = {}
+        self._listen("joint_states", JointState)
+        self._listen("measured_force", WrenchStamped)
+        self._listen("body_acceleration", AccelStamped)
+        self._listen("tyre_load", WrenchStamped)
+        self._listen("clock", Clock)
+        self._commands = self.node.create_publisher(Float64, "valve_command", 10)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._thread.join()
+        self.node.destroy_node()
+        self._context.shutdown()
+
+    def listen_to_current(self, kind: type) -> None:
+        self._listen("valve_current", kind)
+
+    def command(self, current_A: float, seconds: float) -> None:
+        """Command at 100 Hz."""
+        for _ in range(round(100 * seconds)):
+            self._commands.publish(Float64(data=current_A))
+            time.sleep(0.01)
+
+    def set(self, **values: object) -> tuple[bool, str]:
+        client = AsyncParameterClient(self.node, f"{self.node.get_namespace()}/rig")
+        assert client.wait_for_services(5.0)
+        answer = client.set_parameters(
+            [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]
+        )
+        wait(answer.done, "the parameters are set")
+        result = answer.result().results[0]
+        return result.successful, result.reason
+
+    def stamps(self, topic: str) -> np.ndarray:
+        return np.array([stamp_of(message) for message in list(self.heard[topic])])
+
+    def hears(self, topic: str, count: int, timeout_s: float = START_S) -> None:
+        wait(lambda: len(self.heard[topic]) >= count, f"{count} of {topic}", timeout_s)
+
+    def forget(self) -> None:
+        for messages in self.heard.values():
+            messages.clear()
+
+    def _listen(self, topic: str, kind: type) -> None:
+        self.heard[topic] = []
+        self.node.create_subscription(kind, topic, self.heard[topic].append, DEEP)
+
+
+@pytest.fixture
+def bench(namespace: str) -> Iterator[Bench]:
+    bench = Bench(namespace)
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def rig(namespace: str) -> Iterator[Start]:
+    """Yield a function that starts the node in the test's namespace."""
+    started: list[NodeProcess] = []
+
+    def start(**parameters: object) -> NodeProcess:
+        words = {name.replace("__", "."): value for name, value in parameters.items()}
+        started.append(NodeProcess([sys.executable, "-m", "ces_rig.live.node", *ros_args(namespace, words)]))
+        return started[-1]
+
+    yield start
+    for node in started:
+        node.kill()
+
+
+def test_samples_come_at_the_rate_with_true_stamps_and_the_damper_obeys(bench: Bench, rig: Start) -> None:
+    bench.listen_to_current(Float64)
+    node = rig(script__frequency_Hz=4.0)
+    bench.hears("joint_states", 100)
+    assert bench.heard["joint_states"][0].name == ["rear_damper"]
+    assert bench.heard["valve_current"][-1].data == pytest.approx(0.4, abs=0.01)  # safe current
+    bench.forget()
+    began = time.time_ns()
+    bench.command(2.0, 1.5)  # beyond what the valve takes
+    stamps = bench.stamps("joint_states")
+    took_ms = (time.time_ns() - began) / MS
+    assert set(np.diff(stamps).tolist()) == {MS}
+    assert len(stamps) == pytest.approx(took_ms, rel=0.1)
+    assert abs(stamps[0] - began) < 200 * MS
+    assert set(bench.stamps("measured_force")[10:1000].tolist()) <= set(stamps.tolist())  # read at the same instants
+    assert bench.heard["valve_current"][-1].data == pytest.approx(0.7, abs=0.01)
+    firm = min(message.wrench.force.z for message in list(bench.heard["measured_force"])[-500:])
+    bench.forget()
+    bench.hears("measured_force", 1000)
+    soft = min(message.wrench.force.z for message in list(bench.heard["measured_force"])[-300:])
+    assert bench.heard["valve_current"][-1].data == pytest.approx(0.4, abs=0.01)  # the command is too old
+    assert firm < 1.4 * soft < -500.0
+    position = np.array([message.position[0] for message in list(bench.heard["joint_states"])[-500:]])
+    assert np.abs(position).max() == pytest.approx(0.015, rel=0.02)
+    assert bench.set(script__amplitude_m=0.08) == (
+        False,
+        "rig: the stroke reaches 0.08 m; the damper's ends are at ±0.06 m",
+    )
+    assert bench.set(script__amplitude_m=0.004) == (True, "")
+    bench.forget()
+    bench.hears("joint_states", 1000)
+    late = [message.position[0] for message in list(bench.heard["joint_states"])[-250:]]
+    assert np.abs(late).max() == pytest.approx(0.004, rel=0.03)
+    node.interrupt(signal.SIGSTOP)
+    time.sleep(0.3)
+    node.interrupt(signal.SIGCONT)
+    bench.hears("joint_states", 2000)
+    assert set(np.diff(bench.stamps("joint_states")).tolist()) == {MS}  # no sample is lost in a stall
+    node.interrupt()
+    status, output = node.ended()
+    assert status == 0, output
+    assert "Traceback" not in output
+
+
+def test_a_vehicle_in_its_own_time(bench: Bench, rig: Start) -> None:
+    bench.listen_to_current(JointState)
+    node = rig(
+        drive="vehicle", publish_clock="true", real_time_factor=2.0, use_sim_time="true", stamped_current="true",
+        rate_hz=200, vehicle__road_class="D",
+    )  # fmt: skip
+    bench.hears("joint_states", 20)
+    bench.forget()
+    began = time.monotonic()
+    bench.hears("joint_states", 800)
+    took = time.monotonic() - began
+    stamps = bench.stamps("joint_states")
+    assert set(np.diff(stamps).tolist()) == {5 * MS}
+    assert took == pytest.approx(4.0 / 2.0, rel=0.25)
+    clock = [message.clock.sec * 10**9 + message.clock.nanosec for message in list(bench.heard["clock"])]
+    assert set(stamps.tolist()) & set(clock)
+    assert stamps[-1] < 600 * 10**9  # not this computer's time
+    current = bench.heard["valve_current"][-1]
+    assert current.name == ["rear_damper"]
+    assert current.effort[0] == pytest.approx(0.4, abs=0.01)
+    assert stamp_of(current) % (5 * MS) == 0
+    body = np.array([message.accel.linear.z for message in list(bench.heard["body_acceleration"])])
+    tyre = np.array([message.wrench.force.z for message in list(bench.heard["tyre_load"])])
+    assert 0.5 < body.std() < 10.0
+    assert tyre.mean() == pytest.approx((145 + 17) * 9.81, rel=0.05)
+    assert tyre.min() >= 0.0
+    node.interrupt(signal.SIGTERM)
+    assert node.ended()[0] == 0
+
+
+def test_as_fast_as_it_is_answered(bench: Bench, rig: Start) -> None:
+    """Each sample waits for the command that answers it: no clock has a say in a closed loop then."""
+    answers = []
+
+    def answer(message: JointState) -> None:
+        answers.append(0.3 + 0.1 * (stamp_of(message) // MS % 4))
+        bench._commands.publish(Float64(data=answers[-1]))
+
+    bench.node.create_subscription(JointState, "joint_states", answer, DEEP)
+    bench.listen_to_current(Float64)
+    rig(publish_clock="true", real_time_factor=0.0, answer_s=2.0, noise=0.0)
+    bench.hears("joint_states", 1000)
+    assert set(np.diff(bench.stamps("joint_states")).tolist()) == {MS}
+    assert abs(len(answers) - len(bench.heard["joint_states"])) < 5
+
+
+MISTAKES = {
+    "use_sim_time is true, but the rig makes time itself": {"use_sim_time": "true"},
+    "script: kind is 'square'; expected one of rest, sine": {"script__kind": "square"},
+    "the stroke reaches 0.07 m": {"script__amplitude_m": 0.07},
+    "no effect 'frction'": {"withheld": "['frction']"},
+    "rate_hz": {"rate_hz": 100},
+}
+
+
+def test_a_mistake_at_start_is_one_fatal_line_and_status_2(rig: Start) -> None:
+    status, output = rig(damper="/nowhere.yaml").ended()
+    assert status == 2
+    assert len(output.splitlines()) == 1, output
+    assert "[FATAL]" in output
+    assert "/nowhere.yaml: No such file" in output
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_every_mistake_is_refused_while_the_node_is_built(line: str) -> None:
+    """The same in this process, which is quicker."""
+    from ces_observer.executors import START_ERRORS
+    from ces_rig.live.node_parameters import declare_settings
+    from ces_rig.live.rig import LiveRig
+
+    context = rclpy.Context()
+    words = {name.replace("__", "."): value for name, value in MISTAKES[line].items()}
+    context.init(args=ros_args("/mistake", words))
+    try:
+        with pytest.raises(START_ERRORS, match=line.replace("[", r"\[")):
+            node = rclpy.create_node("rig", context=context)
+            LiveRig(declare_settings(node)[1])
+    finally:
+        context.shutdown()
