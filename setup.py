@@ -16,13 +16,22 @@ NAME = "ces_observer"
 FOR_ROS = "setuptools.build_meta" not in sys.modules
 ROS_PROGRAMS = [
     f"observer = {NAME}.observer:main",
+    f"controller = {NAME}.controller:main",
     *(f"{program} = ces_cli.ros_program:main" for program in PROGRAMS),
 ]
 
 
-def files(folder: str, pattern: str) -> tuple[str, list[str]]:
-    """Return a data_files entry: what matches `pattern` in `folder`, for share/ces_observer/`folder`."""
-    return f"share/{NAME}/{folder}", sorted(str(p.relative_to(HERE)) for p in (HERE / folder).glob(pattern))
+def files(folder: str, *patterns: str) -> tuple[str, list[str]]:
+    """Return a data_files entry: what matches `patterns` in `folder`, for share/ces_observer/`folder`."""
+    found = (str(path.relative_to(HERE)) for pattern in patterns for path in (HERE / folder).glob(pattern))
+    return f"share/{NAME}/{folder}", sorted(found)
+
+
+def security() -> list[tuple[str, list[str]]]:
+    """Return data_files entries for all folders of config/security, which hold the policies of SROS 2."""
+    root = HERE / "config" / "security"
+    folders = [root, *(path for path in sorted(root.rglob("*")) if path.is_dir())]
+    return [files(str(folder.relative_to(HERE)), "*.*") for folder in folders]
 
 
 readme = HERE / "README.md"
@@ -45,7 +54,9 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         files("launch", "*.launch.py"),
-        files("config", "*.yaml"),
+        files("config", "*.yaml", "*.json", "*.xml"),
+        files("config/models", "*.json"),
+        *security(),
     ],
     install_requires=[
         "numpy>=1.26",

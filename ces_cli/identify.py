@@ -12,88 +12,41 @@ from typing import Any
 
 from ces_cli import terminal
 from ces_cli.campaign import add_campaign, run_campaign
-from ces_cli.candidates import add_candidates, candidate_rules
+from ces_cli.candidates import add_candidates
 from ces_cli.cost_picture import save_cost_picture
 from ces_cli.coverage_picture import require_picture_name
-from ces_cli.distillation import tell_teacher, with_teacher
+from ces_cli.distillation import tell_teacher
 from ces_cli.folds import add_folds, require_folds, with_folds
+from ces_cli.identification import prepared, write_report_page
 from ces_cli.search_progress import SearchProgress
-from ces_cli.simulations import open_simulation, taught
-from ces_cli.structures import add_structure, identifier
+from ces_cli.structures import add_structure
 from ces_cli.tables import cost_table
-from ces_identify.identify import Identified, Options
-from ces_identify.limits import BOTH, METHODS, Limits
-from ces_identify.recording import Recording
+from ces_identify.identify import Identified
+from ces_identify.limits import BOTH, METHODS
 from ces_identify.regressors import DEFAULT_RULES
 from ces_identify.usage import RULE
 from ces_identify.weighting import FORMS, parse_weighting
-from ces_observer.errors import CesError
-
-FORCE = ("position", "current", "force")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    parser = _parser()
-    options = parser.parse_args(argv)
+    words = parser()
+    options = words.parse_args(argv)
     if options.show_candidates:
         print(DEFAULT_RULES, end="")
         return 0
     if options.campaign is not None or options.dask is not None or options.jobs is not None:
-        return run_campaign(options, parser)
-    if not options.bags:
-        raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
-    _require_writable(options.out, options.report, options.picture)
+        return run_campaign(options, words)
     if options.picture is not None:
         require_picture_name(options.picture)
-    rules = candidate_rules(options)
-    measured = _measured(options)
-    bags, validation = _taught(options, options.bags, measured), _taught(options, options.validate, measured)
-    terminal.compare([*bags, *validation])
-    require_folds(options, bags)
-    split = options.split if options.split is not None else 1.0 if validation else 0.75
-    limits = Limits(
-        options.terms,
-        options.time,
-        options.target,
-        options.starts,
-        options.seed,
-        options.threads,
-        method=options.method,
-    )
-    weighting = parse_weighting(options.weight)
-    how = Options(split, rules, limits, options.rate, options.bandwidth, not options.no_certificate, weighting)
-    with SearchProgress(limits) as progress:
-        result = identifier(options)(bags, validation, how, progress.listen)
-    if options.teacher is not None:
-        result = with_teacher(result, options.teacher, tuple(measured.values()))
-    result.model.save(options.out)  # before the folds, which take long
-    result = with_folds(result, options, bags, how)
-    result.model.save(options.out)
+    work = prepared(options)
+    require_folds(options, work.bags)
+    result = work.run(SearchProgress)
+    if options.folds:
+        result = with_folds(result, options, work.bags, work.how)
+        result.model.save(options.out)
     _tell(result, options, argv)
     return 0
-
-
-def _measured(options: argparse.Namespace) -> dict[Path, Recording]:
-    """Return the recordings as logged; with a teacher, the force may be missing."""
-    paths, signals = [*options.bags, *options.validate], terminal.signals_of(options)
-    need = FORCE if options.teacher is None else FORCE[:2]
-    return dict(zip(paths, terminal.read_all(paths, signals, need), strict=True))
-
-
-def _taught(options: argparse.Namespace, paths: Sequence[Path], measured: Mapping[Path, Recording]) -> list[Recording]:
-    """Return the recordings with the force to learn."""
-    if options.teacher is None:
-        return [measured[path] for path in paths]
-    teacher, signals = open_simulation(options.teacher), terminal.signals_of(options)
-    return [taught(teacher, path, measured[path], signals) for path in paths]
-
-
-def _require_writable(*paths: Path | None) -> None:
-    """Raise CesError before the long work if a result could not be written after it."""
-    for path in paths:
-        if path is not None and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
-            raise CesError(f"{path}: its folder does not exist or cannot be written; choose another")
 
 
 def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] | None) -> None:
@@ -113,14 +66,8 @@ def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] |
         save_cost_picture(result.evaluations, options.picture)
     if options.report is None:
         return
-    from ces_identify.report import write_report
-
-    facts = {
-        "command": shlex.join(["ces", "identify", *(sys.argv[2:] if argv is None else argv)]),
-        "selection": f"{len(result.found)} starts, best seed {best.seed}, {sum(f.trials for f in result.found)} trials",
-        "end of search": best.ended,
-    }
-    write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
+    command = shlex.join(["ces", "identify", *(sys.argv[2:] if argv is None else argv)])
+    write_report_page(result, options, command)
     print(f"report: {options.report}")
 
 
@@ -131,7 +78,8 @@ def _tell_certificate(certificate: Mapping[str, Any] | None) -> None:
     print(f"stable: past forces count for at most {certificate['gain']:.3f} < 1 for any input in the envelope (proved)")
 
 
-def _parser() -> terminal.Parser:
+def parser() -> terminal.Parser:
+    """Return the parser of the options."""
     p = terminal.parser(
         "identify",
         "Identify a model of the damping force from any number of recordings at once, judged by the cost of its free "

@@ -26,6 +26,7 @@ PROGRAMS = {
     "blind": "make, run and score blind tests of the diagnosis (synthetic data)",
 }
 MODULES = {"import": "import_"}
+ROS_ARGS = "--ros-args"
 
 
 def usage() -> str:
@@ -37,7 +38,7 @@ def usage() -> str:
         f"programs:\n{rows}\n\n"
         "options:\n  -h, --help     show this help\n  --version      show the version\n\n"
         "Each program tells its options with `ces PROGRAM --help`; with ROS 2 sourced the same programs run as\n"
-        "`ros2 run ces_observer PROGRAM`, and the observer node as `ros2 run ces_observer observer`.\n"
+        "`ros2 run ces_observer PROGRAM`. Nodes are `observer`, `controller`, `rig`, and `identify` with --ros-args.\n"
     )
 
 
@@ -56,6 +57,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(name: str, words: Sequence[str]) -> int:
     if name not in PROGRAMS:
         print(f"ces: error: no program '{name}'; there are {', '.join(PROGRAMS)}", file=sys.stderr)
+        return 2
+    if ROS_ARGS in words:
+        line = f"{ROS_ARGS} is of nodes; 'ros2 run ces_observer identify' and 'rig' are such, in a sourced ROS 2"
+        print(f"ces {name}: error: {line}", file=sys.stderr)
         return 2
     _quit_at_ctrl_c()
     from ces_cli.terminal import run

@@ -1,13 +1,30 @@
-"""Entry of the programs that `ros2 run ces_observer NAME` finds: the file's name says which program of `ces` it is."""
+"""Entry of what `ros2 run ces_observer NAME` finds beside the observer and the controller: the file's name is NAME.
+
+NAME is a program of `ces`. Two of them are nodes, too: with `--ros-args`, which ros2 launch always gives, `identify`
+runs as a node, and so does `rig`, which is one without any arguments as well.
+"""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 from ces_cli import main as ces
 
+NODES = {"identify": "ces_cli.identify_node", "rig": "ces_rig.live.node"}
+
 
 def main() -> int:
-    """Run the program that this process was started as; returns the exit status."""
-    return ces.main([Path(sys.argv[0]).name, *sys.argv[1:]])
+    """Run the node or program that this process was started as; returns the exit status."""
+    name, words = Path(sys.argv[0]).name, sys.argv[1:]
+    if not is_node(name, words):
+        return ces.main([name, *words])
+    status: int = import_module(NODES[name]).main(sys.argv)
+    return status
+
+
+def is_node(name: str, words: Sequence[str]) -> bool:
+    """Tell whether NAME with these arguments is meant as a node."""
+    return name in NODES and (ces.ROS_ARGS in words or (name == "rig" and not words))

@@ -52,7 +52,8 @@ def parser(name: str, description: str, example: str) -> Parser:
 
 def add_signals(to: argparse.ArgumentParser) -> None:
     """Add the option --signals."""
-    to.add_argument("--signals", type=Path, metavar="FILE", help="where each signal is (default: the packaged ones)")
+    told = "where each signal is; FILE#NAME for one of several dampers in it (default: the packaged ones)"
+    to.add_argument("--signals", type=Path, metavar="FILE", help=told)
 
 
 def add_part(to: argparse.ArgumentParser) -> None:

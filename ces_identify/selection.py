@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 
 from ces_identify.gauss_newton import GaussNewtonStart
 from ces_identify.limits import BOTH, GAUSS_NEWTON, RANDOM, Found, Limits, Listener
@@ -46,10 +46,17 @@ def _start(
 
 
 def _gather(starts: list[Future[Found]], stop: threading.Event) -> list[Found]:
-    pending = set(starts)
-    while pending:
+    """Wait for the starts; after Ctrl-C only for those that run, as thousands may wait for a thread.
+
+    One is waited for at a time: concurrent.futures.wait holds the locks of all, and keeps them if Ctrl-C strikes there.
+    """
+    while True:
         try:
-            _, pending = wait(pending, return_when=FIRST_COMPLETED)
+            for start in starts if stop.is_set() else ():
+                start.cancel()
+            for start in starts:
+                if not start.cancelled():
+                    start.exception()
+            return [start.result() for start in starts if not start.cancelled()]
         except KeyboardInterrupt:
             stop.set()
-    return [start.result() for start in starts]

@@ -17,7 +17,8 @@ ROOT = Path(__file__).resolve().parent.parent
 COLLECT = """
 import sys, setuptools
 {before}
-setuptools.setup = lambda **given: print(repr({{k: given[k] for k in ("version", "entry_points", "packages")}}))
+KEYS = ("version", "entry_points", "packages", "data_files")
+setuptools.setup = lambda **given: print(repr({{key: given[key] for key in KEYS}}))
 exec(compile(open("setup.py").read(), "setup.py", "exec"), {{"__file__": "setup.py", "__name__": "__main__"}})
 """
 
@@ -43,9 +44,10 @@ def test_pip_gets_one_program() -> None:
     assert programs(arguments("import setuptools.build_meta")) == {"ces": "ces_cli.main:main"}
 
 
-def test_colcon_gets_the_node_and_every_program() -> None:
+def test_colcon_gets_the_nodes_and_every_program() -> None:
     found = programs(arguments(""))
-    assert found.pop("observer") == "ces_observer.observer:main"
+    for node in ("observer", "controller"):
+        assert found.pop(node) == f"ces_observer.{node}:main"
     assert found == dict.fromkeys(PROGRAMS, "ces_cli.ros_program:main")
 
 
@@ -67,3 +69,13 @@ def test_package_files_are_where_ament_looks() -> None:
     assert manifest.findtext("name") == "ces_observer"
     assert manifest.findtext("export/build_type") == "ament_python"
     assert (ROOT / "resource" / "ces_observer").exists()
+
+
+def test_share_gets_parameters_layouts_launch_files_and_policies() -> None:
+    given = [(Path(folder), [Path(file) for file in found]) for folder, found in arguments("")["data_files"]]  # type: ignore[attr-defined]
+    share = Path("share/ces_observer")
+    shared = {file for folder, found in given for file in found if folder == share / file.parent}
+    there = {path.relative_to(ROOT) for folder in ("config", "launch") for path in (ROOT / folder).rglob("*.*")}
+    assert shared - {Path("package.xml")} == {
+        path for path in there if path.suffix != ".pyc" and "import" not in path.parts
+    }

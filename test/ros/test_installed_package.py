@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,22 +18,6 @@ from ces_cli.main import PROGRAMS
 PREFIX = "AMENT_PREFIX_PATH"
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Build the package with colcon; return the environment in which it is sourced."""
-    if shutil.which("colcon") is None:
-        pytest.skip("colcon is missing")
-    where = tmp_path_factory.mktemp("workspace")
-    source = where / "src" / "ces_observer"
-    unwanted = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log", "out", "bags")
-    shutil.copytree(ROOT, source, ignore=unwanted)
-    built = subprocess.run(["colcon", "build"], cwd=where, capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stdout + built.stderr
-    script = f". {where}/install/setup.sh && env -0"
-    listed = subprocess.run(["sh", "-c", script], capture_output=True, text=True, check=True, env=os.environ)
-    return dict(line.split("=", 1) for line in listed.stdout.split("\0") if line)
-
-
 @pytest.fixture
 def launched(installed: dict[str, str], namespace: str, model_path: Path) -> Iterator[tuple[NodeProcess, Vehicle]]:
     words = ["ros2", "launch", "ces_observer", "observer.launch.py", f"model:={model_path}", f"namespace:={namespace}"]
@@ -47,13 +29,14 @@ def launched(installed: dict[str, str], namespace: str, model_path: Path) -> Ite
 
 def test_ros2_run_finds_the_node_and_every_program(installed: dict[str, str]) -> None:
     done = run(["ros2", "pkg", "executables", "ces_observer"], installed)
-    assert {line.split()[1] for line in done.stdout.splitlines()} == {"observer", *PROGRAMS}
+    assert {line.split()[1] for line in done.stdout.splitlines()} == {"observer", "controller", *PROGRAMS}
 
 
 def test_share_holds_manifest_launch_file_and_parameters(installed: dict[str, str]) -> None:
     share = Path(installed[PREFIX].split(":")[0]) / "share"
     found = {str(path.relative_to(share / "ces_observer")) for path in (share / "ces_observer").rglob("*")}
-    assert {"package.xml", "launch/observer.launch.py", "config/observer.yaml", "config/signals.yaml"} <= found
+    assert {"package.xml", "launch/observer.launch.py", "config/observer.yaml", "config/identify.yaml"} <= found
+    assert {"config/plotjuggler.xml", "config/foxglove.json", "config/signals.yaml"} <= found
     assert (share / "ament_index/resource_index/packages/ces_observer").exists()
 
 

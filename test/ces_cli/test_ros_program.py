@@ -1,0 +1,48 @@
+"""What `ros2 run ces_observer NAME` starts: a program of `ces`, or the node of the same name."""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import find_spec
+
+import pytest
+
+from ces_cli import ros_program
+from ces_cli.main import PROGRAMS
+from ces_cli.main import main as ces
+from ces_cli.ros_program import NODES, is_node
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "expected"),
+    [
+        ("identify", ["--ros-args"], True),
+        ("identify", ["--ros-args", "--params-file", "identify.yaml"], True),
+        ("identify", ["bags/noise"], False),
+        ("identify", [], False),
+        ("rig", [], True),
+        ("rig", ["--ros-args"], True),
+        ("rig", ["sweep.yaml", "--out", "sweep"], False),
+        ("replay", ["--ros-args"], False),
+        ("info", [], False),
+    ],
+)
+def test_nodes_are_known_by_their_arguments(name: str, words: list[str], expected: bool) -> None:
+    assert is_node(name, words) == expected
+
+
+def test_every_node_is_a_program_and_has_a_module() -> None:
+    assert set(NODES) <= set(PROGRAMS)
+    assert all(find_spec(module) for module in NODES.values())
+
+
+def test_the_files_name_is_the_program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["/opt/lib/ces_observer/identify", "--show-candidates"])
+    assert ros_program.main() == 0
+    assert "products:" in capsys.readouterr().out
+
+
+def test_ces_is_no_node(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ces(["identify", "--ros-args"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("ces identify: error: --ros-args is of nodes; 'ros2 run ces_observer identify'")

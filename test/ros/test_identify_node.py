@@ -1,0 +1,169 @@
+"""The node `identify` on a real ROS 2: progress, costs, a model that an observer takes over, Ctrl-C, mistakes."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from node_process import ROOT, NodeProcess, ros_args
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+from vehicle import Vehicle, wait
+
+from ces_observer.model import load_model
+
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+QUICK = {"terms": 2, "threads": 1, "method": "random", "bags": f"[{ROOT / 'bags' / 'noise'}]"}
+LONG_S = 60.0  # kernels may have to be compiled first
+Begin = Callable[..., NodeProcess]
+
+
+class Listener:
+    """Hears what the node in a namespace publishes."""
+
+    def __init__(self, namespace: str) -> None:
+        self._context = rclpy.Context()
+        self._context.init()
+        self.node: Node = rclpy.create_node("listener", namespace=namespace, context=self._context)
+        self.progress: list[DiagnosticStatus] = []
+        self.results: list[DiagnosticArray] = []
+        self.models: list[str] = []
+        hear = self.node.create_subscription
+        hear(DiagnosticArray, "identify/progress", lambda message: self.progress.extend(message.status), 10)
+        hear(DiagnosticArray, "identify/result", self.results.append, LATCHED)
+        self.hear_model(self.models)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+
+    def hear_model(self, models: list[str]) -> None:
+        """Subscribe to the model as an observer does."""
+        self.node.create_subscription(String, "identify/model", lambda m: models.append(m.data), LATCHED)
+
+    def hears(self, line: str) -> None:
+        """Wait for progress whose line holds `line`."""
+        wait(lambda: any(line in status.message for status in list(self.progress)), line, LONG_S)
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._executor.shutdown()
+        self._thread.join()
+        self.node.destroy_node()
+        self._context.shutdown()
+
+
+@pytest.fixture
+def listener(namespace: str) -> Iterator[Listener]:
+    listener = Listener(namespace)
+    yield listener
+    listener.close()
+
+
+@pytest.fixture
+def begin(namespace: str, tmp_path: Path) -> Iterator[Begin]:
+    begun: list[NodeProcess] = []
+
+    def begin_node(**parameters: object) -> NodeProcess:
+        words = ros_args(namespace, {**QUICK, "out": tmp_path / "model.json", **parameters})
+        begun.append(NodeProcess([sys.executable, "-m", "ces_cli.identify_node", *words]))
+        return begun[-1]
+
+    yield begin_node
+    for node in begun:
+        node.kill()
+
+
+def values(status: DiagnosticStatus) -> dict[str, str]:
+    return {pair.key: pair.value for pair in status.values}
+
+
+def test_a_model_is_identified_told_and_latched(
+    listener: Listener, begin: Begin, namespace: str, tmp_path: Path
+) -> None:
+    node = begin(time=0.5, starts=2, report=tmp_path / "report.html", termz=3)
+    wait(lambda: bool(listener.models), "the model", LONG_S)
+    listener.hears("done")
+    assert listener.models == [(tmp_path / "model.json").read_text()]
+    later: list[str] = []
+    listener.hear_model(later)
+    wait(lambda: bool(later), "the model for a later subscription")
+    assert later == listener.models
+    stages = dict.fromkeys(values(status)["stage"] for status in listener.progress)
+    assert [stage for stage in stages if stage != "starting"] == ["reading", "searching", "writing", "done"]
+    assert 0.0 < float(values(listener.progress[-1])["J [%]"]) < 100.0
+    about, *costs = listener.results[0].status
+    assert values(about)["model sha256"] == load_model(tmp_path / "model.json").digest()
+    assert [status.name for status in costs] == [f"{namespace}/identify: noise"] * 2
+    assert [values(status)["role"] for status in costs] == ["identification", "validation"]
+    assert (tmp_path / "report.html").exists()
+    assert node.is_running()
+    node.interrupt()
+    status, output = node.ended()
+    assert status == 0, output
+    assert "Traceback" not in output
+    assert "parameter 'termz' is unknown and ignored" in output
+    assert "current: std_msgs/msg/Float64 on /valve_current has no header" in output
+
+
+def test_ctrl_c_ends_the_search_with_the_best_model_so_far(listener: Listener, begin: Begin, tmp_path: Path) -> None:
+    node = begin(time=600.0, starts=10000)
+    listener.hears("selection cost J")
+    node.interrupt()
+    status, output = node.ended()
+    assert status == 0, output
+    assert "Traceback" not in output
+    wait(lambda: bool(listener.models), "the model")
+    assert listener.models == [(tmp_path / "model.json").read_text()]
+
+
+def test_sigterm_before_there_is_a_model_leaves_none(listener: Listener, begin: Begin, tmp_path: Path) -> None:
+    node = begin(time=600.0)
+    listener.hears("reading")
+    node.interrupt(signal.SIGTERM)
+    status, output = node.ended()
+    assert status == 0, output
+    assert "stopped without a model; nothing was written" in output
+    assert not (tmp_path / "model.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("parameter", "reason"),
+    [
+        ({"bags": "['']"}, "parameter 'bags' is not set"),
+        ({"terms": 999}, "Min: 1, Max: 200, value: 999"),
+        ({"method": "best"}, "parameter 'method' is 'best'; expected one of both, random, gauss-newton"),
+        ({"bags": "[/nowhere]"}, "/nowhere: no such file or folder"),
+    ],
+)
+def test_mistakes_end_it_with_one_line(begin: Begin, parameter: dict[str, object], reason: str) -> None:
+    status, output = begin(**parameter).ended()
+    assert status == 2
+    assert len([line for line in output.splitlines() if "[FATAL]" in line and reason in line]) == 1, output
+    assert "Traceback" not in output
+
+
+def test_a_running_observer_takes_the_model_over(vehicle: Vehicle, start: Begin, begin: Begin, tmp_path: Path) -> None:
+    start(model_topic="identify/model")
+    vehicle.meets_node()
+    begin(time=0.5, starts=2)
+    path = tmp_path / "model.json"
+    wait(path.exists, "the model", LONG_S)
+    sha256 = load_model(path).digest()
+
+    def taken_over() -> bool:
+        vehicle.drive(0.2)
+        return any(values(status).get("model sha256") == sha256 for status in vehicle.statuses)
+
+    wait(taken_over, "the observer runs the new model", LONG_S)
