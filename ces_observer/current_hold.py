@@ -10,7 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from math import isfinite, nan
 
-HISTORY = 256  # currents kept: more than a subscription's queue holds
+HISTORY = 4096  # currents kept: more than a subscription's queue holds, so that a burst of them loses none
 JUMP_NS = 1_000_000_000  # a current stamped this much earlier than the newest one means that its clock was set back
 
 
@@ -21,12 +21,24 @@ class CurrentHold:
 
     def __init__(self, max_age_s: float) -> None:
         self._max_age_ns = round(max_age_s * 1e9)
-        self.reset()
+        self._stamps: list[int] = []
+        self._values: list[float] = []
+
+    def aged(self, max_age_s: float) -> CurrentHold:
+        """Return another view of the same currents, now and to come, under another age limit."""
+        view = CurrentHold(max_age_s)
+        view._stamps, view._values = self._stamps, self._values
+        return view
+
+    @property
+    def newest_ns(self) -> int | None:
+        """The latest stamp of a current that is known [ns]."""
+        return self._stamps[-1] if self._stamps else None
 
     def reset(self) -> None:
         """Forget every current."""
-        self._stamps: list[int] = []
-        self._values: list[float] = []
+        self._stamps.clear()
+        self._values.clear()
 
     def put(self, stamp_ns: int, current_A: float) -> None:
         """Take a current; one that is not finite counts as not received."""
@@ -35,12 +47,11 @@ class CurrentHold:
         stamps = self._stamps
         if stamps and stamp_ns < stamps[-1] - JUMP_NS:
             self.reset()
-            stamps = self._stamps
         place = bisect_right(stamps, stamp_ns)
         stamps.insert(place, stamp_ns)
         self._values.insert(place, current_A)
-        if len(stamps) > HISTORY:
-            del stamps[0], self._values[0]
+        if len(stamps) > 2 * HISTORY:
+            del stamps[:HISTORY], self._values[:HISTORY]
 
     def at(self, stamp_ns: int) -> float:
         """Return the current [A] that holds at `stamp_ns`, or NaN."""
@@ -70,6 +81,14 @@ class ConstantCurrent:
 
     def __init__(self, current_A: float) -> None:
         self._value = current_A
+
+    def aged(self, max_age_s: float) -> ConstantCurrent:
+        """Return itself: it does not age."""
+        del max_age_s
+        return self
+
+    def reset(self) -> None:
+        """Do nothing: a constant current cannot be forgotten."""
 
     def at(self, stamp_ns: int) -> float:
         """Return the current [A]."""

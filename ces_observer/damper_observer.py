@@ -1,6 +1,7 @@
 """One damper as the observer node sees it: samples in, a force or a reason why not out, and counts for its health.
 
-It knows no ROS: stamps are integers, and the node's clock comes in as an argument.
+It knows no ROS: stamps are integers, and the node's clock comes in as an argument. Its model can be replaced while it
+runs: the new one warms up beside the old one, on the same samples, and takes over between two of them.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ class DamperObserver:
         self.position_error = ""
         self.current_error = ""
         self._estimator = Estimator(model)
+        self._next: Estimator | None = None
+        self._next_current = current
         self.allow_age(max_age_s)
 
     @property
@@ -69,6 +72,25 @@ class DamperObserver:
         """Set the largest difference [s] between stamp and clock; 0 for any."""
         self._max_age_ns = round(max_age_s * 1e9)
 
+    def load(self, model: Model) -> None:
+        """Let `model` take over as soon as it has warmed up; one that was still warming up is dropped for it."""
+        self._next = Estimator(model)
+        self._next_current = self.current.aged(model.sampling.max_current_age_s)
+
+    @property
+    def next_model(self) -> Model | None:
+        """The model that is warming up to take over, if any."""
+        return self._next.model if self._next is not None else None
+
+    def reset(self) -> None:
+        """Forget every sample and current, as after a jump of time; counts and models stay."""
+        self.current.reset()
+        self._estimator.reset()
+        if self._next is not None:
+            self._next.reset()
+        if self.reason != SILENT:
+            self.reason = self._estimator.reason
+
     def take_current(self, stamp_ns: int, current_A: float) -> None:
         """Take a current sample; ignored if the current is constant."""
         self.current_error = "" if isfinite(current_A) else f"the current is {current_A}"
@@ -82,6 +104,12 @@ class DamperObserver:
         self.position_error = ""
         current = self.current.at(stamp_ns)
         force = self._estimator.step(stamp_ns, position_m, current)
+        if self._next is not None:
+            current_then = self._next_current.at(stamp_ns)
+            force_then = self._next.step(stamp_ns, position_m, current_then)
+            if force_then is not None and isfinite(force_then):
+                self._take_over(self._next)
+                force, current = force_then, current_then
         self.reason = self._judge(force, position_m, current)
         if self.reason != OK:
             self.tally.withheld[self.reason] = self.tally.withheld.get(self.reason, 0) + 1
@@ -89,6 +117,10 @@ class DamperObserver:
         self.tally.estimates += 1
         self.tally.clamped += self._estimator.clamped
         return force
+
+    def _take_over(self, estimator: Estimator) -> None:
+        self._estimator, self._next = estimator, None
+        self.model, self.current = estimator.model, self._next_current
 
     def unreadable_position(self, error: str) -> None:
         """Count a position message without the described field; only silence that follows makes it a reason."""

@@ -6,7 +6,6 @@ Node and offline programs share it, so both read the same number from the same m
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,9 +21,13 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "force": {"topic": "measured_force", "type": "geometry_msgs/msg/WrenchStamped", "field": "wrench.force.z"},
 }
 
-_STEP = re.compile(r"([A-Za-z_]\w*)(?:\[([^\[\]]+)\])?\Z")
-_TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*\Z")
-_KEYS = {"topic", "type", "field", "scale", "offset", "constant"}
+LONGEST = 255  # characters of a topic, type or field path
+LARGEST = 1e30  # scale, offset or constant: beyond any unit, and far from overflow
+_STEP = re.compile(r"([A-Za-z]\w*)(?:\[ *([^\[\] ][^\[\]]*)\])?\Z", re.ASCII)
+_INDEX = re.compile(r"[0-9]{1,9}", re.ASCII)
+_TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*\Z", re.ASCII)
+_PLACE = {"topic", "type", "field"}
+_KEYS = {*_PLACE, "scale", "offset", "constant"}
 
 
 @dataclass(frozen=True)
@@ -42,11 +45,12 @@ class FieldPath:
             match = _STEP.match(part.strip())
             if match is None:
                 raise SignalsError(
-                    f"field path '{text}': '{part}' is not a field name with an optional [index] or [joint name]"
+                    f"field path {quoted(text)}: {quoted(part)} is not a field name with an optional [index] or "
+                    "[joint name]"
                 )
             name, element = match.group(1), match.group(2)
-            number = element is not None and element.strip().isdigit()
-            steps.append((name, int(element) if number else element.strip() if element else None))
+            element = element.strip() if element else None
+            steps.append((name, int(element) if element and _INDEX.fullmatch(element) else element))
         return cls(str(text), tuple(steps))
 
     def read(self, message: object) -> float:
@@ -135,19 +139,35 @@ class Signals:
         return cls({name: _signal(name, mapping.get(name, {}), source) for name in described}, source)
 
 
+def overridden(common: Any, own: Any) -> Any:
+    """Return what describes one damper's signal: what is said for all dampers, and over it what is said for its own.
+
+    A topic of its own takes the place of a common constant, as its own constant takes that of a common topic.
+    """
+    if not isinstance(common, Mapping) or not isinstance(own, Mapping):
+        return common if own is None else own
+    if "constant" in common and "constant" not in own and not _PLACE.isdisjoint(own):
+        common = {key: value for key, value in common.items() if key != "constant"}
+    return {**common, **own}
+
+
 def _signal(name: str, given: object, source: str) -> Signal | Constant:
     where = f"{source}: signal '{name}'"
     if not isinstance(given, Mapping):
-        raise SignalsError(f"{where} is {given!r}; expected a mapping with topic, type and field, or constant")
-    unknown = sorted(set(given) - _KEYS)
+        raise SignalsError(f"{where} is {quoted(given)}; expected a mapping with topic, type and field, or constant")
+    unknown = sorted(map(str, set(given) - _KEYS))
     if unknown:
-        raise SignalsError(f"{where}: unknown key '{unknown[0]}'; known are {', '.join(sorted(_KEYS))}")
+        raise SignalsError(f"{where}: unknown key {quoted(unknown[0])}; known are {', '.join(sorted(_KEYS))}")
     if "constant" in given:
         return Constant(name, _number(given["constant"], f"{where}: constant"))
     settings = {**DEFAULTS.get(name, {}), **given}
     for key in ("topic", "type", "field"):
         if not isinstance(settings.get(key), str) or not settings[key]:
             raise SignalsError(f"{where}: '{key}' is missing; give topic, type and field")
+        if len(settings[key]) > LONGEST or not settings[key].isprintable():
+            raise SignalsError(
+                f"{where}: {key} is {quoted(settings[key])}; expected at most {LONGEST} printable characters"
+            )
     if not _TYPE.match(settings["type"]):
         raise SignalsError(f"{where}: type '{settings['type']}' is not of the form package/msg/Type")
     scale = _number(settings.get("scale", 1.0), f"{where}: scale")
@@ -158,6 +178,15 @@ def _signal(name: str, given: object, source: str) -> Signal | Constant:
 
 
 def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise SignalsError(f"{where} is {value!r}; expected a finite number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST <= value <= LARGEST:
+        raise SignalsError(f"{where} is {quoted(value)}; expected a finite number, at most {LARGEST:g}")
     return float(value)
+
+
+def quoted(value: object) -> str:
+    """Return a value as an error quotes it: on one line, not too long."""
+    try:
+        text = repr(value[:60] if isinstance(value, str) else value)
+    except ValueError:  # a whole number of thousands of digits
+        text = f"a {type(value).__name__} too large to write"
+    return text if len(text) <= 62 else text[:59] + "..."

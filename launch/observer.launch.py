@@ -1,38 +1,48 @@
-"""Start the observer node: ros2 launch ces_observer observer.launch.py model:=/path/model.json."""
+"""Start the observer node: ros2 launch ces_observer observer.launch.py model:=/path/model.json.
+
+An argument that is not given leaves the parameter file's word.
+"""
 
 from ament_index_python.packages import get_package_share_path
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+PARAMETERS = {
+    "model": ("path of the model file (model.json)", str),
+    "executor": ("what runs the callbacks: auto, events or single", str),
+    "use_sim_time": ("take time from /clock", bool),
+}
+
 
 def generate_launch_description() -> LaunchDescription:
-    parameters = get_package_share_path("ces_observer") / "config" / "observer.yaml"
+    shipped = get_package_share_path("ces_observer") / "config" / "observer.yaml"
     return LaunchDescription(
         [
-            DeclareLaunchArgument("model", description="path of the model file (model.json)"),
-            DeclareLaunchArgument("params_file", default_value=str(parameters), description="parameter file"),
+            DeclareLaunchArgument("params_file", default_value=str(shipped), description="parameter file"),
+            *(
+                DeclareLaunchArgument(name, default_value="", description=told)
+                for name, (told, _) in PARAMETERS.items()
+            ),
             DeclareLaunchArgument("namespace", default_value="", description="namespace of node and topics"),
-            DeclareLaunchArgument("use_sim_time", default_value="false", description="take time from /clock"),
-            observer(),
+            DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error or fatal"),
+            OpaqueFunction(function=observer),
         ]
     )
 
 
-def observer() -> Node:
-    return Node(
+def observer(context: LaunchContext) -> list[Node]:
+    given = {name: kind for name, (_, kind) in PARAMETERS.items() if context.launch_configurations[name]}
+    own = {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in given.items()}
+    node = Node(
         package="ces_observer",
         executable="observer",
         name="observer",
         namespace=LaunchConfiguration("namespace"),
         output="screen",
-        parameters=[
-            LaunchConfiguration("params_file"),
-            {
-                "model": ParameterValue(LaunchConfiguration("model"), value_type=str),
-                "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
-            },
-        ],
+        parameters=[LaunchConfiguration("params_file"), own],
+        ros_arguments=["--log-level", LaunchConfiguration("log_level")],
     )
+    return [node]

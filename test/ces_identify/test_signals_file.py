@@ -125,3 +125,60 @@ def test_file_that_is_not_text(tmp_path):
     (tmp_path / "signals.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SignalsError, match="not UTF-8"):
         load_signals(tmp_path / "signals.yaml")
+
+
+SEVERAL = """
+/**:
+  ros__parameters:
+    dampers: [front, rear]
+    position: {topic: suspension, scale: 0.001}
+    current: {constant: 0.0}
+    front:
+      position: {field: "position[fork]"}
+      current: {topic: front_valve}
+    rear.position: {field: "position[shock]"}
+    rear.current.constant: 0.7
+"""
+
+
+def chosen(tmp_path, damper, text=SEVERAL):
+    path = tmp_path / "observer.yaml"
+    path.write_text(text)
+    return load_signals(path.with_name(f"observer.yaml{damper}"))
+
+
+def test_one_of_several_dampers_has_its_own_over_what_all_have(tmp_path):
+    front, rear = chosen(tmp_path, "#front"), chosen(tmp_path, "#rear")
+    for signals, joint in ((front, "fork"), (rear, "shock")):
+        position = signals["position"]
+        assert (position.topic, position.scale, position.field.text) == ("suspension", 0.001, f"position[{joint}]")
+        assert signals["force"].topic == "measured_force"
+    assert front["current"].topic == "front_valve"
+    assert rear["current"] == Constant("current", 0.7)
+
+
+@pytest.mark.parametrize(
+    ("damper", "text", "told"),
+    [
+        ("", SEVERAL, "describes the dampers front, rear; say which one is meant, as in observer.yaml#front"),
+        ("#middle", SEVERAL, "has no damper 'middle'; its dampers are front, rear"),
+        ("#front", "position: {scale: 2.0}\n", "has no damper 'front'; it has no parameter 'dampers'"),
+        ("", "dampers: front\nposition: {scale: 2.0}\n", "observer.yaml:1: 'dampers' is 'front'; expected a list"),
+        ("#front", SEVERAL.replace("front_valve", "''"), "observer.yaml:9: signal 'current': 'topic' is missing"),
+    ],
+)
+def test_which_damper_is_meant_must_be_clear(tmp_path, damper, text, told):
+    with pytest.raises(SignalsError) as caught:
+        chosen(tmp_path, damper, text)
+    assert told in str(caught.value)
+
+
+def test_a_single_named_damper_need_not_be_named_again(tmp_path):
+    only_front = SEVERAL.replace("[front, rear]", "[front]")
+    assert chosen(tmp_path, "", only_front)["current"].topic == "front_valve"
+
+
+def test_a_file_whose_name_has_the_mark_is_found(tmp_path):
+    path = tmp_path / "rig#2.yaml"
+    path.write_text("position: {scale: 2.0}\n")
+    assert load_signals(path)["position"].scale == 2.0

@@ -67,7 +67,18 @@ def test_memory_is_bounded_and_keeps_the_newest() -> None:
     for k in range(3 * HISTORY):
         hold.put(k * MS, float(k))
     assert hold.at((2 * HISTORY) * MS) == 2.0 * HISTORY
-    assert isnan(hold.at((2 * HISTORY - 1) * MS))
+    assert isnan(hold.at((HISTORY - 1) * MS))
+
+
+def test_another_view_has_the_same_currents_under_another_limit() -> None:
+    hold = hold_of((0, 0.9))
+    view = hold.aged(10.0)
+    hold.put(5 * MS, 0.5)
+    assert isnan(hold.at(9000 * MS)) and view.at(9000 * MS) == 0.5
+    assert view.newest_ns == hold.newest_ns == 5 * MS
+    hold.reset()
+    assert isnan(view.at(9000 * MS)) and view.newest_ns is None
+    assert ConstantCurrent(0.4).aged(1.0).at(10**19) == 0.4
 
 
 def test_constant_holds_always() -> None:

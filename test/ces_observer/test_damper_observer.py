@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf, nan, pi, sin
 
 import pytest
@@ -139,3 +140,75 @@ def test_a_force_beyond_its_envelope_is_never_given() -> None:
     damper = observer(runaway)
     assert all(force is None or abs(force) <= 20.0 for force in run(damper, 0, 1000))
     assert damper.tally.withheld[UNBOUNDED] > 0
+
+
+def harder(factor: float = 2.0, **sampling: float) -> Model:
+    """Return the plain damper with forces `factor` times as large."""
+    model = plain_damper(**sampling)
+    past, *others = model.terms
+    return replace(model, terms=(past, *(replace(term, coefficient=factor * term.coefficient) for term in others)))
+
+
+def test_a_loaded_model_takes_over_when_warm_and_no_force_is_missing() -> None:
+    new = Estimator(harder())
+    damper = observer()
+    run(damper, 0, 500)
+    damper.load(harder())
+    assert damper.next_model == harder() and damper.model == plain_damper()
+    forces = run(damper, 500, 1000)
+    assert None not in forces
+    alone = [new.step(START + k * MS, stroke(k), 0.5) for k in range(500, 1000)]
+    takes_over = next(k for k, force in enumerate(alone) if force is not None)
+    assert forces[takes_over:] == alone[takes_over:]
+    old = observer()
+    assert forces[:takes_over] == run(old, 0, 1000)[500 : 500 + takes_over]
+    assert damper.model == harder() and damper.next_model is None
+
+
+def test_a_loaded_model_without_samples_waits() -> None:
+    damper = observer()
+    damper.load(harder())
+    damper.silence()
+    assert damper.model == plain_damper() and damper.next_model == harder()
+
+
+def test_the_newest_of_two_loaded_models_takes_over() -> None:
+    damper = observer()
+    run(damper, 0, 300)
+    damper.load(harder(2.0))
+    run(damper, 300, 350)
+    damper.load(harder(3.0))
+    assert None not in run(damper, 350, 700)
+    assert damper.model == harder(3.0)
+
+
+def test_a_loaded_model_brings_its_own_limit_for_the_current() -> None:
+    damper = observer()
+    run(damper, 0, 300)
+    damper.load(plain_damper(max_current_age_s=0.5))
+    run(damper, 300, 600)
+    forces = run(damper, 600, 1000, current=None)
+    assert None not in forces[:300]
+    assert "0.5 s" not in damper.explain()
+    assert run(damper, 1000, 1200, current=None)[-1] is None
+    assert "the model allows 0.5 s" in damper.explain()
+
+
+def test_a_loaded_model_takes_over_from_one_that_gives_no_force() -> None:
+    narrow = replace(plain_damper(), force_envelope_N=(-1.0, 1.0))
+    damper = observer(narrow)
+    run(damper, 0, 500)
+    assert damper.reason in (UNBOUNDED, WARMING_UP)
+    damper.load(plain_damper())
+    assert run(damper, 500, 900)[-1] is not None
+
+
+def test_reset_begins_anew_and_keeps_the_counts() -> None:
+    damper = observer()
+    run(damper, 0, 500)
+    damper.reset()
+    assert damper.reason == WARMING_UP
+    assert damper.tally.samples == 500
+    damper.step(START - 10**15, 0.0, START - 10**15)
+    assert damper.reason == NO_CURRENT
+    assert run(damper, -(10**6), -(10**6) + 500)[-1] is not None

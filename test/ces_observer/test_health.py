@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import random
+from collections.abc import Callable
+from math import nan, sin
+from pathlib import Path
+
 import pytest
 from damper_models import plain_damper
 
+from ces_observer.black_box import BlackBox
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
 from ces_observer.estimator import UNBOUNDED, WARMING_UP
 from ces_observer.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Health
+from ces_observer.running_cost import RunningCost
+from ces_observer.status_values import Load
 from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER
 
 MS = 1_000_000
+SECOND = 1000 * MS
 
 
 def damper_and_health() -> tuple[DamperObserver, Health]:
@@ -27,9 +36,9 @@ def feed(damper: DamperObserver, first: int, last: int, position: float = 0.01) 
 def test_estimating_is_ok() -> None:
     damper, health = damper_and_health()
     feed(damper, 0, 100)
-    health.roll(0.1)
+    health.roll(0.1, 0)
     feed(damper, 100, 200)
-    health.roll(0.1)
+    health.roll(0.1, 0)
     status = health.status("")
     assert (status.level, status.message) == (LEVEL_OK, "estimating")
     values = dict(status.values)
@@ -41,14 +50,14 @@ def test_estimating_is_ok() -> None:
 def test_what_was_withheld_in_the_window_is_a_warning_and_passes() -> None:
     damper, health = damper_and_health()
     feed(damper, 0, 100)
-    health.roll(0.1)
+    health.roll(0.1, 0)
     feed(damper, 90, 100)  # ten repeats
     feed(damper, 100, 190)
-    health.roll(0.1)
+    health.roll(0.1, 0)
     assert health.status("").level == LEVEL_WARN
     assert health.status("").message == "estimating; 10.0% withheld in the last second"
     feed(damper, 190, 290)
-    health.roll(0.1)
+    health.roll(0.1, 0)
     assert health.status("").level == LEVEL_OK
     assert dict(health.status("").values)[f"withheld: {OUT_OF_ORDER}"] == "10"
 
@@ -56,9 +65,9 @@ def test_what_was_withheld_in_the_window_is_a_warning_and_passes() -> None:
 def test_extrapolation_is_a_warning() -> None:
     damper, health = damper_and_health()
     feed(damper, 0, 100, position=0.2)  # the envelope ends at 0.1 m
-    health.roll(0.1)
+    health.roll(0.1, 0)
     feed(damper, 100, 200, position=0.2)
-    health.roll(0.1)
+    health.roll(0.1, 0)
     status = health.status("")
     assert status.level == LEVEL_WARN
     assert "100.0% of the forces from inputs outside" in status.message
@@ -88,5 +97,160 @@ def test_reasons_have_their_level_and_are_in_the_line(reason: str, level: int) -
 
 def test_an_empty_window_has_no_rate() -> None:
     _, health = damper_and_health()
-    health.roll(1.0)
+    health.roll(1.0, 0)
     assert dict(health.status("").values)["rate [Hz]"] == "0.0"
+
+
+def step(damper: DamperObserver, health: Health, k: int, position: float = 0.01) -> None:
+    """Step as the node does: a change of the reason is told at once."""
+    before = damper.reason
+    damper.step(k * MS, position, k * MS)
+    if damper.reason != before:
+        health.change(k * MS)
+
+
+def test_the_shortest_episode_is_in_the_next_status_and_stays_among_the_last() -> None:
+    damper, health = damper_and_health()
+    for k in range(200):
+        step(damper, health, k)
+    health.status("")
+    for k in range(200, 203):
+        step(damper, health, k, nan)
+    step(damper, health, 203)
+    status = health.status("")
+    assert status.level == LEVEL_WARN
+    assert status.message == f"estimating; recovered from {POSITION_NOT_FINITE} (0.003 s)"
+    assert health.status("").message == "estimating"
+    values = dict(health.status("").values)
+    assert values["episodes of withholding"] == "2"  # warming up was the first
+    assert values[f"episodes: {POSITION_NOT_FINITE}"] == "1, 0.003 s in all"
+    assert values["last episode 1"] == f"0.200 s, for 0.003 s: {POSITION_NOT_FINITE} (3 samples withheld)"
+
+
+def test_an_episode_with_several_reasons_names_them_in_order() -> None:
+    damper, health = damper_and_health()
+    for k in range(200):
+        step(damper, health, k)
+    damper.silence()
+    health.change(300 * MS)
+    for k in range(500, 700):
+        step(damper, health, k)
+    message = health.status("").message
+    assert f"recovered from {SILENT}, then {WARMING_UP} (0.25 s) and 1 more" in message
+    assert dict(health.status("").values)["last episode 1"].endswith("(50 samples withheld)")
+
+
+def test_an_episode_that_ended_is_told_even_if_another_has_begun() -> None:
+    damper, health = damper_and_health()
+    for k in range(200):
+        step(damper, health, k, nan if k == 100 else 0.01)
+    step(damper, health, 200, 0.09)
+    message = health.status("").message
+    assert message == f"withholding: {OUTLIER}; recovered from {POSITION_NOT_FINITE} (0.001 s) and 1 more"
+
+
+def test_every_one_of_many_episodes_is_counted() -> None:
+    damper, health = damper_and_health()
+    chance = random.Random(1)
+    episodes, withheld, bad = 0, 0, False
+    for k in range(100):
+        step(damper, health, k)
+    for k in range(100, 2100):
+        before, bad = bad, k < 2099 and chance.random() < 0.4
+        step(damper, health, k, nan if bad else 0.01)
+        episodes += bad and not before
+        withheld += bad
+        if k % 100 == 0:
+            health.roll(0.1, k * MS)
+            health.status("")
+    assert health.episodes.by_reason[POSITION_NOT_FINITE][0] == episodes
+    assert health.episodes.by_reason[POSITION_NOT_FINITE][1] == pytest.approx(withheld * 1e-3)
+    assert dict(health.status("").values)[f"withheld: {POSITION_NOT_FINITE}"] == str(withheld)
+
+
+def test_inputs_latency_and_load_are_told() -> None:
+    damper, health = damper_and_health()
+    for k in range(100, 1100):
+        if k % 100:
+            health.position.take(k * MS, k * MS + MS // 2)
+        health.latency.take(200_000 if k % 20 else 5 * MS)
+    health.roll(1.0, 0, Load(process=0.153, executor=0.1))
+    values = dict(health.status("").values)
+    assert values["position: rate [Hz]"] == "990.0"
+    assert values["position: age, mean [ms]"] == "0.500"
+    assert values["position: dropped"] == "9"
+    assert float(values["latency from stamp to publish, p50 [ms]"]) == pytest.approx(0.2, rel=0.01)
+    assert float(values["latency from stamp to publish, p99 [ms]"]) == pytest.approx(5.0, rel=0.01)
+    assert values["latency from stamp to publish, max [ms]"] == "5.000"
+    assert (values["process load [% of a core]"], values["executor load [% of a core]"]) == ("15.3", "10.0")
+    assert not any(key.startswith(("current:", "measured force")) for key in values)
+    damper.reason = OK
+    assert health.status("").message == "estimating"  # 0.9 % lost is not worth a warning
+
+
+def test_lost_positions_are_a_warning() -> None:
+    damper, health = damper_and_health()
+    for k in range(100, 1100):
+        if k % 10:
+            health.position.take(k * MS, k * MS)
+    health.roll(1.0, 0)
+    damper.reason = OK
+    status = health.status("")
+    assert (status.level, status.message) == (LEVEL_WARN, "estimating; 9.9% of the positions lost on the way")
+
+
+def compare(cost: RunningCost, first_s: int, last_s: int, factor: float, each_second: Callable[[int], None]) -> None:
+    """Measure at 1 kHz a force that is `factor` times the estimate."""
+    for k in range(first_s * 1000, last_s * 1000):
+        force = 1000.0 * sin(k * 0.012)
+        cost.estimate(k * MS, force)
+        cost.measured(k * MS, factor * force)
+        if k % 1000 == 999:
+            each_second(k * MS)
+
+
+def test_a_drift_is_recorded_once_and_named_until_it_is_over(tmp_path: Path) -> None:
+    cost, damper = RunningCost(window_s=5, warn_J=20.0), damper_and_health()[0]
+    box = BlackBox([], tmp_path / "records", seconds=1.0, tail_s=0.5, pause_s=3.0)
+    health = Health(damper, {"model": "model.json"}, cost=cost, box=box, name="rear_damper")
+    damper.reason = OK
+    messages: list[str] = []
+
+    def each_second(now_ns: int) -> None:
+        health.roll(1.0, now_ns)
+        box.work(0.1, now_ns)
+        messages.append(health.status("").message)
+
+    compare(cost, 0, 10, 1.05, each_second)
+    assert set(messages) == {"estimating"}
+    assert dict(health.status("").values)["running cost J [%]"] == "4.76"
+    compare(cost, 10, 20, 1.6, each_second)
+    while box.busy:
+        box.work(0.1, 20 * SECOND)
+    status = health.status("")
+    assert status.level == LEVEL_WARN
+    assert status.message.startswith("estimating; re-identify: the cost J against the measured force is 37.5%")
+    assert status.message.endswith(f"expected below 20.0%; recorded in {box.saved}")
+    assert [path.name for path in (tmp_path / "records").iterdir()] == [box.saved.name if box.saved else ""]
+    assert dict(status.values)["recorded bag"] == str(box.saved)
+    assert "model.json" in (box.saved / "metadata.yaml").read_text() if box.saved else False
+    compare(cost, 20, 32, 1.05, each_second)
+    assert messages[-1] == "estimating"
+    assert dict(health.status("").values)["threshold of J [%]"] == "20.00"
+
+
+def test_without_a_measured_force_of_late_no_cost_is_told() -> None:
+    cost, damper = RunningCost(window_s=5), damper_and_health()[0]
+    health = Health(damper, {}, cost=cost)
+    compare(cost, 0, 3, 1.05, lambda now_ns: health.roll(1.0, now_ns))
+    assert dict(health.status("").values)["running cost J [%]"] == "4.76"
+    health.roll(1.0, 4 * SECOND)
+    assert dict(health.status("").values)["running cost J [%]"] == "none"
+
+
+def test_after_a_reload_the_new_models_facts_and_cost_are_told() -> None:
+    damper, health = damper_and_health()
+    cost = RunningCost(warn_J=33.0)
+    health.use(damper, {"model": "other.json"}, cost)
+    values = dict(health.status("").values)
+    assert (values["model"], values["threshold of J [%]"]) == ("other.json", "33.00")

@@ -3,7 +3,7 @@ from types import SimpleNamespace as Message
 import pytest
 
 from ces_observer.errors import SignalsError
-from ces_observer.signals import DEFAULTS, NAMES, UNITS, Constant, FieldPath, Signal, Signals
+from ces_observer.signals import DEFAULTS, NAMES, UNITS, Constant, FieldPath, Signal, Signals, overridden
 
 JOINTS = Message(name=["fork", "rear"], position=[0.1, 0.2], effort=[])
 WRENCH = Message(wrench=Message(force=Message(x=1, y=2.5, z=True)))
@@ -123,3 +123,19 @@ def test_other_parameters_of_a_node_are_ignored():
 def test_mistake_is_told(mapping, told):
     with pytest.raises(SignalsError, match=told):
         Signals.from_mapping(mapping, "here")
+
+
+@pytest.mark.parametrize(
+    ("common", "own", "merged"),
+    [
+        (None, None, None),
+        ({"scale": 2.0}, None, {"scale": 2.0}),
+        (None, {"scale": 2.0}, {"scale": 2.0}),
+        ({"scale": 2.0, "topic": "a"}, {"topic": "b"}, {"scale": 2.0, "topic": "b"}),
+        ({"constant": 0.0}, {"topic": "b"}, {"topic": "b"}),
+        ({"constant": 0.0}, {"scale": 2.0}, {"constant": 0.0, "scale": 2.0}),
+        ({"topic": "a"}, {"constant": 1.0}, {"topic": "a", "constant": 1.0}),
+    ],
+)
+def test_what_is_said_for_one_damper_goes_over_what_is_said_for_all(common, own, merged):
+    assert overridden(common, own) == merged

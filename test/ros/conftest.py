@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -19,13 +21,18 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 99)  # away from whatever else runs on this computer
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "ces_observer"))  # for damper_models
 
+ROOT = Path(__file__).resolve().parent.parent.parent
 NUMBERS = count()
+
+
+def new_namespace() -> str:
+    """Return a namespace that no other test has, so that no message of another one is heard."""
+    return f"/test{next(NUMBERS)}"
 
 
 @pytest.fixture
 def namespace() -> str:
-    """Return a namespace of the test's own, so that no message of another one is heard."""
-    return f"/test{next(NUMBERS)}"
+    return new_namespace()
 
 
 @pytest.fixture
@@ -36,11 +43,11 @@ def vehicle(namespace: str) -> Iterator[Vehicle]:
         yield vehicle
 
 
-@pytest.fixture
-def model_path(tmp_path: Path) -> Path:
+@pytest.fixture(scope="session")
+def model_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from damper_models import plain_damper
 
-    path = tmp_path / "model.json"
+    path = tmp_path_factory.mktemp("model") / "model.json"
     plain_damper(max_gap_s=0.3).save(path)
     return path
 
@@ -48,14 +55,50 @@ def model_path(tmp_path: Path) -> Path:
 @pytest.fixture
 def start(namespace: str, model_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     """Yield a function that starts the node in the test's namespace with further parameters."""
+    yield from starting(namespace, model_path)
+
+
+@pytest.fixture(scope="module")
+def module_vehicle() -> Iterator[Vehicle]:
+    """Yield a vehicle for all tests of a module."""
+    from vehicle import Vehicle
+
+    with Vehicle(new_namespace()) as vehicle:
+        yield vehicle
+
+
+@pytest.fixture(scope="module")
+def module_start(module_vehicle: Vehicle, model_path: Path) -> Iterator[Callable[..., NodeProcess]]:
+    """Yield a function that starts a node for all tests of a module, in the namespace of `module_vehicle`."""
+    yield from starting(module_vehicle.namespace, model_path)
+
+
+def starting(namespace: str, model_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     from node_process import NodeProcess
 
     started: list[NodeProcess] = []
 
     def start_node(**parameters: object) -> NodeProcess:
-        started.append(NodeProcess.from_source(namespace, {"model": model_path, **parameters}))
+        given = {"model": model_path, "record_dir": "''", **parameters}
+        started.append(NodeProcess.from_source(namespace, given))
         return started[-1]
 
     yield start_node
     for node in started:
         node.kill()
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Build the package with colcon; return the environment in which it is sourced."""
+    if shutil.which("colcon") is None:
+        pytest.skip("colcon is missing")
+    where = tmp_path_factory.mktemp("workspace")
+    source = where / "src" / "ces_observer"
+    unwanted = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log", "out", "bags")
+    shutil.copytree(ROOT, source, ignore=unwanted)
+    built = subprocess.run(["colcon", "build"], cwd=where, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stdout + built.stderr
+    script = f". {where}/install/setup.sh && env -0"
+    listed = subprocess.run(["sh", "-c", script], capture_output=True, text=True, check=True, env=os.environ)
+    return dict(line.split("=", 1) for line in listed.stdout.split("\0") if line)

@@ -31,6 +31,10 @@ class NodeProcess:
         """Start the node from this checkout."""
         return cls([sys.executable, "-m", "ces_observer.observer", *ros_args(namespace, parameters)])
 
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
     def interrupt(self, number: int = signal.SIGINT) -> None:
         """Signal the whole group, as a terminal does on Ctrl-C."""
         os.killpg(self._process.pid, number)
@@ -44,10 +48,14 @@ class NodeProcess:
         return self._process.poll() is None
 
     def kill(self) -> None:
-        """End whatever is left of the group."""
+        """End whatever is left of the group, in order if it can: a reader that does not say goodbye is waited for."""
         if self.is_running():
-            os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.communicate()
+            self.interrupt()
+            try:
+                self.ended(5.0)
+            except subprocess.TimeoutExpired:
+                os.killpg(self._process.pid, signal.SIGKILL)
+                self._process.communicate()
 
 
 def ros_args(namespace: str, parameters: Mapping[str, object]) -> list[str]:

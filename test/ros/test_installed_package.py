@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-from node_process import ROOT, NodeProcess, ros_args
+from node_process import NodeProcess, ros_args
 from vehicle import Vehicle, wait
 
 from ces_cli.main import PROGRAMS

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from math import pi, sin
 from types import TracebackType
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import QoSProfile
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 DEEP = QoSProfile(depth=5000)  # reliable
+LOSSY = QoSProfile(depth=5000, reliability=QoSReliabilityPolicy.BEST_EFFORT)  # hears any publisher
 JOINT = "rear_damper"
 RATE_HZ = 1000
 
@@ -31,11 +38,13 @@ class Vehicle:
     def __init__(self, namespace: str) -> None:
         self._context = rclpy.Context()
         self._context.init()
+        self.namespace = namespace
         self._name = f"{namespace}/observer"
         self.node = rclpy.create_node("vehicle", namespace=namespace, context=self._context)
         self.estimates: list[JointState] = []
         self.arrivals: list[int] = []  # [ns] of the estimates
         self.statuses: list[DiagnosticStatus] = []
+        self.driven: list[int] = []  # stamps of the positions published by drive
         self.node.create_subscription(JointState, "observer/estimate", self._hear_estimate, DEEP)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_diagnostics, DEEP)
         self.position = self.node.create_publisher(JointState, "joint_states", DEEP)
@@ -44,6 +53,12 @@ class Vehicle:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+
+    def hear_estimates(self, topic: str) -> list[JointState]:
+        """Return a list that the estimates on a further topic are kept in from now on."""
+        heard: list[JointState] = []
+        self.node.create_subscription(JointState, topic, heard.append, LOSSY)
+        return heard
 
     def __enter__(self) -> Vehicle:
         self._thread.start()
@@ -55,11 +70,23 @@ class Vehicle:
         self.node.destroy_node()
         self._context.shutdown()
 
-    def meets_node(self) -> None:
+    def meets_node(self, estimate: str = "observer/estimate") -> None:
         """Wait until the node hears this vehicle's position and this vehicle hears the node."""
-        wait(lambda: self.position.get_subscription_count() > 0, "the node subscribes to position")
-        wait(lambda: self.node.count_publishers("observer/estimate") > 0, "the node offers estimates")
+        wait(lambda: self.position.get_subscription_count() > 0, "the node subscribes to position", 20.0)
+        wait(lambda: self.node.count_publishers(estimate) > 0, "the node offers estimates")
         time.sleep(0.3)  # matching is told to each side on its own
+
+    @contextmanager
+    def driving(self, **options: Any) -> Iterator[None]:
+        """Drive as `drive` does, beside what is done in this context."""
+        ends = threading.Event()
+        thread = threading.Thread(target=self.drive, args=(3600.0,), kwargs={**options, "ends": ends})
+        thread.start()
+        try:
+            yield
+        finally:
+            ends.set()
+            thread.join()
 
     def drive(
         self,
@@ -69,17 +96,21 @@ class Vehicle:
         position: Callable[[float], float] = stroke,
         current: float | None = 0.5,
         clock_offset_s: float = 0.0,
+        ends: threading.Event | None = None,
     ) -> tuple[int, int]:
         """Publish at 1 kHz for `duration_s`, a current at every fifth sample; return the first and last time [ns]."""
-        times = []
+        times: list[int] = []
         offset_ns = round(clock_offset_s * 1e9)
         start = time.monotonic()
         for k in range(round(duration_s * RATE_HZ)):
             time.sleep(max(0.0, start + k / RATE_HZ - time.monotonic()))
+            if ends is not None and ends.is_set():
+                break
             times.append(time.time_ns())
             if current is not None and k % 5 == 0:
                 self.current.publish(Float64(data=current))
-            self.publish_position(times[-1] + offset_ns, position(times[-1] % 10**12 * 1e-9), joint)
+            self.driven.append(times[-1] + offset_ns)
+            self.publish_position(self.driven[-1], position(times[-1] % 10**12 * 1e-9), joint)
         return times[0], times[-1]
 
     def publish_position(self, stamp_ns: int, position_m: float, joint: str = JOINT) -> None:
@@ -99,15 +130,55 @@ class Vehicle:
         """Return the stamps of the estimates heard [ns]."""
         return [stamp_of(estimate) for estimate in list(self.estimates)]
 
-    def hears(self, text: str, level: bytes = DiagnosticStatus.ERROR, timeout_s: float = 10.0) -> DiagnosticStatus:
-        """Wait for a status that has `text` in its message, and return it."""
-        wait(
-            lambda: self._find(text, level) is not None, f"'{text}' in {[s.message for s in self.statuses]}", timeout_s
-        )
-        return self._find(text, level)
+    def hears(self, text: str, level: bytes | None = DiagnosticStatus.ERROR, since: int = 0) -> DiagnosticStatus:
+        """Wait for a status of this level, None for any, that has `text` in its message, and return it.
 
-    def _find(self, text: str, level: bytes) -> DiagnosticStatus | None:
-        return next((s for s in list(self.statuses) if text in s.message and s.level == level), None)
+        `since` is how many of the statuses heard are too old to count.
+        """
+
+        def found() -> DiagnosticStatus | None:
+            heard = list(self.statuses)[since:]
+            return next((s for s in heard if text in s.message and level in (None, s.level)), None)
+
+        try:
+            wait(lambda: found() is not None, f"'{text}'")
+        except AssertionError as error:
+            raise AssertionError(f"{error} in {[s.message for s in self.statuses[since:]]}") from None
+        return found()
+
+    def hears_value(self, key: str, text: str) -> str:
+        """Wait for a status whose value at `key` has `text` in it, and return the value."""
+
+        def found() -> str | None:
+            values = [v.value for s in list(self.statuses) for v in s.values if v.key == key]
+            return next((value for value in values if text in value), None)
+
+        wait(lambda: found() is not None, f"'{text}' in the values '{key}'")
+        return str(found())
+
+    def sets(self, name: str, value: object) -> SetParametersResult:
+        """Set a parameter of the node; returns its answer."""
+        client = AsyncParameterClient(self.node, self._name)
+        assert client.wait_for_services(5.0)
+        answer = client.set_parameters([Parameter(name, value=value)])
+        wait(answer.done, f"an answer to {name}: {value}")
+        return answer.result().results[0]
+
+    def gets(self, name: str) -> object:
+        """Return the value of a parameter of the node."""
+        client = AsyncParameterClient(self.node, self._name)
+        assert client.wait_for_services(5.0)
+        answer = client.get_parameters([name])
+        wait(answer.done, f"an answer to {name}")
+        return parameter_value_to_python(answer.result().values[0])
+
+    def calls(self, service: str) -> Trigger.Response:
+        """Call a Trigger service of the namespace; returns its answer."""
+        client = self.node.create_client(Trigger, service)
+        assert client.wait_for_service(5.0)
+        answer = client.call_async(Trigger.Request())
+        wait(answer.done, f"an answer of {service}")
+        return answer.result()
 
     def _hear_estimate(self, message: JointState) -> None:
         self.arrivals.append(time.time_ns())

@@ -1,0 +1,48 @@
+"""A program of its own: a model file's text on standard input, why it cannot be used on standard output.
+
+The node has it run on a model that is to replace the one it runs with, because proving stability may take seconds and
+would hold up the samples that arrive meanwhile. Exit status 0: use it; 2: the reason is on standard output.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+
+from ces_observer.certificate import is_contraction
+from ces_observer.errors import CesError, ModelError
+from ces_observer.model import MAX_BYTES, Model, parse_model
+
+USER_ERROR = 2
+MOST_CPU_S = 300
+MOST_MEMORY = 1 << 30  # bytes of address space: a model is small, whatever it claims
+NICENESS = 15
+MOST_REASON = 2000  # characters: less than a pipe holds, so that the child need not wait to be read
+
+
+def require_stable(model: Model, source: str) -> None:
+    """Prove the model's stability anew, whatever its file claims; raises ModelError naming `source`."""
+    if not is_contraction(model):
+        raise ModelError(
+            f"{source}: its past forces are not proved to count for less than one over its input envelope; identify it "
+            "anew with a certificate, or set allow_uncertified: true to run it all the same"
+        )
+
+
+def main() -> int:
+    """Check the model on standard input, which the only argument names in errors."""
+    os.nice(NICENESS)
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_S, MOST_CPU_S))
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+    try:
+        text = sys.stdin.buffer.read(4 * MAX_BYTES).decode("utf-8")
+        require_stable(parse_model(text, sys.argv[1]), sys.argv[1])
+    except (CesError, UnicodeDecodeError) as error:
+        print(str(error).splitlines()[0][:MOST_REASON])
+        return USER_ERROR
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,55 @@
+"""The node's time in nanoseconds, cheap to read, and the news that it was set: simulated time or the wall clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from rclpy.clock import ClockChange, JumpThreshold, TimeJump
+from rclpy.duration import Duration
+from rclpy.node import Node
+
+from ces_observer.clock_watch import ClockWatch
+
+BACKWARD = Duration(nanoseconds=-1_000_000)
+# A recording is replayed with /clock in steps, large ones if it is played fast: they are no jumps. A shorter leap of
+# the samples themselves is seen in their stamps.
+FORWARD = Duration(seconds=5)
+CHANGES = {
+    ClockChange.ROS_TIME_ACTIVATED: "simulated time was switched on",
+    ClockChange.ROS_TIME_DEACTIVATED: "simulated time was switched off",
+}
+
+
+class NodeClock:
+    """`now()` is the node's time [ns]; `on_jump` is called with one line that tells of a jump after it happened."""
+
+    def __init__(self, node: Node, on_jump: Callable[[str], None]) -> None:
+        self._clock = node.get_clock()
+        self._on_jump = on_jump
+        self._wall = ClockWatch(time.time_ns(), time.monotonic_ns())
+        self._choose()
+        threshold = JumpThreshold(min_forward=FORWARD, min_backward=BACKWARD, on_clock_change=True)
+        self._jumps = self._clock.create_jump_callback(threshold, post_callback=self._jumped)
+
+    def watch(self) -> None:
+        """Look whether the wall clock was set: rclpy tells of jumps of simulated time only."""
+        jump_ns = self._wall.look(time.time_ns(), time.monotonic_ns())
+        if jump_ns and not self._clock.ros_time_is_active:
+            self._on_jump(f"the wall clock was set by {jump_ns * 1e-9:+.3f} s")
+
+    def close(self) -> None:
+        """Ask for no more news."""
+        self._jumps.unregister()
+
+    def _choose(self) -> None:
+        simulated = self._clock.ros_time_is_active
+        self.now: Callable[[], int] = self._simulated_now if simulated else time.time_ns
+
+    def _simulated_now(self) -> int:
+        return int(self._clock.now().nanoseconds)
+
+    def _jumped(self, jump: TimeJump) -> None:
+        self._choose()
+        seconds = jump.delta.nanoseconds * 1e-9
+        self._on_jump(CHANGES.get(jump.clock_change, f"simulated time jumped by {seconds:+.3f} s"))

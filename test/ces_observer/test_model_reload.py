@@ -1,0 +1,73 @@
+"""A model is proved in a process of its own, and its verdict comes back; a wrong one says why."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import pytest
+from damper_models import plain_damper
+
+from ces_observer.model import Model, Term
+from ces_observer.model_reload import ModelReload, Verdict
+
+STARTING_S = 0.1  # more than forking takes, less than the child's start
+
+
+def unstable() -> Model:
+    model = plain_damper()
+    past, *others = model.terms
+    return replace(model, terms=(Term(1.01, past.factors), *others))
+
+
+def verdict_of(reload: ModelReload) -> Verdict:
+    end = time.monotonic() + 30.0
+    while (verdict := reload.poll()) is None:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    return verdict
+
+
+def test_a_stable_model_is_accepted_and_told_once() -> None:
+    reload, model = ModelReload(), plain_damper()
+    began = time.monotonic()
+    reload.start(model, "model.json", prove=True)
+    assert reload.poll() is None
+    assert time.monotonic() - began < STARTING_S
+    assert verdict_of(reload) == Verdict(model, "model.json", "")
+    assert reload.poll() is None
+
+
+def test_an_unstable_model_is_refused_with_the_reason() -> None:
+    reload = ModelReload()
+    reload.start(unstable(), "worn.json", prove=True)
+    assert verdict_of(reload).error.startswith("worn.json: its past forces are not proved to count for less than one")
+
+
+def test_without_a_proof_it_is_accepted_at_once() -> None:
+    reload = ModelReload()
+    reload.start(unstable(), "worn.json", prove=False)
+    verdict = reload.poll()
+    assert verdict is not None and not verdict.error
+
+
+def test_a_newer_model_takes_the_place_of_the_one_being_checked() -> None:
+    reload = ModelReload()
+    reload.start(unstable(), "old.json", prove=True)
+    reload.start(plain_damper(), "new.json", prove=True)
+    assert verdict_of(reload).source == "new.json"
+    assert reload.poll() is None
+
+
+def test_a_check_that_dies_is_no_acceptance(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONHOME", "/nowhere")  # the child cannot even start
+    reload = ModelReload()
+    reload.start(plain_damper(), "model.json", prove=True)
+    assert "model.json: the check of its stability ended with status" in verdict_of(reload).error
+
+
+def test_a_cancelled_check_leaves_no_verdict() -> None:
+    reload = ModelReload()
+    reload.start(plain_damper(), "model.json", prove=True)
+    reload.cancel()
+    assert reload.poll() is None

@@ -1,0 +1,73 @@
+"""Mistakes in what the observer node is given at its start: one FATAL line that says what to do, and exit status 2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+from conftest import new_namespace
+from node_process import NodeProcess
+
+MISTAKES: dict[str, dict[str, object]] = {
+    "expected a finite number": {"model": "nan.json"},
+    "not proved to count for less than one": {"model": "unstable.json"},
+    "no such model file": {"model": "/nowhere/model.json"},
+    "parameter 'model' is not set": {"model": "''"},
+    "message type 'sensor_msgs/msg/JoinState' is not installed": {"position.type": "sensor_msgs/msg/JoinState"},
+    "there is no 'pos'; there are header, name, position": {"position.field": "pos[rear_damper]"},
+    "'data' is no array": {"current.field": "data[0]"},
+    "is a Header; expected the path to a number": {"position.field": "header"},
+    "unknown key 'feild'": {"position.feild": "data"},
+    "scale is 0": {"position.scale": 0},
+    "max_age_s out of range": {"max_age_s": -1.0},
+    "'no topic' is no topic name": {"position.topic": "no topic"},
+    "'executor' is 'many'; expected one of auto, events, single": {"executor": "many"},
+    "'dampers' is 'front'; expected a list of names": {"dampers": "front"},
+    "'dampers' has 'front damper'; expected letters": {"dampers": "['front damper']"},
+    "expected each name once": {"dampers": "[front, front]"},
+    "'rear.max_age_s' is 'soon'; expected a number": {"dampers": "[rear]", "rear.max_age_s": "soon"},
+    "rear.json: no such model file": {"dampers": "[rear]", "rear.model": "/nowhere/rear.json"},
+    "signal 'rear.position' is constant": {"dampers": "[rear]", "rear.position.constant": 0.0},
+    "given without a value or as an empty list": {"dampers": "[]"},
+}
+BROKEN = {"nan.json": "NaN", "unstable.json": "1.01"}  # coefficient of the past force
+AT_ONCE = 4
+
+
+@pytest.fixture(scope="module")
+def ends(tmp_path_factory: pytest.TempPathFactory, model_path: Path) -> Iterator[dict[str, tuple[int, str]]]:
+    """Return exit status and output of a node for each mistake; a few of them start at a time."""
+    folder = tmp_path_factory.mktemp("broken")
+    text = model_path.read_text()
+    for name, number in BROKEN.items():
+        (folder / name).write_text(text.replace('"coefficient": 0.9', f'"coefficient": {number}'))
+    found: dict[str, tuple[int, str]] = {}
+    lines = list(MISTAKES)
+    for some in (lines[k : k + AT_ONCE] for k in range(0, len(lines), AT_ONCE)):
+        nodes = {line: started(MISTAKES[line], model_path, folder) for line in some}
+        try:
+            found |= {line: node.ended() for line, node in nodes.items()}
+        finally:
+            for node in nodes.values():
+                node.kill()
+    return found
+
+
+def started(mistake: dict[str, object], model_path: Path, folder: Path) -> NodeProcess:
+    given = {"model": model_path, **mistake}
+    if given["model"] in BROKEN:
+        given["model"] = folder / str(given["model"])
+    return NodeProcess.from_source(new_namespace(), given)
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_a_mistake_at_start_is_one_fatal_line_and_status_2(ends: dict[str, tuple[int, str]], line: str) -> None:
+    status, output = ends[line]
+    fatal = [text for text in output.splitlines() if "[WARN]" not in text]
+    assert status == 2, output
+    assert len(fatal) == 1, output
+    assert "[FATAL]" in fatal[0] and line in fatal[0]

@@ -1,0 +1,121 @@
+"""Another model for a running observer: by parameter, service and latched topic; under load, with no sample missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from math import isfinite
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+from damper_models import plain_damper
+from node_process import NodeProcess
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+from vehicle import Vehicle, reliable_inputs, wait
+
+from ces_observer.model import Model, Term
+
+CHANGE = "last change of the model"
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+UNPROVED = "not proved to count for less than one"
+
+
+def damper(past: float = 0.9, warm_up_s: float = 0.1) -> Model:
+    """Return the test model with another coefficient of its past force, which another digest names."""
+    model = plain_damper(warm_up_s=warm_up_s, max_gap_s=0.3)
+    first, *others = model.terms
+    return replace(model, terms=(Term(past, first.factors), *others))
+
+
+@pytest.fixture(scope="module")
+def driven(module_vehicle: Vehicle, module_start: Callable[..., NodeProcess]) -> Iterator[Vehicle]:
+    """Yield a vehicle that drives through all tests of this module, and see at their end that no sample is missing."""
+    vehicle = module_vehicle
+    inputs = reliable_inputs(vehicle.namespace, ["joint_states", "valve_current"])
+    module_start(max_age_s=0.0, model_topic="identify/model", **inputs)
+    vehicle.meets_node()
+    with vehicle.driving():
+        wait(lambda: bool(vehicle.estimates), "the first estimate")
+        yield vehicle
+    wait(lambda: vehicle.stamps()[-1] == vehicle.driven[-1], "the last estimate")
+    expected = vehicle.driven[vehicle.driven.index(vehicle.stamps()[0]) :]
+    assert vehicle.stamps() == expected
+    assert len(expected) > 1000
+    assert all(isfinite(message.effort[0]) and abs(message.effort[0]) < 8000.0 for message in vehicle.estimates)
+
+
+def runs(vehicle: Vehicle, model: Model) -> None:
+    """Wait until diagnostics tell that the node runs the model."""
+    vehicle.hears_value("model sha256", model.digest())
+
+
+def test_by_parameter(driven: Vehicle, tmp_path: Path) -> None:
+    path, model = tmp_path / "softer.json", damper(0.8)
+    model.save(path)
+    assert driven.sets("model", str(path)).successful
+    runs(driven, model)
+    assert driven.gets("model") == str(path)
+    driven.hears_value(CHANGE, f"{path}: has taken over")
+
+
+def test_by_service_which_reads_the_same_file_again(driven: Vehicle, tmp_path: Path) -> None:
+    path, model = tmp_path / "model.json", damper(0.7)
+    damper(0.75).save(path)
+    assert driven.sets("model", str(path)).successful
+    model.save(path)
+    answer = driven.calls("observer/reload_model")
+    assert answer.success, answer.message
+    assert "takes over when warmed up, after 0.1 s" in answer.message
+    runs(driven, model)
+
+
+def test_by_latched_topic(driven: Vehicle) -> None:
+    model = damper(0.6)
+    publisher = driven.node.create_publisher(String, "identify/model", LATCHED)
+    publisher.publish(String(data=model.to_json()))
+    runs(driven, model)
+    driven.hears_value("model", "topic identify/model")
+    publisher.publish(String(data="{}"))
+    driven.hears_value(CHANGE, "refused, the model before runs on: topic identify/model: ")
+
+
+def test_a_file_that_is_no_model_is_refused_at_once(driven: Vehicle, tmp_path: Path) -> None:
+    before = driven.gets("model")
+    answer = driven.sets("model", str(tmp_path / "none.json"))
+    assert not answer.successful
+    assert "none.json: no such model file" in answer.reason
+    (tmp_path / "broken.json").write_text(damper().to_json()[:-20])
+    assert "broken.json: not a JSON file" in driven.sets("model", str(tmp_path / "broken.json")).reason
+    assert driven.gets("model") == before
+
+
+def test_an_unstable_model_is_refused_once_it_cannot_be_proved(driven: Vehicle, tmp_path: Path) -> None:
+    before, path = driven.gets("model"), tmp_path / "unstable.json"
+    damper(1.01).save(path)
+    assert driven.sets("model", str(path)).successful  # for all that can be seen at once
+    driven.hears_value(CHANGE, UNPROVED)
+    wait(lambda: driven.gets("model") == before, "the parameter goes back")
+
+
+def test_the_service_says_why_it_refuses(driven: Vehicle, tmp_path: Path) -> None:
+    path = tmp_path / "worn.json"
+    damper(0.85).save(path)
+    assert driven.sets("model", str(path)).successful
+    runs(driven, damper(0.85))
+    damper(1.01).save(path)
+    answer = driven.calls("observer/reload_model")
+    assert not answer.success and UNPROVED in answer.message
+    path.unlink()
+    assert "worn.json: no such model file" in driven.calls("observer/reload_model").message
+
+
+def test_the_newest_of_several_wins(driven: Vehicle, tmp_path: Path) -> None:
+    models = [damper(0.5 + 0.01 * k) for k in range(5)]
+    for k, model in enumerate(models):
+        model.save(tmp_path / f"{k}.json")
+        assert driven.sets("model", str(tmp_path / f"{k}.json")).successful
+    runs(driven, models[-1])

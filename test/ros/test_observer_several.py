@@ -1,0 +1,159 @@
+"""Several dampers in one node, several nodes in namespaces, and messages that are read in more than one way."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import nan, sin
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+from conftest import new_namespace
+from diagnostic_msgs.msg import DiagnosticStatus
+from node_process import NodeProcess
+from rclpy.qos import QoSReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from vehicle import Vehicle, stamp_of, wait
+
+MS = 1_000_000
+Start = Callable[..., NodeProcess]
+
+
+@dataclass
+class Motorcycle:
+    """A vehicle with two dampers in one joint_states, whose joints come in either order, and a node for both."""
+
+    vehicle: Vehicle
+    front: list[JointState]
+    rear: list[JointState]
+
+    def drives(self, duration_s: float, rear: Callable[[float], float] = lambda t: 0.01 * sin(9.0 * t)) -> int:
+        """Publish 500 samples a second, a current of both at every fifth; return the first stamp [ns]."""
+        first, start = time.time_ns(), time.monotonic()
+        for k in range(round(duration_s * 500)):
+            time.sleep(max(0.0, start + k / 500 - time.monotonic()))
+            t = time.monotonic()
+            joints = [("fork", 0.02 * sin(12.0 * t)), ("shock", rear(t)), ("steering", 1.0)]
+            names, positions = zip(*(joints if k % 2 else reversed(joints)), strict=True)
+            message = JointState(name=names, position=positions)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
+            if k % 5 == 0:
+                self.vehicle.current.publish(Float64(data=0.5))
+            self.vehicle.position.publish(message)
+        return first
+
+    def statuses(self, damper: str) -> list[DiagnosticStatus]:
+        return [status for status in self.vehicle.statuses if status.name.endswith(f": {damper}")]
+
+
+@pytest.fixture(scope="module")
+def motorcycle(module_vehicle: Vehicle, module_start: Start) -> Motorcycle:
+    vehicle = module_vehicle
+    topics = [f"observer/{damper}/estimate" for damper in ("front", "rear")]
+    module_start(
+        dampers="[front, rear]",
+        max_age_s=1.0,
+        **{"front.position.field": "position[fork]", "rear.position.field": "position[shock]"},
+        **{
+            "rear.max_age_s": 0.7,
+            f"qos_overrides.{vehicle.namespace}/{topics[1]}.publisher.reliability": "best_effort",
+        },
+    )
+    heard = [vehicle.hear_estimates(topic) for topic in topics]
+    vehicle.meets_node(topics[1])
+    return Motorcycle(vehicle, *heard)
+
+
+def test_each_damper_has_its_estimates_and_its_status(motorcycle: Motorcycle) -> None:
+    motorcycle.drives(0.8)
+    for heard, joint, most_m in ((motorcycle.front, "fork", 0.02), (motorcycle.rear, "shock", 0.01)):
+        wait(lambda heard=heard: len(heard) > 250, f"estimates of {joint}")
+        assert all(list(message.name) == [joint] for message in heard)
+        positions = [message.position[0] for message in heard]
+        assert 0.8 * most_m < max(positions) < 1.2 * most_m
+        damper = "front" if joint == "fork" else "rear"
+        wait(lambda d=damper: any("estimating" in s.message for s in motorcycle.statuses(d)), f"a status of {damper}")
+        assert {status.hardware_id for status in motorcycle.statuses(damper)} == {joint}
+
+
+def test_what_fails_for_one_does_not_touch_the_other(motorcycle: Motorcycle) -> None:
+    motorcycle.drives(0.4)
+    fails = motorcycle.drives(0.6, rear=lambda t: nan)
+    wait(lambda: any("position is not finite" in s.message for s in motorcycle.statuses("rear")), "the failure")
+    assert not any("finite" in s.message for s in motorcycle.statuses("front"))
+    wait(lambda: stamp_of(motorcycle.front[-1]) > fails + 590 * MS, "the newest estimate of front")
+    assert len([m for m in motorcycle.front if stamp_of(m) > fails]) > 280
+    assert len([m for m in motorcycle.rear if stamp_of(m) > fails]) < 10
+
+
+def test_a_topic_with_several_joints_is_subscribed_to_once(motorcycle: Motorcycle) -> None:
+    vehicle = motorcycle.vehicle
+    for topic in ("joint_states", "valve_current"):
+        readers = vehicle.node.get_subscriptions_info_by_topic(f"{vehicle.namespace}/{topic}")
+        assert [reader.node_name for reader in readers] == ["observer"]
+        assert readers[0].qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT
+
+
+def test_quality_of_service_can_be_overridden(motorcycle: Motorcycle) -> None:
+    vehicle, found = motorcycle.vehicle, []
+    for damper in ("front", "rear"):
+        (writer,) = vehicle.node.get_publishers_info_by_topic(f"{vehicle.namespace}/observer/{damper}/estimate")
+        found.append(writer.qos_profile.reliability)
+    assert found == [QoSReliabilityPolicy.RELIABLE, QoSReliabilityPolicy.BEST_EFFORT]
+
+
+def test_a_parameter_of_all_holds_unless_a_damper_has_its_own(motorcycle: Motorcycle) -> None:
+    vehicle = motorcycle.vehicle
+    assert (vehicle.gets("front.max_age_s"), vehicle.gets("rear.max_age_s")) == (None, 0.7)
+    assert not vehicle.sets("front.max_age_s", -1.0).successful
+    assert "read-only" in vehicle.sets("front.position.topic", "elsewhere").reason
+    assert vehicle.sets("max_age_s", 1e-9).successful
+    try:
+        motorcycle.drives(0.3)
+        wait(lambda: any("max_age_s allows 1e-09 s" in s.message for s in motorcycle.statuses("front")), "all's limit")
+        assert not any("max_age_s allows" in s.message for s in motorcycle.statuses("rear"))
+    finally:
+        assert vehicle.sets("max_age_s", 1.0).successful
+
+
+def test_two_nodes_in_two_namespaces_do_not_mix(start: Start, vehicle: Vehicle, model_path: object) -> None:
+    with Vehicle(new_namespace()) as other:
+        second = NodeProcess.from_source(other.namespace, {"model": model_path, "name": "other", "record_dir": "''"})
+        try:
+            start()
+            vehicle.meets_node()
+            other.meets_node()
+            vehicle.drive(0.4)
+            wait(lambda: bool(vehicle.estimates), "an estimate")
+            assert not other.estimates
+            first, _ = other.drive(0.4)
+            wait(lambda: bool(other.estimates), "an estimate of the other")
+            assert list(other.estimates[0].name) == ["other"]
+            assert vehicle.stamps()[-1] < first <= other.stamps()[0]
+        finally:
+            second.kill()
+
+
+def test_a_message_that_only_rclpy_can_read_is_read_by_it(start: Start, vehicle: Vehicle) -> None:
+    start()
+    vehicle.meets_node()
+    big_endian = b"\x00\x00\x00\x00" + struct.pack(">d", 0.5)
+    with vehicle.driving(current=None):
+        wait(lambda: vehicle.current.publish(big_endian) or len(vehicle.estimates) > 100, "estimates")
+        vehicle.hears_value("unexpected errors", "0, the last: none")
+
+
+def test_messages_that_are_none_do_not_end_the_node(start: Start, vehicle: Vehicle) -> None:
+    start()
+    vehicle.meets_node()
+    for raw in (b"", b"\x00", b"\x00\x01\x00\x00", b"\xff" * 7, b"\x00\x01\x00\x00" + b"\xff" * 500):
+        for _ in range(20):
+            vehicle.position.publish(raw)
+            vehicle.current.publish(raw)
+    vehicle.drive(0.4)
+    wait(lambda: bool(vehicle.estimates), "an estimate")
