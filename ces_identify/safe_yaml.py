@@ -15,6 +15,8 @@ from ces_observer.errors import CesError
 
 SIZE_LIMIT = 65_536
 DEPTH_LIMIT = 20
+# What PyYAML raises at scalars that are not what their tag says: its own errors, and those of what it converts with.
+UNREADABLE = (yaml.YAMLError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError)
 
 
 def load_mapping(path: Path, kind: type[CesError], expected: str) -> dict[str, Any]:
@@ -32,8 +34,8 @@ def compose(path: Path, kind: type[CesError], expected: str) -> yaml.MappingNode
     except yaml.MarkedYAMLError as error:
         line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
         raise kind(f"{path}{line}: not valid YAML: {error.problem or error.context}") from None
-    except yaml.YAMLError as error:
-        raise kind(f"{path}: not valid YAML: {str(error).splitlines()[0]}") from None
+    except UNREADABLE as error:
+        raise kind(f"{path}: not valid YAML: {_first_line(error)}") from None
     if not isinstance(root, yaml.MappingNode):
         raise kind(f"{path}: is not a mapping; expected {expected}")
     _refuse_repeats(root, path, kind)
@@ -45,8 +47,8 @@ def plain(node: yaml.Node, path: Path, kind: type[CesError]) -> Any:
     loader = yaml.SafeLoader("")
     try:
         return loader.construct_object(node, deep=True)
-    except (yaml.YAMLError, ValueError) as error:
-        raise kind(f"{place(path, node)}: not valid YAML: {str(error).splitlines()[0]}") from None
+    except UNREADABLE as error:
+        raise kind(f"{place(path, node)}: not valid YAML: {_first_line(error)}") from None
     finally:
         loader.dispose()
 
@@ -54,6 +56,10 @@ def plain(node: yaml.Node, path: Path, kind: type[CesError]) -> Any:
 def place(path: Path, where: yaml.Node | yaml.Event) -> str:
     """Return `file:line` of a node."""
     return f"{path}:{where.start_mark.line + 1}" if where.start_mark else str(path)
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _read(path: Path, kind: type[CesError], expected: str) -> str:
@@ -83,9 +89,12 @@ def _refuse_growth(text: str, path: Path, kind: type[CesError]) -> None:
 def _refuse_repeats(node: yaml.Node, path: Path, kind: type[CesError]) -> None:
     """Raise where a mapping has the same key twice, of which YAML would silently take the last."""
     if isinstance(node, yaml.MappingNode):
-        keys = [str(key.value) for key, _ in node.value]
-        for i, (key, _) in enumerate(node.value):
-            if keys[i] in keys[:i]:
-                raise kind(f"{place(path, key)}: '{key.value}' is given twice; keep one")
+        known: set[str] = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise kind(f"{place(path, key)}: a key is a list or a mapping; expected a name")
+            if key.value in known:
+                raise kind(f"{place(path, key)}: {key.value[:60]!r} is given twice; keep one")
+            known.add(key.value)
     for child in node.value if isinstance(node, yaml.CollectionNode) else []:
         _refuse_repeats(child[1] if isinstance(child, tuple) else child, path, kind)

@@ -78,7 +78,7 @@ def sample_force(model: Model, recording: Recording) -> F:
     *_, total, status, ahead, _ = track_samples(samples, model.sampling)
     newest = total - 1
     slope = force[newest] - force[np.maximum(newest - 1, 0)]
-    at_samples = force[newest] + slope * ahead
+    at_samples = np.clip(force[newest] + slope * ahead, *model.force_envelope_N)
     taken = (status == kernels.STATUS_OK) | (status == kernels.STATUS_RESTART)
     starts = series.segments[:, 0]
     since = newest - starts[np.searchsorted(starts, newest, side="right") - 1]

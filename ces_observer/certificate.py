@@ -22,6 +22,7 @@ from ces_observer.intervals import down, up
 from ces_observer.model import Envelope, Model, Term
 
 MOST_BOXES = 40_000
+MOST_WORK = 4_000_000  # interval products: a few seconds, whatever a file asks for
 GAIN_GAP = 0.002  # relative distance of bound and actual value at which halving stops
 DRIVE_GAP, DRIVE_BOXES = 0.05, 4_000  # the drive has many inputs and need not be tight
 CLAIM = "sum |a_j(u)| <= gain < 1 and |b(u)| <= drive_N for every input in the input envelope"
@@ -104,13 +105,13 @@ def maximum(
     """Return an upper bound on the maximum over the envelope of the sum over groups of |sum of the group's terms|.
 
     Past forces in the terms are left out. The second number is how many boxes it took. A bound of at most `enough`, or
-    an actual value above it where it is not zero, ends the search early.
+    an actual value above it where it is not zero, ends the search early; so does MOST_WORK.
     """
     sums = Sums(groups)
     root, kinks = sums.root(envelope), sums.kinks()
     heap = [(-sums.bound(root), 0, root)]
     reached = sums.value(root)
-    count = 1
+    count, most_boxes = 1, min(most_boxes, MOST_WORK // max(sums.work, 1))
     while True:
         bound, _, box = heap[0]
         settled = -bound <= enough or (enough and reached > enough)

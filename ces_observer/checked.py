@@ -22,6 +22,12 @@ class Checked:
         self.value = value
         self.where = where
 
+    def only(self, *keys: str) -> None:
+        """Raise ModelError if there is a key that is none of `keys`: a misspelt one would otherwise say nothing."""
+        unknown = next((key for key in self.value if key not in keys), None)
+        if unknown is not None:
+            raise ModelError(f"{self.where}: unknown key {_short(unknown)}; known are {', '.join(keys)}")
+
     def at(self, key: str) -> Checked:
         """Return the object under `key`."""
         return Checked(self._get(key), f"{self.where}: {key}")
@@ -148,5 +154,5 @@ def _is_finite(value: object) -> bool:
 
 
 def _short(value: object) -> str:
-    text = repr(value)
+    text = repr(value[:60] if isinstance(value, str) else value)
     return text if len(text) <= 60 else text[:57] + "..."

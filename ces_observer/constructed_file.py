@@ -11,7 +11,14 @@ from ces_observer.errors import ModelError
 
 RESERVED = (*BASE, "force", "products", "constructed")
 NAME = re.compile(r"(?!.*_(abs|p\d|lag\d))[a-z][a-z0-9_]{0,39}")
-KINDS = ("stop", "play", "lag", "frequency", "hat")
+SETTINGS = {
+    "stop": ("of", "half_width"),
+    "play": ("of", "half_width"),
+    "lag": ("of", "time_constant_s"),
+    "frequency": ("time_constant_s", "range_Hz", "floor_m"),
+    "hat": ("of", "low", "peak", "high"),
+}
+KINDS = tuple(SETTINGS)
 MOST_CONSTRUCTED = 64
 MOST_WIDTH = 1e6  # [m, m/s, A]
 LEAST_WIDTH = 1e-9  # so that no slope overflows
@@ -33,7 +40,7 @@ def require_name(name: str, where: str) -> str:
     """Return `name`; raises ModelError if a constructed input cannot be called so."""
     if name in RESERVED or not NAME.fullmatch(name):
         raise ModelError(
-            f"{where}: name '{name}'; expected up to 40 small letters, digits and _, not a signal's own name, and "
+            f"{where}: name {name[:60]!r}; expected up to 40 small letters, digits and _, not a signal's own name, and "
             "without what powers are named by (_abs, _p2, _lag1)"
         )
     return name
@@ -41,6 +48,7 @@ def require_name(name: str, where: str) -> str:
 
 def _one_from(node: Checked, known: Mapping[str, Constructed]) -> Constructed:
     name, kind = require_name(node.text("name"), node.where), node.choice("kind", KINDS)
+    node.only("name", "kind", *SETTINGS[kind])
     if kind == "frequency":
         return _frequency_from(node, name)
     if kind == "hat":

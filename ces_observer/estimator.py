@@ -23,12 +23,13 @@ class Estimator:
     values used; `clamped` tells whether the inputs lay outside what the model was identified on.
     """
 
-    __slots__ = ("_newest", "_predictor", "_previous", "_tracker", "_wait", "_warm_up", "model", "reason")
+    __slots__ = ("_limits", "_newest", "_predictor", "_previous", "_tracker", "_wait", "_warm_up", "model", "reason")
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self._tracker = Tracker(model.sampling)
         self._predictor = predictor(model)
+        self._limits = model.force_envelope_N
         self._warm_up = round(model.sampling.warm_up_s * model.sampling.rate_Hz)
         self.reset()
 
@@ -56,7 +57,10 @@ class Estimator:
         return self._predictor.clamped
 
     def step(self, stamp_ns: int, position_m: float, current_A: float) -> float | None:
-        """Return the force [N] at `stamp_ns`, or None with `reason` set. Bad samples count as missing."""
+        """Return the force [N] at `stamp_ns`, within the model's force envelope, or None with `reason` set.
+
+        Bad samples count as missing.
+        """
         if not isfinite(current_A):
             self.reason = NOT_FINITE
             return None
@@ -82,7 +86,9 @@ class Estimator:
             self.reason = WARMING_UP
             return None
         self.reason = OK
-        return self._newest + (self._newest - self._previous) * self._tracker.ahead
+        force = self._newest + (self._newest - self._previous) * self._tracker.ahead
+        low, high = self._limits
+        return low if force < low else high if force > high else force
 
     def _give_up(self) -> None:
         self._predictor.reset()

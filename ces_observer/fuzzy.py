@@ -107,6 +107,7 @@ class Fuzzy:
 
 def fuzzy_from(node: Checked, bounds: Mapping[str, Range]) -> Fuzzy:
     """Check the rules of a model file over its input envelope `bounds` (by signal); raises ModelError."""
+    node.only("regressors", "scale_N", "premises", "rules")
     regressors = regressors_from(node)
     premises = tuple(_premise(item) for item in node.items("premises", 1, MOST_PREMISES))
     rules = tuple(_rule(item, premises, len(regressors)) for item in node.items("rules", 1, MOST_RULES))
@@ -123,16 +124,19 @@ def least_firing(fuzzy: Fuzzy, bounds: Mapping[str, Range]) -> float:
 
 
 def _premise(node: Checked) -> Premise:
+    node.only("signal", "lag", "memberships")
     bells = tuple(_bell(item) for item in node.items("memberships", 1, MOST_MEMBERSHIPS))
     return Premise(node.choice("signal", INPUTS), node.whole("lag", 0, MOST_LAG), bells)
 
 
 def _bell(node: Checked) -> Bell:
+    node.only("centre", "width", "slope")
     width = node.number("width", LEAST_WIDTH, MOST_NUMBER)
     return Bell(number_from(node, "centre"), width, node.number("slope", 0.1, STEEPEST))
 
 
 def _rule(node: Checked, premises: Sequence[Premise], regressors: int) -> Rule:
+    node.only("memberships", "constant", "linear")
     chosen = node.numbers("memberships", len(premises), MOST_MEMBERSHIPS)
     for index, premise in zip(chosen, premises, strict=True):
         if index not in range(len(premise.memberships)):

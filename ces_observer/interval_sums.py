@@ -18,6 +18,7 @@ from ces_observer.model import Envelope, Factor, Term
 Box = tuple[Interval, ...]  # a range of each variable
 Row = tuple[float, tuple[int, ...]]  # coefficient and factors of a term
 Slope = tuple[int, float, int, tuple[int, ...]]  # variable, coefficient, factor differentiated by it, the others
+LEAST_SIZE = 1e-100  # a slope nearer to zero than that may overflow: as good as none
 LEAST_SHARE = 1.0 - 1e-12  # of a value computed without outward rounding that is surely reached
 
 
@@ -27,12 +28,20 @@ class Sums:
     def __init__(self, groups: Sequence[Sequence[Term]]) -> None:
         self.factors = list(dict.fromkeys(f for group in groups for term in group for f in term.inputs))
         self.variables = sorted({f.variable for f in self.factors})
-        self._places = [self.variables.index(f.variable) for f in self.factors]
+        place = {variable: i for i, variable in enumerate(self.variables)}
+        at = {f: i for i, f in enumerate(self.factors)}
+        self._places = [place[f.variable] for f in self.factors]
         self._groups: list[list[Row]] = [
-            [(term.coefficient, tuple(self.factors.index(f) for f in term.inputs)) for term in group]
-            for group in groups
+            [(term.coefficient, tuple(at[f] for f in term.inputs)) for term in group] for group in groups
         ]
         self._slopes = [self._slopes_of(rows) for rows in self._groups]
+
+    @property
+    def work(self) -> int:
+        """Return how many interval products, about, a box takes."""
+        terms = sum(len(factors) + 1 for rows in self._groups for _, factors in rows)
+        slopes = sum(len(others) + 3 for group in self._slopes for *_, others in group)
+        return 2 * terms + slopes + 3 * len(self.factors)
 
     def root(self, envelope: Envelope) -> Box:
         """Return the whole box: the range of each variable."""
@@ -106,10 +115,10 @@ def power_interval(factor: Factor, at: Interval) -> Interval:
 
 
 def slope_interval(factor: Factor, at: Interval) -> Interval | None:
-    """Return an interval that holds the derivative of the factor over `at`, None if `at` holds zero (but for a hat)."""
+    """Return an interval that holds the derivative of the factor over `at`, None if `at` nears zero (but for a hat)."""
     if isinstance(factor.definition, Hat):
         return factor.definition.slope_interval(at)
-    if at[0] <= 0.0 <= at[1]:
+    if at[0] <= LEAST_SIZE and at[1] >= -LEAST_SIZE:
         return None
     ends = [factor.power * abs(s) ** (factor.power - 1.0) for s in at]
     low, high = down(down(down(min(ends)))), up(up(up(max(ends))))

@@ -38,6 +38,7 @@ class Regressor:
 
 def regressor_from(node: Checked) -> Regressor:
     """Check one regressor of a model file; raises ModelError."""
+    node.only("signal", "lag", "mean", "spread")
     signal = node.choice("signal", SIGNALS)
     return Regressor(
         signal,

@@ -1,7 +1,7 @@
 """The model file: `model.json` in, a checked `Model` out, and back.
 
 The file is plain JSON, holds numbers and names only, is limited in size and never executed. Everything is checked
-here, once, so that the estimator need not.
+here, once, so that the estimator need not: keys, types, ranges, what a term can reach and what a tick costs in memory.
 """
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +19,25 @@ from ces_observer.constructed import Constructed, Hat
 from ces_observer.constructed_file import MOST_CONSTRUCTED, constructed_from
 from ces_observer.errors import ModelError
 from ces_observer.fuzzy import Fuzzy, fuzzy_from
+from ces_observer.json_text import parse_json, read_bounded
 from ces_observer.network import Network, network_from
 
 SCHEMA = "ces-model/1"
 STRUCTURES = ("polynomial_narx", "sigmoid_narx", "anfis")
 SIGNALS = ("force", "speed", "current", "position")
+UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
+KEYS = ("schema", "structure", "units", "sampling", "input_envelope", "force_envelope_N", "certificate", "provenance")
+BODIES = {"polynomial_narx": ("terms", "constructed"), "sigmoid_narx": ("network",), "anfis": ("fuzzy",)}
 MAX_BYTES = 1_000_000
 MAX_TERMS = 500
+MAX_FACTORS = 8
 MAX_LAG = 1000
 MAX_POWER = 8.0
 MOST_INPUT = 1e6  # [m, m/s, A] and [N]: beyond any damper, and far from where powers overflow
 MOST_FORCE_N = 1e9
 MOST_COEFFICIENT = 1e30
+MOST_REACH = 1e100  # of a term and of its factors' product: sums, slopes and bounds of them stay far from overflow
+MOST_GAP_TICKS = 20_000  # what one position sample after the longest bridged gap may cost
 
 Range = tuple[float, float]
 
@@ -138,7 +146,7 @@ class Model:
         body = {
             "schema": SCHEMA,
             "structure": self.structure,
-            "units": {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"},
+            "units": UNITS,
             "sampling": asdict(self.sampling),
             **self._body(),
             "input_envelope": asdict(self.envelope),
@@ -178,34 +186,36 @@ def constructed_in(terms: Sequence[Term]) -> tuple[Constructed, ...]:
 def load_model(path: Path) -> Model:
     """Read and check a model file; raises ModelError naming the file and the key that is wrong."""
     try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ModelError(f"{path}: {size} bytes; a model file has at most {MAX_BYTES}")
-        text = path.read_text(encoding="utf-8")
+        text = read_bounded(path, MAX_BYTES)
     except FileNotFoundError:
         raise ModelError(f"{path}: no such model file; `ces identify BAG --out {path.name}` writes one") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelError(f"{path}: cannot be read as a model file: {error}") from None
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read as a model file: {error.strerror}") from None
     return parse_model(text, str(path))
 
 
 def parse_model(text: str, source: str) -> Model:
     """Check the text of a model file; `source` names it in errors. Raises ModelError."""
-    try:
-        raw = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ModelError(f"{source}: not a JSON file: {error}") from None
-    root = Checked(raw, source)
+    if len(text) > MAX_BYTES:
+        raise ModelError(f"{source}: {len(text)} characters; a model file has at most {MAX_BYTES} bytes")
+    root = Checked(parse_json(text, source), source)
     schema = root.text("schema")
     if schema != SCHEMA:
-        raise ModelError(f"{source}: schema is '{schema}'; this version reads '{SCHEMA}': identify the model anew")
+        raise ModelError(f"{source}: schema is {schema[:40]!r}; this version reads '{SCHEMA}': identify the model anew")
     structure = root.choice("structure", STRUCTURES)
-    sampling = _sampling(root.at("sampling"))
+    if root.value.get("units", UNITS) != UNITS:
+        raise ModelError(f"{source}: units are not those of '{SCHEMA}'; expected {UNITS}")
+    model = _model(root, structure)
+    root.only(*KEYS, *BODIES[structure])
+    return model
+
+
+def _model(root: Checked, structure: str) -> Model:
     envelope = _envelope(root.at("input_envelope"))
     return Model(
         structure=structure,
-        sampling=sampling,
-        terms=_terms(root) if structure == "polynomial_narx" else (),
+        sampling=_sampling(root.at("sampling")),
+        terms=_terms(root, envelope) if structure == "polynomial_narx" else (),
         envelope=envelope,
         force_envelope_N=root.range("force_envelope_N", MOST_FORCE_N),
         certificate=root.mapping_or_none("certificate"),
@@ -216,7 +226,8 @@ def parse_model(text: str, source: str) -> Model:
 
 
 def _sampling(node: Checked) -> Sampling:
-    return Sampling(
+    node.only(*(one.name for one in fields(Sampling)))
+    sampling = Sampling(
         rate_Hz=node.number("rate_Hz", 1.0, 100e3),
         bandwidth_Hz=node.number("bandwidth_Hz", 1e-3, 50e3),
         outlier_m=node.number("outlier_m", 1e-9, 1e3),
@@ -225,29 +236,49 @@ def _sampling(node: Checked) -> Sampling:
         warm_up_s=node.number("warm_up_s", 0.0, 60.0),
         order=node.whole("order", 2, 3),
     )
+    ticks = sampling.rate_Hz * sampling.max_gap_s
+    if ticks > MOST_GAP_TICKS:
+        raise ModelError(f"{node.where}: max_gap_s spans {ticks:.0f} ticks; expected at most {MOST_GAP_TICKS}")
+    return sampling
 
 
 def _envelope(node: Checked) -> Envelope:
-    return Envelope(*(node.range(key, MOST_INPUT) for key in ("position_m", "speed_m_s", "current_A")))
+    keys = tuple(one.name for one in fields(Envelope))
+    node.only(*keys)
+    return Envelope(*(node.range(key, MOST_INPUT) for key in keys))
 
 
-def _terms(root: Checked) -> tuple[Term, ...]:
+def _terms(root: Checked, envelope: Envelope) -> tuple[Term, ...]:
     given = root.items("constructed", 1, MOST_CONSTRUCTED) if "constructed" in root.value else ()
     constructed = constructed_from(given)
-    return tuple(_term(item, constructed) for item in root.items("terms", 1, MAX_TERMS))
+    return tuple(_term(item, constructed, envelope) for item in root.items("terms", 1, MAX_TERMS))
 
 
-def _term(node: Checked, constructed: Mapping[str, Constructed]) -> Term:
-    factors = tuple(_factor(item, constructed) for item in node.items("factors", 0, 8))
+def _term(node: Checked, constructed: Mapping[str, Constructed], envelope: Envelope) -> Term:
+    node.only("coefficient", "factors")
+    factors = tuple(_factor(item, constructed) for item in node.items("factors", 0, MAX_FACTORS))
     if sum(f.signal == "force" for f in factors) > 1:
         raise ModelError(f"{node.where}: more than one past force; expected at most one, so that bounds can be proved")
-    return Term(node.number("coefficient", -MOST_COEFFICIENT, MOST_COEFFICIENT), factors)
+    term = Term(node.number("coefficient", -MOST_COEFFICIENT, MOST_COEFFICIENT), factors)
+    if not _reach(term, envelope) <= MOST_REACH:
+        raise ModelError(f"{node.where}: can grow beyond {MOST_REACH:g} in the input envelope; expected lower powers")
+    return term
+
+
+def _reach(term: Term, envelope: Envelope) -> float:
+    """Return what bounds the term's product over the envelope, and every part of that product."""
+    ranges = envelope.by_signal
+    ends = [ranges[f.signal] if f.definition is None else f.definition.range(ranges) for f in term.inputs]
+    sizes = [max(1.0, *map(abs, end)) ** f.power for f, end in zip(term.inputs, ends, strict=True)]
+    return prod([max(1.0, abs(term.coefficient)), *sizes])
 
 
 def _factor(node: Checked, constructed: Mapping[str, Constructed]) -> Factor:
     signal = node.choice("signal", (*SIGNALS, *constructed))
     if signal == "force":
+        node.only("signal", "lag")
         return Factor("force", node.whole("lag", 1, MAX_LAG))
+    node.only("signal", "lag", "power", "signed")
     lag = node.whole("lag", 0, MAX_LAG)
     power, definition = node.number("power", 0.0, MAX_POWER), constructed.get(signal)
     if isinstance(definition, Hat) and power != 1.0:

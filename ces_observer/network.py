@@ -61,6 +61,7 @@ class Network:
 
 def network_from(node: Checked) -> Network:
     """Check the network of a model file; raises ModelError."""
+    node.only("regressors", "scale_N", "constant", "linear", "units")
     regressors = regressors_from(node)
     return Network(
         regressors,
@@ -72,6 +73,7 @@ def network_from(node: Checked) -> Network:
 
 
 def _unit(node: Checked, regressors: int) -> Unit:
+    node.only("weight", "bias", "slopes")
     slopes = node.numbers("slopes", regressors, MOST_NUMBER)
     return Unit(number_from(node, "weight"), number_from(node, "bias"), slopes)
 

@@ -1,0 +1,163 @@
+"""The long run: seeded random inputs to the estimator and the readers of model and signals files; prints a table.
+
+    python bench/fuzz/fuzz.py --samples 1200000 --files 100000 --jobs 1
+
+Coverage-guided runs are in guided.py. Exit status 1 if anything broke a promise (fuzz_targets.py says which they are);
+what broke it is kept in out/fuzz.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import repeat
+from math import ceil
+from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+sys.path[:0] = [str(ROOT), str(HERE)]
+
+from fuzz_mutations import spoilt_bytes, spoilt_model  # noqa: E402
+from fuzz_samples import samples  # noqa: E402
+from fuzz_targets import FORCE, try_damper, try_estimator, try_model, try_signals  # noqa: E402
+
+from ces_observer.estimator import Estimator  # noqa: E402
+from ces_observer.model import load_model  # noqa: E402
+
+SEEDS = HERE / "seeds"
+KEPT = ROOT / "out" / "fuzz"
+BATCH_FILES, BATCH_SAMPLES = 500, 5_000
+DICTIONARY = tuple(
+    line[1:-1].encode().decode("unicode_escape").encode("latin-1")
+    for line in (HERE / "signals.dict").read_text().splitlines()
+)
+
+
+@dataclass
+class Tally:
+    """Inputs by what became of them, the slowest one, and what broke a promise."""
+
+    outcomes: Counter[str] = field(default_factory=Counter)
+    slowest_s: float = 0.0
+    broken: list[str] = field(default_factory=list)
+
+    def add(self, other: Tally) -> None:
+        self.outcomes += other.outcomes
+        self.slowest_s = max(self.slowest_s, other.slowest_s)
+        self.broken += other.broken
+
+
+def fuzz_files(spoil: Callable[[bytes, Random], bytes], target: Callable[[Path], str], name: str, seed: int) -> Tally:
+    """Spoil the seeds of `name` BATCH_FILES times and hand each file to `target`."""
+    random, tally = Random(f"{name} {seed}"), Tally()
+    raws = [path.read_bytes() for path in sorted((SEEDS / name).iterdir())]
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        for _ in range(BATCH_FILES):
+            path.write_bytes(spoil(random.choice(raws), random))
+            start = time.perf_counter()
+            try:
+                tally.outcomes[target(path)] += 1
+            except Exception:
+                tally.broken.append(_keep(name, path.read_bytes(), seed))
+            tally.slowest_s = max(tally.slowest_s, time.perf_counter() - start)
+    return tally
+
+
+def fuzz_estimator(seed: int) -> Tally:
+    """Feed BATCH_SAMPLES samples to the estimator of a model, every other time through all of the damper's parts."""
+    random, tally = Random(f"samples {seed}"), Tally()
+    models = [load_model(path) for path in sorted((SEEDS / "model").iterdir())]
+    model = models[seed % len(models)]
+    fed = list(samples(random, BATCH_SAMPLES))
+    start = time.perf_counter()
+    try:
+        if seed // len(models) % 2:
+            tally.outcomes.update(try_damper(model, fed, random.choice((0.0, 0.5))))
+        else:
+            tally.outcomes.update(try_estimator(Estimator(model), fed))
+    except Exception:
+        tally.broken.append(_keep("samples", b"", seed))
+    tally.slowest_s = (time.perf_counter() - start) / BATCH_SAMPLES
+    return tally
+
+
+def _keep(name: str, raw: bytes, seed: int) -> str:
+    KEPT.mkdir(parents=True, exist_ok=True)
+    path = KEPT / f"{name}-{seed}-{abs(hash(raw)) % 10**8}"
+    path.write_bytes(raw)
+    path.with_suffix(".txt").write_text(traceback.format_exc(), errors="backslashreplace")
+    return ascii(f"{path}: {traceback.format_exc().splitlines()[-1]}")
+
+
+TARGETS: dict[str, Callable[[int], Tally]] = {
+    "model files": partial(fuzz_files, spoilt_model, try_model, "model"),
+    "signals files": partial(fuzz_files, partial(spoilt_bytes, clauses=DICTIONARY), try_signals, "signals"),
+    "samples to the estimator": fuzz_estimator,
+}
+
+
+def _one(name: str, seed: int) -> Tally:
+    return TARGETS[name](seed)
+
+
+def run(name: str, seeds: range, jobs: int) -> Tally:
+    """Run a target's batches in `jobs` processes."""
+    total = Tally()
+    for tally in _mapped(name, seeds, jobs):
+        total.add(tally)
+        for broken in tally.broken:
+            print(f"BROKEN: {broken}", flush=True)
+    return total
+
+
+def _mapped(name: str, seeds: range, jobs: int) -> Iterator[Tally]:
+    if jobs == 1:
+        yield from map(_one, repeat(name), seeds)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        yield from pool.map(_one, repeat(name), seeds)
+
+
+def row(name: str, total: Tally, seconds: float) -> str:
+    """Return a row of the table."""
+    count = total.outcomes.total() + len(total.broken)
+    taken = sum(total.outcomes[key] for key in (FORCE, "read"))
+    return (
+        f"| {name} | {count:,} | {taken:,} | {count - taken:,} | {len(total.broken)} | {total.slowest_s * 1e3:.1f} "
+        f"| {seconds:.0f} |"
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--samples", type=int, default=1_200_000, help="to the estimator")
+    parser.add_argument("--files", type=int, default=100_000, help="to each reader")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--seed", type=int, default=0, help="first batch")
+    options = parser.parse_args()
+    broken = 0
+    print("| inputs | count | used | refused or withheld | promises broken | slowest [ms] | time [s] |")
+    print("|---|---:|---:|---:|---:|---:|---:|", flush=True)
+    for name in TARGETS:
+        wanted = options.samples / BATCH_SAMPLES if name.startswith("samples") else options.files / BATCH_FILES
+        batches = ceil(wanted)
+        start = time.perf_counter()
+        total = run(name, range(options.seed, options.seed + batches), options.jobs)
+        print(row(name, total, time.perf_counter() - start), flush=True)
+        broken += len(total.broken)
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,109 @@
+"""Spoilt files: a valid one goes in; one that may be valid still, nearly valid or nothing at all comes out."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from copy import deepcopy
+from random import Random
+from typing import Any
+
+NUMBERS = (
+    *(0, 1, -1, 2, 3, 8, 999, 1000, 1001, 2**31, 2**63, 2**63 + 1, -(2**64), 10**400),
+    *(-0.0, 0.5, -0.5, 1e-4, 1e6, -1e9, 1e9, 1e30, 1e300, -1.7e308, 5e-324, 1e-100, math.inf, -math.inf, math.nan),
+)
+TEXTS = (
+    *("", "a", "force", "speed", "current", "position", "hysteresis", "by_stop_1", "nan", "1e9"),
+    *("made0", "run", "__import__", "\n", "\0", "\ud800", "\u202e", "é", "x" * 20_000),
+)
+ATOMS: tuple[Any, ...] = (
+    *NUMBERS,
+    *TEXTS,
+    *(True, False, None, [], {}, [0], [0, 1], [1, 0], [-1e6, 1e6], [0.0, 0.0], [5e-324, 1.0], {"a": 1}),
+)
+SCALES = (-1.0, 0.0, 0.1, 0.99, 1.01, 1.1, 2.0, 10.0, 1e3, 1e6, 1e-6)
+CLAUSES = (
+    *(b"\xef\xbb\xbf", b"\xff", b"\0", b"\x80", b"NaN", b"Infinity", b"1e400"),
+    *(b"[" * 5000, b"{}", b"//", b",,", b'"'),
+)
+MOST_CHANGES = 4
+
+
+def spoilt_model(raw: bytes, random: Random) -> bytes:
+    """Return a model file's bytes, spoilt in its values, in its bytes or in both."""
+    kind = random.random()
+    if kind < 0.85:
+        raw = _spoilt_values(raw, random)
+    return spoilt_bytes(raw, random) if kind > 0.75 else raw
+
+
+def spoilt_bytes(raw: bytes, random: Random, clauses: tuple[bytes, ...] = CLAUSES) -> bytes:
+    """Return bytes with some flipped, cut, doubled, moved, or with one of `clauses` put in."""
+    for _ in range(random.randint(1, MOST_CHANGES)):
+        a, b = sorted(random.randrange(len(raw) + 1) for _ in range(2))
+        raw = random.choice(
+            (
+                raw[:a] + random.choice(clauses) + raw[a:],
+                raw[:a] + bytes([random.randrange(256)]) + raw[a + 1 :],
+                raw[:a] + raw[a : min(b, a + 40)] + raw[a:],
+                raw[:a] + raw[min(b, a + 20) :],
+                raw[:b],
+            )
+        )
+    return raw
+
+
+def _spoilt_values(raw: bytes, random: Random) -> bytes:
+    try:
+        tree = json.loads(raw)
+    except (ValueError, RecursionError):
+        return raw
+    for _ in range(random.choice((1, 1, 1, 2, MOST_CHANGES))):
+        tree = _changed(tree, random)
+    text = json.dumps(tree)
+    if random.random() < 0.05:  # a key twice
+        text = text.replace("{", '{"lag": 1, "lag": 2, ', random.randint(1, 3))
+    return text.encode()
+
+
+def _changed(tree: Any, random: Random) -> Any:
+    """Change one value somewhere in a tree."""
+    if isinstance(tree, dict | list) and tree and random.random() < 0.9:
+        at = random.choice(list(tree) if isinstance(tree, dict) else range(len(tree)))
+        if random.random() < 0.05:
+            return random.choice(CHANGES)(tree, at, random)
+        tree[at] = _changed(tree[at], random)
+        return tree
+    if isinstance(tree, float | int) and not isinstance(tree, bool) and random.random() < 0.8:
+        return _other_number(tree, random)
+    return deepcopy(random.choice(ATOMS))
+
+
+def _other_number(number: float, random: Random) -> float:
+    if isinstance(number, int):
+        return number + random.choice((-1, 1, 2, 10, 1000))
+    return number * random.choice((-1.0, 0.0, 0.1, 0.99, 1.01, 1.1, 2.0, 10.0, 1e3, 1e6, 1e-6)) + random.choice(
+        (0.0, 0.0, 1e-3)
+    )
+
+
+def _without(tree: Any, at: Any, random: Random) -> Any:
+    del tree[at]
+    return tree
+
+
+def _again(tree: Any, at: Any, random: Random) -> Any:
+    """Put the value there once more: many times into a list, beneath another key into an object."""
+    if isinstance(tree, list):
+        return tree + [deepcopy(tree[at])] * random.choice((1, 2, 60, 600))
+    return {**tree, random.choice(("power", "units", "terms", "x", at + "x")): tree[at]}
+
+
+def _deeper(tree: Any, at: Any, random: Random) -> Any:
+    for _ in range(random.choice((1, 3, 40, 200))):
+        tree = [tree] if random.random() < 0.5 else {"": tree}
+    return tree
+
+
+CHANGES: tuple[Callable[[Any, Any, Random], Any], ...] = (_without, _without, _again, _again, _deeper)

@@ -1,0 +1,116 @@
+"""The security policy beside the nodes themselves: it grants what they have, and nothing that none of them ever has."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from fnmatch import fnmatchcase
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+import rclpy
+from node_process import ROOT, NodeProcess
+from rclpy.node import Node, NodeNameNonExistentError
+from vehicle import wait
+
+FOLDER = ROOT / "config" / "security"
+START_S = 20.0  # the rig's kernels may have to be compiled first
+FRONT = {"dampers": "[front]", "front.position.field": "position[front]"}
+SIMULATED = {"use_sim_time": True}
+# Each node with what makes it have all of its topics; one may need several processes, each in a namespace of its own.
+NODES = {
+    "observer": [
+        ("ces_observer.observer", {**SIMULATED, "model_topic": "identify/model"}),
+        ("ces_observer.observer", FRONT),
+    ],
+    "controller": [("ces_observer.controller", {**SIMULATED, "feedback": "measured"})],
+    "rig": [("ces_rig.live.node", {**SIMULATED, "drive": "vehicle", "publish_clock": True})],
+    "identify": [("ces_cli.identify_node", {**SIMULATED, "bags": f"[{ROOT / 'bags' / 'noise'}]", "seconds": 60.0})],
+}
+
+
+@pytest.fixture(scope="module")
+def looker() -> Iterator[Node]:
+    context = rclpy.Context()
+    context.init()
+    node = rclpy.create_node("looker", context=context)
+    yield node
+    node.destroy_node()
+    context.shutdown()
+
+
+def words(namespace: str, parameters: dict[str, object]) -> list[str]:
+    given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+    return ["--ros-args", "-r", f"__ns:={namespace}", *given]
+
+
+def had(looker: Node, name: str, namespace: str) -> set[str]:
+    """Return what a node publishes, hears, answers and asks for, as it were in the root namespace."""
+    looks: dict[str, Callable[[str, str], list[tuple[str, list[str]]]]] = {
+        "publish": looker.get_publisher_names_and_types_by_node,
+        "subscribe": looker.get_subscriber_names_and_types_by_node,
+        "reply": looker.get_service_names_and_types_by_node,
+        "request": looker.get_client_names_and_types_by_node,
+    }
+    try:
+        topics = [(verb, topic) for verb, get in looks.items() for topic, _ in get(name, namespace)]
+    except NodeNameNonExistentError:  # not yet
+        return set()
+    return {f"{verb} {topic.removeprefix(namespace)}" for verb, topic in topics}
+
+
+def granted() -> dict[str, set[str]]:
+    """Return what the policy grants each node, resolved in the root namespace."""
+    common = ElementTree.parse(FOLDER / "node.xml").getroot()
+    policy = ElementTree.parse(FOLDER / "policy.xml").getroot()
+    return {
+        str(profile.get("node")): {
+            f"{verb} {resolved(str(one.text), str(profile.get('node')))}"
+            for block in (*common, *profile)
+            for verb, rule in block.attrib.items()
+            if rule == "ALLOW" and verb != "href"
+            for one in block
+        }
+        for profile in policy.iter("profile")
+    }
+
+
+def resolved(topic: str, node: str) -> str:
+    return topic.replace("~", f"/{node}") if topic.startswith("~") else f"/{topic.lstrip('/')}"
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_a_node_is_granted_what_it_has_and_nothing_else(
+    name: str, looker: Node, model_path: Path, tmp_path: Path
+) -> None:
+    grants = granted()[name]
+    spaces = {f"/{name}_policy{i}": process for i, process in enumerate(NODES[name])}
+    started = [
+        NodeProcess([sys.executable, "-m", module, *words(space, given(module, parameters, model_path, tmp_path))])
+        for space, (module, parameters) in spaces.items()
+    ]
+
+    def has() -> set[str]:
+        return set().union(*(had(looker, name, space) for space in spaces))
+
+    def unused() -> set[str]:
+        present = has()
+        return {grant for grant in grants if not any(fnmatchcase(one, grant) for one in present)}
+
+    try:
+        wait(lambda: not unused() or not all(node.is_running() for node in started), "what is granted", START_S)
+        assert not unused(), [node.ended() for node in started if not node.is_running()]
+        assert not {one for one in has() if not any(fnmatchcase(one, grant) for grant in grants)}
+    finally:
+        for node in started:
+            node.kill()
+
+
+def given(module: str, parameters: dict[str, object], model: Path, folder: Path) -> dict[str, object]:
+    if module == "ces_cli.identify_node":
+        return {**parameters, "out": folder / "model.json"}
+    return {**parameters, "model": model} if module.startswith("ces_observer") else parameters
