@@ -43,6 +43,7 @@ class DamperTopics:
         self.health = Health(self.damper, {}, name=settings.name)
         self._node, self._clock = node, clock
         self._on_change, self._on_first_force = on_change, on_first_force
+        self.health.stillness.warn_s = settings.values["still_warn_s"]
         self._held = HeldBack(0.0)
         self._wait_for_current(settings.values["wait_for_current_s"])
         self._told = self.damper.reason
@@ -64,6 +65,7 @@ class DamperTopics:
         value = partial(live_value, self._node, self.settings)
         self.damper.allow_age(value("max_age_s"))
         self._wait_for_current(value("wait_for_current_s"))
+        self.health.stillness.warn_s = value("still_warn_s")
         if self.health.cost is not None:
             self.health.cost.warn_J = value("cost_warn_J") or usual_warn_J(self.damper.model.provenance)
 
@@ -127,6 +129,7 @@ class DamperTopics:
 
     def _on_position(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
         self.health.position.take(stamp_ns, now_ns)
+        self.health.stillness.take(stamp_ns, position_m)
         if self._held.waits:
             self._held.put(stamp_ns, position_m, frame, now_ns)
             self._let_go(now_ns)

@@ -6,6 +6,7 @@ What the node calls, for each damper (times in ns of the node's own clock):
     health.position.take(stamp_ns, now_ns)    # with each position message; Arrivals(stamped=False) may replace it
     health.current.take(stamp_ns, now_ns)     # with each current message
     health.force.take(stamp_ns, now_ns)       # with each measured force
+    health.stillness.take(stamp_ns, position_m)  # with each position
     health.latency.take(ns)                   # from the position's stamp to just after publishing its estimate
     health.cost.estimate(stamp_ns, force_N)   # with each published estimate, if health.cost is not None
     health.cost.measured(stamp_ns, force_N)   # with each measured force, finite or not, if health.cost is not None
@@ -37,8 +38,10 @@ from ces_observer.status_values import (
     episode_values,
     latency_values,
     load_values,
+    rest_values,
     stream_values,
 )
+from ces_observer.stillness import Stillness
 from ces_observer.streams import Arrivals
 from ces_observer.tracker import OK
 
@@ -46,6 +49,7 @@ LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2  # as in diagnostic_msgs/msg/Diagnos
 ERRORS = frozenset({SILENT, POSITION_NOT_FINITE, NO_CURRENT, OFF_CLOCK, UNBOUNDED})
 CLAMPED_WARN = 0.01  # share of forces with inputs outside the identified envelope from which it is worth a warning
 DROPPED_WARN = 0.01  # share of positions lost on the way
+STILL_WARN_S = 1.0  # time for which a position may stay the very same
 
 
 @dataclass(frozen=True)
@@ -70,13 +74,14 @@ class Health:
         name: str = "damper",
     ) -> None:
         self.position, self.current, self.force = Arrivals(), Arrivals(), Arrivals()
+        self.stillness = Stillness(STILL_WARN_S)
         self.latency = Latencies()
         self.episodes = Episodes()
         self.box = box
         self._name = name
         self._latency = LatencyFigures(0, 0, 0, 0)
         self._load = Load()
-        self._told = 0  # ended episodes that a status has told
+        self._told = self._rests_told = 0  # ended episodes and rests that a status has told
         self.use(damper, facts, cost)
 
     def use(self, damper: DamperObserver, facts: Mapping[str, str], cost: RunningCost | None) -> None:
@@ -127,7 +132,7 @@ class Health:
         """Return the status now; `detail` adds to the reason. An ended episode is told of in one status' message."""
         reason = self._damper.reason
         remarks = list(self._remarks())
-        self._told = self.episodes.total
+        self._told, self._rests_told = self.episodes.total, self.stillness.count
         if reason != OK:
             level = LEVEL_ERROR if reason in ERRORS else LEVEL_WARN
             words = [f"withholding: {reason}" + (f": {detail}" if detail else "")]
@@ -145,6 +150,10 @@ class Health:
             yield f"{self._withheld:.1%} withheld in the last second"
         if ok and self._clamped >= CLAMPED_WARN:
             yield f"{self._clamped:.1%} of the forces from inputs outside what the model was identified on"
+        if self.stillness.resting:
+            yield f"the position has not changed for {self.stillness.last_s:.1f} s: at rest, or its sensor is stuck"
+        elif self.stillness.count > self._rests_told:
+            yield f"the position has not changed for {self.stillness.last_s:.1f} s and does now"
         figures = self.position.figures
         if figures.dropped and figures.dropped >= DROPPED_WARN * (figures.samples + figures.dropped):
             yield f"{figures.dropped / (figures.samples + figures.dropped):.1%} of the positions lost on the way"
@@ -173,6 +182,7 @@ class Health:
         for reason, count in sorted(tally.withheld.items()):
             yield f"withheld: {reason}", str(count)
         yield from episode_values(self.episodes)
+        yield from rest_values(self.stillness)
         yield from latency_values(self._latency)
         yield from load_values(self._load)
         for name, stream in (("position", self.position), ("current", self.current), ("measured force", self.force)):

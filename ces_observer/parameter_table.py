@@ -100,6 +100,15 @@ OF_A_DAMPER = (
         lowest=0.0,
         highest=10.0,
     ),
+    Spec(
+        "still_warn_s",
+        1.0,
+        "time after which a position that has not changed at all is worth a warning: a vehicle at rest, or a stuck "
+        "sensor [s]; 0: never",
+        live=True,
+        lowest=0.0,
+        highest=LONGEST_S,
+    ),
     Spec("compare_force", True, "compare the estimate with the measured force on force.topic, while there is one"),
     Spec(
         "cost_warn_J",

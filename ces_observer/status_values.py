@@ -9,6 +9,7 @@ from ces_observer.black_box import BlackBox
 from ces_observer.episodes import Episodes
 from ces_observer.latencies import LatencyFigures
 from ces_observer.running_cost import RunningCost
+from ces_observer.stillness import Stillness
 from ces_observer.streams import StreamFigures
 
 Values = Iterator[tuple[str, str]]
@@ -28,6 +29,13 @@ def episode_values(episodes: Episodes) -> Values:
         yield f"episodes: {reason}", f"{count}, {length_s:.3f} s in all"
     for number, episode in enumerate(reversed(episodes.last), start=1):
         yield f"last episode {number}", str(episode)
+
+
+def rest_values(stillness: Stillness) -> Values:
+    """Tell how often, and how long last, the position has not changed."""
+    yield "position has not changed, times", str(stillness.count)
+    if stillness.count:
+        yield "position has not changed, last for [s]", f"{stillness.last_s:.3f}"
 
 
 def latency_values(latency: LatencyFigures) -> Values:
