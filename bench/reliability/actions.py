@@ -1,0 +1,163 @@
+"""What is done to the processes, and asked of the node, while the source goes on: an action's name to its doing."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from random import Random
+
+from judge import Episode
+from processes import Observer, Source
+from witness import Witness
+
+from ces_observer.model import Model
+
+MAX_AGE_S = 0.5
+ADOPTED_WITHIN_S = 20.0  # a model is proved anew by a process that has to be started first
+
+
+@dataclass
+class Stage:
+    """Everybody who takes part, the model, and the file that the observer's parameter names."""
+
+    observer: Observer
+    source: Source
+    witness: Witness
+    model: Model
+    model_path: Path
+    version: int = 0
+
+    def new_model(self) -> tuple[str, str]:
+        """Return text and digest of the same model with another provenance, so that all can see which one runs."""
+        self.version += 1
+        model = replace(self.model, provenance={**self.model.provenance, "version": str(self.version)})
+        return model.to_json(), model.digest()
+
+    def file(self, name: str, text: str) -> str:
+        """Write a model file beside the first one, and return its path."""
+        path = self.model_path.with_name(name)
+        path.write_text(text, encoding="utf-8")
+        return str(path)
+
+
+Action = Callable[[Stage, Episode, float], None]
+
+
+def stop_source(stage: Stage, episode: Episode, seconds: float) -> None:
+    stage.source.process.send_signal(signal.SIGSTOP)
+    time.sleep(seconds)
+    stage.source.process.send_signal(signal.SIGCONT)
+    caught_up = stage.source.tells("caught up")
+    episode.good_at, episode.good_ns = caught_up["at_ns"], caught_up["good_ns"]
+
+
+def stop_observer(stage: Stage, episode: Episode, seconds: float) -> None:
+    stage.observer.process.send_signal(signal.SIGSTOP)
+    time.sleep(seconds)
+    good_now(stage, episode)
+    stage.observer.process.send_signal(signal.SIGCONT)
+
+
+def kill_source(stage: Stage, episode: Episode, seconds: float) -> None:
+    stage.source.kill()
+    time.sleep(seconds)
+    running = stage.source.restart()
+    episode.good_at, episode.good_ns = running["at_ns"], running["good_ns"]
+
+
+def other_model(stage: Stage, episode: Episode, seconds: float) -> None:
+    text, digest = stage.new_model()
+    path = stage.file(f"model{stage.version}.json", text)
+    expect(episode, stage.witness.set("model", path), True)
+    stage.model_path = Path(path)
+    adopted(stage, episode, digest)
+
+
+def bad_model(stage: Stage, episode: Episode, seconds: float) -> None:
+    text = stage.model.to_json().replace('"schema"', '"shema"')
+    expect(episode, stage.witness.set("model", stage.file("bad.json", text)), False)
+    good_now(stage, episode)
+
+
+def read_again(stage: Stage, episode: Episode, seconds: float) -> None:
+    text, digest = stage.new_model()
+    stage.file(stage.model_path.name, text)
+    expect(episode, stage.witness.reload(), True)
+    adopted(stage, episode, digest)
+
+
+def bad_read_again(stage: Stage, episode: Episode, seconds: float) -> None:
+    good = stage.model_path.read_text(encoding="utf-8")
+    stage.file(stage.model_path.name, unstable(stage.model).to_json())
+    expect(episode, stage.witness.reload(), False)
+    stage.file(stage.model_path.name, good)
+    good_now(stage, episode)
+
+
+def model_on_topic(stage: Stage, episode: Episode, seconds: float) -> None:
+    text, digest = stage.new_model()
+    stage.witness.publish_model(text)
+    adopted(stage, episode, digest)
+
+
+def bad_model_on_topic(stage: Stage, episode: Episode, seconds: float) -> None:
+    stage.witness.publish_model(unstable(stage.model).to_json())
+    time.sleep(3.0)
+    good_now(stage, episode)
+
+
+def age(stage: Stage, episode: Episode, seconds: float) -> None:
+    for value in (Random(episode.began_at).uniform(0.3, 3600.0), 0.0, MAX_AGE_S):
+        expect(episode, stage.witness.set("max_age_s", value), True)
+    good_now(stage, episode)
+
+
+def bad_age(stage: Stage, episode: Episode, seconds: float) -> None:
+    for value in (-1.0, float("inf"), float("nan"), "often"):
+        expect(episode, stage.witness.set("max_age_s", value), False)
+    good_now(stage, episode)
+
+
+def unstable(model: Model) -> Model:
+    """Return the model with all its coefficients a hundredfold: well formed, and no proof of it can succeed."""
+    terms = tuple(replace(term, coefficient=100.0 * term.coefficient) for term in model.terms)
+    return replace(model, terms=terms)
+
+
+def expect(episode: Episode, answer: tuple[bool, str], accepted: bool) -> None:
+    """Note it if the node's answer is not what it has to be: accepted, or refused with a reason."""
+    if answer[0] != accepted or not (accepted or answer[1]):
+        episode.wrong.append(f"the node answered {'yes' if answer[0] else 'no'} ({answer[1] or 'no reason'})")
+
+
+def adopted(stage: Stage, episode: Episode, digest: str) -> None:
+    """Wait until the diagnostics name the model by its digest."""
+    end = time.monotonic() + ADOPTED_WITHIN_S
+    while not any(digest in value for value in stage.witness.diagnoses[-1].values.values()):
+        if time.monotonic() > end:
+            episode.wrong.append(f"the new model is not in the diagnostics after {ADOPTED_WITHIN_S:g} s")
+            break
+        time.sleep(0.01)
+    good_now(stage, episode)
+
+
+def good_now(stage: Stage, episode: Episode) -> None:
+    episode.good_at, episode.good_ns = time.time_ns(), stage.source.stamp_now()
+
+
+ACTIONS: dict[str, Action] = {
+    "stop source": stop_source,
+    "stop observer": stop_observer,
+    "kill source": kill_source,
+    "other model": other_model,
+    "bad model": bad_model,
+    "reload": read_again,
+    "bad reload": bad_read_again,
+    "model on topic": model_on_topic,
+    "bad model on topic": bad_model_on_topic,
+    "age": age,
+    "bad age": bad_age,
+}

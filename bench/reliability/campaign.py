@@ -1,0 +1,117 @@
+"""A campaign: observer, source and witness side by side, one fault after the other at random times, judged."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+
+from actions import ACTIONS, MAX_AGE_S, Stage
+from faults import REAL, Fault
+from judge import TOLD_WITHIN_NS, Episode, Outcome, Rules, judge
+from processes import Observer, Source
+from ride import Truth
+from witness import MODEL_TOPIC, Witness
+
+from ces_observer.model import Model
+
+WELL_WITHIN_S = 10.0
+SIMULATED_START_NS = 1_000_000_000_000
+
+
+class ObserverEndedError(Exception):
+    """The observer has ended in the middle of a campaign."""
+
+
+@contextmanager
+def staged(model: Model, folder: Path, times: str, namespace: str = "/faults") -> Iterator[Stage]:
+    """Start everybody; `folder` takes model files and log. The observer must be ended by `Observer.end`."""
+    path = folder / "model.json"
+    model.save(path)
+    simulated = times != REAL
+    parameters = {
+        "model": path,
+        "model_topic": MODEL_TOPIC,
+        "max_age_s": MAX_AGE_S,
+        "use_sim_time": str(simulated).lower(),
+    }
+    with Witness(namespace) as witness:
+        observer = Observer(namespace, parameters, folder / "observer.log")
+        try:
+            source = Source(namespace, SIMULATED_START_NS if simulated else None)
+            try:
+                yield Stage(observer, source, witness, model, path)
+            finally:
+                source.kill()
+        finally:
+            if observer.is_running():
+                observer.process.kill()
+                observer.process.wait()
+
+
+def rules_for(model: Model, times: str) -> Rules:
+    truth = Truth(model)
+    return Rules(
+        model.force_envelope_N,
+        truth.force,
+        truth.most,
+        model.sampling.warm_up_s,
+        MAX_AGE_S if times == REAL else 0.0,
+    )
+
+
+def play(stage: Stage, faults: Iterable[Fault], rules: Rules, dice: Random) -> Iterator[Outcome]:
+    """Inject the faults one by one; yields the outcome of each. Raises ObserverEndedError."""
+    for fault in faults:
+        well = becomes_well(stage)
+        time.sleep(dice.uniform(0.1, 0.8))
+        episode = injected(stage, fault, dice)
+        if not well:
+            episode.wrong.append(f"the observer was not well {WELL_WITHIN_S:g} s after the fault before")
+        time.sleep(max(0.0, (episode.good_at + TOLD_WITHIN_NS - time.time_ns()) * 1e-9 + 0.05))
+        if not stage.observer.is_running():
+            raise ObserverEndedError(f"{fault.name}: the observer ended with {stage.observer.process.returncode}")
+        yield judge(episode, stage.witness.estimates, stage.witness.diagnoses, rules)
+
+
+def injected(stage: Stage, fault: Fault, dice: Random) -> Episode:
+    """Do what the fault is, and return when and what was done."""
+    seconds, seed = dice.uniform(*fault.seconds), dice.randrange(1 << 31)
+    episode = Episode(fault, began_at=time.time_ns())
+    if fault.action:
+        ACTIONS[fault.action](stage, episode, seconds)
+        return episode
+    stage.source.do(id=0, spoiler=fault.spoiler, seconds=seconds, seed=seed)
+    ended = stage.source.tells("ended")
+    episode.good_at, episode.good_ns = ended["at_ns"], ended["good_ns"]
+    episode.first_ns, episode.last_ns = ended["first_ns"], ended["last_ns"]
+    return episode
+
+
+def becomes_well(stage: Stage) -> bool:
+    """Wait until estimates come and the diagnostics agree; returns False if that takes too long."""
+    now_ns, end = time.time_ns(), time.monotonic() + WELL_WITHIN_S
+    while not stage.witness.is_well(now_ns):
+        if time.monotonic() > end or not stage.observer.is_running():
+            return False
+        time.sleep(0.01)
+    return True
+
+
+def rounds(faults: Iterable[Fault], dice: Random, until: float) -> Iterator[Fault]:
+    """Yield all faults in random order, over and over until `time.monotonic()` passes `until`.
+
+    The first round begins with those that take new memory when they happen first, so that it shows afterwards whether
+    they take more each time.
+    """
+    chosen = list(faults)
+    dice.shuffle(chosen)
+    chosen.sort(key=lambda fault: not (fault.action or fault.doubles))
+    while True:
+        for fault in chosen:
+            if time.monotonic() >= until:
+                return
+            yield fault
+        dice.shuffle(chosen)

@@ -1,0 +1,141 @@
+"""The source of the ride, a process of its own: position and current at 1 kHz, spoiled when it is told to.
+
+Reads commands from standard input, one JSON object a line: {"id": 1, "spoiler": "nan", "seconds": 0.5, "seed": 7}.
+Writes to standard output, as JSON lines, that it runs, and of each episode when it began and ended: `first_ns` and
+`last_ns` are the stamps published meanwhile, `good_ns` the stamp of the first good sample after it, times are wall.
+What is due while the process stands still is published in a burst as soon as it runs again; then it has "caught up".
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections import deque
+from random import Random
+from typing import Any
+
+import rclpy
+from ride import MS, RATE_HZ, current_A, stroke_m
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from spoilers import CURRENT, OTHER_JOINT, POSITION, SPOILERS, Sample, Tick
+from std_msgs.msg import Float64
+from wire import JOINT, JointWire, clock, float64, no_float64, no_joint_state
+
+DEPTH = 100
+CLOCK_EVERY = 5  # ticks: 200 Hz
+CURRENT_EVERY = 2
+OVERDUE_S = 0.1
+
+
+class Source:
+    """Publishers and the clock of the ride; `simulated_ns` is the simulated time it begins with, None in real time."""
+
+    def __init__(self, simulated_ns: int | None) -> None:
+        self._node = rclpy.create_node("source")
+        self._position = self._node.create_publisher(JointState, POSITION, DEPTH)
+        self._current = self._node.create_publisher(Float64, CURRENT, DEPTH)
+        self._clock = self._node.create_publisher(Clock, "/clock", DEPTH) if simulated_ns is not None else None
+        self._wires = {joint: JointWire(["steering", joint]) for joint in (JOINT, OTHER_JOINT)}
+        self._begin_ns = (time.time_ns() if simulated_ns is None else simulated_ns) // MS * MS
+        self._commands: deque[dict[str, Any]] = deque()
+        self._episode: Episode | None = None
+        self._over = threading.Event()
+        self._overdue = False
+        self._dice = Random(0)
+
+    def run(self) -> None:
+        """Publish until standard input is closed."""
+        while self._position.get_subscription_count() == 0:
+            self._send_clock(self._begin_ns)
+            time.sleep(0.005)
+        threading.Thread(target=self._listen, daemon=True).start()
+        if self._clock is None:
+            self._begin_ns = time.time_ns() // MS * MS
+        self._begin_s, k = time.monotonic(), 0
+        tell(event="running", good_ns=self._begin_ns, at_ns=time.time_ns())
+        while not self._over.is_set():
+            k += 1
+            self._wait(k)
+            self._tick(k)
+
+    def _wait(self, k: int) -> None:
+        """Wait until a tick is due; tell when a row of ticks that were long overdue is over."""
+        early_s = self._begin_s + k / RATE_HZ - time.monotonic()
+        self._overdue |= early_s < -OVERDUE_S
+        if early_s > 0.0:
+            time.sleep(early_s)
+            if self._overdue:
+                self._overdue = False
+                tell(event="caught up", good_ns=self._begin_ns + k * MS, at_ns=time.time_ns())
+
+    def _tick(self, k: int) -> None:
+        stamp = self._begin_ns + k * MS
+        if self._episode is None and self._commands:
+            self._episode = Episode(k, **self._commands.popleft())
+        tick = Tick([Sample(stamp, stroke_m(stamp))], current_A(stamp), stamp)
+        if self._episode is not None and not self._episode.spoils(k, tick):
+            self._episode.tell_end(stamp)
+            self._episode = None
+        self._send(k, tick)
+
+    def _send(self, k: int, tick: Tick) -> None:
+        if k % CLOCK_EVERY == 0 and tick.now_ns is not None:
+            self._send_clock(tick.now_ns)
+        if k % CURRENT_EVERY == 0 and tick.current_A is not None:
+            self._current.publish(float64(tick.current_A))
+        for one in tick.samples:
+            self._position.publish(self._wires[one.joint].message(one.stamp_ns, one.position_m))
+        for topic in tick.garbage_on:
+            if topic == POSITION:
+                self._position.publish(no_joint_state(self._wires[JOINT].message(0, 0.0), self._dice))
+            else:
+                self._current.publish(no_float64(self._dice))
+
+    def _send_clock(self, now_ns: int) -> None:
+        if self._clock is not None:
+            self._clock.publish(clock(now_ns))
+
+    def _listen(self) -> None:
+        for line in sys.stdin:
+            self._commands.append(json.loads(line))
+        self._over.set()
+
+
+class Episode:
+    """A spoiler at work from tick `k` on."""
+
+    def __init__(self, k: int, id: int, spoiler: str, seconds: float, seed: int) -> None:
+        self._id, self._end = id, k + round(seconds * RATE_HZ)
+        self._spoil = SPOILERS[spoiler](Random(seed))
+        self._stamps: list[int] = []
+        tell(event="began", id=id, at_ns=time.time_ns())
+
+    def spoils(self, k: int, tick: Tick) -> bool:
+        """Spoil the tick; returns False, and leaves it alone, when the episode is over."""
+        if k >= self._end:
+            return False
+        self._spoil(tick)
+        stamps = [one.stamp_ns for one in tick.samples]
+        self._stamps[:] = [min(self._stamps[:1] + stamps), max(self._stamps[1:] + stamps)] if stamps else self._stamps
+        return True
+
+    def tell_end(self, good_ns: int) -> None:
+        first, last = self._stamps or (0, 0)
+        tell(event="ended", id=self._id, at_ns=time.time_ns(), good_ns=good_ns, first_ns=first, last_ns=last)
+
+
+def tell(**facts: object) -> None:
+    print(json.dumps(facts), flush=True)
+
+
+def main() -> None:
+    rclpy.init()
+    node_time = [word.partition("=")[2] for word in sys.argv if word.startswith("--simulated-ns=")]
+    Source(int(node_time[0]) if node_time else None).run()
+
+
+if __name__ == "__main__":
+    main()

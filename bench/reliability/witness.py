@@ -1,0 +1,137 @@
+"""Who listens: every estimate and every diagnosis of the observer with the time it was received, and asks of the node.
+
+Memory stays small enough for an hour at 1 kHz: estimates are kept in arrays.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from array import array
+from contextlib import suppress
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from wire import read_estimate
+
+NODE = "observer"
+MODEL_TOPIC = "model"
+DEEP = QoSProfile(depth=5000)
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+CHECK_EVERY = 997  # estimates: the middleware's own code has to read the same
+
+
+class Estimates:
+    """All estimates in the order of their arrival; stamps and times of arrival [ns], forces [N]."""
+
+    def __init__(self) -> None:
+        self.at, self.stamps, self.forces, self.others = array("q"), array("q"), array("d"), array("d")
+        self.misread = 0
+
+    def __len__(self) -> int:
+        return len(self.others)
+
+    def take(self, message: bytes) -> None:
+        now = time.time_ns()
+        stamp, position, speed, force = read_estimate(message)
+        self.at.append(now)
+        self.stamps.append(stamp)
+        self.forces.append(force)
+        self.others.append(position + speed)  # finite if and only if both are
+        if len(self) % CHECK_EVERY == 1:
+            self.misread += not same(deserialize_message(message, JointState), stamp, position, speed, force)
+
+
+def same(message: JointState, stamp_ns: int, *numbers: float) -> bool:
+    stamp = message.header.stamp
+    read = [*message.position, *message.velocity, *message.effort]
+    return stamp.sec * 10**9 + stamp.nanosec == stamp_ns and read == list(numbers)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A status of the observer, when it was received [ns]."""
+
+    at: int
+    level: int
+    message: str
+    values: dict[str, str]
+
+
+class Witness:
+    """Subscriptions and clients in `namespace`, served by a thread of their own while this context is entered."""
+
+    def __init__(self, namespace: str) -> None:
+        self._context = rclpy.Context()
+        self._context.init()
+        self._name = f"{namespace}/{NODE}"
+        self._node = rclpy.create_node("witness", namespace=namespace, context=self._context)
+        self.estimates = Estimates()
+        self.diagnoses: list[Diagnosis] = []
+        self._node.create_subscription(JointState, f"{NODE}/estimate", self.estimates.take, DEEP, raw=True)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, DEEP)
+        self._models = self._node.create_publisher(String, MODEL_TOPIC, LATCHED)
+        self._parameters = AsyncParameterClient(self._node, self._name)
+        self._reload = self._node.create_client(Trigger, f"{NODE}/reload_model")
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._spin)
+
+    def __enter__(self) -> Witness:
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._context.shutdown()
+        self._thread.join()
+
+    def set(self, name: str, value: Any, timeout_s: float = 10.0) -> tuple[bool, str]:
+        """Set a parameter of the observer; returns whether it was accepted, and the reason if not."""
+        result = self._answer(self._parameters.set_parameters([Parameter(name, value=value)]), timeout_s).results[0]
+        return result.successful, result.reason
+
+    def reload(self, timeout_s: float = 30.0) -> tuple[bool, str]:
+        """Have the model read again; returns whether that was done, and what was said."""
+        answer = self._answer(self._reload.call_async(Trigger.Request()), timeout_s)
+        return answer.success, answer.message
+
+    def publish_model(self, text: str) -> None:
+        self._models.publish(String(data=text))
+
+    def is_well(self, since_ns: int) -> bool:
+        """Return whether an estimate came in the last 50 ms and the newest diagnosis after `since_ns` is no error."""
+        newest = self.diagnoses[-1] if self.diagnoses else None
+        heard = len(self.estimates) > 0 and time.time_ns() - self.estimates.at[-1] < 50_000_000
+        return heard and newest is not None and newest.at > since_ns and newest.message.startswith("estimating")
+
+    def _answer(self, future: Any, timeout_s: float) -> Any:
+        end = time.monotonic() + timeout_s
+        while not future.done():
+            if time.monotonic() > end:
+                raise TimeoutError(f"{self._name} has not answered within {timeout_s:g} s")
+            time.sleep(0.005)
+        return future.result()
+
+    def _diagnosed(self, message: DiagnosticArray) -> None:
+        now = time.time_ns()
+        self.diagnoses += [
+            Diagnosis(now, status.level[0], status.message, {pair.key: pair.value for pair in status.values})
+            for status in message.status
+            if status.name.startswith(self._name)
+        ]
+
+    def _spin(self) -> None:
+        with suppress(ExternalShutdownException):
+            self._executor.spin()
