@@ -56,17 +56,8 @@ class DamperObserver:
         self._estimator = Estimator(model)
         self._next: Estimator | None = None
         self._next_current = current
+        self.position = self.speed = 0.0
         self.allow_age(max_age_s)
-
-    @property
-    def position(self) -> float:
-        """Filtered position [m] that the last force was estimated from."""
-        return self._estimator.position
-
-    @property
-    def speed(self) -> float:
-        """Speed [m/s] that the last force was estimated from."""
-        return self._estimator.speed
 
     def allow_age(self, max_age_s: float) -> None:
         """Set the largest difference [s] between stamp and clock; 0 for any."""
@@ -110,6 +101,7 @@ class DamperObserver:
             if force_then is not None and isfinite(force_then):
                 self._take_over(self._next)
                 force, current = force_then, current_then
+        self.position, self.speed = self._estimator.position, self._estimator.speed
         self.reason = self._judge(force, position_m, current)
         if self.reason != OK:
             self.tally.withheld[self.reason] = self.tally.withheld.get(self.reason, 0) + 1
@@ -147,6 +139,13 @@ class DamperObserver:
         return self._clock_difference() if self.reason == OFF_CLOCK else ""
 
     def _judge(self, force: float | None, position: float, current: float) -> str:
+        late = self._max_age_ns and abs(self.age_ns) > self._max_age_ns
+        # One sum instead of five questions: it is finite only if each of them is.
+        if force is not None and not late and isfinite(force + position + current + self.position + self.speed):
+            return OK
+        return self._why(force, position, current)
+
+    def _why(self, force: float | None, position: float, current: float) -> str:
         if not isfinite(position):
             return POSITION_NOT_FINITE
         if self._max_age_ns and abs(self.age_ns) > self._max_age_ns:

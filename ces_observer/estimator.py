@@ -20,10 +20,22 @@ class Estimator:
     """Damping force of one damper, sample by sample.
 
     After `step`: `reason` is "ok" or why the force was withheld; `position` [m] and `speed` [m/s] are the filtered
-    values used; `clamped` tells whether the inputs lay outside what the model was identified on.
+    values at the last accepted sample, as the model used them; `clamped` tells whether the inputs lay outside what the model was identified on.
     """
 
-    __slots__ = ("_limits", "_newest", "_predictor", "_previous", "_tracker", "_wait", "_warm_up", "model", "reason")
+    __slots__ = (
+        "_limits",
+        "_newest",
+        "_predictor",
+        "_previous",
+        "_tracker",
+        "_wait",
+        "_warm_up",
+        "model",
+        "position",
+        "reason",
+        "speed",
+    )
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -39,17 +51,8 @@ class Estimator:
         self._predictor.reset()
         self._wait = self._warm_up
         self._newest = self._previous = 0.0
+        self.position = self.speed = 0.0
         self.reason = WARMING_UP
-
-    @property
-    def position(self) -> float:
-        """Filtered position [m] at the last accepted sample."""
-        return self._tracker.position
-
-    @property
-    def speed(self) -> float:
-        """Speed [m/s] at the last accepted sample, as the model used it."""
-        return self._tracker.speed
 
     @property
     def clamped(self) -> bool:
@@ -75,7 +78,9 @@ class Estimator:
         return self._run(current_A)
 
     def _run(self, current: float) -> float | None:
-        for position, speed in self._tracker.ticks:
+        tracker = self._tracker
+        self.position, self.speed = tracker.position, tracker.speed
+        for position, speed in tracker.ticks:
             self._wait -= 1
             force = self._predictor.tick(position, speed, current)
             if force == inf:
@@ -86,7 +91,7 @@ class Estimator:
             self.reason = WARMING_UP
             return None
         self.reason = OK
-        force = self._newest + (self._newest - self._previous) * self._tracker.ahead
+        force = self._newest + (self._newest - self._previous) * tracker.ahead
         low, high = self._limits
         return low if force < low else high if force > high else force
 
