@@ -1,0 +1,151 @@
+"""What the observer buys: how well the force follows its curve with and without feedback, while the plant changes.
+
+Usage: python bench/force_tracking.py [--seeds 5] [--seconds 15] [--jobs 1] [--write-docs]
+On every plant, seed and stroke runs the loop with the inverse of the sample model alone (feed-forward), with feedback
+from the estimate, and from the measured force; then again with a model identified anew on the changed plant. Figures
+are kept in out/force_tracking.json; --write-docs puts table and picture into docs/, with --kept from what is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+
+import blas_one_thread  # noqa: F401  # before numpy
+import numpy as np
+from force_tracking_cases import CASES, STROKES, Case, identified_anew, rigged
+from force_tracking_loop import Design, Tracked, track
+from force_tracking_plot import draw
+from joblib import Parallel, delayed
+
+from ces_observer.model import load_model
+
+ROOT = Path(__file__).resolve().parent.parent
+SAMPLE = ROOT / "config" / "models" / "sample.json"
+KEPT = ROOT / "out" / "force_tracking.json"
+PAGE = ROOT / "docs" / "results.md"
+PICTURE = ROOT / "docs" / "img" / "force_tracking.png"
+BLOCK = re.compile(r"(<!-- force tracking: begin .*?-->\n).*?(<!-- force tracking: end -->)", re.DOTALL)
+WAYS = {
+    "none": "feed-forward alone",
+    "estimate": "feedback from the estimate",
+    "measured": "feedback from the measured force",
+    "anew none": "identified anew: feed-forward alone",
+    "anew estimate": "identified anew: feedback from the estimate",
+}
+SHOWN_S = 4.0, 5.0  # of the first run, in the picture
+
+
+@dataclass(frozen=True)
+class Figure:
+    """The outcome of one run."""
+
+    case: str
+    stroke: str
+    way: str
+    seed: int
+    J: float
+    rms_N: float
+    reachable: float
+
+
+def main() -> None:
+    options = _options()
+    figures = _kept() if options.kept else _measured(options)
+    if options.write_docs:
+        shown = {way: run("noise stroke", CASES[0], 0, way, 8.0) for way in ("none", "estimate")}
+        draw(figures, WAYS, shown, SHOWN_S, PICTURE)
+        _write(table(figures))
+    print(table(figures))
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=5, help="runs of each kind")
+    parser.add_argument("--seconds", type=float, default=15.0, help="length of a run")
+    parser.add_argument("--starts", type=int, default=1, help="starts of each identification")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--kept", action="store_true", help="measure nothing, use the figures of the last time")
+    parser.add_argument("--write-docs", action="store_true", help="write docs/results.md and its picture")
+    return parser.parse_args()
+
+
+def _measured(options: argparse.Namespace) -> list[Figure]:
+    tasks = [(case, seed) for seed in range(options.seeds) for case in CASES]
+    work = (delayed(_figures)(case, seed, options.seconds, options.starts) for case, seed in tasks)
+    figures = [figure for several in Parallel(n_jobs=options.jobs)(work) for figure in several]
+    KEPT.parent.mkdir(exist_ok=True)
+    KEPT.write_text(json.dumps([asdict(figure) for figure in figures], indent=1), encoding="utf-8")
+    return figures
+
+
+def _kept() -> list[Figure]:
+    return [Figure(**one) for one in json.loads(KEPT.read_text(encoding="utf-8"))]
+
+
+def _figures(case: Case, seed: int, seconds: float, starts: int) -> list[Figure]:
+    return list(_each_figure(case, seed, seconds, starts))
+
+
+def _each_figure(case: Case, seed: int, seconds: float, starts: int) -> Iterator[Figure]:
+    """Identify anew only where the plant behind current and position has changed."""
+    withheld = case.drawn(seed)
+    designs = {"": _sample()}
+    if withheld is not None:
+        designs["anew "] = Design.of(identified_anew(withheld, seed, starts))
+    for stroke, settings in STROKES.items():
+        for way in WAYS:
+            prefix, feedback = ("anew ", way[5:]) if way.startswith("anew ") else ("", way)
+            if prefix in designs:
+                rig = rigged(settings, withheld, seed)
+                tracked = track(rig, designs[prefix], feedback, seconds, case.driver)
+                reachable = float(np.mean(tracked.reachable))
+                figure = Figure(case.name, stroke, way, seed, tracked.J, tracked.rms_N, reachable)
+                print(figure, file=sys.stderr, flush=True)
+                yield figure
+
+
+def run(stroke: str, case: Case, seed: int, feedback: str, seconds: float) -> Tracked:
+    """Return one run with the sample model."""
+    return track(rigged(STROKES[stroke], case.drawn(seed), seed), _sample(), feedback, seconds, case.driver)
+
+
+@cache
+def _sample() -> Design:
+    return Design.of(load_model(SAMPLE))
+
+
+def table(figures: Sequence[Figure]) -> str:
+    """Return the medians over seeds, with the smallest and largest of them, as a Markdown table for each stroke."""
+    return "\n\n".join(_table(stroke, [f for f in figures if f.stroke == stroke]) for stroke in STROKES)
+
+
+def _table(stroke: str, figures: Sequence[Figure]) -> str:
+    lines = [f"| {stroke}: J % (RMS N) | {' | '.join(WAYS.values())} |", f"|---|{'---:|' * len(WAYS)}"]
+    for case in CASES:
+        cells = [_cell([f for f in figures if (f.case, f.way) == (case.name, way)]) for way in WAYS]
+        lines.append(f"| {case.name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _cell(figures: Sequence[Figure]) -> str:
+    if not figures:
+        return "-"
+    costs = [figure.J for figure in figures]
+    middle, rms = np.median(costs), np.median([figure.rms_N for figure in figures])
+    return f"{middle:.1f} [{min(costs):.1f}-{max(costs):.1f}] ({rms:.0f} N)"
+
+
+def _write(text: str) -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(BLOCK.sub(lambda found: f"{found[1]}{text}\n{found[2]}", page), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""Close the loop on the virtual rig: rig, observer and controller.
+
+ros2 launch ces_observer closed_loop.launch.py
+ros2 launch ces_observer closed_loop.launch.py drive:=vehicle feedback:=none
+ros2 launch ces_observer closed_loop.launch.py use_sim_time:=true real_time_factor:=0.0
+With a factor of 0 each sample waits for the command that answers it: the loop runs as fast, or as slowly, as it can.
+"""
+
+from typing import Any
+
+from ament_index_python.packages import get_package_share_path
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+SHARE = get_package_share_path("ces_observer")
+ANSWER_S = 2.0  # longest wait in lockstep
+ARGUMENTS = {
+    "model": (SHARE / "config" / "models" / "sample.json", "model file of observer and controller"),
+    "namespace": ("", "namespace of nodes and topics"),
+    "use_sim_time": ("false", "let the rig make time, and all take it from /clock"),
+    "real_time_factor": ("1.0", "with use_sim_time: simulated over real time; 0.0: in lockstep with the controller"),
+    "drive": ("script", "what moves the damper: script, experiment or vehicle"),
+    "stroke": ("noise", "drive script: rest, sine, sweep, noise or triangle"),
+    "amplitude_m": ("0.02", "drive script: largest distance from mid-stroke"),
+    "road_class": ("C", "drive vehicle: ISO 8608 road class"),
+    "feedback": ("estimate", "force that is fed back: estimate, measured or none"),
+    "rig_params": (SHARE / "config" / "rig_live.yaml", "parameter file of the rig"),
+    "observer_params": (SHARE / "config" / "observer.yaml", "parameter file of the observer"),
+    "controller_params": (SHARE / "config" / "controller.yaml", "parameter file of the controller"),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    declared = [
+        DeclareLaunchArgument(name, default_value=str(default), description=meaning)
+        for name, (default, meaning) in ARGUMENTS.items()
+    ]
+    model = {"model": given("model"), "use_sim_time": given("use_sim_time", bool)}
+    rig = {
+        "drive": given("drive"),
+        "script.kind": given("stroke"),
+        "script.amplitude_m": given("amplitude_m", float),
+        "vehicle.road_class": given("road_class"),
+        "publish_clock": given("use_sim_time", bool),
+        "real_time_factor": given("real_time_factor", float),
+        "answer_s": ANSWER_S,
+    }
+    return LaunchDescription(
+        [
+            *declared,
+            node("rig", rig),
+            node("observer", model),
+            node("controller", {**model, "feedback": given("feedback")}),
+        ]
+    )
+
+
+def node(name: str, parameters: dict[str, Any]) -> Node:
+    return Node(
+        package="ces_observer",
+        executable=name,
+        name=name,
+        namespace=LaunchConfiguration("namespace"),
+        output="screen",
+        parameters=[LaunchConfiguration(f"{name}_params"), parameters],
+    )
+
+
+def given(argument: str, kind: type = str) -> ParameterValue:
+    return ParameterValue(LaunchConfiguration(argument), value_type=kind)

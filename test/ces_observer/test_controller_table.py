@@ -1,0 +1,54 @@
+"""The controller's shipped parameter file and sample model say what the code takes for granted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ces_observer.certificate import is_contraction
+from ces_observer.controller_table import ALL, CURVE, TUNING
+from ces_observer.controller_tuning import Tuning
+from ces_observer.model import load_model
+
+CONFIG = Path(__file__).resolve().parent.parent.parent / "config"
+NOT_IN_THE_FILE = {"model"}
+
+
+def shipped() -> dict[str, Any]:
+    given = yaml.safe_load((CONFIG / "controller.yaml").read_text(encoding="utf-8"))["/**"]["ros__parameters"]
+    curve = {f"curve.{key}": points for key, points in given.pop("curve").items()}
+    return {**given, **curve}
+
+
+def test_the_file_shows_every_parameter_at_its_default() -> None:
+    given = shipped()
+    assert given.pop("use_sim_time") is False
+    defaults = {spec.name: spec.default for spec in ALL} | {name: points for name, points, _ in CURVE}
+    assert given == {name: value for name, value in defaults.items() if name not in NOT_IN_THE_FILE}
+
+
+def test_the_defaults_lie_in_their_ranges() -> None:
+    for spec in ALL:
+        assert spec.checked(spec.default, spec.name) == spec.default
+
+
+def test_the_tuning_has_the_tables_defaults() -> None:
+    table = {spec.name: spec.default for spec in TUNING}
+    made = Tuning(low_A=0.0, high_A=1.0, safe_A=0.5)
+    for name in ("rate_A_s", "loop_gain_1_s", "settle_m", "preview_s", "lead_filter_s", "recovery_s"):
+        assert getattr(made, name) == table[name]
+    assert made.max_gap_s == table["timeout_s"]
+
+
+def test_what_the_preview_leaves_of_the_lag() -> None:
+    assert Tuning.lead_s(0.014, 0.006) == pytest.approx(0.008)
+    assert Tuning.lead_s(0.003, 0.006) == 0.0
+
+
+def test_the_sample_model_is_proved_stable_and_tells_where_it_is_from() -> None:
+    model = load_model(CONFIG / "models" / "sample.json")
+    assert is_contraction(model)
+    assert [one["recording"] for one in model.provenance["identification"]] == ["noise", "sweep", "road"]

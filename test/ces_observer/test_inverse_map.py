@@ -1,0 +1,117 @@
+"""The inverse map: current back from force wherever the force depends on it, monotone and bounded everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from damper_models import plain_damper
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ces_observer.errors import CesError, ModelError
+from ces_observer.inverse_map import InverseMap
+from ces_observer.model import Envelope, Factor, Model, Term, load_model
+from ces_observer.predictors import predictor
+from ces_observer.steady_force import current_lag_s, inverse_map, steady_force
+
+MODELS = Path(__file__).resolve().parent.parent.parent / "config" / "models"
+SPEEDS = st.floats(-3.0, 3.0)
+CURRENTS = st.floats(0.0, 2.0)
+PLAIN = inverse_map(plain_damper())
+SAMPLE = inverse_map(load_model(MODELS / "sample.json"))
+
+
+def test_it_is_the_models_steady_force() -> None:
+    """The plain damper settles at F = (2000 + 1000 i) v."""
+    for speed in (-2.0, -0.3, -0.01, 0.004, 0.05, 1.7):
+        for current in (0.0, 0.6, 2.0):
+            assert PLAIN.force(speed, current) == pytest.approx((2000.0 + 1000.0 * current) * speed, rel=2e-3)
+
+
+@given(SPEEDS.filter(lambda v: abs(v) > 1e-3), CURRENTS)
+def test_current_undoes_force(speed: float, current: float) -> None:
+    assert PLAIN.current(speed, PLAIN.force(speed, current)) == pytest.approx(current, abs=1e-6)
+
+
+@given(SPEEDS, st.floats(-1e9, 1e9))
+def test_the_current_stays_inside_the_envelope(speed: float, force: float) -> None:
+    low, high = SAMPLE.currents_A[0], SAMPLE.currents_A[-1]
+    assert low <= SAMPLE.current(speed, force) <= high
+
+
+@given(SPEEDS, st.floats(-4000.0, 4000.0), st.floats(0.0, 500.0))
+def test_more_damping_asked_for_is_never_less_current(speed: float, force: float, more: float) -> None:
+    firmer = force + more if speed >= 0.0 else force - more
+    assert SAMPLE.current(speed, firmer) >= SAMPLE.current(speed, force)
+
+
+@given(SPEEDS, st.floats(0.25, 0.75))
+def test_the_slope_has_the_sign_of_the_speed(speed: float, current: float) -> None:
+    assert SAMPLE.slope(speed, current) * speed >= 0.0
+
+
+def test_what_is_not_monotone_in_the_model_is_in_the_map() -> None:
+    """F = v (1000 i - 500 i^2) falls again beyond 1 A: no more current is asked for where it brings nothing."""
+    inverse = inverse_map(
+        with_terms(
+            Term(1000.0, (Factor("speed", 0), Factor("current", 0))),
+            Term(-500.0, (Factor("speed", 0), Factor("current", 0, 2.0))),
+        )
+    )
+    row = inverse.row(0.5)
+    assert all(b >= a for a, b in pairwise(row))
+    assert row[0] == 0.0
+    assert 100.0 < row[-1] < 250.0
+    assert inverse.current(0.5, 1e6) < 1.0
+
+
+def test_a_valve_that_softens_with_current() -> None:
+    softening = with_terms(Term(300.0, (Factor("speed", 0),)), Term(-100.0, (Factor("speed", 0), Factor("current", 0))))
+    inverse = inverse_map(softening)
+    assert inverse.current(1.0, 150.0) == pytest.approx(1.5, abs=1e-6)
+    assert inverse.current(-1.0, -150.0) == pytest.approx(1.5, abs=1e-6)
+    assert inverse.slope(1.0, 1.0) == pytest.approx(-100.0)
+
+
+def test_a_force_that_leaves_the_envelope_counts_as_its_end() -> None:
+    model = replace(plain_damper(), force_envelope_N=(-1000.0, 1000.0))
+    assert steady_force(model, predictor(model), 1.0, 1.0) == 1000.0
+    assert steady_force(model, predictor(model), -1.0, 1.0) == -1000.0
+
+
+def test_the_lag_is_that_of_the_model() -> None:
+    """Past forces that count 0.9 at 1 kHz are a lag of -1 / ln 0.9 = 9.5 ticks."""
+    assert current_lag_s(plain_damper()) == pytest.approx(0.010)
+
+
+def test_models_without_two_directions_or_currents_are_refused() -> None:
+    one_way = replace(plain_damper(), envelope=Envelope((-0.1, 0.1), (0.0, 2.0), (0.0, 2.0)))
+    passive = replace(plain_damper(), envelope=Envelope((-0.1, 0.1), (-2.0, 2.0), (0.5, 0.5)))
+    with pytest.raises(ModelError, match="both directions"):
+        inverse_map(one_way)
+    with pytest.raises(ModelError, match=r"at 0\.5 A alone"):
+        inverse_map(passive)
+
+
+@pytest.mark.parametrize(
+    ("speeds", "currents", "forces"),
+    [
+        ((-1.0, 1.0), (0.0, 1.0), ((0.0, -1.0),)),
+        ((-1.0, 1.0), (0.0, 1.0), ((0.0, -1.0), (0.0,))),
+        ((1.0, -1.0), (0.0, 1.0), ((0.0, 1.0), (0.0, -1.0))),
+        ((1.0, 2.0), (0.0, 1.0), ((0.0, 1.0), (0.0, 1.0))),
+        ((-1.0, 1.0), (0.0, 1.0), ((0.0, float("nan")), (0.0, 1.0))),
+    ],
+)
+def test_a_grid_that_is_none_is_refused(
+    speeds: tuple[float, ...], currents: tuple[float, ...], forces: tuple[tuple[float, ...], ...]
+) -> None:
+    with pytest.raises(CesError, match="inverse map"):
+        InverseMap(speeds, currents, forces)
+
+
+def with_terms(*terms: Term) -> Model:
+    return replace(plain_damper(), terms=terms)
