@@ -29,7 +29,7 @@ lint: $(VENV)/.installed-dev
 	$(RUN)/mypy
 
 suite: $(VENV)/.installed-dev
-	$(RUN)/python -m pytest --ignore=test/ros
+	$(RUN)/python -m pytest --ignore=test/ros -n auto --dist loadfile
 
 test-ros:
 	@test/ros/run

@@ -15,8 +15,8 @@ NAME = "ces_observer"
 # colcon and ROS's Debian and RPM rules run this file as a program; pip and other front ends call it through a backend.
 FOR_ROS = "setuptools.build_meta" not in sys.modules
 ROS_PROGRAMS = [
-    f"observer = {NAME}.observer:main",
-    f"controller = {NAME}.controller:main",
+    f"observer = {NAME}.nodes.observer:main",
+    f"controller = {NAME}.nodes.controller:main",
     *(f"{program} = ces_cli.ros_program:main" for program in PROGRAMS),
 ]
 
@@ -55,7 +55,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         files("launch", "*.launch.py"),
         files("config", "*.yaml", "*.json", "*.xml"),
-        files("config/models", "*.json"),
+        files("config/models", "*.*"),
         *security(),
     ],
     install_requires=[
@@ -79,6 +79,7 @@ setup(
         "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
         "dev": [
             "pytest>=7.4",
+            "pytest-xdist>=3.4",
             "hypothesis>=6.98",
             "mcap>=1.1",
             "distributed>=2022.12",

@@ -15,8 +15,8 @@ import numpy as np
 from measuring import interleaved, print_table, say, verdict
 from rosbags.typesys import Stores, get_typestore
 
-from ces_observer.cdr_joint_state import RawEstimate
-from ces_observer.cdr_signal import RawSignal
+from ces_observer.cdr.joint_state import RawEstimate
+from ces_observer.cdr.signal import RawSignal
 from ces_observer.signals import FieldPath, Signal
 
 CALLS = 20_000
@@ -88,7 +88,7 @@ def rclpy_works() -> dict[str, Timer]:
     except ImportError:
         say("ROS 2 is not sourced: without the columns of rclpy")
         return {}
-    from ces_observer.message_types import header_stamp_ns, is_stamped
+    from ces_observer.nodes.message_types import header_stamp_ns, is_stamped
 
     works: dict[str, Timer] = {}
     for name, (kind, field, _) in READS.items():

@@ -12,15 +12,15 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_observer.control_loop import ControlLoop
-from ces_observer.controller_table import CURVE
-from ces_observer.controller_tuning import Tuning
+from ces_observer.control.control_loop import ControlLoop
+from ces_observer.control.controller_tuning import Tuning
+from ces_observer.control.force_controller import ForceController
+from ces_observer.control.force_curve import ForceCurve
+from ces_observer.control.steady_force import current_lag_s, inverse_map
 from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
-from ces_observer.force_controller import ForceController
-from ces_observer.force_curve import ForceCurve
 from ces_observer.model import Model
-from ces_observer.steady_force import current_lag_s, inverse_map
+from ces_observer.nodes.controller_table import CURVE
 from ces_rig.live.rig import LiveRig, Sample, Settings
 from ces_rig.live.vehicle import FORCE, STROKE
 from ces_rig.stepper import Stepper, rest_force, spline_speed

@@ -20,7 +20,8 @@ class Estimator:
     """Damping force of one damper, sample by sample.
 
     After `step`: `reason` is "ok" or why the force was withheld; `position` [m] and `speed` [m/s] are the filtered
-    values at the last accepted sample, as the model used them; `clamped` tells whether the inputs lay outside what the model was identified on.
+    values at the last accepted sample, as the model used them; `clamped` tells whether the inputs lay outside what the
+    model was identified on.
     """
 
     __slots__ = (

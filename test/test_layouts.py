@@ -21,9 +21,9 @@ from rosbags.highlevel import AnyReader
 from ces_cli.main import main
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import DamperObserver
-from ces_observer.health import Health
+from ces_observer.health.health import Health
+from ces_observer.health.running_cost import RunningCost
 from ces_observer.model import load_model
-from ces_observer.running_cost import RunningCost
 
 ROOT = Path(__file__).resolve().parent.parent
 FOXGLOVE = json.loads((ROOT / "config" / "foxglove.json").read_text())

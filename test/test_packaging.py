@@ -47,7 +47,7 @@ def test_pip_gets_one_program() -> None:
 def test_colcon_gets_the_nodes_and_every_program() -> None:
     found = programs(arguments(""))
     for node in ("observer", "controller"):
-        assert found.pop(node) == f"ces_observer.{node}:main"
+        assert found.pop(node) == f"ces_observer.nodes.{node}:main"
     assert found == dict.fromkeys(PROGRAMS, "ces_cli.ros_program:main")
 
 

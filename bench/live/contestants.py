@@ -76,7 +76,7 @@ def cpp_relays(folder: Path) -> list[Contestant]:
 def observer(name: str, model: Path, twin: str, *parameters: str) -> Contestant:
     """Return the observer with a model and further parameters as `name:=value`."""
     words = [word for one in (f"model:={model}", *parameters) for word in ("-p", one)]
-    return Contestant(name, (sys.executable, "-m", "ces_observer.observer"), "observer", tuple(words), twin)
+    return Contestant(name, (sys.executable, "-m", "ces_observer.nodes.observer"), "observer", tuple(words), twin)
 
 
 def build_cpp(folder: Path) -> bool:

@@ -26,7 +26,7 @@ class Observer:
         words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
         with log.open("w", encoding="utf-8") as out:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "ces_observer.observer", *ros_args(namespace), *words],
+                [sys.executable, "-m", "ces_observer.nodes.observer", *ros_args(namespace), *words],
                 cwd=ROOT,
                 stdout=out,
                 stderr=subprocess.STDOUT,

@@ -15,7 +15,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ces_observer.executors import collect, run
+from ces_observer.nodes.executors import collect, run
 from ces_rig.errors import RigError
 from ces_rig.live import vehicle as qv
 from ces_rig.live.node_parameters import declare_settings

@@ -9,7 +9,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from ces_observer.executors import AUTO, CHOICES
+from ces_observer.nodes.executors import AUTO, CHOICES
 from ces_rig.descriptions import choice, quantity
 from ces_rig.errors import RigError
 from ces_rig.live.rig import LIVE, Settings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cdr_messages import define, fields_of, header, message
 
-from ces_observer.cdr_signal import RawSignal
+from ces_observer.cdr.signal import RawSignal
 from ces_observer.signals import FieldPath, Signal
 
 JOINTS = "sensor_msgs/msg/JointState"

@@ -7,8 +7,8 @@ from math import pi, sin
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from ces_observer.mcap_file import BagChannel
-from ces_observer.message_definition import message_definition
+from ces_observer.recorder.mcap_file import BagChannel
+from ces_observer.recorder.message_definition import message_definition
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 TYPES = JAZZY.types

@@ -13,8 +13,8 @@ from rosbags.rosbag2 import Reader
 
 from ces_cli import main
 from ces_identify.bag_reader import read_recording
-from ces_observer import record_folder
-from ces_observer.black_box import OVERHEAD_BYTES, BlackBox
+from ces_observer.recorder import record_folder
+from ces_observer.recorder.black_box import OVERHEAD_BYTES, BlackBox
 from ces_observer.signals import Signals
 
 START = 1_700_000_000 * SECOND

@@ -10,9 +10,9 @@ from cdr_samples import JOINTS, READABLE, joints, reader, signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.cdr_layout import layout_of
-from ces_observer.cdr_signal import RawSignal
-from ces_observer.cdr_types import CdrUnsupportedError, record_of
+from ces_observer.cdr.layout import layout_of
+from ces_observer.cdr.signal import RawSignal
+from ces_observer.cdr.types import CdrUnsupportedError, record_of
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
 

@@ -5,8 +5,8 @@ from cdr_messages import fields_of, header, message, serialised
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.cdr_joint_state import RawEstimate
-from ces_observer.cdr_signal import RawSignal
+from ces_observer.cdr.joint_state import RawEstimate
+from ces_observer.cdr.signal import RawSignal
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath, Signal
 

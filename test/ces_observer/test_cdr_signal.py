@@ -11,8 +11,8 @@ from cdr_samples import JOINTS, READABLE, STAMP, joints, reader, signal, traject
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.cdr_layout import layout_of
-from ces_observer.cdr_signal import RawSignal
+from ces_observer.cdr.layout import layout_of
+from ces_observer.cdr.signal import RawSignal
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
 
@@ -114,7 +114,7 @@ def walks(monkeypatch):
         made.append(len(raw))
         return layout_of(raw, record, path)
 
-    monkeypatch.setattr("ces_observer.cdr_signal.layout_of", counted)
+    monkeypatch.setattr("ces_observer.cdr.signal.layout_of", counted)
     return made
 
 

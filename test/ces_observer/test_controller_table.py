@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 from ces_observer.certificate import is_contraction
-from ces_observer.controller_table import ALL, CURVE, TUNING
-from ces_observer.controller_tuning import Tuning
+from ces_observer.control.controller_tuning import Tuning
 from ces_observer.model import load_model
+from ces_observer.nodes.controller_table import ALL, CURVE, TUNING
 
 CONFIG = Path(__file__).resolve().parent.parent.parent / "config"
 NOT_IN_THE_FILE = {"model"}

@@ -11,12 +11,12 @@ from damper_models import plain_damper
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.control_loop import ESTIMATE, MEASURED, NONE, ControlLoop
-from ces_observer.controller_tuning import Tuning
+from ces_observer.control.control_loop import ESTIMATE, MEASURED, NONE, ControlLoop
+from ces_observer.control.controller_tuning import Tuning
+from ces_observer.control.force_controller import NO_ESTIMATE, NOT_FINITE, OK, STALE, ForceController
+from ces_observer.control.force_curve import ForceCurve
+from ces_observer.control.steady_force import inverse_map
 from ces_observer.errors import CesError
-from ces_observer.force_controller import NO_ESTIMATE, NOT_FINITE, OK, STALE, ForceController
-from ces_observer.force_curve import ForceCurve
-from ces_observer.steady_force import inverse_map
 
 MS = 1_000_000
 START_NS = 10**18

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from damper_models import plain_damper
 
-from ces_observer.black_box import BlackBox
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
 from ces_observer.estimator import UNBOUNDED, WARMING_UP
-from ces_observer.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Health
-from ces_observer.running_cost import RunningCost
-from ces_observer.status_values import Load
+from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Health
+from ces_observer.health.running_cost import RunningCost
+from ces_observer.health.status_values import Load
+from ces_observer.recorder.black_box import BlackBox
 from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER
 
 MS = 1_000_000

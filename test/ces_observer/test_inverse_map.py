@@ -11,11 +11,11 @@ from damper_models import plain_damper
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ces_observer.control.inverse_map import InverseMap
+from ces_observer.control.steady_force import current_lag_s, inverse_map, steady_force
 from ces_observer.errors import CesError, ModelError
-from ces_observer.inverse_map import InverseMap
 from ces_observer.model import Envelope, Factor, Model, Term, load_model
 from ces_observer.predictors import predictor
-from ces_observer.steady_force import current_lag_s, inverse_map, steady_force
 
 MODELS = Path(__file__).resolve().parent.parent.parent / "config" / "models"
 SPEEDS = st.floats(-3.0, 3.0)

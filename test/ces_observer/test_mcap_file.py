@@ -15,8 +15,8 @@ from raw_messages import CURRENT, FORCE, POSITION, SECOND, TOPICS, channels, dri
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from ces_observer.bag_folder import BagFolder
-from ces_observer.mcap_file import CHUNK_BYTES, BagChannel, McapFile
+from ces_observer.recorder.bag_folder import BagFolder
+from ces_observer.recorder.mcap_file import CHUNK_BYTES, BagChannel, McapFile
 
 Message = tuple[int, int, bytes]
 START = 1_700_000_000 * SECOND

@@ -7,7 +7,7 @@ from raw_messages import JAZZY, msg_text
 from rosbags.typesys import get_types_from_msg
 
 from ces_observer.errors import SignalsError
-from ces_observer.message_definition import SEPARATOR, message_definition
+from ces_observer.recorder.message_definition import SEPARATOR, message_definition
 
 
 @pytest.mark.parametrize(

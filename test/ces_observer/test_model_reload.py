@@ -9,7 +9,7 @@ import pytest
 from damper_models import plain_damper
 
 from ces_observer.model import Model, Term
-from ces_observer.model_reload import ModelReload, Verdict
+from ces_observer.nodes.model_reload import ModelReload, Verdict
 
 STARTING_S = 0.1  # more than forking takes, less than the child's start
 

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from ces_observer.errors import CesError
-from ces_observer.parameter_table import DAMPERS, NAME, OF_A_DAMPER, OF_THE_NODE
+from ces_observer.nodes.parameter_table import DAMPERS, NAME, OF_A_DAMPER, OF_THE_NODE
 from ces_observer.signals import NAMES, Signals
 
 SPECS = {spec.name: spec for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)}

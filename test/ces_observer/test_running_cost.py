@@ -10,8 +10,8 @@ from damper_models import plain_damper
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.force_pairs import HISTORY
-from ces_observer.running_cost import RunningCost, usual_warn_J
+from ces_observer.health.force_pairs import HISTORY
+from ces_observer.health.running_cost import RunningCost, usual_warn_J
 
 MS = 1_000_000
 SECOND = 1000 * MS

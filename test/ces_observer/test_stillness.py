@@ -4,7 +4,7 @@ from math import nan
 
 import pytest
 
-from ces_observer.stillness import Stillness
+from ces_observer.health.stillness import Stillness
 
 MS = 1_000_000
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.streams import LEARN, Arrivals, StreamFigures
+from ces_observer.health.streams import LEARN, Arrivals, StreamFigures
 
 MS = 1_000_000
 SECOND = 1000 * MS

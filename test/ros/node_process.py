@@ -29,7 +29,7 @@ class NodeProcess:
     @classmethod
     def from_source(cls, namespace: str, parameters: Mapping[str, object]) -> NodeProcess:
         """Start the node from this checkout."""
-        return cls([sys.executable, "-m", "ces_observer.observer", *ros_args(namespace, parameters)])
+        return cls([sys.executable, "-m", "ces_observer.nodes.observer", *ros_args(namespace, parameters)])
 
     @property
     def pid(self) -> int:

@@ -15,11 +15,11 @@ from std_msgs.msg import Bool, Byte, Float32, Float64, Float64MultiArray, Header
 from std_msgs.msg import MultiArrayLayout as ArrayLayout
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ces_observer.cdr_joint_state import RawEstimate
-from ces_observer.cdr_signal import RawSignal
-from ces_observer.cdr_types import CdrUnsupportedError
+from ces_observer.cdr.joint_state import RawEstimate
+from ces_observer.cdr.signal import RawSignal
+from ces_observer.cdr.types import CdrUnsupportedError
 from ces_observer.errors import SignalsError
-from ces_observer.message_types import fields_of, header_stamp_ns, is_stamped
+from ces_observer.nodes.message_types import fields_of, header_stamp_ns, is_stamped
 from ces_observer.signals import FieldPath, Signal
 
 STAMP_NS = 1_700_000_000_123_456_789

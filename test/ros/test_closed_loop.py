@@ -24,8 +24,8 @@ from vehicle import stamp_of, wait
 
 MODULES = {
     "rig": "ces_rig.live.node",
-    "observer": "ces_observer.observer",
-    "controller": "ces_observer.controller",
+    "observer": "ces_observer.nodes.observer",
+    "controller": "ces_observer.nodes.controller",
 }
 DEEP = QoSProfile(depth=50_000)
 START_S = 60.0  # the rig's kernels may have to be compiled first

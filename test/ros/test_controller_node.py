@@ -28,12 +28,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from vehicle import stamp_of, wait
 
-from ces_observer.controller_table import FORCES, SPEEDS
-from ces_observer.controller_tuning import Tuning
-from ces_observer.force_controller import ForceController
-from ces_observer.force_curve import ForceCurve
+from ces_observer.control.controller_tuning import Tuning
+from ces_observer.control.force_controller import ForceController
+from ces_observer.control.force_curve import ForceCurve
+from ces_observer.control.steady_force import current_lag_s, inverse_map
 from ces_observer.model import load_model
-from ces_observer.steady_force import current_lag_s, inverse_map
+from ces_observer.nodes.controller_table import FORCES, SPEEDS
 
 MS = 1_000_000
 DEEP = QoSProfile(depth=5000)
@@ -138,7 +138,7 @@ def start(surroundings: Surroundings, model_path: Path) -> Iterator[Callable[...
 
 
 def controller(namespace: str, parameters: dict[str, object]) -> NodeProcess:
-    return NodeProcess([sys.executable, "-m", "ces_observer.controller", *ros_args(namespace, parameters)])
+    return NodeProcess([sys.executable, "-m", "ces_observer.nodes.controller", *ros_args(namespace, parameters)])
 
 
 def test_commands_are_the_pure_controllers(

@@ -24,10 +24,10 @@ SIMULATED = {"use_sim_time": True}
 # Each node with what makes it have all of its topics; one may need several processes, each in a namespace of its own.
 NODES = {
     "observer": [
-        ("ces_observer.observer", {**SIMULATED, "model_topic": "identify/model"}),
-        ("ces_observer.observer", FRONT),
+        ("ces_observer.nodes.observer", {**SIMULATED, "model_topic": "identify/model"}),
+        ("ces_observer.nodes.observer", FRONT),
     ],
-    "controller": [("ces_observer.controller", {**SIMULATED, "feedback": "measured"})],
+    "controller": [("ces_observer.nodes.controller", {**SIMULATED, "feedback": "measured"})],
     "rig": [("ces_rig.live.node", {**SIMULATED, "drive": "vehicle", "publish_clock": True})],
     "identify": [("ces_cli.identify_node", {**SIMULATED, "bags": f"[{ROOT / 'bags' / 'noise'}]", "seconds": 60.0})],
 }

@@ -222,7 +222,7 @@ def test_a_mistake_at_start_is_one_fatal_line_and_status_2(rig: Start) -> None:
 @pytest.mark.parametrize("line", MISTAKES)
 def test_every_mistake_is_refused_while_the_node_is_built(line: str) -> None:
     """The same in this process, which is quicker."""
-    from ces_observer.executors import START_ERRORS
+    from ces_observer.nodes.executors import START_ERRORS
     from ces_rig.live.node_parameters import declare_settings
     from ces_rig.live.rig import LiveRig
 

@@ -104,7 +104,7 @@ def security(keystore: Path | None) -> dict[str, str]:
 @pytest.fixture
 def observer_words(tmp_path: Path) -> list[str]:
     plain_damper(max_gap_s=0.3).save(tmp_path / "model.json")
-    return ["-m", "ces_observer.observer", "--ros-args", "-p", f"model:={tmp_path / 'model.json'}", "--"]
+    return ["-m", "ces_observer.nodes.observer", "--ros-args", "-p", f"model:={tmp_path / 'model.json'}", "--"]
 
 
 def participant(role: str) -> list[str]:

@@ -1,0 +1,1 @@
+"""Numbers read from and written to serialised messages (CDR) without deserialising them."""

@@ -1,0 +1,146 @@
+"""One signal read straight from serialised messages: bytes in; stamp, SI value and frame out.
+
+The first message of a layout is walked over; it leaves a template: which bytes fix the layout, and where the stamp and
+the number are. The next messages are held against the template in one or two comparisons and read at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from struct import Struct
+from typing import Any
+
+from ces_observer.cdr.layout import Layout, layout_of
+from ces_observer.cdr.types import CdrUnsupportedError, FieldsOf, Record, number_at, record_of
+from ces_observer.cdr.walk import ENCAPSULATION, Span
+from ces_observer.signals import Signal
+
+Reading = tuple[int | None, float, bytes]  # header stamp [ns], value [SI], frame id as UTF-8
+HEADER = "std_msgs/Header"
+STAMP_END = ENCAPSULATION + 8  # seconds and nanoseconds, 4 bytes each
+KEPT = 4  # layouts: publishers that differ in frame or joint order may share a topic
+
+
+@dataclass(frozen=True)
+class Template:
+    """A layout made ready.
+
+    `unpack` gives the encapsulation as a number, seconds and nanoseconds (these three of stamped messages only), the
+    bytes of the first run of fixed bytes, and the number; `others` are the other runs.
+    """
+
+    length: int
+    unpack: Callable[[bytes], tuple[Any, ...]]
+    word: int
+    run: bytes
+    others: tuple[tuple[slice, bytes], ...]
+    frame_id: bytes
+    fixed: int  # the fixed bytes as one number, all others 0
+    mask: int
+
+    @property
+    def hot(self) -> tuple[Any, ...]:
+        """What a reading takes, in the order in which it does."""
+        return self.length, self.unpack, self.run, self.others, self.word, self.frame_id
+
+    def fits(self, raw: bytes) -> bool:
+        """Compare the fixed bytes alone: some writers leave rubbish in the padding between them."""
+        return len(raw) == self.length and int.from_bytes(raw, "little") & self.mask == self.fixed
+
+
+class RawSignal:
+    """Reader of a signal; `read(raw)` returns stamp [ns] (None if unstamped), value [SI] and frame id (empty if none).
+
+    `read` raises SignalsError if the message is malformed up to the number or lacks the joint or element, and
+    CdrUnsupportedError if the message has to be deserialised the ordinary way. What follows the number is not looked
+    at. Building it raises SignalsError if messages of this type have no number at the signal's field, and
+    CdrUnsupportedError if no message of this type can be read here; `fields_of` is as in cdr_types.
+    """
+
+    def __init__(self, signal: Signal, fields_of: FieldsOf) -> None:
+        self._record = record_of(signal.type, fields_of)
+        number_at(self._record, signal.field)
+        self.stamped = _stamped(self._record, signal)
+        self.read: Callable[[bytes], Reading] = self._read_stamped if self.stamped else self._read_unstamped
+        self._path = signal.field
+        self._scale = float(signal.scale)
+        self._offset = float(signal.offset)
+        self._templates: tuple[Template, ...] = ()
+        self._last: tuple[Any, ...] = (-1, *[None] * 5)  # what is needed of the last template used
+
+    def _read_stamped(self, raw: bytes) -> Reading:
+        length, unpack, run, others, word, frame_id = self._last
+        if len(raw) == length:
+            seen_word, sec, nanosec, seen, number = unpack(raw)
+            if seen == run and seen_word == word and (not others or _same(others, raw)):
+                return sec * 1_000_000_000 + nanosec, self._scale * number + self._offset, frame_id
+        return self._read_anew(raw)
+
+    def _read_unstamped(self, raw: bytes) -> Reading:
+        length, unpack, run, others, _, _ = self._last
+        if len(raw) == length:
+            seen, number = unpack(raw)
+            if seen == run and (not others or _same(others, raw)):
+                return None, self._scale * number + self._offset, b""
+        return self._read_anew(raw)
+
+    def _read_anew(self, raw: bytes) -> Reading:
+        template = next((known for known in self._templates if known.fits(raw)), None) or self._learn(raw)
+        self._last = template.hot
+        *start, _, number = template.unpack(raw)
+        stamp_ns = start[1] * 1_000_000_000 + start[2] if self.stamped else None
+        return stamp_ns, self._scale * number + self._offset, template.frame_id
+
+    def _learn(self, raw: bytes) -> Template:
+        template = _template(raw, layout_of(raw, self._record, self._path), self.stamped)
+        self._templates = (template, *self._templates[: KEPT - 1])
+        return template
+
+
+def _same(parts: tuple[tuple[slice, bytes], ...], raw: bytes) -> bool:
+    for part, kept in parts:  # noqa: SIM110  # all() with a generator takes three times as long
+        if raw[part] != kept:
+            return False
+    return True
+
+
+def _stamped(record: Record, signal: Signal) -> bool:
+    """Tell whether messages begin with a header."""
+    header = record.fields.get("header")
+    if header is None or header.kind != HEADER:
+        return False
+    if next(iter(record.fields)) != "header" or signal.field.steps[0][0] == "header":
+        raise CdrUnsupportedError(f"field '{signal.field.text}': the header of {signal.type} is not before it")
+    return True
+
+
+def _template(raw: bytes, layout: Layout, stamped: bool) -> Template:
+    """Make a template of a message and its layout; the first run after the stamp begins with the frame id's length."""
+    first, *others = layout.runs[1:] if stamped else layout.runs
+    start, end = first
+    form = f"{'<IiI' if stamped else '<'}{end - start}s{layout.offset - end}x{layout.code}"
+    mask = _mask(layout.fixed)
+    return Template(
+        length=layout.length,
+        unpack=Struct(form).unpack_from,
+        word=int.from_bytes(raw[:ENCAPSULATION], "little"),
+        run=raw[start:end],
+        others=tuple((slice(*span), raw[slice(*span)]) for span in others),
+        frame_id=_frame_id(raw) if stamped else b"",
+        fixed=int.from_bytes(raw, "little") & mask,
+        mask=mask,
+    )
+
+
+def _mask(spans: tuple[Span, ...]) -> int:
+    mask = bytearray(spans[-1][1])
+    for start, end in spans:
+        mask[start:end] = b"\xff" * (end - start)
+    return int.from_bytes(mask, "little")
+
+
+def _frame_id(raw: bytes) -> bytes:
+    start = STAMP_END + 4
+    length = int.from_bytes(raw[STAMP_END:start], "little")
+    return raw[start : start + max(length - 1, 0)]

@@ -1,0 +1,1 @@
+"""A reference controller of damper force: curve, inverse map, feedback; no ROS."""

@@ -1,0 +1,107 @@
+"""The steady force of a model: the very model of the observer run at constant speeds and currents.
+
+A model goes in; out come the inverse map that the controller feeds forward, and the lag of force behind current.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import copysign, isfinite
+
+from ces_observer.control.inverse_map import InverseMap
+from ces_observer.errors import ModelError
+from ces_observer.model import Model
+from ces_observer.predictors import Predictor, predictor
+
+SPEEDS = 24  # of the grid, on each side of zero; denser towards zero, where the force is steep
+CURRENTS = 17
+SETTLING_S = 0.3  # of constant speed and current before the force is read; real valves take a tenth of it
+STEP_S = 0.1
+RISE = 0.632
+STEP_SPEED_M_S = 0.15  # at which a step of current is judged
+LEAST_SPEED_M_S = 0.02  # of the grid: below, oil and seals give way before the valve has a say
+
+
+def inverse_map(model: Model) -> InverseMap:
+    """Return the inverse of the model's steady force, over its envelope of speeds and currents.
+
+    Raises ModelError if the envelope does not reach to both sides of speed 0, or holds one current alone.
+    """
+    slowest, fastest = model.envelope.speed_m_s
+    least, most = model.envelope.current_A
+    if not slowest < -LEAST_SPEED_M_S < LEAST_SPEED_M_S < fastest:
+        raise ModelError(f"model: speeds from {slowest:g} to {fastest:g} m/s; a controller needs both directions")
+    if not least < most:
+        raise ModelError(f"model: identified at {least:g} A alone; identify it from recordings of several currents")
+    speeds = (*(-v for v in reversed(_graded(-slowest))), *_graded(fastest))
+    currents = tuple(least + (most - least) * k / (CURRENTS - 1) for k in range(CURRENTS))
+    run = predictor(model)
+    rows = [[steady_force(model, run, speed, current) for current in currents] for speed in speeds]
+    return InverseMap(speeds, currents, tuple(_all_monotone(speeds, rows)))
+
+
+def steady_force(model: Model, run: Predictor, speed_m_s: float, current_A: float) -> float:
+    """Return the model's force [N] at mid-stroke after a long approach at constant speed and current.
+
+    A stroke longer than the model's envelope is clamped by the model. A force that leaves its envelope counts as the
+    envelope's end.
+    """
+    rate = model.sampling.rate_Hz
+    ticks = round(SETTLING_S * rate)
+    middle = 0.5 * sum(model.envelope.position_m)
+    run.reset()
+    force = 0.0
+    for tick in range(-ticks, 1):
+        force = run.tick(middle + speed_m_s * tick / rate, speed_m_s, current_A)
+        if not isfinite(force):
+            return model.force_envelope_N[speed_m_s > 0.0]
+    return force
+
+
+def current_lag_s(model: Model) -> float:
+    """Return how long the model's force takes for 63 % of a step of current [s]: coil, valve and oil together.
+
+    The mean over both directions of motion and steps up and down between a quarter and three quarters of the envelope.
+    """
+    least, most = model.envelope.current_A
+    quarter, three = (least + share * (most - least) for share in (0.25, 0.75))
+    steps = ((quarter, three), (three, quarter))
+    times = [_rise_s(model, speed, *step) for speed in (-STEP_SPEED_M_S, STEP_SPEED_M_S) for step in steps]
+    return sum(times) / len(times)
+
+
+def _rise_s(model: Model, speed: float, start_A: float, end_A: float) -> float:
+    """Step at mid-stroke and stay there, as the stroke's own share of the force is not asked for."""
+    run, rate = predictor(model), model.sampling.rate_Hz
+    before = steady_force(model, run, speed, start_A)
+    middle = 0.5 * sum(model.envelope.position_m)
+    forces = [run.tick(middle, speed, end_A) for _ in range(round(STEP_S * rate))]
+    change = forces[-1] - before
+    if not isfinite(change) or change == 0.0:
+        return 0.0
+    return next(k + 1 for k, force in enumerate(forces) if (force - before) / change >= RISE) / rate
+
+
+def _all_monotone(speeds: Sequence[float], rows: list[list[float]]) -> Iterator[tuple[float, ...]]:
+    """Make every row monotone in the sense that the valve has on the whole: more current, more (or less) damping."""
+    stiffer = sum(copysign(1.0, v) * (row[-1] - row[0]) for v, row in zip(speeds, rows, strict=True))
+    for speed, row in zip(speeds, rows, strict=True):
+        sense = copysign(1.0, speed * stiffer)
+        yield tuple(sense * force for force in _monotone([sense * force for force in row]))
+
+
+def _monotone(values: Sequence[float]) -> list[float]:
+    """Return the rising sequence nearest to `values` in least squares (pool adjacent violators)."""
+    pools: list[tuple[float, int]] = []
+    for value in values:
+        mean, count = value, 1
+        while pools and pools[-1][0] > mean:
+            before, many = pools.pop()
+            mean, count = (before * many + mean * count) / (many + count), many + count
+        pools.append((mean, count))
+    return [mean for mean, count in pools for _ in range(count)]
+
+
+def _graded(fastest: float) -> list[float]:
+    """Return rising speeds from LEAST_SPEED_M_S to `fastest`, their spacing growing with speed."""
+    return [LEAST_SPEED_M_S + (fastest - LEAST_SPEED_M_S) * (k / (SPEEDS - 1)) ** 2 for k in range(SPEEDS)]

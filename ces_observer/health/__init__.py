@@ -1,0 +1,1 @@
+"""What is told of a running observer: streams, latencies, running cost, episodes, status."""

@@ -1,0 +1,200 @@
+"""What a damper's status says: arrivals, latencies, costs and reasons in; level, one line and key-value pairs out.
+
+What the node calls, for each damper (times in ns of the node's own clock):
+
+    health = Health(damper, facts, cost=cost, box=box)  # RunningCost | None; BlackBox | None, dampers may share one
+    health.position.take(stamp_ns, now_ns)    # with each position message; Arrivals(stamped=False) may replace it
+    health.current.take(stamp_ns, now_ns)     # with each current message
+    health.force.take(stamp_ns, now_ns)       # with each measured force
+    health.stillness.take(stamp_ns, position_m)  # with each position
+    health.latency.take(ns)                   # from the position's stamp to just after publishing its estimate
+    health.cost.estimate(stamp_ns, force_N)   # with each published estimate, if health.cost is not None
+    health.cost.measured(stamp_ns, force_N)   # with each measured force, finite or not, if health.cost is not None
+    health.change(now_ns)                     # whenever damper.reason has become another, by step or by silence
+    health.box.keep(channel, now_ns, raw)     # with each raw message, if health.box is not None; channel: int
+    health.roll(elapsed_s, now_ns, load)      # once a second; status_values.Load; begins a recording of a drift
+    health.status(detail)                     # what to publish; once for each message published
+    health.use(damper, facts, cost)           # after a reload of the model
+    box.work(budget_s, now_ns)                # from the watch timer: a recording is written bit by bit
+    box.close()                               # when the node ends
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
+from ces_observer.estimator import UNBOUNDED
+from ces_observer.health.episodes import Episodes
+from ces_observer.health.latencies import Latencies, LatencyFigures
+from ces_observer.health.running_cost import RunningCost
+from ces_observer.health.status_values import (
+    Load,
+    Values,
+    box_values,
+    cost_values,
+    episode_values,
+    latency_values,
+    load_values,
+    rest_values,
+    stream_values,
+)
+from ces_observer.health.stillness import Stillness
+from ces_observer.health.streams import Arrivals
+from ces_observer.recorder.black_box import BlackBox
+from ces_observer.tracker import OK
+
+LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2  # as in diagnostic_msgs/msg/DiagnosticStatus
+ERRORS = frozenset({SILENT, POSITION_NOT_FINITE, NO_CURRENT, OFF_CLOCK, UNBOUNDED})
+CLAMPED_WARN = 0.01  # share of forces with inputs outside the identified envelope from which it is worth a warning
+DROPPED_WARN = 0.01  # share of positions lost on the way
+STILL_WARN_S = 1.0  # time for which a position may stay the very same
+
+
+@dataclass(frozen=True)
+class Status:
+    """One status: `level` as in DiagnosticStatus, `message` one line, `values` in the order they are shown."""
+
+    level: int
+    message: str
+    values: tuple[tuple[str, str], ...]
+
+
+class Health:
+    """Status of one damper; rates, shares and latencies are those of the last window that `roll` closed."""
+
+    def __init__(
+        self,
+        damper: DamperObserver,
+        facts: Mapping[str, str],
+        *,
+        cost: RunningCost | None = None,
+        box: BlackBox | None = None,
+        name: str = "damper",
+    ) -> None:
+        self.position, self.current, self.force = Arrivals(), Arrivals(), Arrivals()
+        self.stillness = Stillness(STILL_WARN_S)
+        self.latency = Latencies()
+        self.episodes = Episodes()
+        self.box = box
+        self._name = name
+        self._latency = LatencyFigures(0, 0, 0, 0)
+        self._load = Load()
+        self._told = self._rests_told = 0  # ended episodes and rests that a status has told
+        self.use(damper, facts, cost)
+
+    def use(self, damper: DamperObserver, facts: Mapping[str, str], cost: RunningCost | None) -> None:
+        """Tell of this damper and model from now on; `facts` stand in the status as they are."""
+        self._damper, self.cost = damper, cost
+        self._facts = tuple(facts.items())
+        self._before = damper.tally.copy()
+        self._paired = 0
+        self._judged = self._recorded = False
+        self._rate_Hz = self._withheld = self._clamped = 0.0
+
+    def change(self, now_ns: int) -> None:
+        """Take note of the damper's new reason; a force withheld again counts from its first sample."""
+        tally, reason = self._damper.tally, self._damper.reason
+        withheld = tally.samples - tally.estimates
+        if reason == OK:
+            self.episodes.recovered(now_ns, withheld)
+        else:
+            self.episodes.withheld(reason, now_ns, withheld if reason == SILENT else withheld - 1)
+
+    def roll(self, elapsed_s: float, now_ns: int, load: Load | None = None) -> None:
+        """Close a window of `elapsed_s` seconds: its figures are told until the next one closes.
+
+        If the cost has drifted, the black box is asked to save the seconds around it.
+        """
+        now, before = self._damper.tally, self._before
+        samples, estimates = now.samples - before.samples, now.estimates - before.estimates
+        self._rate_Hz = samples / elapsed_s if elapsed_s > 0.0 else 0.0
+        self._withheld = 1.0 - estimates / samples if samples else 0.0
+        self._clamped = (now.clamped - before.clamped) / estimates if estimates else 0.0
+        self._before = now.copy()
+        for stream in (self.position, self.current, self.force):
+            stream.roll(elapsed_s)
+        self._latency = self.latency.roll()
+        self._load = load or Load()
+        if self.cost is not None:
+            self._roll_cost(self.cost, now_ns)
+
+    def _roll_cost(self, cost: RunningCost, now_ns: int) -> None:
+        self._judged, self._paired = cost.paired > self._paired, cost.paired
+        if not cost.drifted:
+            self._recorded = False
+        elif self.box is not None and not self._recorded:
+            notes = {"why": _drift(cost), **dict(self._facts)}
+            self._recorded = self.box.save(f"{self._name}_drift", now_ns, notes)
+
+    def status(self, detail: str) -> Status:
+        """Return the status now; `detail` adds to the reason. An ended episode is told of in one status' message."""
+        reason = self._damper.reason
+        remarks = list(self._remarks())
+        self._told, self._rests_told = self.episodes.total, self.stillness.count
+        if reason != OK:
+            level = LEVEL_ERROR if reason in ERRORS else LEVEL_WARN
+            words = [f"withholding: {reason}" + (f": {detail}" if detail else "")]
+        else:
+            level, words = LEVEL_WARN if remarks else LEVEL_OK, ["estimating"]
+        return Status(level, "; ".join(words + remarks), tuple(self._values()))
+
+    def _remarks(self) -> Iterator[str]:
+        episodes, ok = self.episodes, self._damper.reason == OK
+        if new := episodes.total - self._told:
+            last = episodes.last[-1]
+            more = f" and {new - 1} more" if new > 1 else ""
+            yield f"recovered from {last.reason} ({last.length_s:.2g} s){more}"
+        if ok and self._withheld > 0.0:
+            yield f"{self._withheld:.1%} withheld in the last second"
+        if ok and self._clamped >= CLAMPED_WARN:
+            yield f"{self._clamped:.1%} of the forces from inputs outside what the model was identified on"
+        if self.stillness.resting:
+            yield f"the position has not changed for {self.stillness.last_s:.1f} s: at rest, or its sensor is stuck"
+        elif self.stillness.count > self._rests_told:
+            yield f"the position has not changed for {self.stillness.last_s:.1f} s and does now"
+        figures = self.position.figures
+        if figures.dropped and figures.dropped >= DROPPED_WARN * (figures.samples + figures.dropped):
+            yield f"{figures.dropped / (figures.samples + figures.dropped):.1%} of the positions lost on the way"
+        if self.cost is not None and self.cost.drifted:
+            yield f"re-identify: {_drift(self.cost)}{self._recording()}"
+
+    def _recording(self) -> str:
+        """Return what became of the recording of a drift."""
+        if self.box is None:
+            return ""
+        if self.box.problem:
+            return f"; {self.box.problem}"
+        if self.box.busy:
+            return "; it is being recorded"
+        return f"; recorded in {self.box.saved}" if self._recorded and self.box.saved is not None else ""
+
+    def _values(self) -> Values:
+        damper, tally = self._damper, self._damper.tally
+        yield "reason", damper.reason
+        yield "rate [Hz]", f"{self._rate_Hz:.1f}"
+        yield "age of the last position on arrival [s]", f"{damper.age_ns * 1e-9:.6f}"
+        yield "extrapolated share", f"{self._clamped:.4f}"
+        yield "position samples", str(tally.samples)
+        yield "forces estimated", str(tally.estimates)
+        yield "messages without the field", str(tally.unreadable)
+        for reason, count in sorted(tally.withheld.items()):
+            yield f"withheld: {reason}", str(count)
+        yield from episode_values(self.episodes)
+        yield from rest_values(self.stillness)
+        yield from latency_values(self._latency)
+        yield from load_values(self._load)
+        for name, stream in (("position", self.position), ("current", self.current), ("measured force", self.force)):
+            yield from stream_values(name, stream.figures)
+        if self.cost is not None:
+            yield from cost_values(self.cost, self._judged)
+        if self.box is not None:
+            yield from box_values(self.box)
+        yield from self._facts
+
+
+def _drift(cost: RunningCost) -> str:
+    """Return the words for a cost beyond its threshold."""
+    known = "unknown" if cost.J is None else f"{cost.J:.1f}%"
+    return f"the cost J against the measured force is {known}, expected below {cost.warn_J:.1f}%"

@@ -1,0 +1,159 @@
+"""The running cost of an estimate against a measured force, and whether the model has drifted from the damper.
+
+Cost of thesis eq. 3.5, J = 100 ||y - y^|| / ||y - mean(y)||, over the last whole seconds of the stamps. The window
+slides by seconds and does not fade: it forgets an episode completely and at a known time, and no sum lives long
+enough to gather rounding errors. Whether a damper was moved enough to judge anything, and whether more than a second of
+bad luck speaks against the model, is looked at before a drift is told.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from math import isfinite, sqrt
+from typing import Any
+
+from ces_observer.health.force_pairs import ForcePairs
+from ces_observer.model import Model
+
+SECOND_NS = 1_000_000_000
+LATE_NS = 5 * SECOND_NS  # a pair from further back is one after time was set back
+LEAST_PAIRS = 100  # in the window; fewer say too little
+LEAST_FORCE_N = 20.0
+LEAST_FORCE_SHARE = 0.01  # of the force envelope: a smaller standard deviation is a damper that hardly moves
+LEAST_WARN_J = 10.0
+BAD_SECONDS = 3  # in the window that must be bad each by itself before a drift is told, and good before it is withdrawn
+GOOD = 0.8  # share of the threshold below which a drift is withdrawn
+
+
+class RunningCost:
+    """Running J [%] of one damper.
+
+    `window_s` whole seconds; `warn_J` [%] the threshold of `drifted`; `least_N` the least standard deviation of the
+    measured force [N] in the window at which J is told at all; `max_gap_s` the longest gap between two estimates that a
+    measured force may lie in. After each whole second of stamps: `spread_N` is that standard deviation; `J` the cost,
+    None if the window says too little; `drifted` is True from when J exceeds the threshold and so do three seconds or
+    more of the window, each by itself, until J has stayed below 0.8 of the threshold for three seconds. `paired` counts
+    the measured forces used, `ignored` those that are not finite, `unpaired` those that no estimates surround.
+    """
+
+    __slots__ = (
+        "J",
+        "_end_ns",
+        "_good",
+        "_pairs",
+        "_second",
+        "_seconds",
+        "drifted",
+        "estimate",
+        "ignored",
+        "least_N",
+        "paired",
+        "spread_N",
+        "warn_J",
+    )
+
+    def __init__(
+        self, window_s: int = 10, warn_J: float = 20.0, least_N: float = 20.0, max_gap_s: float = 0.05
+    ) -> None:
+        self.warn_J, self.least_N = warn_J, least_N
+        self._pairs = ForcePairs(self._take, max_gap_s)
+        self.estimate = self._pairs.estimate  # takes (stamp_ns, force_N), at once: it is called with every estimate
+        self.ignored = self.paired = 0
+        self._seconds: deque[_Second] = deque(maxlen=window_s)
+        self.drifted = False
+        self._restart(0)
+
+    @classmethod
+    def of_model(cls, model: Model, warn_J: float | None = None, window_s: int = 10) -> RunningCost:
+        """Return the running cost of a model; without `warn_J`, twice its worst cost on validation, at least 10 %."""
+        low, high = model.force_envelope_N
+        least_N = max(LEAST_FORCE_N, LEAST_FORCE_SHARE * (high - low))
+        warn_J = usual_warn_J(model.provenance) if warn_J is None else warn_J
+        return cls(window_s, warn_J, least_N, model.sampling.max_gap_s)
+
+    @property
+    def unpaired(self) -> int:
+        """Measured forces that no estimates surround."""
+        return self._pairs.unpaired
+
+    def measured(self, stamp_ns: int, force_N: float) -> None:
+        """Take a measured force."""
+        if isfinite(force_N):
+            self._pairs.measured(stamp_ns, force_N)
+        else:
+            self.ignored += 1
+
+    def _restart(self, stamp_ns: int) -> None:
+        self._seconds.clear()
+        self._second = _Second()
+        self._end_ns = stamp_ns + SECOND_NS
+        self._good = 0
+        self.J: float | None = None
+        self.spread_N = 0.0
+
+    def _take(self, stamp_ns: int, measured_N: float, estimated_N: float) -> None:
+        """Take a pair; one that comes late counts where it comes."""
+        if not -LATE_NS <= stamp_ns - self._end_ns < 0:
+            self._turn(stamp_ns)
+        self.paired += 1
+        self._second.add(measured_N, estimated_N - measured_N)
+
+    def _turn(self, stamp_ns: int) -> None:
+        """End a second of stamps and judge the window, or begin anew after a pause or a jump of time."""
+        if not 0 <= stamp_ns - self._end_ns < SECOND_NS:
+            self._restart(stamp_ns)
+            return
+        self._seconds.append(self._second)
+        self._second = _Second()
+        self._end_ns += SECOND_NS
+        self._judge(sum(second.pairs for second in self._seconds))
+
+    def _judge(self, pairs: int) -> None:
+        mean = sum(second.force for second in self._seconds) / pairs
+        variance = sum(second.force2 for second in self._seconds) / pairs - mean * mean
+        self.spread_N = sqrt(max(0.0, variance))
+        if pairs < LEAST_PAIRS or self.spread_N < self.least_N:
+            self.J = None
+            return
+        error_N = sqrt(sum(second.error2 for second in self._seconds) / pairs)
+        self.J = 100.0 * error_N / self.spread_N
+        most_N = self.warn_J * self.spread_N / 100.0
+        bad = sum(second.error_N > most_N for second in self._seconds)
+        self._good = self._good + 1 if error_N < GOOD * most_N else 0
+        self.drifted = self._good < BAD_SECONDS if self.drifted else error_N > most_N and bad >= BAD_SECONDS
+
+
+class _Second:
+    """Sums over the pairs of a second."""
+
+    __slots__ = ("error2", "force", "force2", "pairs")
+
+    def __init__(self) -> None:
+        self.pairs = 0
+        self.force = self.force2 = self.error2 = 0.0
+
+    @property
+    def error_N(self) -> float:
+        """Root of the mean squared error [N]."""
+        return sqrt(self.error2 / self.pairs) if self.pairs else 0.0
+
+    def add(self, force_N: float, error_N: float) -> None:
+        self.pairs += 1
+        self.force += force_N
+        self.force2 += force_N * force_N
+        self.error2 += error_N * error_N
+
+
+def usual_warn_J(provenance: Mapping[str, Any]) -> float:
+    """Return twice the worst cost on validation (else on identification) that a model's provenance tells, at least 10.
+
+    A file's provenance is free text as far as the runtime is concerned: what is not a cost there is passed over.
+    """
+    rows = provenance.get("cost_J_percent")
+    costs: dict[object, list[float]] = {}
+    for row in rows if isinstance(rows, list) else ():
+        if isinstance(row, Mapping) and isinstance(row.get("J"), int | float) and isfinite(row["J"]):
+            costs.setdefault(row.get("role"), []).append(float(row["J"]))
+    judged = costs.get("validation") or costs.get("identification") or [0.0]
+    return max(LEAST_WARN_J, 2.0 * max(judged))

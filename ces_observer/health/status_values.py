@@ -1,0 +1,84 @@
+"""The key-value pairs of a status, as in diagnostic_msgs/msg/KeyValue: names with units, and numbers as text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from ces_observer.health.episodes import Episodes
+from ces_observer.health.latencies import LatencyFigures
+from ces_observer.health.running_cost import RunningCost
+from ces_observer.health.stillness import Stillness
+from ces_observer.health.streams import StreamFigures
+from ces_observer.recorder.black_box import BlackBox
+
+Values = Iterator[tuple[str, str]]
+
+
+class Load(NamedTuple):
+    """Share of one core that the process and the executor's thread took of late; None if not known."""
+
+    process: float | None = None
+    executor: float | None = None
+
+
+def episode_values(episodes: Episodes) -> Values:
+    """Tell of the ended episodes, newest first."""
+    yield "episodes of withholding", str(episodes.total)
+    for reason, (count, length_s) in sorted(episodes.by_reason.items()):
+        yield f"episodes: {reason}", f"{count}, {length_s:.3f} s in all"
+    for number, episode in enumerate(reversed(episodes.last), start=1):
+        yield f"last episode {number}", str(episode)
+
+
+def rest_values(stillness: Stillness) -> Values:
+    """Tell how often, and how long last, the position has not changed."""
+    yield "position has not changed, times", str(stillness.count)
+    if stillness.count:
+        yield "position has not changed, last for [s]", f"{stillness.last_s:.3f}"
+
+
+def latency_values(latency: LatencyFigures) -> Values:
+    """Tell the latencies of the window."""
+    for name, ns in (("p50", latency.p50_ns), ("p99", latency.p99_ns), ("max", latency.max_ns)):
+        yield f"latency from stamp to publish, {name} [ms]", f"{ns * 1e-6:.3f}" if latency.samples else "none"
+
+
+def load_values(load: Load) -> Values:
+    """Tell how busy the process is."""
+    for name, share in (("process", load.process), ("executor", load.executor)):
+        if share is not None:
+            yield f"{name} load [% of a core]", f"{100.0 * share:.1f}"
+
+
+def stream_values(name: str, figures: StreamFigures) -> Values:
+    """Tell of an input once it has brought a message."""
+    if not figures.total_samples:
+        return
+    yield f"{name}: rate [Hz]", f"{figures.rate_Hz:.1f}"
+    yield f"{name}: age, mean [ms]", f"{figures.mean_age_s * 1e3:.3f}"
+    yield f"{name}: age, max [ms]", f"{figures.max_age_s * 1e3:.3f}"
+    yield f"{name}: jitter [ms]", f"{figures.jitter_s * 1e3:.3f}"
+    yield f"{name}: longest interval [ms]", f"{figures.longest_s * 1e3:.3f}"
+    yield f"{name}: longest burst", str(figures.burst)
+    if figures.total_dropped is not None:
+        yield f"{name}: dropped", str(figures.total_dropped)
+    yield f"{name}: out of order", str(figures.total_out_of_order)
+    yield f"{name}: duplicates", str(figures.total_duplicates)
+    yield f"{name}: interruptions", str(figures.total_interruptions)
+
+
+def cost_values(cost: RunningCost, judged: bool) -> Values:
+    """Tell the running cost; `judged` is whether there was anything to judge of late."""
+    yield "running cost J [%]", f"{cost.J:.2f}" if judged and cost.J is not None else "none"
+    yield "threshold of J [%]", f"{cost.warn_J:.2f}"
+    yield "measured force, standard deviation [N]", f"{cost.spread_N:.1f}"
+    yield "measured forces not finite", str(cost.ignored)
+    yield "measured forces without estimates around", str(cost.unpaired)
+
+
+def box_values(box: BlackBox) -> Values:
+    """Tell of the recordings."""
+    yield "recorded bag", str(box.saved or "none")
+    if box.problem:
+        yield "recording", box.problem

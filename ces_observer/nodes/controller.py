@@ -1,0 +1,176 @@
+"""The controller node: estimates of speed and force in, valve current out on `valve_command`, so that the damper's
+force follows a desired speed-force curve.
+
+It is driven by the estimates; its timer watches for their silence, commands the safe current then, and publishes
+`/diagnostics`. What it cannot stand for it answers with the safe current, saying why, and resumes by itself.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from math import nan
+from time import monotonic
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ces_observer.control.control_loop import ControlLoop
+from ces_observer.control.controller_health import ControllerHealth
+from ces_observer.control.force_controller import NO_ESTIMATE, OK, ForceController
+from ces_observer.control.steady_force import inverse_map
+from ces_observer.errors import CesError
+from ces_observer.nodes import executors
+from ces_observer.nodes.controller_parameters import LiveSettings, Settings, changed_settings, declare_settings
+from ces_observer.nodes.controller_topics import CommandOutput, DesiredOutput, estimate_signals, force_signal
+from ces_observer.nodes.diagnostics_output import DiagnosticsOutput, Report, status_with
+from ces_observer.nodes.inputs import Inputs
+from ces_observer.nodes.node_clock import NodeClock
+
+WATCH_S = 0.01  # period of the watch for silence
+TELL_S = 0.1  # least time between two diagnostics
+DIAGNOSTICS_S = 1.0
+
+
+class Controller(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
+    """The node `controller`; raises what executors.START_ERRORS lists if it cannot be built."""
+
+    def __init__(self) -> None:
+        try:
+            super().__init__("controller", automatically_declare_parameters_from_overrides=True)
+        except ValueError:
+            raise CesError("a parameter is given without a value or as an empty list; leave it out instead") from None
+        self._settings = settings = declare_settings(self)
+        self.executor_choice = settings.values["executor"]
+        live = settings.live
+        controller = ForceController(live.curve, inverse_map(settings.model), live.tuning)
+        self._loop = ControlLoop(controller, live.feedback, live.max_age_s)
+        self._health = ControllerHealth(self._loop, _facts(settings))
+        self._time = NodeClock(self, self._jumped)
+        self._command, self._desired = CommandOutput(self), DesiredOutput(self)
+        self._diagnostics = DiagnosticsOutput(self)
+        self._rolled = self._told = monotonic()
+        self._told_reason, self._failure = "", ""
+        self._speed, self._unreadable = nan, ""
+        self._listen(settings)
+        self.add_on_set_parameters_callback(self._check)
+        self.add_post_set_parameters_callback(self._set)
+        self.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def destroy_node(self) -> None:
+        """End the watch of the clock, then the node."""
+        self._time.close()
+        super().destroy_node()
+
+    def _listen(self, settings: Settings) -> None:
+        """Of the two numbers in an estimate the speed comes first."""
+        inputs = Inputs(self, self._time, self._unexpected)
+        speed, force = estimate_signals(settings.values["estimate_topic"], settings.values["joint"])
+        inputs.subscribe(speed, self._on_speed, self._no_speed)
+        inputs.subscribe(force, self._on_force, self._no_number)
+        inputs.subscribe(force_signal(settings.values["force_topic"]), self._on_measured, self._no_number)
+
+    def _on_speed(self, stamp_ns: int, speed_m_s: float, frame: bytes, now_ns: int) -> None:
+        del stamp_ns, frame, now_ns
+        self._speed = speed_m_s
+
+    def _on_force(self, stamp_ns: int, force_N: float, frame: bytes, now_ns: int) -> None:
+        self._unreadable = ""
+        loop = self._loop
+        self._command.publish(loop.estimate(stamp_ns, self._speed, force_N, now_ns, monotonic()))
+        self._health.latency.take(self._time.now() - stamp_ns)
+        if self._desired.is_heard and loop.controller.reason == OK:
+            self._desired.publish(stamp_ns, frame, loop.controller.reachable_N)
+        self._tell_change()
+
+    def _on_measured(self, stamp_ns: int, force_N: float, frame: bytes, now_ns: int) -> None:
+        del stamp_ns, frame, now_ns
+        self._loop.measured(force_N, monotonic())
+
+    def _no_speed(self, error: str) -> None:
+        self._speed = nan
+        self._unreadable = error
+
+    def _no_number(self, error: str) -> None:
+        self._unreadable = error
+
+    def _unexpected(self, error: Exception) -> None:
+        """Keep for the next diagnostics what no reader accounts for; estimates that cannot be taken end in silence."""
+        self._failure = f"{type(error).__name__}: {error}"
+
+    def _jumped(self, what: str) -> None:
+        self.get_logger().warning(f"{what}: the controller takes over anew")
+        self._loop.controller.reset()
+
+    def _watch(self) -> None:
+        now = monotonic()
+        current_A = self._loop.watch(now, WATCH_S)
+        if current_A is not None:
+            self._command.publish(current_A)
+        if now - self._rolled >= DIAGNOSTICS_S:
+            self._roll(now)
+        else:
+            self._tell_change()
+
+    def _roll(self, now: float) -> None:
+        executors.collect()
+        self._time.watch()
+        self._desired.look()
+        self._health.roll(now - self._rolled)
+        self._rolled = now
+        self._tell()
+
+    def _tell_change(self) -> None:
+        """Tell of a new reason at once, unless the last telling was just now: then the watch does."""
+        if self._loop.controller.reason != self._told_reason and monotonic() - self._told >= TELL_S:
+            self._tell()
+
+    def _tell(self) -> None:
+        self._told, self._told_reason = monotonic(), self._loop.controller.reason
+        status = self._health.status(self._detail())
+        if self._failure:
+            status, self._failure = status_with(status, f"unexpected error: {self._failure}"), ""
+        damper = self._settings.values["joint"] or "damper"
+        self._diagnostics.publish([Report(damper, damper, self._told_reason, status)])
+
+    def _detail(self) -> str:
+        """Return what there is to add to the reason."""
+        if self._loop.controller.reason != NO_ESTIMATE:
+            return ""
+        topic = self.resolve_topic_name(self._settings.values["estimate_topic"])
+        silent = "has a publisher that is silent" if self.count_publishers(topic) else "is published by nobody"
+        return self._unreadable or f"{topic} {silent}"
+
+    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        try:
+            self._changed(parameters)
+        except CesError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _set(self, parameters: Sequence[Parameter]) -> None:
+        live, loop = self._changed(parameters), self._loop
+        loop.controller.curve, loop.controller.tuning = live.curve, live.tuning
+        loop.feedback, loop.max_age_s = live.feedback, live.max_age_s
+
+    def _changed(self, parameters: Sequence[Parameter]) -> LiveSettings:
+        return changed_settings(self, parameters, self._settings.model_lag_s)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node; returns 0 when stopped by a signal, 2 if a parameter or the model cannot be used."""
+    return executors.run("controller", Controller, argv)
+
+
+def _facts(settings: Settings) -> dict[str, str]:
+    return {
+        "model": str(settings.model_path),
+        "model sha256": settings.model.digest(),
+        "lag of the model's force behind the current [ms]": f"{settings.model_lag_s * 1e3:.1f}",
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

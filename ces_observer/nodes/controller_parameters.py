@@ -1,0 +1,86 @@
+"""The controller node's parameters: declared once, read into checked settings, and what of them may change live."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ces_observer.control.controller_tuning import Tuning
+from ces_observer.control.force_curve import ForceCurve
+from ces_observer.control.steady_force import current_lag_s
+from ces_observer.errors import ModelError
+from ces_observer.model import Model, load_model
+from ces_observer.nodes.controller_table import ALL, CURVE, FORCES, LOOP, SPEEDS, TUNING
+from ces_observer.nodes.node_parameters import declare, declare_anew
+
+LIVE = (*(spec for spec in LOOP if spec.live), *(spec for spec in TUNING if spec.live))
+_OTHERS = ("qos_overrides.", "use_sim_time", "start_type_description_service")
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """What may change while the node runs, checked."""
+
+    curve: ForceCurve
+    tuning: Tuning
+    feedback: str
+    max_age_s: float
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the node is started with; `model_lag_s` stands in for a `valve_lag_s` that is left to the model."""
+
+    values: Mapping[str, Any]  # by the names in FIXED
+    model: Model
+    model_path: Path
+    model_lag_s: float
+    live: LiveSettings
+
+
+def declare_settings(node: Node) -> Settings:
+    """Declare and read the node's parameters; raises CesError or rclpy's ParameterException."""
+    values = {spec.name: declare(node, spec) for spec in ALL}
+    for name, default, meaning in CURVE:
+        values[name] = declare_anew(node, name, default, ParameterDescriptor(description=meaning))
+    _warn_of_unknown(node, values)
+    if not values["model"]:
+        raise ModelError("parameter 'model' is not set; give the observer's model file: -p model:=/path/model.json")
+    path = Path(values["model"]).expanduser()
+    model = load_model(path)
+    lag_s = current_lag_s(model)
+    return Settings(values, model, path, lag_s, live_settings(values, lag_s))
+
+
+def changed_settings(node: Node, parameters: Sequence[Parameter], model_lag_s: float) -> LiveSettings:
+    """Return the live settings with `parameters` changed; raises CesError if together they cannot be used."""
+    names = (*(spec.name for spec in LIVE), SPEEDS, FORCES)
+    values = {name: node.get_parameter(name).value for name in names}
+    values.update({parameter.name: parameter.value for parameter in parameters if parameter.name in values})
+    return live_settings(values, model_lag_s)
+
+
+def live_settings(values: Mapping[str, Any], model_lag_s: float) -> LiveSettings:
+    """Return the settings in `values`, by parameter name; raises CesError if they cannot be used."""
+    for spec in LOOP:
+        spec.checked(values[spec.name], spec.name)
+    own = {"timeout_s": "max_gap_s"}
+    tuning = {own.get(spec.name, spec.name): values[spec.name] for spec in TUNING}
+    if tuning["valve_lag_s"] < 0.0:
+        tuning["valve_lag_s"] = Tuning.lead_s(model_lag_s, tuning["preview_s"])
+    curve = ForceCurve.of(values[SPEEDS], values[FORCES])
+    return LiveSettings(curve, Tuning(**tuning), values["feedback"], values["max_age_s"])
+
+
+def _warn_of_unknown(node: Node, known: Mapping[str, Any]) -> None:
+    for name in node.get_parameters_by_prefix(""):
+        if name not in known and not name.startswith(_OTHERS):
+            node.get_logger().warning(
+                f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known))}"
+            )

@@ -1,0 +1,192 @@
+"""One damper in the graph: its position, current and measured force come in, its estimates go out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from rclpy.node import Node
+
+from ces_observer.current_hold import ConstantCurrent, CurrentHold
+from ces_observer.damper_observer import NO_CURRENT, SILENT, DamperObserver
+from ces_observer.health.health import Health
+from ces_observer.health.running_cost import RunningCost, usual_warn_J
+from ces_observer.health.streams import Arrivals
+from ces_observer.nodes.estimate_output import EstimateOutput
+from ces_observer.nodes.inputs import Deliver, Inputs
+from ces_observer.nodes.node_clock import NodeClock
+from ces_observer.nodes.observer_parameters import Settings, live_value
+from ces_observer.signals import Constant, Signal
+from ces_observer.wait_for_current import HeldBack
+
+LEAST_SILENCE_S = 0.2
+
+
+class DamperTopics:
+    """Inputs, output, estimator and health of one damper.
+
+    `on_change` is called when the reason why its force is withheld becomes another, `on_first_force` when a measured
+    force comes and there is no running cost to compare it with yet.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: Settings,
+        inputs: Inputs,
+        clock: NodeClock,
+        on_change: Callable[[], None],
+        on_first_force: Callable[[DamperTopics], None],
+    ) -> None:
+        self.settings = settings
+        self.damper = DamperObserver(settings.model, _current(settings), settings.values["max_age_s"])
+        self.health = Health(self.damper, {}, name=settings.name)
+        self._node, self._clock = node, clock
+        self._on_change, self._on_first_force = on_change, on_first_force
+        self.health.stillness.warn_s = settings.values["still_warn_s"]
+        self._held = HeldBack(0.0)
+        self._wait_for_current(settings.values["wait_for_current_s"])
+        self._told = self.damper.reason
+        self._seen, self._quiet_s = 0, 0.0
+        self._publish = EstimateOutput(node, f"{settings.topics}estimate", settings.name).publish
+        self._subscribe(inputs)
+
+    def use_model(self, source: str) -> None:
+        """Let health tell of the damper's model, which comes from `source`."""
+        facts = {"model": source, "model sha256": self.damper.model.digest()}
+        self.health.use(self.damper, facts, None if self.health.cost is None else self._cost())
+
+    def compare(self) -> None:
+        """Compare the estimates with the measured force from now on."""
+        self.health.cost = self._cost()
+
+    def set_live_values(self) -> None:
+        """Take over the parameters that can change while the node runs, but for the model."""
+        value = partial(live_value, self._node, self.settings)
+        self.damper.allow_age(value("max_age_s"))
+        self._wait_for_current(value("wait_for_current_s"))
+        self.health.stillness.warn_s = value("still_warn_s")
+        if self.health.cost is not None:
+            self.health.cost.warn_J = value("cost_warn_J") or usual_warn_J(self.damper.model.provenance)
+
+    def watch(self, elapsed_s: float) -> None:
+        """Look, `elapsed_s` after the last look, whether samples still arrive, and let go those that waited."""
+        self._let_go(self._clock.now())
+        samples = self.damper.tally.samples
+        self._quiet_s = 0.0 if samples != self._seen else self._quiet_s + elapsed_s
+        self._seen = samples
+        if self._quiet_s >= max(LEAST_SILENCE_S, self.damper.model.sampling.max_gap_s):
+            self.damper.silence()
+            self._tell_change()
+
+    def reset(self) -> None:
+        """Begin anew after a jump of time; what was held back belongs to the time before it."""
+        for stamp_ns, position_m, frame in self._held.all():
+            self._estimate(stamp_ns, position_m, frame, self._clock.now())
+        self.damper.reset()
+        self._tell_change()
+
+    def detail(self) -> str:
+        """Return what there is to add to the damper's reason, the state of a silent topic included."""
+        known = self.damper.explain()
+        if known or self.damper.reason not in (SILENT, NO_CURRENT):
+            return known
+        silent = self.settings.signals["position" if self.damper.reason == SILENT else "current"]
+        return self._topic_state(silent) if isinstance(silent, Signal) else ""
+
+    def _wait_for_current(self, wait_s: float) -> None:
+        """Hold positions back for at most `wait_s` [s] until their current is known; a constant one always is."""
+        self._held.wait(wait_s if isinstance(self.damper.current, CurrentHold) else 0.0)
+
+    def _cost(self) -> RunningCost:
+        warn_J = live_value(self._node, self.settings, "cost_warn_J")
+        return RunningCost.of_model(self.damper.model, warn_J or None, self.settings.values["cost_window_s"])
+
+    def _subscribe(self, inputs: Inputs) -> None:
+        """Subscribe, to current first: if one message brings both, its current holds for its position."""
+        health, damper = self.health, self.damper
+        health.current = self._arrivals(inputs, "current", self._on_current, damper.unreadable_current)
+        health.position = self._arrivals(inputs, "position", self._on_position, damper.unreadable_position)
+        if self.settings.values["compare_force"]:
+            health.force = self._arrivals(inputs, "force", self._on_measured_force, _ignore)
+
+    def _arrivals(self, inputs: Inputs, name: str, deliver: Deliver, unreadable: Callable[[str], None]) -> Arrivals:
+        signal = self.settings.signals[name]
+        if isinstance(signal, Constant):
+            return Arrivals()
+        stamped = inputs.subscribe(signal, deliver, unreadable)
+        if not stamped:
+            known = f"signal '{self.settings.prefix}{name}': {signal.type} has no header"
+            self._node.get_logger().warning(f"{known}, so its samples are stamped when they arrive")
+        return Arrivals(stamped)
+
+    def _on_current(self, stamp_ns: int, current_A: float, frame: bytes, now_ns: int) -> None:
+        del frame
+        self.health.current.take(stamp_ns, now_ns)
+        self.damper.take_current(stamp_ns, current_A)
+        if self._held.waits:
+            self._let_go(now_ns)
+
+    def _on_position(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
+        self.health.position.take(stamp_ns, now_ns)
+        self.health.stillness.take(stamp_ns, position_m)
+        if self._held.waits:
+            self._held.put(stamp_ns, position_m, frame, now_ns)
+            self._let_go(now_ns)
+        else:
+            self._estimate(stamp_ns, position_m, frame, now_ns)
+
+    def _on_measured_force(self, stamp_ns: int, force_N: float, frame: bytes, now_ns: int) -> None:
+        del frame
+        health = self.health
+        if health.cost is None:
+            self._on_first_force(self)
+        health.force.take(stamp_ns, now_ns)
+        if health.cost is not None:
+            health.cost.measured(stamp_ns, force_N)
+
+    def _let_go(self, now_ns: int) -> None:
+        """Estimate from the positions that have waited for their current."""
+        current = self.damper.current
+        newest_ns = current.newest_ns if isinstance(current, CurrentHold) else None
+        for stamp_ns, position_m, frame in self._held.ready(newest_ns, now_ns):
+            self._estimate(stamp_ns, position_m, frame, now_ns)
+
+    def _estimate(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
+        damper = self.damper
+        force = damper.step(stamp_ns, position_m, now_ns)
+        if force is not None:
+            self._publish(stamp_ns, frame, damper.position, damper.speed, force)
+            health = self.health
+            health.latency.take(self._clock.now() - stamp_ns)
+            if health.cost is not None:
+                health.cost.estimate(stamp_ns, force)
+        if damper.reason != self._told:
+            self._tell_change()
+
+    def _tell_change(self) -> None:
+        if self.damper.reason != self._told:
+            self._told = self.damper.reason
+            self.health.change(self._clock.now())
+            self._on_change()
+
+    def _topic_state(self, signal: Signal) -> str:
+        topic = self._node.resolve_topic_name(signal.topic)
+        types = sorted({info.topic_type for info in self._node.get_publishers_info_by_topic(topic)})
+        if not types:
+            return f"nothing publishes {topic}"
+        if signal.type not in types:
+            return f"{topic} carries {', '.join(types)}; {signal.name}.type is {signal.type}"
+        return f"{topic} has a publisher that is silent"
+
+
+def _current(settings: Settings) -> CurrentHold | ConstantCurrent:
+    current = settings.signals["current"]
+    if isinstance(current, Signal):
+        return CurrentHold(settings.model.sampling.max_current_age_s)
+    return ConstantCurrent(current.value)
+
+
+def _ignore(error: str) -> None:
+    """Do nothing about a measured force that cannot be read: none is compared."""
+    del error

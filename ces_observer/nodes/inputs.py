@@ -1,0 +1,131 @@
+"""The node's subscriptions: one for each topic and type, however many signals of however many dampers it carries.
+
+Messages come in as bytes, numbers with their stamps go out to whoever asked for them. What cannot be read from the
+bytes is deserialised the ordinary way, message by message. Nothing that a message does raises out of a callback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
+
+from ces_observer.cdr.signal import RawSignal, Reading
+from ces_observer.cdr.types import CdrUnsupportedError
+from ces_observer.errors import SignalsError
+from ces_observer.nodes.message_types import fields_of, header_stamp_ns, is_stamped, message_class
+from ces_observer.nodes.node_clock import NodeClock
+from ces_observer.signals import Signal
+
+INPUT_DEPTH = 1000  # a second at 1 kHz
+
+Deliver = Callable[[int, float, bytes, int], None]  # stamp [ns], value [SI], frame id, the node's time on arrival [ns]
+Read = Callable[[bytes], Reading]
+
+
+class Inputs:
+    """All subscriptions of the node.
+
+    `unexpected` is told of errors that no reader accounts for. `kept`, if set, is called with topic number, arrival
+    [ns] and bytes of each message; `topics` lists (name, type) by these numbers.
+    """
+
+    def __init__(self, node: Node, clock: NodeClock, unexpected: Callable[[Exception], None]) -> None:
+        self._node = node
+        self._clock = clock
+        self._unexpected = unexpected
+        self._topics: dict[tuple[str, str], _Topic] = {}
+        self.kept: Callable[[int, int, bytes], None] | None = None
+
+    @property
+    def topics(self) -> list[tuple[str, str]]:
+        """Resolved name and type of each topic."""
+        return list(self._topics)
+
+    def subscribe(self, signal: Signal, deliver: Deliver, unreadable: Callable[[str], None]) -> bool:
+        """Have each sample of `signal` delivered, or why a message has none; returns whether its messages are stamped.
+
+        A sample without a stamp of its own is stamped on arrival. Of signals in one message, the one that was
+        subscribed to first is delivered first. Raises SignalsError if topic, type or field cannot be.
+        """
+        kind = message_class(signal)
+        key = (self._resolved(signal), signal.type)
+        if key not in self._topics:
+            self._topics[key] = _Topic(self, len(self._topics))
+            qos = QoSProfile(depth=INPUT_DEPTH, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+            self._node.create_subscription(
+                kind,
+                signal.topic,
+                self._topics[key].take,
+                qos,
+                raw=True,
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
+        slowly = _deserialising(signal, kind)
+        self._topics[key].readers.append((_reader(signal) or slowly, slowly, deliver, unreadable))
+        return is_stamped(kind)
+
+    def _resolved(self, signal: Signal) -> str:
+        try:
+            return str(self._node.resolve_topic_name(signal.topic))
+        except (RuntimeError, ValueError):
+            raise SignalsError(
+                f"signal '{signal.name}': '{signal.topic}' is no topic name; expected letters, digits, '_' and '/'"
+            ) from None
+
+
+class _Topic:
+    """One topic's readers, each with its slow substitute, what takes the sample, and what is told if there is none."""
+
+    __slots__ = ("_inputs", "_number", "readers")
+
+    def __init__(self, inputs: Inputs, number: int) -> None:
+        self._inputs = inputs
+        self._number = number
+        self.readers: list[tuple[Read, Read, Deliver, Callable[[str], None]]] = []
+
+    def take(self, raw: bytes) -> None:
+        """Take a message; the callback of the subscription."""
+        inputs = self._inputs
+        try:
+            now_ns = inputs._clock.now()
+            if inputs.kept is not None:
+                inputs.kept(self._number, now_ns, raw)
+            for read, slowly, deliver, unreadable in self.readers:
+                try:
+                    try:
+                        stamp_ns, value, frame = read(raw)
+                    except CdrUnsupportedError:
+                        stamp_ns, value, frame = slowly(raw)
+                except SignalsError as error:
+                    unreadable(str(error))
+                    continue
+                deliver(now_ns if stamp_ns is None else stamp_ns, value, frame, now_ns)
+        except Exception as error:  # whatever a message does, the next one is served
+            inputs._unexpected(error)
+
+
+def _reader(signal: Signal) -> Read | None:
+    try:
+        return RawSignal(signal, fields_of).read
+    except CdrUnsupportedError:
+        return None
+
+
+def _deserialising(signal: Signal, kind: Any) -> Read:
+    """Return a reader that has rclpy make the whole message."""
+    value_of, stamped = signal.reader(), is_stamped(kind)
+
+    def read(raw: bytes) -> Reading:
+        try:
+            message = deserialize_message(raw, kind)
+        except RuntimeError as error:
+            raise SignalsError(f"a message of {signal.topic} cannot be deserialised: {error}") from None
+        value = value_of(message)
+        return (header_stamp_ns(message), value, message.header.frame_id.encode()) if stamped else (None, value, b"")
+
+    return read

@@ -1,0 +1,58 @@
+"""Declaring parameters from a table: each once, with its description and range, whatever was given for it.
+
+What was given was declared by rclpy already, without either (automatically_declare_parameters_from_overrides), which
+is how a parameter that nobody knows is found.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+
+from ces_observer.nodes.parameter_table import Spec
+
+
+def declare(node: Node, spec: Spec) -> Any:
+    """Declare `spec` and return its value; raises CesError or rclpy's ParameterException if what was given is wrong."""
+    value = declare_anew(node, spec.name, spec.default, descriptor_of(spec))
+    return spec.checked(value, spec.name)
+
+
+def declare_unset(node: Node, spec: Spec, name: str) -> None:
+    """Declare `spec` as `name` without a default: not set if it was not given. Raises CesError if what was is wrong.
+
+    It is typed dynamically, as rclpy answers no question about several parameters if one of a known type is not set.
+    """
+    descriptor = descriptor_of(spec)
+    descriptor.dynamic_typing = True
+    descriptor.description += "; not set: as for all dampers"
+    value = declare_anew(node, name, None, descriptor)
+    if value is not None:
+        spec.checked(value, name)
+
+
+def descriptor_of(spec: Spec) -> ParameterDescriptor:
+    """Return description, range and whether it is read-only."""
+    constraints = f"one of {', '.join(spec.one_of)}" if spec.one_of else ""
+    descriptor = ParameterDescriptor(
+        description=spec.meaning, read_only=not spec.live, additional_constraints=constraints
+    )
+    if spec.range is not None and isinstance(spec.default, int):
+        descriptor.integer_range = [IntegerRange(from_value=int(spec.range[0]), to_value=int(spec.range[1]))]
+    elif spec.range is not None:
+        descriptor.floating_point_range = [FloatingPointRange(from_value=spec.range[0], to_value=spec.range[1])]
+    return descriptor
+
+
+def declare_anew(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
+    """Declare a parameter that was declared without description because it was given, or was not, and return it."""
+    if node.has_parameter(name):
+        node.undeclare_parameter(name)
+    return node.declare_parameter(name, default, descriptor).value
+
+
+def value_of(node: Node, name: str) -> Any:
+    """Return the value of a parameter, None if it is not set or not declared."""
+    return node.get_parameter_or(name).value

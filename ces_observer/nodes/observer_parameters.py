@@ -1,0 +1,162 @@
+"""The observer node's parameters read into checked settings: those of the node, and those of each damper.
+
+With names in `dampers`, each damper has the parameters NAME.model, NAME.position.topic and so on; what is not set for
+it is as for all dampers, in the parameter without the name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ces_observer.errors import CesError, ModelError, SignalsError
+from ces_observer.model import Model, load_model
+from ces_observer.nodes.model_check import require_stable
+from ces_observer.nodes.node_parameters import declare, declare_anew, declare_unset, value_of
+from ces_observer.nodes.parameter_table import (
+    DAMPERS,
+    DAMPERS_MEANING,
+    NAME,
+    OF_A_DAMPER,
+    OF_THE_NODE,
+    Spec,
+)
+from ces_observer.nodes.signal_parameters import declare_signals, read_signals
+from ces_observer.signals import NAMES, Constant, Signal, Signals
+
+LIVE = {spec.name: spec for spec in OF_A_DAMPER if spec.live}
+_OTHERS = ("qos_overrides.", "use_sim_time", "start_type_description_service")
+_PLAIN_NAME = "expected letters, digits and underscores that do not begin with a digit"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What one damper is observed with; `key` is its name in `dampers`, empty if it is the only one."""
+
+    key: str
+    name: str
+    model: Model
+    model_path: Path
+    signals: Signals
+    values: dict[str, Any]  # by the names in OF_A_DAMPER, as they were at the start
+
+    @property
+    def prefix(self) -> str:
+        """What the names of its own parameters begin with."""
+        return f"{self.key}." if self.key else ""
+
+    @property
+    def topics(self) -> str:
+        """What the names of its topics and services begin with."""
+        return f"~/{self.key}/" if self.key else "~/"
+
+
+@dataclass(frozen=True)
+class NodeSettings:
+    """What the node is run with: `values` by the names in OF_THE_NODE."""
+
+    values: dict[str, Any]
+    dampers: tuple[Settings, ...]
+
+
+def declare_settings(node: Node) -> NodeSettings:
+    """Declare and read the node's parameters; raises CesError or rclpy's ParameterException."""
+    values = {spec.name: declare(node, spec) for spec in OF_THE_NODE}
+    keys = _declare_dampers(node)
+    for spec in (*OF_A_DAMPER, NAME):
+        declare(node, spec)
+        for key in keys:
+            declare_unset(node, spec, f"{key}.{spec.name}")
+    for prefix in ("", *(f"{key}." for key in keys)):
+        declare_signals(node, prefix)
+    _warn_of_unknown(node, keys)
+    return NodeSettings(values, tuple(_settings(node, key) for key in keys or ("",)))
+
+
+def live_value(node: Node, settings: Settings, name: str) -> Any:
+    """Return what holds for a damper now: its own value, or else that for all."""
+    own = value_of(node, settings.prefix + name) if settings.key else None
+    return value_of(node, name) if own is None else own
+
+
+def governing(node: Node, settings: Settings, name: str) -> str:
+    """Return the name of the parameter whose value holds for a damper now."""
+    own = settings.prefix + name
+    return name if value_of(node, own) is None else own
+
+
+def refusal(node: Node, parameters: Sequence[Parameter]) -> str:
+    """Return why one of these parameters cannot be set to its value, empty if all can."""
+    try:
+        for parameter in parameters:
+            spec = LIVE.get(parameter.name.rpartition(".")[2])
+            if spec is not None and node.has_parameter(parameter.name):
+                value = spec.checked(parameter.value, parameter.name)
+                if spec.name == "model":
+                    load_model(model_path(value))
+    except CesError as error:
+        return str(error)
+    return ""
+
+
+def model_path(text: str) -> Path:
+    """Return the path that a parameter `model` holds; raises ModelError if it is empty."""
+    if not text:
+        raise ModelError("parameter 'model' is not set; give the path of a model file: -p model:=/path/model.json")
+    return Path(text).expanduser()
+
+
+def _settings(node: Node, key: str) -> Settings:
+    prefix = f"{key}." if key else ""
+    values = {spec.name: spec.checked(_value(node, prefix, spec), prefix + spec.name) for spec in OF_A_DAMPER}
+    signals = read_signals(node, prefix)
+    if isinstance(signals["position"], Constant):
+        raise SignalsError(
+            f"signal '{prefix}position' is constant; expected topic, type and field of a measured position"
+        )
+    path = model_path(values["model"])
+    model = load_model(path)
+    if not values["allow_uncertified"]:
+        require_stable(model, str(path))
+    name = value_of(node, prefix + NAME.name) or _joint(signals["position"]) or key or "damper"
+    return Settings(key, name, model, path, signals, values)
+
+
+def _value(node: Node, prefix: str, spec: Spec) -> Any:
+    own = value_of(node, prefix + spec.name)
+    return value_of(node, spec.name) if own is None else own
+
+
+def _declare_dampers(node: Node) -> tuple[str, ...]:
+    descriptor = ParameterDescriptor(description=DAMPERS_MEANING, read_only=True, dynamic_typing=True)
+    keys = declare_anew(node, DAMPERS, None, descriptor) or []
+    if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys):
+        raise CesError(f"parameter '{DAMPERS}' is {keys!r}; expected a list of names, such as [front, rear]")
+    for key in keys:
+        if not key.isidentifier() or not key.isascii() or key in NAMES:
+            raise CesError(f"parameter '{DAMPERS}' has '{key}'; {_PLAIN_NAME}, and no name of a signal")
+    if len(set(keys)) < len(keys):
+        raise CesError(f"parameter '{DAMPERS}' is {list(keys)}; expected each name once")
+    return tuple(keys)
+
+
+def _warn_of_unknown(node: Node, keys: Sequence[str]) -> None:
+    known = {spec.name for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)} | {DAMPERS}
+    for name in node.get_parameters_by_prefix(""):
+        first, _, rest = name.partition(".")
+        told = rest if first in keys else name
+        if told not in known and told.partition(".")[0] not in NAMES and not name.startswith(_OTHERS):
+            node.get_logger().warning(
+                f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known))}"
+            )
+
+
+def _joint(position: Signal | Constant) -> str:
+    steps = position.field.steps if isinstance(position, Signal) else ()
+    return next((element for _, element in steps if isinstance(element, str)), "")

@@ -1,0 +1,50 @@
+"""The node's black box: which topics it keeps and where its bags go; only if a measured force comes is it kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+
+from ces_observer.nodes.inputs import Inputs
+from ces_observer.nodes.message_definitions import bag_channel
+from ces_observer.recorder.black_box import BlackBox
+
+TAIL = 1.0 / 3.0  # of the time before the drift that is recorded after it
+WORK_S = 0.002  # what writing may take of each look of the watch
+
+
+class Recording:
+    """The black box of all dampers; `box` is None until the first measured force comes, or if there is to be none."""
+
+    def __init__(self, node: Node, inputs: Inputs, values: dict[str, Any]) -> None:
+        self._node, self._inputs = node, inputs
+        self._folder, self._seconds = values["record_dir"], values["record_s"]
+        self._most_bags = values["record_max_bags"]
+        self.box: BlackBox | None = None
+
+    def begin(self) -> None:
+        """Keep the last seconds of all inputs from now on."""
+        if self.box is not None or not self._folder:
+            return
+        try:
+            channels = [bag_channel(topic, kind) for topic, kind in self._inputs.topics]
+        except (LookupError, OSError) as error:
+            self._node.get_logger().warning(f"nothing will be recorded: no definition of a message type: {error}")
+            self._folder = ""
+            return
+        folder = Path(self._folder).expanduser()
+        tail_s = TAIL * self._seconds
+        self.box = BlackBox(channels, folder, seconds=self._seconds, tail_s=tail_s, most_bags=self._most_bags)
+        self._inputs.kept = self.box.keep
+
+    def work(self, now_ns: int) -> None:
+        """Go on with what is being written, a little at a time."""
+        if self.box is not None:
+            self.box.work(WORK_S, now_ns)
+
+    def close(self) -> None:
+        """Complete what is being written."""
+        if self.box is not None:
+            self.box.close()

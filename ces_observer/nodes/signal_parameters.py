@@ -1,0 +1,42 @@
+"""Where each signal is, as parameters of the node: declared with their meanings, read into `Signals`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+
+from ces_observer.nodes.node_parameters import declare_anew, value_of
+from ces_observer.nodes.parameter_table import SIGNAL_KEYS
+from ces_observer.signals import DEFAULTS, Signals, overridden
+
+SIGNALS = ("position", "current", "force")
+
+
+def declare_signals(node: Node, prefix: str) -> None:
+    """Declare where each signal is; with a `prefix`, that of one damper, nothing is set that was not given."""
+    for signal in SIGNALS:
+        defaults = {**DEFAULTS[signal], "scale": 1.0, "offset": 0.0}
+        for key, meaning in SIGNAL_KEYS.items():
+            free = bool(prefix) or key in ("scale", "offset")  # not set, or perhaps given as a whole number
+            descriptor = ParameterDescriptor(description=f"{signal}: {meaning}", read_only=True, dynamic_typing=free)
+            declare_anew(node, f"{prefix}{signal}.{key}", None if prefix else defaults[key], descriptor)
+    descriptor = ParameterDescriptor(
+        description="current: known value in SI units instead of a topic", read_only=True, dynamic_typing=True
+    )
+    declare_anew(node, f"{prefix}current.constant", None, descriptor)
+
+
+def read_signals(node: Node, prefix: str) -> Signals:
+    """Return where each signal of a damper is, its own over what is said for all; raises SignalsError."""
+    described = {
+        signal: overridden(_given(node, signal), _given(node, prefix + signal) if prefix else None)
+        for signal in SIGNALS
+    }
+    return Signals.from_mapping(described, f"parameters of '{prefix[:-1]}'" if prefix else "parameters")
+
+
+def _given(node: Node, signal: str) -> dict[str, Any]:
+    keys = {name: value_of(node, f"{signal}.{name}") for name in node.get_parameters_by_prefix(signal)}
+    return {key: value for key, value in keys.items() if value is not None}

@@ -1,0 +1,109 @@
+"""A rosbag2 folder written message by message: an MCAP file and metadata.yaml, under its name only when complete."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ces_observer.recorder.mcap_file import BagChannel, McapFile
+
+VERSION = 9  # of metadata.yaml, that of Jazzy
+METADATA = "metadata.yaml"
+PART = ".part"
+
+
+class BagFolder:
+    """Writes the bag `path`, in a hidden folder beside it that `place` renames; raises OSError where that cannot be.
+
+    `notes` become the bag's custom data. Call `write` as often as there are messages, then `end`, then `place`.
+    """
+
+    def __init__(self, path: Path, channels: Sequence[BagChannel], notes: Mapping[str, str]) -> None:
+        self.path = path
+        self._channels = channels
+        self._notes = dict(notes)
+        self._part = part_of(path)
+        self._part.mkdir(parents=True)
+        self._file = McapFile(self._part / f"{path.name}.mcap", channels)
+        self.write = self._file.write  # takes (channel, log_ns, raw), at once: it is called with every message
+
+    def end(self) -> None:
+        """Complete the files."""
+        self._file.close()
+        text = metadata_text(self.path.name, self._channels, self._file, self._notes)
+        (self._part / METADATA).write_text(text, encoding="utf-8")
+
+    def place(self) -> None:
+        """Put the bag under its name once it is on the disk; takes as long as the disk does."""
+        for path in (*self._part.iterdir(), self._part):
+            handle = os.open(path, os.O_RDONLY)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)
+        self._part.rename(self.path)
+
+    def abandon(self) -> None:
+        """Remove what was written."""
+        self._file.abandon()
+        remove_bag(self._part)
+
+
+def part_of(path: Path) -> Path:
+    """Return the hidden folder in which the bag `path` is written."""
+    return path.with_name(f".{path.name}{PART}")
+
+
+def remove_bag(path: Path) -> None:
+    """Remove a bag's folder with the files a bag has, and no other; raises OSError."""
+    for file in (*path.glob("*.mcap"), path / METADATA):
+        file.unlink(missing_ok=True)
+    path.rmdir()
+
+
+def metadata_text(name: str, channels: Sequence[BagChannel], file: McapFile, notes: Mapping[str, str]) -> str:
+    """Return the text of metadata.yaml; times are those of receipt."""
+    total, start_ns, length_ns = sum(file.counts), file.start_ns, file.end_ns - file.start_ns
+    topics = "".join(_topic(channel, count) for channel, count in zip(channels, file.counts, strict=True))
+    custom = "".join(f"\n    {_quoted(key)}: {_quoted(value)}" for key, value in notes.items()) or " {}"
+    return f"""rosbag2_bagfile_information:
+  version: {VERSION}
+  storage_identifier: mcap
+  duration:
+    nanoseconds: {length_ns}
+  starting_time:
+    nanoseconds_since_epoch: {start_ns}
+  message_count: {total}
+  topics_with_message_count:{topics or " []"}
+  compression_format: ""
+  compression_mode: ""
+  relative_file_paths:
+    - {_quoted(f"{name}.mcap")}
+  files:
+    - path: {_quoted(f"{name}.mcap")}
+      starting_time:
+        nanoseconds_since_epoch: {start_ns}
+      duration:
+        nanoseconds: {length_ns}
+      message_count: {total}
+  custom_data:{custom}
+  ros_distro: {_quoted(os.environ.get("ROS_DISTRO", ""))}
+"""
+
+
+def _topic(channel: BagChannel, count: int) -> str:
+    return f"""
+    - topic_metadata:
+        name: {_quoted(channel.topic)}
+        type: {_quoted(channel.type)}
+        serialization_format: cdr
+        offered_qos_profiles: []
+        type_description_hash: {_quoted(channel.type_hash)}
+      message_count: {count}"""
+
+
+def _quoted(text: str) -> str:
+    """Return a text as a YAML double-quoted scalar, which a JSON string is."""
+    return json.dumps(text, ensure_ascii=False)

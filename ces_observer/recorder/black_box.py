@@ -1,0 +1,197 @@
+"""The last seconds of raw messages, kept in memory and written as a bag when something is worth it.
+
+The node keeps every message as it came in. `save` has the seconds before it and a few after it written to a folder, bit
+by bit in `work`, so that no callback waits; to wait for the disk is a thread's part. Nothing here raises on a full disk
+or a folder that cannot be written: `problem` says so, and that recording is given up.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from threading import Thread
+
+from ces_observer.recorder.bag_folder import BagFolder
+from ces_observer.recorder.mcap_file import BagChannel
+from ces_observer.recorder.record_folder import SECOND_NS, RecordFolder
+
+OVERHEAD_BYTES = 250  # what Python needs for a kept message besides its bytes
+MOST_DROPPED = 1500  # messages too old that are dropped in one call of `work`
+BATCH = 10  # messages written between two looks at the clock
+
+
+class BlackBox:
+    """Keeps the messages of `channels` over `seconds` + `tail_s`, and saves them as bags in `folder`.
+
+    At most `most_bytes` are kept, Python's own overhead included, the oldest messages giving way; while a recording is
+    written there may be twice as much. Bags are named LABEL_UTC. At most `most_bags` of a label are left in the folder:
+    the oldest are removed, but never one that holds more than a bag's own files. Two recordings are at least `pause_s`
+    apart. `saved` is the newest bag, `problem` says why the last recording failed, empty if it did not.
+    """
+
+    __slots__ = (
+        "_bag",
+        "_bytes",
+        "_channels",
+        "_due_ns",
+        "_ender",
+        "_error",
+        "_folder",
+        "_label",
+        "_most_bytes",
+        "_notes",
+        "_pause_ns",
+        "_ring",
+        "_saved_ns",
+        "_span_ns",
+        "_tail_ns",
+        "_writing",
+        "problem",
+        "saved",
+    )
+
+    def __init__(
+        self,
+        channels: Sequence[BagChannel],
+        folder: Path,
+        *,
+        seconds: float = 15.0,
+        tail_s: float = 5.0,
+        most_bytes: int = 64 << 20,
+        most_bags: int = 10,
+        pause_s: float = 60.0,
+    ) -> None:
+        self._channels, self._folder = tuple(channels), RecordFolder(folder, most_bags)
+        self._span_ns, self._tail_ns = round((seconds + tail_s) * SECOND_NS), round(tail_s * SECOND_NS)
+        self._most_bytes, self._pause_ns = most_bytes, round(pause_s * SECOND_NS)
+        self._saved_ns = -1 << 62
+        self._due_ns: int | None = None
+        self._label, self._notes = "", dict[str, str]()
+        self._bag: BagFolder | None = None
+        self._ender: Thread | None = None
+        self._error: OSError | None = None
+        self._writing: deque[tuple[int, int, bytes]] = deque()
+        self._empty_ring()
+        self.saved: Path | None = None
+        self.problem = ""
+
+    def keep(self, channel: int, now_ns: int, raw: bytes) -> None:
+        """Keep a message of a channel, given by its place among `channels`, that arrived at `now_ns`."""
+        self._ring.append((channel, now_ns, raw))
+        self._bytes += len(raw) + OVERHEAD_BYTES
+        if self._bytes > self._most_bytes:
+            self._make_room()
+
+    def save(self, label: str, now_ns: int, notes: Mapping[str, str]) -> bool:
+        """Have a bag written that holds the messages before `now_ns` and `tail_s` after it; `notes` go with it.
+
+        Returns False, having done nothing, while another one is written or the last was less than `pause_s` ago.
+        """
+        if self.busy or abs(now_ns - self._saved_ns) < self._pause_ns:
+            return False
+        self._label = re.sub(r"[^\w.-]+", "_", label).strip("_.") or "bag"
+        self._notes = dict(notes)
+        self._saved_ns, self._due_ns = now_ns, now_ns + self._tail_ns
+        return True
+
+    @property
+    def busy(self) -> bool:
+        """True from `save` until the bag is there or given up."""
+        return self._due_ns is not None or self._bag is not None
+
+    def work(self, budget_s: float, now_ns: int) -> None:
+        """Drop what is too old and write on at a recording, for about `budget_s`; call it about ten times a second."""
+        due = self._due_ns
+        try:
+            if due is not None and not due - self._tail_ns <= now_ns < due:
+                self._begin()
+            elif self._ender is not None:
+                self._look_after_end()
+            elif self._bag is not None:
+                self._write(self._bag, budget_s)
+            else:
+                self._drop_old(now_ns)
+        except OSError as error:
+            self._give_up(error)
+
+    def close(self) -> None:
+        """Complete a recording that was asked for, without waiting for its tail; for the end of the program."""
+        try:
+            if self._due_ns is not None:
+                self._begin()
+            if self._bag is not None and self._ender is None:
+                self._write(self._bag, float("inf"))
+            if self._ender is not None:
+                self._ender.join()
+                self._look_after_end()
+        except OSError as error:
+            self._give_up(error)
+
+    def _empty_ring(self) -> None:
+        self._ring: deque[tuple[int, int, bytes]] = deque()
+        self._bytes = 0
+
+    def _make_room(self) -> None:
+        """Drop the oldest messages, some more than must be, so that the next `keep` need not."""
+        enough = self._most_bytes - self._most_bytes // 1024
+        while self._bytes > enough:
+            self._bytes -= len(self._ring.popleft()[2]) + OVERHEAD_BYTES
+
+    def _drop_old(self, now_ns: int) -> None:
+        """Drop messages that are too old, or from before time was set back; a bounded number of them."""
+        ring, oldest = self._ring, now_ns - self._span_ns
+        for _ in range(min(MOST_DROPPED, len(ring))):
+            if oldest <= ring[0][1] <= now_ns:
+                return
+            self._bytes -= len(ring.popleft()[2]) + OVERHEAD_BYTES
+
+    def _begin(self) -> None:
+        """Take what is kept for a new bag and go on with an empty ring."""
+        self._due_ns = None
+        self._writing, size = self._ring, self._bytes
+        self._empty_ring()
+        path = self._folder.new_bag(self._label, self._saved_ns, size)
+        self._bag = BagFolder(path, self._channels, self._notes)
+
+    def _write(self, bag: BagFolder, budget_s: float) -> None:
+        end = time.perf_counter() + budget_s
+        writing = self._writing
+        while writing and time.perf_counter() < end:
+            for _ in range(min(BATCH, len(writing))):
+                bag.write(*writing.popleft())
+        if not writing:
+            bag.end()
+            self._error = None
+            self._ender = Thread(target=self._place, args=(bag,), name="black box", daemon=True)
+            self._ender.start()
+
+    def _place(self, bag: BagFolder) -> None:
+        """Wait for the disk; runs in a thread, and does nothing there that holds up the others."""
+        try:
+            bag.place()
+            self._folder.prune(self._label)
+        except OSError as error:
+            self._error = error
+
+    def _look_after_end(self) -> None:
+        """Tell the outcome once the thread is done."""
+        if self._ender is None or self._bag is None or self._ender.is_alive():
+            return
+        bag, error, self._ender = self._bag, self._error, None
+        if error is not None and not bag.path.exists():
+            raise error
+        self.saved, self._bag, self.problem = bag.path, None, ""
+        if error is not None:
+            self.problem = f"{self._folder.path}: an older recording cannot be removed: {error.strerror or error}"
+
+    def _give_up(self, error: OSError) -> None:
+        self.problem = f"{self._folder.path}: a recording cannot be written: {error.strerror or error}"
+        bag, self._bag, self._ender = self._bag, None, None
+        self._writing.clear()
+        if bag is not None:
+            with suppress(OSError):
+                bag.abandon()

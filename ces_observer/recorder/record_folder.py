@@ -1,0 +1,58 @@
+"""The folder of recorded bags: names for new ones, room on the disk, and only so many of a kind."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from errno import ENOSPC
+from pathlib import Path
+
+from ces_observer.recorder.bag_folder import METADATA, part_of, remove_bag
+
+LEAST_FREE_BYTES = 200 << 20  # a recording leaves so much of the disk to others
+INTERRUPTED_S = 3600.0  # a younger unfinished bag may be one that another observer is writing
+STAMP = "%Y-%m-%d-%H-%M-%S"
+STAMP_PATTERN = r"\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d(_\d+)?"
+SECOND_NS = 1_000_000_000
+
+
+class RecordFolder:
+    """Bags named `label_UTC` in `path`; all that it does raises OSError where the file system does."""
+
+    def __init__(self, path: Path, most_bags: int) -> None:
+        self.path = path
+        self.most_bags = most_bags
+
+    def new_bag(self, label: str, time_ns: int, size: int) -> Path:
+        """Return a free path for a bag of about `size` bytes; raises OSError also if the disk is nearly full.
+
+        What a recording of the same label left behind that was interrupted long ago is removed.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        if shutil.disk_usage(self.path).free < size + LEAST_FREE_BYTES:
+            raise OSError(ENOSPC, f"the disk is nearly full; a recording leaves {LEAST_FREE_BYTES >> 20} MiB free")
+        for left in self.path.glob(part_of(self.path / f"{label}_*").name):
+            if time.time() - left.stat().st_mtime > INTERRUPTED_S:
+                remove_bag(left)
+        stem = f"{label}_{time.strftime(STAMP, time.gmtime(time_ns // SECOND_NS))}"
+        path, count = self.path / stem, 1
+        while path.exists():
+            count += 1
+            path = self.path / f"{stem}_{count}"
+        return path
+
+    def prune(self, label: str) -> None:
+        """Remove the oldest bags of a label beyond `most_bags`, but never one with more in it than a bag's files."""
+        bags = sorted(self._bags(label), key=lambda path: path.stat().st_mtime_ns)
+        for path in bags[: -self.most_bags]:
+            remove_bag(path)
+
+    def _bags(self, label: str) -> Iterator[Path]:
+        pattern = re.compile(f"{re.escape(label)}_{STAMP_PATTERN}")
+        for path in self.path.iterdir():
+            if pattern.fullmatch(path.name) and path.is_dir():
+                files = {file.name for file in path.iterdir()}
+                if files == {METADATA, f"{path.name}.mcap"}:
+                    yield path
