@@ -93,7 +93,7 @@ def over_time(
         force.plot(time, run.force_N[part] / 1e3, color=COLOURS[way], lw=1.2, label=ways[way])
         current.plot(time, run.command_A[part], color=COLOURS[way], lw=0.9)
     force.set_title(
-        "the plant as identified, noise stroke; shaded: the desired force can be reached", loc="left", fontsize=10
+        "noise stroke, the plant as identified; shaded: where the desired force can be had", loc="left", fontsize=10
     )
     force.set_ylabel("force [kN]")
     force.legend(loc="lower right", frameon=False, ncols=3, fontsize=8)

@@ -7,12 +7,13 @@ from typing import Any
 
 from rclpy.node import Node
 
+from ces_observer.errors import CesError
 from ces_observer.nodes.inputs import Inputs
 from ces_observer.nodes.message_definitions import bag_channel
 from ces_observer.recorder.black_box import BlackBox
 
 TAIL = 1.0 / 3.0  # of the time before the drift that is recorded after it
-WORK_S = 0.002  # what writing may take of each look of the watch
+WORK_S = 0.0005  # what writing may take of each look of the watch
 
 
 class Recording:
@@ -30,7 +31,7 @@ class Recording:
             return
         try:
             channels = [bag_channel(topic, kind) for topic, kind in self._inputs.topics]
-        except (LookupError, OSError) as error:
+        except (CesError, LookupError, OSError) as error:
             self._node.get_logger().warning(f"nothing will be recorded: no definition of a message type: {error}")
             self._folder = ""
             return
