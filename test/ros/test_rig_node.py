@@ -188,9 +188,12 @@ def test_a_vehicle_in_its_own_time(bench: Bench, rig: Start) -> None:
 
 def test_as_fast_as_it_is_answered(bench: Bench, rig: Start) -> None:
     """Each sample waits for the command that answers it: no clock has a say in a closed loop then."""
-    answers = []
+    answers, answered, silent = [], [], threading.Event()
 
     def answer(message: JointState) -> None:
+        if silent.is_set():
+            return
+        answered.append(stamp_of(message))
         answers.append(0.3 + 0.1 * (stamp_of(message) // MS % 4))
         bench._commands.publish(Float64(data=answers[-1]))
 
@@ -200,6 +203,9 @@ def test_as_fast_as_it_is_answered(bench: Bench, rig: Start) -> None:
     bench.hears("joint_states", 1000)
     assert set(np.diff(bench.stamps("joint_states")).tolist()) == {MS}
     assert abs(len(answers) - len(bench.heard["joint_states"])) < 5
+    silent.set()
+    time.sleep(0.5)
+    assert bench.stamps("joint_states")[-1] - answered[-1] <= MS, "no sample but the next is on its way"
 
 
 MISTAKES = {
