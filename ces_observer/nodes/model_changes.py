@@ -29,12 +29,13 @@ LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 class ModelChanges:
     """The models on their way to one damper.
 
-    `source` is where the model that runs comes from; `state` a line on the last change.
+    `source` is where the model that runs comes from; `state` a line on the last change, `refused` how many were none.
     """
 
     def __init__(self, node: Node, settings: Settings, damper: DamperObserver) -> None:
         self.source = str(settings.model_path)
         self.state = "none"
+        self.refused = 0
         self._node, self._settings, self._damper = node, settings, damper
         self._running, self._next_source = damper.model, ""
         self._reload = ModelReload()
@@ -93,6 +94,7 @@ class ModelChanges:
         self._answer(True, self.state)
 
     def _refuse(self, reason: str) -> None:
+        self.refused += 1
         self.state = f"refused, the model before runs on: {reason}"
         self._node.get_logger().error(self.state)
         self._answer(False, reason)

@@ -114,6 +114,7 @@ class Observer(Node):  # type: ignore[misc]  # rclpy is not there where types ar
             status = status_with(status, f"{self._failures} unexpected errors, the last: {self._failure}")
         others = (
             ("last change of the model", changes.state),
+            ("models refused", str(changes.refused)),
             ("jumps of time", f"{self._jumps}, the last: {self._jump}"),
             ("unexpected errors", f"{self._failures}, the last: {self._failure}"),
         )
