@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from ces_observer.cdr.joint_state import RawEstimate
 
 Publish = Callable[[int, bytes, float, float, float], None]
-OUTPUT_DEPTH = 10
+OUTPUT_DEPTH = 1000  # as the inputs: a burst after a stall goes out whole
 PROBE = (1_234_567_890_987_654_321, "piston_rod", 0.0123, -0.456, 789.1)
 
 
