@@ -17,11 +17,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_msgs.msg import String
@@ -29,18 +27,17 @@ from std_msgs.msg import String
 from ces_cli.identify_options import PARAMETERS, Parameter, Value, words
 from ces_cli.identify_process import EXIT_STATUS, WARNING, IdentifyProcess
 from ces_cli.identify_progress import DONE, SEARCHING, WRITING, SearchState
-from ces_observer.errors import CesError
+from ces_observer.nodes.executors import START_ERRORS, USER_ERROR
+from ces_observer.nodes.node_parameters import TableNode
 
 LOOK_S = 0.1
 TELL_S = 1.0  # period of ~/progress while nothing happens
 LOG_S = 5.0
 ONE_SIGNAL_S = 2.0  # a terminal and ros2 launch each pass the same Ctrl-C on
-USER_ERROR = 2
 LAST_WORDS = Duration(seconds=1)
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 EXIT_WHEN_DONE = "exit_when_done"
 _OTHERS = ("qos_overrides.", "use_sim_time", "start_type_description_service", "position", "current", "force")
-START_ERRORS = (CesError, ParameterException, NameValidationException, InvalidQosOverridesError, RuntimeError)
 
 
 class Stop:
@@ -57,11 +54,11 @@ class Stop:
         self._last_s = now
 
 
-class IdentifyNode(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
+class IdentifyNode(TableNode):
     """The node; `status` is the future exit status. Raises what START_ERRORS lists if it cannot be built."""
 
     def __init__(self, stop: Stop) -> None:
-        super().__init__("identify", automatically_declare_parameters_from_overrides=True)
+        super().__init__("identify")
         values = {parameter.name: _declared(self, parameter) for parameter in PARAMETERS}
         self._exits = _declared(self, Parameter(EXIT_WHEN_DONE, False, "end when the model is published"))
         _warn_of_unknown(self)

@@ -14,7 +14,6 @@ from time import monotonic
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ces_observer.control.control_loop import ControlLoop
@@ -28,20 +27,18 @@ from ces_observer.nodes.controller_topics import CommandOutput, DesiredOutput, e
 from ces_observer.nodes.diagnostics_output import DiagnosticsOutput, Report, status_with
 from ces_observer.nodes.inputs import Inputs
 from ces_observer.nodes.node_clock import NodeClock
+from ces_observer.nodes.node_parameters import TableNode
 
 WATCH_S = 0.01  # period of the watch for silence
 TELL_S = 0.1  # least time between two diagnostics
 DIAGNOSTICS_S = 1.0
 
 
-class Controller(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
+class Controller(TableNode):
     """The node `controller`; raises what executors.START_ERRORS lists if it cannot be built."""
 
     def __init__(self) -> None:
-        try:
-            super().__init__("controller", automatically_declare_parameters_from_overrides=True)
-        except ValueError:
-            raise CesError("a parameter is given without a value or as an empty list; leave it out instead") from None
+        super().__init__("controller")
         self._settings = settings = declare_settings(self)
         self.executor_choice = settings.values["executor"]
         live = settings.live

@@ -6,7 +6,7 @@ Knows no ROS, so that the node declares them, and documentation and tests read t
 from __future__ import annotations
 
 from ces_observer.control.control_loop import FEEDBACKS
-from ces_observer.nodes.parameter_table import Spec
+from ces_observer.nodes.parameter_table import EXECUTOR, Spec
 
 MOST_A = 100.0
 AS_THE_MODEL = -1.0
@@ -20,13 +20,7 @@ CURVE = (
     ),
 )
 FIXED = (
-    Spec(
-        "executor",
-        "auto",
-        "what runs the callbacks: 'events' is rclpy's EventsExecutor, 'single' its SingleThreadedExecutor, 'auto' "
-        "events where this rclpy has it",
-        one_of=("auto", "events", "single"),
-    ),
+    EXECUTOR,
     Spec("model", "", "path of the model file (model.json), the observer's own, whose inverse is fed forward"),
     Spec("estimate_topic", "observer/estimate", "topic of the estimates (JointState: velocity, effort)"),
     Spec("joint", "", "joint of the estimates to control; empty: the first in the message"),

@@ -1,7 +1,7 @@
 """A model on its way into a running observer: proved to be stable in a child process, then a verdict.
 
 Nothing here waits: `start` hands the model over and returns, `poll` looks whether the child is done. Proving takes
-anything from milliseconds to minutes of one core, which the samples that arrive meanwhile could not wait for.
+anything from milliseconds to seconds of one core, which the samples that arrive meanwhile could not wait for.
 """
 
 from __future__ import annotations

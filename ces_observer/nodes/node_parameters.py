@@ -11,7 +11,18 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
+from ces_observer.errors import CesError
 from ces_observer.nodes.parameter_table import Spec
+
+
+class TableNode(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
+    """A node whose parameters are declared from a table; raises CesError for one given without a type."""
+
+    def __init__(self, name: str) -> None:
+        try:
+            super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        except ValueError:
+            raise CesError("a parameter is given without a value or as an empty list; leave it out instead") from None
 
 
 def declare(node: Node, spec: Spec) -> Any:

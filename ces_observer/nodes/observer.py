@@ -13,10 +13,8 @@ from time import monotonic
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ces_observer.errors import CesError
 from ces_observer.health.load_meter import LoadMeter
 from ces_observer.nodes import executors
 from ces_observer.nodes.damper_topics import DamperTopics
@@ -24,6 +22,7 @@ from ces_observer.nodes.diagnostics_output import DiagnosticsOutput, Report, sta
 from ces_observer.nodes.inputs import Inputs
 from ces_observer.nodes.model_changes import ModelChanges
 from ces_observer.nodes.node_clock import NodeClock
+from ces_observer.nodes.node_parameters import TableNode
 from ces_observer.nodes.observer_parameters import Settings, declare_settings, refusal
 from ces_observer.nodes.recording import Recording
 
@@ -31,14 +30,11 @@ WATCH_S = 0.1  # period of the watch, and least time between two diagnostics
 DIAGNOSTICS_S = 1.0
 
 
-class Observer(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
+class Observer(TableNode):
     """The node `observer` with its dampers; raises what executors.START_ERRORS lists if it cannot be built."""
 
     def __init__(self) -> None:
-        try:
-            super().__init__("observer", automatically_declare_parameters_from_overrides=True)
-        except ValueError:
-            raise CesError("a parameter is given without a value or as an empty list; leave it out instead") from None
+        super().__init__("observer")
         settings = declare_settings(self)
         self.executor_choice = settings.values["executor"]
         self._time = NodeClock(self, self._jumped)

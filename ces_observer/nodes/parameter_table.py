@@ -58,14 +58,15 @@ class Spec:
         return value
 
 
+EXECUTOR = Spec(
+    "executor",
+    "auto",
+    "what runs the callbacks: 'events' is rclpy's EventsExecutor, 'single' its SingleThreadedExecutor, 'auto' "
+    "events where this rclpy has it",
+    one_of=("auto", "events", "single"),
+)
 OF_THE_NODE = (
-    Spec(
-        "executor",
-        "auto",
-        "what runs the callbacks: 'events' is rclpy's EventsExecutor, 'single' its SingleThreadedExecutor, 'auto' "
-        "events where this rclpy has it",
-        one_of=("auto", "events", "single"),
-    ),
+    EXECUTOR,
     Spec(
         "record_dir",
         "~/.ros/ces_observer",

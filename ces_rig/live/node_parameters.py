@@ -41,7 +41,7 @@ def declare_settings(node: Node) -> tuple[NodeSettings, Settings]:
     """Declare and read all parameters; raises RigError or rclpy's ParameterException."""
     own = put(NodeSettings(), _declared(node, NodeSettings()), "parameters")
     values = _declared(node, Settings())
-    values["withheld"] = [text for text in values["withheld"] if text]
+    values["withheld"] = [text for text in values["withheld"] or () if text]  # an empty list comes as None
     if node.get_parameter("use_sim_time").value and not own.publish_clock:
         raise RigError(
             "use_sim_time is true, but the rig makes time itself; set publish_clock: true as well, or neither"
