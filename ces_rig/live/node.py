@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from math import inf
 from time import monotonic
 
 from rcl_interfaces.msg import SetParametersResult
@@ -31,7 +30,7 @@ LAG_S = 0.1  # behind which the node warns
 DRIFT_S = 0.01  # of the system's clock from the steady one, after which stamps follow it
 IDLE_S = 1e-3  # period of the timer when it is the samples' readers that set the pace
 SOONEST_S = 1e-4
-DRAIN_S = 0.03  # of answers on the way when samples begin to wait for them
+QUIET = 250  # of these idle periods without a command, and no answer to earlier samples is on its way
 
 
 class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
@@ -56,7 +55,7 @@ class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are che
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._set)
         self._asked_s, self._blows, self._refused, self._commanded = monotonic(), 0, 0, False
-        self._resumes_s = -inf  # from when samples wait for their answers
+        self._quiet = 0  # idle periods since a commander appeared, or since its last command before samples wait for it
         self._start()
 
     def _start(self) -> None:
@@ -78,8 +77,8 @@ class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are che
     def _follow(self) -> None:
         """Make samples as fast as they are taken, or one as soon as its predecessor's answer is overdue."""
         if self._answers:
-            now = monotonic()
-            if not self._commanded or (now > self._resumes_s and now - self._asked_s > self._own.answer_s):
+            self._quiet += 1
+            if not self._commanded or self._quiet == QUIET or (self._waits and self._is_overdue):
                 self._tick()
             return
         for _ in range(AT_ONCE):  # a reader that keeps all of a reliable topic holds `publish` up
@@ -94,10 +93,22 @@ class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are che
             if self.context.ok():  # otherwise a signal came in between
                 raise
 
+    @property
+    def _waits(self) -> bool:
+        """Whether every answer to samples made before they waited for answers has come."""
+        return self._quiet >= QUIET
+
+    @property
+    def _is_overdue(self) -> bool:
+        return monotonic() - self._asked_s > self._own.answer_s
+
     def _command(self, current_A: float) -> None:
         self._rig.command.give(current_A, self._rig.time_s)
-        if self._answers and self._commanded and self._asked_s > self._resumes_s:
-            self._tick()
+        if self._answers and self._commanded:
+            if self._waits:
+                self._tick()
+            else:
+                self._quiet = 0
 
     def _watch(self) -> None:
         """Once a second: clocks, and what went wrong meanwhile."""
@@ -113,7 +124,7 @@ class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are che
         """When one appears, let the answers to earlier samples pass, or each would call for a sample ever after."""
         before, self._commanded = self._commanded, self._topics.is_commanded()
         if self._commanded and not before:
-            self._resumes_s, self._asked_s = monotonic() + DRAIN_S, -inf
+            self._quiet = 0
 
     def _follow_clock(self) -> None:
         """Keep the stamps on the system's clock when that is set or drifts away from the steady one."""
