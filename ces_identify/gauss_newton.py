@@ -10,13 +10,12 @@ random part of the candidates at each step.
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify import kernels
+from ces_identify import kernels, search_clock
 from ces_identify.free_run_fit import Fit, fit_free_run
 from ces_identify.limits import Found, Limits, Listener
 from ces_identify.problem import Problem
@@ -89,7 +88,7 @@ class GaussNewtonStart:
             return "interrupted"
         if self.found.cost <= self.limits.target:
             return "target cost reached"
-        return "time is up" if time.monotonic() > self.deadline else ""
+        return "time is up" if search_clock.now() > self.deadline else ""
 
     def _grow(self) -> None:
         """Add terms for as long as one in a few of them lowers the cost; take out what is no longer needed."""

@@ -6,13 +6,13 @@ is kept only if it does not make their free run worse.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from ces_identify import search_clock
 from ces_identify.constructed_data import within_data
 from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.limits import Found, Limits, Listener
@@ -77,9 +77,9 @@ def identify(
     sampling = choose_sampling(seen_positions, options.rate_Hz, options.bandwidth_Hz)
     whole = [prepare(recording, sampling) for recording in recordings]
     training = [series.part(0.0, options.split) for series in whole]
-    began = time.monotonic()
+    began = search_clock.now()
     problem = posed(training, options)
-    seconds = max(LEAST_SHARE * options.limits.seconds, options.limits.seconds - (time.monotonic() - began))
+    seconds = max(LEAST_SHARE * options.limits.seconds, options.limits.seconds - (search_clock.now() - began))
     limits = replace(options.limits, seconds=seconds)
     found = [f for f in search(problem, limits, listener) if f.cost < 100.0]
     if not found:

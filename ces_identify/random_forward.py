@@ -10,13 +10,12 @@ local search); it ends after them, when the target cost is reached, or when time
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify import kernels
+from ces_identify import kernels, search_clock
 from ces_identify.limits import Found, Limits, Listener
 from ces_identify.problem import Problem
 
@@ -85,7 +84,7 @@ class RandomForwardStart:
             return "interrupted"
         if self.found.cost <= self.limits.target:
             return "target cost reached"
-        return "time is up" if time.monotonic() > self.deadline else ""
+        return "time is up" if search_clock.now() > self.deadline else ""
 
     def _one_success(self, gain: float) -> bool:
         """Try the candidates in random order until one lowers the cost by `gain`; prune; False when exhausted."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 
+from ces_identify import search_clock
 from ces_identify.gauss_newton import GaussNewtonStart
 from ces_identify.limits import BOTH, GAUSS_NEWTON, RANDOM, Found, Limits, Listener
 from ces_identify.problem import Problem
@@ -24,7 +24,7 @@ def search(problem: Problem, limits: Limits, listener: Listener = lambda found: 
     hears each improvement and each end of a start, from the threads.
     """
     stop = threading.Event()
-    deadline = time.monotonic() + limits.seconds
+    deadline = search_clock.now() + limits.seconds
     with _stopped_by_interrupt(stop), ThreadPoolExecutor(max(1, limits.threads)) as pool:
         seeds = range(limits.seed, limits.seed + limits.starts)
         starts = [pool.submit(_start, problem, limits, seed, deadline, stop, listener) for seed in seeds]

@@ -8,7 +8,6 @@ only parameters below it are kept.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import replace
@@ -18,6 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_identify import search_clock
 from ces_identify.levenberg import descend
 from ces_identify.limits import Found, Limits, Listener
 from ces_identify.training import Training
@@ -68,7 +68,7 @@ def train(family: Family, limits: Limits, certify: bool = True, listener: Listen
     from the threads. `Found.chosen` counts the family's units or rules; `coefficients` are its parameters.
     """
     stop = threading.Event()
-    deadline = time.monotonic() + limits.seconds
+    deadline = search_clock.now() + limits.seconds
     with ThreadPoolExecutor(max(1, limits.threads)) as pool:
         starts = [
             pool.submit(_Start(family, limits, limits.seed + i, certify, deadline, stop, listener).run)
@@ -144,7 +144,7 @@ class _Start:
             return "interrupted"
         if self.found.cost <= self.limits.target:
             return "target cost reached"
-        if time.monotonic() > self.deadline:
+        if search_clock.now() > self.deadline:
             return "time is up"
         if self.step - self.promised_at >= PATIENCE:
             return SETTLED

@@ -7,7 +7,6 @@ a guess finds a model; fitted anew with other time constants it tells the best o
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -15,6 +14,7 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_identify import search_clock
 from ces_identify.free_run_fit import fit_free_run
 from ces_identify.gauss_newton import GaussNewtonStart
 from ces_identify.limits import Found, Limits
@@ -53,7 +53,7 @@ def settled(
         while len(tried) < GUESSES and not any(NEAR[0] < guess / one < NEAR[1] for one in tried):
             tried.append(guess)
             rules = rules.with_time_constant(name, guess)
-            deadline = time.monotonic() + SHARE * limits.seconds
+            deadline = search_clock.now() + SHARE * limits.seconds
             start = GaussNewtonStart(problem(rules), short, limits.seed, deadline, threading.Event(), lambda f: None)
             guess = _least(cache(partial(_refitted_cost, problem, rules, name, start.run())))
         rules = rules.with_time_constant(name, guess)
