@@ -115,6 +115,7 @@ def _sampling(model: Model) -> dict[str, object]:
     """Return the numbers of the tracker, each computed as the tracker and its differentiator compute it."""
     s = model.sampling
     damping = 0.5 if s.order == 3 else sqrt(0.5)
+    settling_s = tracker.SETTLING / (2.0 * pi * s.bandwidth_Hz)
     return {
         "order": s.order,
         "ticks_per_ns": s.rate_Hz * 1e-9,
@@ -122,6 +123,12 @@ def _sampling(model: Model) -> dict[str, object]:
         "max_gap_ns": round(s.max_gap_s * 1e9),
         "most_ticks": ceil(s.max_gap_s * s.rate_Hz) + 1,
         "patience": tracker.PATIENCE,
+        "overdue_s": tracker.OVERDUE / s.rate_Hz,
+        "settling_s": settling_s,
+        "settling_ticks": settling_s * s.rate_Hz,
+        "doubt_s": tracker.DOUBT * settling_s,
+        "doubt_ticks": tracker.DOUBT * (settling_s * s.rate_Hz),
+        "largest_change_m_s": tracker.LARGEST_CHANGE * 2.0 * pi * s.bandwidth_Hz * s.outlier_m,
         "warm_up_ticks": round(s.warm_up_s * s.rate_Hz),
         "decay": -damping * 2.0 * pi * s.bandwidth_Hz,
         "turn": sqrt(1.0 - damping * damping) * 2.0 * pi * s.bandwidth_Hz,

@@ -18,8 +18,8 @@ F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741 - the index arrays of every kernel
 
 BLOCK = 1024  # ticks worked on at a time, so that they stay in the first-level cache
-PATIENCE = 10  # as ces_observer.tracker.PATIENCE
-STATUS_OK, STATUS_ORDER, STATUS_OUTLIER, STATUS_RESTART = 0, 1, 2, 3
+PATIENCE, OVERDUE, SETTLING, DOUBT, LARGEST_CHANGE = 10, 1.5, 3.0, 5.0, 5.0  # as in ces_observer.tracker
+STATUS_OK, STATUS_ORDER, STATUS_OUTLIER, STATUS_RESTART, STATUS_UNSETTLED = 0, 1, 2, 3, 4
 
 
 @njit(cache=True, nogil=True)
@@ -44,11 +44,14 @@ def track(
     damping = 0.5 if order == 3 else sqrt(0.5)
     decay = -damping * 2.0 * pi * bandwidth
     turn = sqrt(1.0 - damping * damping) * 2.0 * pi * bandwidth
+    largest_change = LARGEST_CHANGE * 2.0 * pi * bandwidth * outlier
+    overdue = OVERDUE / rate
+    settling = SETTLING / (2.0 * pi * bandwidth)
     m = 0
     last = 0
     rejected = 0
     squares = 0.0
-    x = v = a = tau = 0.0
+    x = v = a = tau = settled = doubted = innovation = heard = lost = 0.0
     stamp = origin = np.int64(0)
     for i in range(n):
         status[i] = STATUS_OK
@@ -59,9 +62,27 @@ def track(
             total[i] = m
             continue
         interval = gap * 1e-9
+        doubtful = unsettled = guessed = False
         if not restart:
-            predicted = x + interval * (v + 0.5 * interval * a)
-            if abs(positions[i] - predicted) > outlier:
+            innovation = positions[i] - (x + interval * (v + 0.5 * interval * a))
+            doubtful = interval > overdue or abs(innovation) > outlier
+        if doubtful:
+            if rejected == 0:
+                heard = lost = 0.0
+            lost += max(interval - heard - overdue, 0.0)
+            heard = interval
+            unsettled = lost > 0.0
+            guessed = lost > DOUBT * settling
+        if doubtful and abs(innovation) > outlier:
+            coasted = positions[i] - (x + interval * v)
+            coasts = abs(coasted) < abs(innovation)
+            innovation = coasted if coasts else innovation
+            changed = lost - 0.5 * settling if lost > settling else 0.5 * lost * lost / settling
+            changed = interval if tau < settled else changed
+            if changed > 0.0 and abs(innovation) <= outlier + largest_change * changed:
+                a = 0.0 if coasts else a
+                unsettled = guessed = True
+            else:
                 rejected += 1
                 restart = rejected > PATIENCE
                 if not restart:
@@ -74,6 +95,8 @@ def track(
             x, v, a = positions[i], 0.0, 0.0
             stamp = origin = stamps[i]
             tau = 0.0
+            settled = settling * rate
+            doubted = 0.0
             last = 0
             ticks[m, 0] = x
             ticks[m, 1] = 0.0
@@ -85,7 +108,6 @@ def track(
         radius = exp(decay * interval)
         pair = 2.0 * radius * cos(turn * interval)
         square = radius * radius
-        innovation = positions[i] - predicted
         squares += innovation * innovation
         if order == 3:
             product = square * square
@@ -99,6 +121,12 @@ def track(
         x = positions[i] - product * innovation
         stamp = stamps[i]
         tau = (stamp - origin) * (rate * 1e-9)
+        if unsettled:
+            settled = tau + settling * rate
+        if guessed:
+            doubted = tau + DOUBT * (settling * rate)
+        if tau < doubted:
+            status[i] = STATUS_UNSETTLED
         newest = floor(tau + 0.5)
         for tick in range(last + 1, newest + 1):
             if tick <= tau:

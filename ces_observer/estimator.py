@@ -10,7 +10,7 @@ from math import inf, isfinite
 
 from ces_observer.model import Model
 from ces_observer.predictors import predictor
-from ces_observer.tracker import NOT_FINITE, OK, RESTARTED, Tracker
+from ces_observer.tracker import NOT_FINITE, OK, RESTARTED, UNSETTLED, Tracker
 
 WARMING_UP = "warming up"
 UNBOUNDED = "force left its envelope"
@@ -73,10 +73,14 @@ class Estimator:
             self._predictor.reset()
             self._wait = self._warm_up
             self._newest = 0.0
-        elif outcome != OK:
+        elif outcome not in (OK, UNSETTLED):
             self.reason = outcome
             return None
-        return self._run(current_A)
+        force = self._run(current_A)
+        if outcome == UNSETTLED and force is not None:
+            self.reason = WARMING_UP
+            return None
+        return force
 
     def _run(self, current: float) -> float | None:
         tracker = self._tracker

@@ -5,11 +5,27 @@ each sample. Ticks up to half a period ahead of the newest sample are extrapolat
 acceleration, so a jittered stream at the model's rate gives one tick per sample and no delay; dropped samples and
 streams at other rates are bridged by interpolation. A silence longer than `max_gap_s` is never bridged.
 `ces_identify.kernels.track` is this class over whole arrays; a test holds the two together.
+
+A position is plausible within `outlier_m` of what the differentiator predicts. Where samples were lost it also is
+within what the piston can have moved meanwhile: where its last speed, with or without its last acceleration, has taken
+it, give or take `outlier_m` and what the largest change of speed makes in the time that no sample came. `outlier_m` is
+at least the RMS speed it was chosen on / (2 pi bandwidth) (`ces_identify.sampling`), so it tells that speed. The
+largest change is LARGEST_CHANGE times as much, from 2.5 times the RMS speed one way to as much the other, and takes as
+long as the differentiator takes to settle. Until it has settled after such a sample or a restart, its own speed may be
+as wrong, and the change is granted at once.
+
+Caught, then: while samples come in time, what departs by more than `outlier_m`, be it a spike or a jump; after a gap,
+what no stroke could have reached. Not caught: a wrong position within that reach, which after some ten lost samples is
+much of a damper's stroke. It is taken for a motion, and the true positions after it are rejected until they are within
+reach, or believed as a jump.
+
+After a position that only a change of speed explains, or a silence longer than DOUBT settling times, the speed is a
+guess, and so is the force: samples are UNSETTLED for that long. They count, but nothing is to be published of them.
 """
 
 from __future__ import annotations
 
-from math import floor, isfinite
+from math import floor, isfinite, pi
 
 from ces_observer.differentiator import Differentiator
 from ces_observer.model import Sampling
@@ -19,7 +35,12 @@ NOT_FINITE = "position or current is not finite"
 OUT_OF_ORDER = "stamp repeats or runs backwards"
 OUTLIER = "position is an outlier"
 RESTARTED = "started, or restarted after a gap or jump"
+UNSETTLED = "settling after lost samples"
 PATIENCE = 10  # outliers in a row after which the jump is believed
+OVERDUE = 1.5  # times 1/rate [s]: in a longer interval samples were lost, a shorter one may be jitter
+SETTLING = 3.0  # over 2 pi bandwidth [s]: the time in which the differentiator settles
+DOUBT = 5.0  # times that: until the model has settled, too, where the speed after lost samples is a guess
+LARGEST_CHANGE = 5.0  # times outlier_m * 2 pi bandwidth [m/s]: of speed, while no sample comes
 
 
 class Tracker:
@@ -27,12 +48,22 @@ class Tracker:
 
     __slots__ = (
         "_differentiator",
+        "_doubt_s",
+        "_doubt_ticks",
+        "_doubted_tau",
+        "_heard_s",
+        "_largest_change_m_s",
         "_last_tick",
+        "_lost_s",
         "_max_gap_ns",
         "_origin_ns",
         "_outlier_m",
+        "_overdue_s",
         "_rejected",
         "_scale",
+        "_settled_tau",
+        "_settling_s",
+        "_settling_ticks",
         "_stamp_ns",
         "_tau",
         "ahead",
@@ -43,6 +74,12 @@ class Tracker:
         self._differentiator = Differentiator(sampling.bandwidth_Hz, sampling.order)
         self._max_gap_ns = round(sampling.max_gap_s * 1e9)
         self._outlier_m = sampling.outlier_m
+        self._largest_change_m_s = LARGEST_CHANGE * 2.0 * pi * sampling.bandwidth_Hz * sampling.outlier_m
+        self._overdue_s = OVERDUE / sampling.rate_Hz
+        self._settling_s = SETTLING / (2.0 * pi * sampling.bandwidth_Hz)
+        self._settling_ticks = self._settling_s * sampling.rate_Hz
+        self._doubt_s = DOUBT * self._settling_s
+        self._doubt_ticks = DOUBT * self._settling_ticks
         self._scale = sampling.rate_Hz * 1e-9
         self.reset()
 
@@ -50,9 +87,10 @@ class Tracker:
         """Forget every sample."""
         self._stamp_ns: int | None = None
         self._origin_ns = 0
-        self._tau = 0.0
+        self._tau = self._settled_tau = self._doubted_tau = 0.0
         self._last_tick = 0
         self._rejected = 0
+        self._heard_s = self._lost_s = 0.0  # since the last accepted sample, if any were rejected
         self.ticks: list[tuple[float, float]] = []
         self.ahead = 0.0
 
@@ -80,17 +118,56 @@ class Tracker:
             return OUT_OF_ORDER
         interval = step_ns * 1e-9
         innovation = position - self._differentiator.predict(interval)
-        if abs(innovation) > self._outlier_m:
-            self._rejected += 1
-            return OUTLIER if self._rejected <= PATIENCE else self._restart(stamp_ns, position)
+        if interval > self._overdue_s or abs(innovation) > self._outlier_m:
+            return self._advance_doubtful(stamp_ns, interval, position, innovation)
         self._rejected = 0
         self._accept(stamp_ns, interval, position, innovation)
-        return OK
+        return OK if self._tau >= self._doubted_tau else UNSETTLED
+
+    def _advance_doubtful(self, stamp_ns: int, interval: float, position: float, innovation: float) -> str:
+        """Take a sample that is late, or not where it was predicted."""
+        lost = self._count_lost(interval)
+        unsettled, guessed = lost > 0.0, lost > self._doubt_s
+        if abs(innovation) > self._outlier_m:
+            d = self._differentiator
+            coasted = position - (d.position + interval * d.speed)
+            coasts = abs(coasted) < abs(innovation)
+            innovation = coasted if coasts else innovation
+            if not self._within_reach(interval, lost, innovation):
+                self._rejected += 1
+                return OUTLIER if self._rejected <= PATIENCE else self._restart(stamp_ns, position)
+            d.acceleration = 0.0 if coasts else d.acceleration
+            unsettled = guessed = True
+        self._rejected = 0
+        self._accept(stamp_ns, interval, position, innovation)
+        if unsettled:
+            self._settled_tau = self._tau + self._settling_ticks
+        if guessed:
+            self._doubted_tau = self._tau + self._doubt_ticks
+        return OK if self._tau >= self._doubted_tau else UNSETTLED
+
+    def _count_lost(self, interval: float) -> float:
+        """Return for how long [s] of `interval`, since the last accepted sample, samples were overdue."""
+        if self._rejected == 0:
+            self._heard_s = self._lost_s = 0.0
+        self._lost_s += max(interval - self._heard_s - self._overdue_s, 0.0)
+        self._heard_s = interval
+        return self._lost_s
+
+    def _within_reach(self, interval: float, lost: float, departed: float) -> bool:
+        """True if a change of speed explains that the piston `departed` [m] from its way in `interval` [s]."""
+        ramp = self._settling_s
+        if self._tau < self._settled_tau:
+            changed = interval
+        else:
+            changed = lost - 0.5 * ramp if lost > ramp else 0.5 * lost * lost / ramp
+        return changed > 0.0 and abs(departed) <= self._outlier_m + self._largest_change_m_s * changed
 
     def _restart(self, stamp_ns: int, position: float) -> str:
         self._differentiator.reset(position)
         self._stamp_ns = self._origin_ns = stamp_ns
-        self._tau = self.ahead = 0.0
+        self._tau = self.ahead = self._doubted_tau = 0.0
+        self._settled_tau = self._settling_ticks
         self._last_tick = self._rejected = 0
         self.ticks.append((position, 0.0))
         return RESTARTED

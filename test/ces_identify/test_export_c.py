@@ -237,6 +237,18 @@ def edges(dice):
     return stamps, position, current
 
 
+def lost_rows(dice):
+    """A fast stroke of which rows of up to 60 samples are lost, with wrong positions straight after some."""
+    stamps, _, current = jittered(dice)
+    position, kept, at = 6.0 * stroke(stamps), np.ones(COUNT, bool), 150
+    while at < COUNT - 100:
+        lost = dice.integers(1, 61)
+        kept[at : at + lost] = False
+        position[at + lost] += dice.choice([0.0, 0.0, 0.01, 0.05, 0.4, -0.2])
+        at += lost + dice.integers(2, 60)
+    return stamps[kept], position[kept], current[kept]
+
+
 def ends_of_time(dice):
     stamps, position, current = steady(dice)
     first, last = np.iinfo(np.int64).min, np.iinfo(np.int64).max
@@ -257,7 +269,7 @@ def all_at_once(dice):
 
 INPUTS = [
     *(steady, jittered, gapped, not_finite, outliers, late, slow, fast),
-    *(wide, at_rest, half_ticks, edges, ends_of_time, all_at_once),
+    *(wide, at_rest, half_ticks, edges, lost_rows, ends_of_time, all_at_once),
 ]
 
 

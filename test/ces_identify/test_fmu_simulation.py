@@ -41,10 +41,12 @@ def made(stamps, position, current):
 
 
 def spoiled():
-    """Return a recording with a gap, late and repeated stamps, samples that are not finite, and an outlier."""
+    """Return a recording with a gap, a lost row, late and repeated stamps, an outlier, and what is not finite."""
     c = recording().channels
     stamps, position, current = c["position"].stamps_ns.copy(), c["position"].values.copy(), c["current"].values.copy()
     stamps[800:] += 300_000_000
+    stamps[1000:] += 20_000_000
+    position[1000:] += 0.01
     stamps[1200], stamps[1300] = stamps[1195], stamps[1299]
     position[500], current[600] = np.nan, np.inf
     position[1500] += 0.05
