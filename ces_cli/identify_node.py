@@ -19,7 +19,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_msgs.msg import String
@@ -29,13 +28,13 @@ from ces_cli.identify_process import EXIT_STATUS, WARNING, IdentifyProcess
 from ces_cli.identify_progress import DONE, SEARCHING, WRITING, SearchState
 from ces_observer.nodes.executors import START_ERRORS, USER_ERROR
 from ces_observer.nodes.node_parameters import TableNode
+from ces_observer.nodes.qos import LATCHED
 
 LOOK_S = 0.1
 TELL_S = 1.0  # period of ~/progress while nothing happens
 LOG_S = 5.0
 ONE_SIGNAL_S = 2.0  # a terminal and ros2 launch each pass the same Ctrl-C on
 LAST_WORDS = Duration(seconds=1)
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 EXIT_WHEN_DONE = "exit_when_done"
 _OTHERS = ("qos_overrides.", "use_sim_time", "start_type_description_service", "position", "current", "force")
 

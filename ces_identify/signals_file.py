@@ -84,10 +84,6 @@ def _dampers(sections: _Sections, path: Path) -> list[str]:
     return found
 
 
-def _is_name(given: object) -> bool:
-    return isinstance(given, str) and given.isprintable()
-
-
 def _chosen(damper: str, known: list[str], path: Path) -> str:
     if damper and damper not in known:
         there = f"its dampers are {', '.join(known)}" if known else "it has no parameter 'dampers'"

@@ -19,6 +19,7 @@ SHARE = get_package_share_path("ces_observer")
 ANSWER_S = 2.0  # longest wait in lockstep
 ARGUMENTS = {
     "model": (SHARE / "config" / "models" / "sample.json", "model file of observer and controller"),
+    "model_topic": ("", "latched topic of models that observer and controller both change to; empty: none"),
     "namespace": ("", "namespace of nodes and topics"),
     "use_sim_time": ("false", "let the rig make time, and all take it from /clock"),
     "real_time_factor": ("1.0", "with use_sim_time: simulated over real time; 0.0: in lockstep with the controller"),
@@ -38,7 +39,11 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(name, default_value=str(default), description=meaning)
         for name, (default, meaning) in ARGUMENTS.items()
     ]
-    model = {"model": given("model"), "use_sim_time": given("use_sim_time", bool)}
+    model = {
+        "model": given("model"),
+        "model_topic": given("model_topic"),
+        "use_sim_time": given("use_sim_time", bool),
+    }
     rig = {
         "drive": given("drive"),
         "script.kind": given("stroke"),

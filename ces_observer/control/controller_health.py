@@ -24,11 +24,15 @@ class ControllerHealth:
     def __init__(self, loop: ControlLoop, facts: Mapping[str, str]) -> None:
         self.latency = Latencies()
         self._loop = loop
-        self._facts = tuple(facts.items())
+        self.use(facts)
         self._before, self._estimates = Count(), 0
         self._rate_Hz = 0.0
         self._shares = dict.fromkeys(SHARES, 0.0)
         self._latency = self.latency.roll()
+
+    def use(self, facts: Mapping[str, str]) -> None:
+        """Let `facts` stand in the status as they are."""
+        self._facts = tuple(facts.items())
 
     def roll(self, elapsed_s: float) -> None:
         """Close a window of `elapsed_s` seconds."""

@@ -30,6 +30,7 @@ the controller takes over gradually within `recovery_s`, from the safe current a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import nan
 
@@ -74,6 +75,8 @@ class ForceController:
         self.count = Count()
         self.command_A = tuning.safe_A
         self._typical_slope = _typical_slope(inverse)
+        self._before: tuple[InverseMap, Sequence[float]] | None = None  # map and trims that fade out
+        self._share = 0.0  # 0 to 1: of the way from them
         self._speed_lead, self._valve_lead = Lead(), Lead()
         self._trims = [0.0, 0.0]  # [A] in rebound, in compression
         self._stroke = 0.0  # [m] since the last reversal
@@ -90,6 +93,15 @@ class ForceController:
     def trims_A(self) -> tuple[float, float]:
         """What feedback adds to the map's current [A] in rebound and in compression."""
         return self._trims[0], self._trims[1]
+
+    def adopt(self, inverse: InverseMap) -> None:
+        """Feed `inverse` forward from now on: it fades in within `recovery_s`, from what the map before commands.
+
+        The trims begin at zero: what they held was wrong with the map before. They are not learned meanwhile.
+        """
+        self._before, self._share = (self.inverse, self._trims), 0.0
+        self.inverse, self._typical_slope = inverse, _typical_slope(inverse)
+        self._trims = [0.0, 0.0]
 
     def step(self, stamp_ns: int, speed_m_s: float, force_N: float) -> float:
         """Return the current [A] for an estimate of this stamp; a force that is not finite is not fed back.
@@ -121,18 +133,32 @@ class ForceController:
 
     def _follow(self, speed: float, force: float, elapsed_s: float) -> float:
         self.desired_N = self.curve.at(speed)
-        self.reachable_N = self._reachable(speed)
+        self.reachable_N = self._reachable(self.inverse, speed)
         self.count.unreachable += self.reachable_N != self.desired_N
         self._learn(speed, force, elapsed_s)
         tuning = self.tuning
         soon = self._speed_lead.step(speed, elapsed_s, tuning.preview_s + tuning.lead_filter_s, tuning.lead_filter_s)
-        wanted = tuning.limited(self.inverse.current(soon, self._reachable(soon)) + self._trims[soon > 0.0])
+        wanted = tuning.limited(self._wanted(soon, elapsed_s))
         leading = self._valve_lead.step(wanted, elapsed_s, tuning.valve_lag_s, tuning.lead_filter_s)
         return self._command(self._taken_over(leading, elapsed_s), elapsed_s)
 
-    def _reachable(self, speed: float) -> float:
+    def _wanted(self, speed: float, elapsed_s: float) -> float:
+        """Return the current of map and trims [A], on the way to it from those before if they were changed."""
+        wanted = self._fed(self.inverse, self._trims, speed)
+        if self._before is None:
+            return wanted
+        self._share = self._faded(self._share, elapsed_s)
+        before = self._fed(*self._before, speed)
+        if self._share == 1.0:
+            self._before = None
+        return before + self._share * (wanted - before)
+
+    def _fed(self, inverse: InverseMap, trims: Sequence[float], speed: float) -> float:
+        return inverse.current(speed, self._reachable(inverse, speed)) + trims[speed > 0.0]
+
+    def _reachable(self, inverse: InverseMap, speed: float) -> float:
         """Return the desired force as near as the steady force at the current limits comes to it."""
-        ends = self.inverse.force(speed, self.tuning.low_A), self.inverse.force(speed, self.tuning.high_A)
+        ends = inverse.force(speed, self.tuning.low_A), inverse.force(speed, self.tuning.high_A)
         return min(max(self.curve.at(speed), min(ends)), max(ends))
 
     def _learn(self, speed: float, force: float, elapsed_s: float) -> None:
@@ -141,7 +167,7 @@ class ForceController:
         if not abs(force) < LARGEST_N:
             self.count.unfed += 1
             return
-        if abs(self._stroke) < self.tuning.settle_m:
+        if abs(self._stroke) < self.tuning.settle_m or self._before is not None:
             return
         side, tuning = int(speed > 0.0), self.tuning
         wanted = self.inverse.current(speed, self.reachable_N) + self._trims[side]
@@ -155,9 +181,12 @@ class ForceController:
     def _taken_over(self, wanted: float, elapsed_s: float) -> float:
         """Fade from the safe current to the wanted one within `recovery_s`."""
         if self._authority < 1.0:
-            recovery = self.tuning.recovery_s
-            self._authority = min(1.0, self._authority + elapsed_s / recovery) if recovery > 0.0 else 1.0
+            self._authority = self._faded(self._authority, elapsed_s)
         return self.tuning.safe_A + self._authority * (wanted - self.tuning.safe_A)
+
+    def _faded(self, share: float, elapsed_s: float) -> float:
+        recovery = self.tuning.recovery_s
+        return min(1.0, share + elapsed_s / recovery) if recovery > 0.0 else 1.0
 
     def _command(self, wanted: float, elapsed_s: float) -> float:
         limited = self.tuning.limited(wanted)
@@ -171,6 +200,7 @@ class ForceController:
     def _interrupt(self) -> None:
         self.desired_N = self.reachable_N = nan
         self._trims = [0.0, 0.0]
+        self._before = None
         self._stroke = self._authority = 0.0
         self._speed_lead.reset()
         self._valve_lead.reset()

@@ -22,17 +22,18 @@ STEP_SPEED_M_S = 0.15  # at which a step of current is judged
 LEAST_SPEED_M_S = 0.02  # of the grid: below, oil and seals give way before the valve has a say
 
 
-def inverse_map(model: Model) -> InverseMap:
+def inverse_map(model: Model, source: str = "model") -> InverseMap:
     """Return the inverse of the model's steady force, over its envelope of speeds and currents.
 
-    Raises ModelError if the envelope does not reach to both sides of speed 0, or holds one current alone.
+    Raises ModelError, naming `source`, if the envelope does not reach to both sides of speed 0, or holds one current
+    alone.
     """
     slowest, fastest = model.envelope.speed_m_s
     least, most = model.envelope.current_A
     if not slowest < -LEAST_SPEED_M_S < LEAST_SPEED_M_S < fastest:
-        raise ModelError(f"model: speeds from {slowest:g} to {fastest:g} m/s; a controller needs both directions")
+        raise ModelError(f"{source}: speeds from {slowest:g} to {fastest:g} m/s; a controller needs both directions")
     if not least < most:
-        raise ModelError(f"model: identified at {least:g} A alone; identify it from recordings of several currents")
+        raise ModelError(f"{source}: identified at {least:g} A alone; identify it from recordings of several currents")
     speeds = (*(-v for v in reversed(_graded(-slowest))), *_graded(fastest))
     currents = tuple(least + (most - least) * k / (CURRENTS - 1) for k in range(CURRENTS))
     run = predictor(model)

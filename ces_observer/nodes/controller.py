@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from math import nan
 from time import monotonic
 
@@ -19,9 +20,9 @@ from rclpy.parameter import Parameter
 from ces_observer.control.control_loop import ControlLoop
 from ces_observer.control.controller_health import ControllerHealth
 from ces_observer.control.force_controller import NO_ESTIMATE, OK, ForceController
-from ces_observer.control.steady_force import inverse_map
 from ces_observer.errors import CesError
 from ces_observer.nodes import executors
+from ces_observer.nodes.controller_model import ControllerModel
 from ces_observer.nodes.controller_parameters import LiveSettings, Settings, changed_settings, declare_settings
 from ces_observer.nodes.controller_topics import CommandOutput, DesiredOutput, estimate_signals, force_signal
 from ces_observer.nodes.diagnostics_output import DiagnosticsOutput, Report, status_with
@@ -42,9 +43,10 @@ class Controller(TableNode):
         self._settings = settings = declare_settings(self)
         self.executor_choice = settings.values["executor"]
         live = settings.live
-        controller = ForceController(live.curve, inverse_map(settings.model), live.tuning)
+        controller = ForceController(live.curve, settings.inverse.map, live.tuning)
         self._loop = ControlLoop(controller, live.feedback, live.max_age_s)
-        self._health = ControllerHealth(self._loop, _facts(settings))
+        self._model = ControllerModel(self, settings, controller)
+        self._health = ControllerHealth(self._loop, self._model.facts())
         self._time = NodeClock(self, self._jumped)
         self._command, self._desired = CommandOutput(self), DesiredOutput(self)
         self._diagnostics = DiagnosticsOutput(self)
@@ -57,7 +59,8 @@ class Controller(TableNode):
         self.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
-        """End the watch of the clock, then the node."""
+        """End what is under way besides the estimates, then the node."""
+        self._model.changes.close()
         self._time.close()
         super().destroy_node()
 
@@ -103,6 +106,7 @@ class Controller(TableNode):
 
     def _watch(self) -> None:
         now = monotonic()
+        self._look_for_model()
         current_A = self._loop.watch(now, WATCH_S)
         if current_A is not None:
             self._command.publish(current_A)
@@ -110,6 +114,13 @@ class Controller(TableNode):
             self._roll(now)
         else:
             self._tell_change()
+
+    def _look_for_model(self) -> None:
+        try:
+            if self._model.changes.poll():
+                self._health.use(self._model.facts())
+        except Exception as error:  # the model before runs on; the estimates need the node
+            self._unexpected(error)
 
     def _roll(self, now: float) -> None:
         executors.collect()
@@ -127,6 +138,7 @@ class Controller(TableNode):
     def _tell(self) -> None:
         self._told, self._told_reason = monotonic(), self._loop.controller.reason
         status = self._health.status(self._detail())
+        status = replace(status, values=(*status.values, *self._model.changes.values()))
         if self._failure:
             status, self._failure = status_with(status, f"unexpected error: {self._failure}"), ""
         damper = self._settings.values["joint"] or "damper"
@@ -151,22 +163,16 @@ class Controller(TableNode):
         live, loop = self._changed(parameters), self._loop
         loop.controller.curve, loop.controller.tuning = live.curve, live.tuning
         loop.feedback, loop.max_age_s = live.feedback, live.max_age_s
+        if any(parameter.name == "model" for parameter in parameters):
+            self._model.changes.parameter_set()
 
     def _changed(self, parameters: Sequence[Parameter]) -> LiveSettings:
-        return changed_settings(self, parameters, self._settings.model_lag_s)
+        return changed_settings(self, parameters, self._model.lag_s)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node; returns 0 when stopped by a signal, 2 if a parameter or the model cannot be used."""
     return executors.run("controller", Controller, argv)
-
-
-def _facts(settings: Settings) -> dict[str, str]:
-    return {
-        "model": str(settings.model_path),
-        "model sha256": settings.model.digest(),
-        "lag of the model's force behind the current [ms]": f"{settings.model_lag_s * 1e3:.1f}",
-    }
 
 
 if __name__ == "__main__":

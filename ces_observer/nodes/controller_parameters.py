@@ -13,11 +13,11 @@ from rclpy.parameter import Parameter
 
 from ces_observer.control.controller_tuning import Tuning
 from ces_observer.control.force_curve import ForceCurve
-from ces_observer.control.steady_force import current_lag_s
-from ces_observer.errors import ModelError
+from ces_observer.control.model_inverse import ModelInverse
 from ces_observer.model import Model, load_model
 from ces_observer.nodes.controller_table import ALL, CURVE, FORCES, LOOP, SPEEDS, TUNING
-from ces_observer.nodes.node_parameters import declare, declare_anew
+from ces_observer.nodes.model_check import require_stable
+from ces_observer.nodes.node_parameters import declare, declare_anew, model_path
 
 LIVE = (*(spec for spec in LOOP if spec.live), *(spec for spec in TUNING if spec.live))
 _OTHERS = ("qos_overrides.", "use_sim_time", "start_type_description_service")
@@ -35,12 +35,12 @@ class LiveSettings:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the node is started with; `model_lag_s` stands in for a `valve_lag_s` that is left to the model."""
+    """What the node is started with; the inverse's lag stands in for a `valve_lag_s` that is left to the model."""
 
     values: Mapping[str, Any]  # by the names in FIXED
     model: Model
     model_path: Path
-    model_lag_s: float
+    inverse: ModelInverse
     live: LiveSettings
 
 
@@ -50,16 +50,22 @@ def declare_settings(node: Node) -> Settings:
     for name, default, meaning in CURVE:
         values[name] = declare_anew(node, name, default, ParameterDescriptor(description=meaning))
     _warn_of_unknown(node, values)
-    if not values["model"]:
-        raise ModelError("parameter 'model' is not set; give the observer's model file: -p model:=/path/model.json")
-    path = Path(values["model"]).expanduser()
+    path = model_path(values["model"])
     model = load_model(path)
-    lag_s = current_lag_s(model)
-    return Settings(values, model, path, lag_s, live_settings(values, lag_s))
+    if not values["allow_uncertified"]:
+        require_stable(model, str(path))
+    inverse = ModelInverse.of(model, str(path))
+    return Settings(values, model, path, inverse, live_settings(values, inverse.lag_s))
 
 
 def changed_settings(node: Node, parameters: Sequence[Parameter], model_lag_s: float) -> LiveSettings:
-    """Return the live settings with `parameters` changed; raises CesError if together they cannot be used."""
+    """Return the live settings with `parameters` changed; raises CesError if together they cannot be used.
+
+    Of a model among them only the file is looked at: changing to it takes longer than a parameter's setting may.
+    """
+    for parameter in parameters:
+        if parameter.name == "model":
+            load_model(model_path(parameter.value))
     names = (*(spec.name for spec in LIVE), SPEEDS, FORCES)
     values = {name: node.get_parameter(name).value for name in names}
     values.update({parameter.name: parameter.value for parameter in parameters if parameter.name in values})

@@ -6,7 +6,7 @@ Knows no ROS, so that the node declares them, and documentation and tests read t
 from __future__ import annotations
 
 from ces_observer.control.control_loop import FEEDBACKS
-from ces_observer.nodes.parameter_table import EXECUTOR, Spec
+from ces_observer.nodes.parameter_table import ALLOW_UNCERTIFIED, EXECUTOR, MODEL_TOPIC, Spec
 
 MOST_A = 100.0
 AS_THE_MODEL = -1.0
@@ -21,7 +21,15 @@ CURVE = (
 )
 FIXED = (
     EXECUTOR,
-    Spec("model", "", "path of the model file (model.json), the observer's own, whose inverse is fed forward"),
+    Spec(
+        "model",
+        "",
+        "path of the model file (model.json), the observer's own, whose inverse is fed forward; set anew, it is "
+        "checked and adopted while running",
+        live=True,
+    ),
+    MODEL_TOPIC,
+    ALLOW_UNCERTIFIED,
     Spec("estimate_topic", "observer/estimate", "topic of the estimates (JointState: velocity, effort)"),
     Spec("joint", "", "joint of the estimates to control; empty: the first in the message"),
     Spec("force_topic", "measured_force", "topic of the measured force (WrenchStamped: wrench.force.z)"),

@@ -26,7 +26,8 @@ class DamperTopics:
     """Inputs, output, estimator and health of one damper.
 
     `on_change` is called when the reason why its force is withheld becomes another, `on_first_force` when a measured
-    force comes and there is no running cost to compare it with yet.
+    force comes and there is no running cost to compare it with yet. `kept`, if set, is called with the time [ns] at
+    which an estimate has gone out on `estimate_topic`, and with its bytes.
     """
 
     def __init__(
@@ -48,7 +49,9 @@ class DamperTopics:
         self._wait_for_current(settings.values["wait_for_current_s"])
         self._told = self.damper.reason
         self._seen, self._quiet_s = 0, 0.0
-        self._publish = EstimateOutput(node, f"{settings.topics}estimate", settings.name).publish
+        output = EstimateOutput(node, f"{settings.topics}estimate", settings.name)
+        self.estimate_topic, self._publish = output.topic, output.publish
+        self.kept: Callable[[int, bytes], None] | None = None
         self._subscribe(inputs)
 
     def use_model(self, source: str) -> None:
@@ -156,9 +159,11 @@ class DamperTopics:
         damper = self.damper
         force = damper.step(stamp_ns, position_m, now_ns)
         if force is not None:
-            self._publish(stamp_ns, frame, damper.position, damper.speed, force)
-            health = self.health
-            health.latency.take(self._clock.now() - stamp_ns)
+            raw = self._publish(stamp_ns, frame, damper.position, damper.speed, force)
+            health, sent_ns = self.health, self._clock.now()
+            health.latency.take(sent_ns - stamp_ns)
+            if self.kept is not None:
+                self.kept(sent_ns, raw)
             if health.cost is not None:
                 health.cost.estimate(stamp_ns, force)
         if damper.reason != self._told:

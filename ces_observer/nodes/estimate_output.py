@@ -13,7 +13,8 @@ from sensor_msgs.msg import JointState
 
 from ces_observer.cdr.joint_state import RawEstimate
 
-Publish = Callable[[int, bytes, float, float, float], None]
+Publish = Callable[[int, bytes, float, float, float], bytes]
+TYPE = "sensor_msgs/msg/JointState"
 OUTPUT_DEPTH = 1000  # as the inputs: a burst after a stall goes out whole
 PROBE = (1_234_567_890_987_654_321, "piston_rod", 0.0123, -0.456, 789.1)
 
@@ -21,8 +22,8 @@ PROBE = (1_234_567_890_987_654_321, "piston_rod", 0.0123, -0.456, 789.1)
 class EstimateOutput:
     """Publisher of estimates of the joint `name` on `topic`; reliable unless it is overridden.
 
-    `publish(stamp_ns, frame, position, speed, force)` takes the stamp [ns], the frame id as UTF-8, m, m/s and N. It
-    publishes bytes, or messages if this ROS would make other bytes of them.
+    `publish(stamp_ns, frame, position, speed, force)` takes the stamp [ns], the frame id as UTF-8, m, m/s and N, and
+    returns the bytes it has published: its own, or rclpy's if this ROS makes other bytes of the same estimate.
     """
 
     def __init__(self, node: Node, topic: str, name: str) -> None:
@@ -36,17 +37,27 @@ class EstimateOutput:
         self._fill = RawEstimate(name).fill
         self.publish: Publish = self._publish_bytes if self._bytes_are_right() else self._publish_slowly
 
+    @property
+    def topic(self) -> tuple[str, str]:
+        """Resolved name and type."""
+        return self._publisher.topic_name, TYPE
+
     def _bytes_are_right(self) -> bool:
         """Compare the bytes written here with those rclpy makes of the same estimate."""
         stamp_ns, frame, *numbers = PROBE
         own = self._fill(stamp_ns, frame.encode(), *numbers)
         return own == bytes(serialize_message(self._filled(stamp_ns, frame, *numbers)))
 
-    def _publish_bytes(self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float) -> None:
-        self._publisher.publish(self._fill(stamp_ns, frame, position, speed, force))
+    def _publish_bytes(self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float) -> bytes:
+        raw = self._fill(stamp_ns, frame, position, speed, force)
+        self._publisher.publish(raw)
+        return raw
 
-    def _publish_slowly(self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float) -> None:
-        self._publisher.publish(self._filled(stamp_ns, frame.decode("utf-8", "replace"), position, speed, force))
+    def _publish_slowly(self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float) -> bytes:
+        message = self._filled(stamp_ns, frame.decode("utf-8", "replace"), position, speed, force)
+        raw = bytes(serialize_message(message))
+        self._publisher.publish(raw)
+        return raw
 
     def _filled(self, stamp_ns: int, frame: str, position: float, speed: float, force: float) -> JointState:
         """Return the one message that is kept, filled in."""

@@ -1,54 +1,75 @@
-"""How a running damper gets another model: by its parameter `model`, its service `reload_model`, or a latched topic.
+"""How a running node gets another model: by its parameter `model`, its service `reload_model`, or a latched topic.
 
 The file or text is read and its structure checked at once: a parameter that names a wrong one is refused with the
-reason. The proof of stability may take longer than samples can wait, so a child process makes it. Until it has, the old
-model runs; if it fails, the old model runs on and the parameter goes back to it. The service answers when it is done.
+reason. The rest, such as the proof of stability, may take longer than samples can wait, so a child process does it.
+Until it has, the old model runs; if it fails, the old model runs on and the parameter goes back to it. The service
+answers when it is done.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from ces_observer.damper_observer import DamperObserver
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model, parse_model
 from ces_observer.nodes.model_reload import ModelReload, Verdict
-from ces_observer.nodes.observer_parameters import Settings, governing, live_value, model_path
+from ces_observer.nodes.node_parameters import model_path, value_of
+from ces_observer.nodes.qos import LATCHED
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+
+@dataclass(frozen=True)
+class ModelUser:
+    """Who runs a model, and how another is asked for.
+
+    `running` returns the model that runs. `adopt` has a checked one take over, now or when it can, and returns a few
+    words on when. `parameter` returns the name of the parameter that now names the file.
+    """
+
+    running: Callable[[], Model]
+    adopt: Callable[[Verdict], str]
+    parameter: Callable[[], str]
+    prefix: str  # of the service's name
+    topic: str  # latched, with models as text; empty: none
+    tasks: tuple[str, ...]  # of model_check, before a model is adopted
 
 
 class ModelChanges:
-    """The models on their way to one damper.
+    """The models on their way to one user.
 
     `source` is where the model that runs comes from; `state` a line on the last change, `refused` how many were none.
     """
 
-    def __init__(self, node: Node, settings: Settings, damper: DamperObserver) -> None:
-        self.source = str(settings.model_path)
+    def __init__(self, node: Node, user: ModelUser, path: Path) -> None:
+        self.source = str(path)
         self.state = "none"
         self.refused = 0
-        self._node, self._settings, self._damper = node, settings, damper
-        self._running, self._next_source = damper.model, ""
+        self._node, self._user = node, user
+        self._running, self._next_source = user.running(), ""
         self._reload = ModelReload()
         self._waiting: list[Future] = []
-        self._good_path, self._to_set_back = live_value(node, settings, "model"), False
-        node.create_service(Trigger, f"{settings.topics}reload_model", self._on_service)
-        if topic := settings.values["model_topic"]:
+        self._good_path, self._to_set_back = self._asked(), False
+        node.create_service(Trigger, f"{user.prefix}reload_model", self._on_service)
+        if user.topic:
             options = QoSOverridingOptions.with_default_policies()
-            node.create_subscription(String, topic, self._on_topic, LATCHED, qos_overriding_options=options)
+            node.create_subscription(String, user.topic, self._on_topic, LATCHED, qos_overriding_options=options)
+
+    def values(self) -> tuple[tuple[str, str], ...]:
+        """Return what diagnostics tell of the changes."""
+        return ("last change of the model", self.state), ("models refused", str(self.refused))
 
     def parameter_set(self) -> None:
         """Begin to change to the model that the parameter names, if it names another."""
-        text = live_value(self._node, self._settings, "model")
+        text = self._asked()
         if text == self._good_path:
             self._forget_parameter()
             return
@@ -65,9 +86,9 @@ class ModelChanges:
             self._refuse(verdict.error)
         elif verdict is not None:
             self._adopt(verdict)
-        if self._damper.model is self._running:
+        if self._user.running() is self._running:
             return False
-        self._running, self.source = self._damper.model, self._next_source
+        self._running, self.source = self._user.running(), self._next_source
         self.state = f"{self.source}: has taken over"
         return True
 
@@ -75,21 +96,24 @@ class ModelChanges:
         """Give up what is under way."""
         self._reload.cancel()
 
+    def _asked(self) -> str:
+        """Return the path that the parameter holds now."""
+        return str(value_of(self._node, self._user.parameter()))
+
     def _begin_file(self, text: str) -> None:
         path = model_path(text)
         self._begin(load_model(path), str(path))
 
     def _begin(self, model: Model, source: str) -> None:
         self._answer(False, f"overtaken by {source}")
-        self._reload.start(model, source, prove=not self._settings.values["allow_uncertified"])
-        self.state = f"{source}: its stability is being proved"
+        self._reload.start(model, source, self._user.tasks)
+        self.state = f"{source}: is being checked"
 
     def _adopt(self, verdict: Verdict) -> None:
-        self._damper.load(verdict.model)
+        when = self._user.adopt(verdict)
         self._next_source = verdict.source
-        self._good_path, self._to_set_back = live_value(self._node, self._settings, "model"), False
-        warm_up_s = verdict.model.sampling.warm_up_s
-        self.state = f"{verdict.source}: accepted; takes over when warmed up, after {warm_up_s:g} s of samples"
+        self._good_path, self._to_set_back = self._asked(), False
+        self.state = f"{verdict.source}: accepted; takes over {when}"
         self._node.get_logger().info(self.state)
         self._answer(True, self.state)
 
@@ -104,8 +128,7 @@ class ModelChanges:
         """Let the parameter name the model that runs, if it names one that was not accepted."""
         if self._to_set_back:
             self._to_set_back = False
-            name = governing(self._node, self._settings, "model")
-            self._node.set_parameters([Parameter(name, value=self._good_path)])
+            self._node.set_parameters([Parameter(self._user.parameter(), value=self._good_path)])
 
     def _forget_parameter(self) -> None:
         """Give up a change that was asked for by the parameter, as it was set back meanwhile."""
@@ -117,7 +140,7 @@ class ModelChanges:
         """Answer when the model in the parameter's file is accepted or refused."""
         del request
         try:
-            self._begin_file(live_value(self._node, self._settings, "model"))
+            self._begin_file(self._asked())
         except (CesError, OSError) as error:
             self._refuse(str(error))
             response.success, response.message = False, str(error)
@@ -128,7 +151,7 @@ class ModelChanges:
         return response
 
     def _on_topic(self, message: String) -> None:
-        source = f"topic {self._settings.values['model_topic']}"
+        source = f"topic {self._user.topic}"
         try:
             model = parse_model(message.data, source)
             self._set_back()

@@ -1,7 +1,8 @@
 """A program of its own: a model file's text on standard input, why it cannot be used on standard output.
 
-The node has it run on a model that is to replace the one it runs with, because proving stability may take seconds and
-would hold up the samples that arrive meanwhile. Exit status 0: use it; 2: the reason is on standard output.
+A node has it run on a model that is to replace the one it runs with, because proving its stability, and inverting it
+for a controller, may take seconds and would hold up the samples that arrive meanwhile. Exit status 0: use it, by its
+inverse on standard output if that was asked for; 2: the reason is on standard output.
 """
 
 from __future__ import annotations
@@ -11,14 +12,16 @@ import resource
 import sys
 
 from ces_observer.certificate import is_contraction
+from ces_observer.control.model_inverse import ModelInverse
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import MAX_BYTES, Model, parse_model
 
+PROVE, INVERT = "prove", "invert"  # what is to be done with the model
 USER_ERROR = 2
 MOST_CPU_S = 300
 MOST_MEMORY = 1 << 30  # bytes of address space: a model is small, whatever it claims
 NICENESS = 15
-MOST_REASON = 2000  # characters: less than a pipe holds, so that the child need not wait to be read
+MOST_REASON = 2000  # characters
 
 
 def require_stable(model: Model, source: str) -> None:
@@ -31,13 +34,18 @@ def require_stable(model: Model, source: str) -> None:
 
 
 def main() -> int:
-    """Check the model on standard input, which the only argument names in errors."""
+    """Check the model on standard input: the first argument names it in errors, the others say what is to be done."""
     os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_S, MOST_CPU_S))
     resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+    source, *tasks = sys.argv[1:]
     try:
         text = sys.stdin.buffer.read(4 * MAX_BYTES).decode("utf-8")
-        require_stable(parse_model(text, sys.argv[1]), sys.argv[1])
+        model = parse_model(text, source)
+        if PROVE in tasks:
+            require_stable(model, source)
+        if INVERT in tasks:
+            print(ModelInverse.of(model, source).to_json())
     except (CesError, UnicodeDecodeError) as error:
         print(str(error).splitlines()[0][:MOST_REASON])
         return USER_ERROR

@@ -1,6 +1,6 @@
-"""A model on its way into a running observer: proved to be stable in a child process, then a verdict.
+"""A model on its way into a running node: proved to be stable and inverted in a child process, then a verdict.
 
-Nothing here waits: `start` hands the model over and returns, `poll` looks whether the child is done. Proving takes
+Nothing here waits: `start` hands the model over and returns, `poll` looks whether the child is done. That takes
 anything from milliseconds to seconds of one core, which the samples that arrive meanwhile could not wait for.
 """
 
@@ -10,23 +10,29 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
+from typing import BinaryIO
 
 from ces_observer.model import Model
 
-LONGEST_S = 600.0  # a proof that takes longer is ended: the computer has no time for it
+LONGEST_S = 600.0  # a check that takes longer is ended: the computer has no time for it
 PARENT = str(Path(__file__).resolve().parent.parent.parent)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The end of a check: a model, where it came from, and in `error` why it cannot be used; empty if it can."""
+    """The end of a check: a model, where it came from, and in `error` why it cannot be used; empty if it can.
+
+    `made` is what the check was asked to make of the model, as text.
+    """
 
     model: Model
     source: str
     error: str
+    made: str = ""
 
 
 class ModelReload:
@@ -35,16 +41,18 @@ class ModelReload:
     def __init__(self) -> None:
         self._checked: tuple[Model, str] | None = None
         self._child: subprocess.Popen[bytes] | None = None
+        self._told: BinaryIO | None = None
         self._began_s = 0.0
 
-    def start(self, model: Model, source: str, *, prove: bool) -> None:
-        """Begin to check `model`, called `source` in errors; without `prove` there is nothing left to check.
+    def start(self, model: Model, source: str, tasks: Sequence[str]) -> None:
+        """Begin to do `tasks` of model_check with `model`, called `source` in errors; with none there is no check.
 
         Raises OSError if no process can be started.
         """
         self.cancel()
-        if prove:
-            self._child = _proving(model.to_json(), source)
+        if tasks:
+            self._told = tempfile.TemporaryFile()  # noqa: SIM115  # read when the child is done; it never waits for that
+            self._child = _checking(model.to_json(), (source, *tasks), self._told)
         self._checked, self._began_s = (model, source), monotonic()
 
     def poll(self) -> Verdict | None:
@@ -55,9 +63,11 @@ class ModelReload:
         if status is None and monotonic() - self._began_s < LONGEST_S:
             return None
         model, source = self._checked
-        verdict = Verdict(model, source, "" if status == 0 else f"{self._reason(source, status)}")
+        told = self._read()
         self.cancel()
-        return verdict
+        if status == 0:
+            return Verdict(model, source, "", told)
+        return Verdict(model, source, _reason(source, status, told))
 
     def cancel(self) -> None:
         """End a check that is under way."""
@@ -65,28 +75,35 @@ class ModelReload:
         if self._child is not None:
             self._child.kill()
             self._child.wait()
-            if self._child.stdout is not None:
-                self._child.stdout.close()
             self._child = None
+        if self._told is not None:
+            self._told.close()
+            self._told = None
 
-    def _reason(self, source: str, status: int | None) -> str:
-        if status is None:
-            return f"{source}: stability not proved within {LONGEST_S:g} s; expected a model this computer can prove"
-        stdout = self._child.stdout if self._child is not None else None
-        told = stdout.read().decode("utf-8", "replace").strip() if stdout is not None else ""
-        return told or f"{source}: the check of its stability ended with status {status}; see what `ces info` says"
+    def _read(self) -> str:
+        """Return what the child has told."""
+        if self._told is None:
+            return ""
+        self._told.seek(0)
+        return self._told.read().decode("utf-8", "replace").strip()
 
 
-def _proving(text: str, source: str) -> subprocess.Popen[bytes]:
-    """Start the child; it finds this very package, and reads from a file as a pipe might make this process wait."""
+def _reason(source: str, status: int | None, told: str) -> str:
+    if status is None:
+        return f"{source}: not checked within {LONGEST_S:g} s; expected a model this computer can prove stable"
+    return told or f"{source}: its check ended with status {status}; see what `ces info` says"
+
+
+def _checking(text: str, words: Sequence[str], told: BinaryIO) -> subprocess.Popen[bytes]:
+    """Start the child; it finds this very package, and files stand in for pipes, which might make one side wait."""
     paths = [PARENT, *filter(None, [os.environ.get("PYTHONPATH")])]
     with tempfile.TemporaryFile() as given:
         given.write(text.encode())
         given.seek(0)
         return subprocess.Popen(
-            [sys.executable, "-m", "ces_observer.nodes.model_check", source],
+            [sys.executable, "-m", "ces_observer.nodes.model_check", *words],
             stdin=given,
-            stdout=subprocess.PIPE,
+            stdout=told,
             stderr=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         )

@@ -6,12 +6,13 @@ is how a parameter that nobody knows is found.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, ModelError
 from ces_observer.nodes.parameter_table import Spec
 
 
@@ -67,3 +68,10 @@ def declare_anew(node: Node, name: str, default: Any, descriptor: ParameterDescr
 def value_of(node: Node, name: str) -> Any:
     """Return the value of a parameter, None if it is not set or not declared."""
     return node.get_parameter_or(name).value
+
+
+def model_path(text: str) -> Path:
+    """Return the path that a parameter `model` holds; raises ModelError if it is empty."""
+    if not text:
+        raise ModelError("parameter 'model' is not set; give the path of a model file: -p model:=/path/model.json")
+    return Path(text).expanduser()

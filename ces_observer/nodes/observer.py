@@ -9,21 +9,25 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from time import monotonic
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
 
+from ces_observer.damper_observer import DamperObserver
 from ces_observer.health.load_meter import LoadMeter
 from ces_observer.nodes import executors
 from ces_observer.nodes.damper_topics import DamperTopics
 from ces_observer.nodes.diagnostics_output import DiagnosticsOutput, Report, status_with
 from ces_observer.nodes.inputs import Inputs
-from ces_observer.nodes.model_changes import ModelChanges
+from ces_observer.nodes.model_changes import ModelChanges, ModelUser
+from ces_observer.nodes.model_check import PROVE
+from ces_observer.nodes.model_reload import Verdict
 from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.nodes.node_parameters import TableNode
-from ces_observer.nodes.observer_parameters import Settings, declare_settings, refusal
+from ces_observer.nodes.observer_parameters import Settings, declare_settings, governing, refusal
 from ces_observer.nodes.recording import Recording
 
 WATCH_S = 0.1  # period of the watch, and least time between two diagnostics
@@ -61,7 +65,15 @@ class Observer(TableNode):
 
     def _damper(self, settings: Settings) -> tuple[DamperTopics, ModelChanges]:
         topics = DamperTopics(self, settings, self._inputs, self._time, self._changed, self._measured)
-        changes = ModelChanges(self, settings, topics.damper)
+        user = ModelUser(
+            running=lambda: topics.damper.model,
+            adopt=partial(_adopt, topics.damper),
+            parameter=partial(governing, self, settings, "model"),
+            prefix=settings.topics,
+            topic=settings.values["model_topic"],
+            tasks=() if settings.values["allow_uncertified"] else (PROVE,),
+        )
+        changes = ModelChanges(self, user, settings.model_path)
         topics.use_model(changes.source)
         return topics, changes
 
@@ -109,8 +121,7 @@ class Observer(TableNode):
         if self._failures > self._failures_told:
             status = status_with(status, f"{self._failures} unexpected errors, the last: {self._failure}")
         others = (
-            ("last change of the model", changes.state),
-            ("models refused", str(changes.refused)),
+            *changes.values(),
             ("jumps of time", f"{self._jumps}, the last: {self._jump}"),
             ("unexpected errors", f"{self._failures}, the last: {self._failure}"),
         )
@@ -121,7 +132,7 @@ class Observer(TableNode):
     def _measured(self, topics: DamperTopics) -> None:
         """Compare with the measured force, and record for the case that the comparison fails, once there is one."""
         topics.compare()
-        self._recording.begin()
+        self._recording.begin([each for each, _ in self._dampers])
         topics.health.box = self._recording.box
 
     def _jumped(self, what: str) -> None:
@@ -157,6 +168,11 @@ class Observer(TableNode):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node; returns 0 when stopped by a signal, 2 if a parameter or the model cannot be used."""
     return executors.run("observer", Observer, argv)
+
+
+def _adopt(damper: DamperObserver, verdict: Verdict) -> str:
+    damper.load(verdict.model)
+    return f"when warmed up, after {verdict.model.sampling.warm_up_s:g} s of samples"
 
 
 if __name__ == "__main__":

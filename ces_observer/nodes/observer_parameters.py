@@ -15,10 +15,10 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ces_observer.errors import CesError, ModelError, SignalsError
+from ces_observer.errors import CesError, SignalsError
 from ces_observer.model import Model, load_model
 from ces_observer.nodes.model_check import require_stable
-from ces_observer.nodes.node_parameters import declare, declare_anew, declare_unset, value_of
+from ces_observer.nodes.node_parameters import declare, declare_anew, declare_unset, model_path, value_of
 from ces_observer.nodes.parameter_table import (
     DAMPERS,
     DAMPERS_MEANING,
@@ -103,13 +103,6 @@ def refusal(node: Node, parameters: Sequence[Parameter]) -> str:
     except CesError as error:
         return str(error)
     return ""
-
-
-def model_path(text: str) -> Path:
-    """Return the path that a parameter `model` holds; raises ModelError if it is empty."""
-    if not text:
-        raise ModelError("parameter 'model' is not set; give the path of a model file: -p model:=/path/model.json")
-    return Path(text).expanduser()
 
 
 def _settings(node: Node, key: str) -> Settings:

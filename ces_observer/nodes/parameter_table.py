@@ -65,6 +65,10 @@ EXECUTOR = Spec(
     "events where this rclpy has it",
     one_of=("auto", "events", "single"),
 )
+MODEL_TOPIC = Spec(
+    "model_topic", "", "latched topic (std_msgs/msg/String) that carries the text of models to load; empty: none"
+)
+ALLOW_UNCERTIFIED = Spec("allow_uncertified", False, "run a model whose stability cannot be proved (unsafe)")
 OF_THE_NODE = (
     EXECUTOR,
     Spec(
@@ -83,8 +87,8 @@ OF_THE_NODE = (
 )
 OF_A_DAMPER = (
     Spec("model", "", "path of the model file (model.json); set anew, it is checked and loaded while running", True),
-    Spec("model_topic", "", "latched topic (std_msgs/msg/String) that carries the text of models to load; empty: none"),
-    Spec("allow_uncertified", False, "run a model whose stability cannot be proved (unsafe)"),
+    MODEL_TOPIC,
+    ALLOW_UNCERTIFIED,
     Spec(
         "max_age_s",
         0.5,

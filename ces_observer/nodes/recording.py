@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
 
 from ces_observer.errors import CesError
+from ces_observer.nodes.damper_topics import DamperTopics
 from ces_observer.nodes.inputs import Inputs
 from ces_observer.nodes.message_definitions import bag_channel
 from ces_observer.recorder.black_box import BlackBox
@@ -25,12 +28,13 @@ class Recording:
         self._most_bags = values["record_max_bags"]
         self.box: BlackBox | None = None
 
-    def begin(self) -> None:
-        """Keep the last seconds of all inputs from now on."""
+    def begin(self, dampers: Sequence[DamperTopics]) -> None:
+        """Keep the last seconds of all inputs, and of these dampers' estimates, from now on."""
         if self.box is not None or not self._folder:
             return
+        topics = [*self._inputs.topics, *(damper.estimate_topic for damper in dampers)]
         try:
-            channels = [bag_channel(topic, kind) for topic, kind in self._inputs.topics]
+            channels = [bag_channel(topic, kind) for topic, kind in topics]
         except (CesError, LookupError, OSError) as error:
             self._node.get_logger().warning(f"nothing will be recorded: no definition of a message type: {error}")
             self._folder = ""
@@ -39,6 +43,8 @@ class Recording:
         tail_s = TAIL * self._seconds
         self.box = BlackBox(channels, folder, seconds=self._seconds, tail_s=tail_s, most_bags=self._most_bags)
         self._inputs.kept = self.box.keep
+        for channel, damper in enumerate(dampers, start=len(self._inputs.topics)):
+            damper.kept = partial(self.box.keep, channel)
 
     def work(self, now_ns: int) -> None:
         """Go on with what is being written, a little at a time."""

@@ -30,7 +30,7 @@ LAG_S = 0.1  # behind which the node warns
 DRIFT_S = 0.01  # of the system's clock from the steady one, after which stamps follow it
 IDLE_S = 1e-3  # period of the timer when it is the samples' readers that set the pace
 SOONEST_S = 1e-4
-QUIET = 250  # of these idle periods without a command, and no answer to earlier samples is on its way
+QUIET = 1000  # of these idle periods without a command, and no answer to earlier samples is on its way
 
 
 class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are checked

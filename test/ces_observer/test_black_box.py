@@ -7,11 +7,13 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from raw_messages import CURRENT, MS, SECOND, TOPICS, channels, drive
 from rosbags.rosbag2 import Reader
 
 from ces_cli import main
+from ces_cli.simulations import open_simulation, with_predictions
 from ces_identify.bag_reader import read_recording
 from ces_observer.recorder import record_folder
 from ces_observer.recorder.black_box import OVERHEAD_BYTES, BlackBox
@@ -70,18 +72,19 @@ def test_the_offline_programs_open_the_recording(tmp_path: Path, capsys: pytest.
     box.save("drift", START + 3 * SECOND, {})
     box.close()
     assert box.saved is not None
-    estimate = {"topic": "observer/estimate", "type": "sensor_msgs/msg/JointState", "field": "effort[rear_damper]"}
-    signals = Signals.from_mapping({"sim_force": estimate}, "test")
-    recording = read_recording(box.saved, signals, ("position", "current", "force", "sim_force"))
+    defaults, believed = Signals.from_mapping({}, "defaults"), open_simulation("topic:/observer/estimate")
+    recording = read_recording(box.saved, defaults, ("position", "current", "force"))
+    recording = with_predictions(believed, box.saved, recording, defaults)
     position, force = recording.channel("position"), recording.channel("force")
     assert len(position.values) == len(force.values) == pytest.approx(3000, abs=200)
     assert position.values.max() == pytest.approx(0.02, rel=1e-3)
     assert force.values.max() == pytest.approx(500.0, rel=1e-3)
-    assert recording.channel("sim_force").values.max() == pytest.approx(400.0, rel=1e-3)
+    assert np.nanmax(believed.force(recording)) == pytest.approx(400.0, rel=1e-3)
     assert set(recording.channel("current").values) == {0.5}
     assert set((position.stamps_ns - START) % MS) == {0}  # header stamps, not times of arrival
     assert main.main(["info", str(box.saved)]) == 0
-    assert "/measured_force" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "/measured_force" in told and "/observer/estimate" in told
 
 
 def test_memory_is_bounded_by_bytes_and_by_time(tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import cmath
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
 from math import cos, degrees, exp, inf, isfinite, nan, pi
 
 import pytest
@@ -21,6 +23,7 @@ from ces_observer.errors import CesError
 MS = 1_000_000
 START_NS = 10**18
 INVERSE = inverse_map(plain_damper())
+SOFTER = replace(INVERSE, forces_N=tuple(tuple(0.8 * force for force in row) for row in INVERSE.forces_N))
 CURVE = ForceCurve.of([-2.0, 0.0, 2.0], [-5600.0, 0.0, 5600.0])  # 0.8 A of the plain damper
 TUNING = Tuning(low_A=0.0, high_A=2.0, safe_A=0.3, rate_A_s=20.0, valve_lag_s=0.0, preview_s=0.0, recovery_s=0.1)
 QUICK = Tuning(low_A=0.0, high_A=2.0, safe_A=0.3, rate_A_s=1e6, valve_lag_s=0.0, preview_s=0.0, recovery_s=0.0)
@@ -149,6 +152,35 @@ def test_recovery_is_gradual() -> None:
     assert made.reason == OK
     assert max(steps) <= 1.1 * (0.8 - TUNING.safe_A) / (TUNING.recovery_s * 1000.0)
     assert commands[-1] == pytest.approx(0.8, abs=1e-3)
+
+
+def test_another_map_is_adopted_without_a_bump() -> None:
+    """Half a second on, the map is of a damper 20 % softer: from 0.8 A its current fades in, with trims of its own."""
+    made = controller()
+    for k in range(1001):
+        made.step(START_NS + k * MS, 1.0, 2700.0)
+    before = made.command_A
+    assert made.trims_A[1] > 0.02
+    made.adopt(SOFTER)
+    commands = [made.step(START_NS + (1001 + k) * MS, 1.0, 2800.0) for k in range(200)]
+    steps = [b - a for a, b in zip([before, *commands], commands, strict=False)]
+    assert commands[-1] == pytest.approx(1.5, abs=1e-3)
+    assert min(steps) >= 0.0
+    assert max(steps) == pytest.approx((1.5 - before) / (TUNING.recovery_s * 1000.0), rel=0.01)
+    assert made.trims_A == (0.0, 0.0)
+    assert made.count.interruptions == {}
+
+
+def test_an_interruption_ends_the_fading_over_to_another_map() -> None:
+    made = controller()
+    settle(made)
+    made.adopt(SOFTER)
+    made.step(START_NS + 1001 * MS, 1.0, 2800.0)
+    while made.command_A != TUNING.safe_A:
+        made.fail_safe(NO_ESTIMATE, 0.001)
+    commands = [made.step(START_NS + (2000 + k) * MS, 1.0, 2800.0) for k in range(200)]
+    assert max(b - a for a, b in pairwise(commands)) == pytest.approx(1.2 / (TUNING.recovery_s * 1000.0), rel=0.01)
+    assert commands[-1] == pytest.approx(1.5, abs=1e-3)
 
 
 def test_a_repeated_stamp_changes_nothing_and_a_clock_set_back_starts_anew() -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from math import cos, nan
 from pathlib import Path
@@ -15,12 +15,11 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-import rclpy
 from conftest import new_namespace
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from node_process import NodeProcess, ros_args
-from rclpy.executors import SingleThreadedExecutor
+from party import Party
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
@@ -41,16 +40,12 @@ LIMITS = {"low_A": 0.1, "high_A": 1.9, "safe_A": 0.3}
 CURVE = {SPEEDS: [-2.0, 0.0, 2.0], FORCES: [-5600.0, 0.0, 5600.0]}  # 0.8 A of the plain damper
 
 
-class Surroundings:
+class Surroundings(Party):
     """What stands around the controller: an observer and a load cell that say what they are told, ears for the rest."""
 
     def __init__(self, namespace: str) -> None:
-        self._context = rclpy.Context()
-        self._context.init()
-        self.namespace = namespace
-        self.node = rclpy.create_node("surroundings", namespace=namespace, context=self._context)
+        super().__init__("surroundings", namespace)
         self.commands: list[float] = []
-        self.arrivals: list[float] = []
         self.desired: list[WrenchStamped] = []
         self.statuses: list[DiagnosticStatus] = []
         self._estimates = self.node.create_publisher(JointState, "observer/estimate", DEEP)
@@ -58,16 +53,6 @@ class Surroundings:
         self.node.create_subscription(Float64, "valve_command", self._hear_command, DEEP)
         self.node.create_subscription(WrenchStamped, "controller/desired_force", self.desired.append, DEEP)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_diagnostics, DEEP)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        self._thread.join()
-        self.node.destroy_node()
-        self._context.shutdown()
 
     def meets_node(self) -> None:
         wait(lambda: self._estimates.get_subscription_count() > 0, "the node subscribes to estimates")
@@ -84,11 +69,14 @@ class Surroundings:
         message.wrench.force.z = force_N
         self._forces.publish(message)
 
-    def drive(self, seconds: float, speed_m_s: float = 1.0, age_s: float = 0.0) -> None:
-        """Estimate 2800 N at 200 Hz, now or as if this long ago."""
-        for _ in range(round(200 * seconds)):
-            self.estimate(time.time_ns() - round(age_s * 1e9), speed_m_s, 2800.0)
-            time.sleep(0.005)
+    def driving(self, speed_m_s: float = 1.0, age_s: float = 0.0) -> AbstractContextManager[None]:
+        """Estimate 2800 N at 200 Hz, now or as if this long ago, beside what is done in this context."""
+        age_ns = round(age_s * 1e9)
+        return self.repeating(0.005, lambda: self.estimate(time.time_ns() - age_ns, speed_m_s, 2800.0))
+
+    def reaches(self, current_A: float, within_A: float = 1e-9) -> None:
+        """Wait for this command."""
+        wait(lambda: abs(self.commands[-1] - current_A) <= within_A, f"a command of {current_A} A")
 
     def set(self, **values: object) -> str:
         """Set parameters of the controller together; return why they are refused, empty if they are not."""
@@ -109,7 +97,6 @@ class Surroundings:
         return status
 
     def _hear_command(self, message: Float64) -> None:
-        self.arrivals.append(time.monotonic())
         self.commands.append(message.data)
 
     def _hear_diagnostics(self, message: DiagnosticArray) -> None:
@@ -118,9 +105,8 @@ class Surroundings:
 
 @pytest.fixture
 def surroundings(namespace: str) -> Iterator[Surroundings]:
-    made = Surroundings(namespace)
-    yield made
-    made.close()
+    with Surroundings(namespace) as made:
+        yield made
 
 
 @pytest.fixture
@@ -157,7 +143,7 @@ def test_commands_are_the_pure_controllers(
     pure = ForceController(ForceCurve.of(*CURVE.values()), inverse_map(model), tuning)
     samples = [(10**18 + k * MS, 1.2 * cos(0.02 * k), 2600.0 * cos(0.02 * k + 0.1)) for k in range(1000)]
     expected = [pure.step(*sample) for sample in samples]
-    wait(lambda: time.monotonic() - surroundings.arrivals[0] > 1.2, "the node sees that somebody listens")
+    wait(lambda: len(surroundings.statuses) > 2, "the node looks whether somebody listens")
     for sample in samples:
         surroundings.estimate(*sample)
     wait(lambda: len(surroundings.desired) == len(samples), "an answer to every estimate")
@@ -177,21 +163,15 @@ def test_the_safe_current_holds_whenever_there_is_no_usable_estimate(
     node = start()
     assert set(surroundings.commands) == {0.3}
     surroundings.hears("observer/estimate has a publisher that is silent", DiagnosticStatus.ERROR)
-    surroundings.drive(0.5)
-    assert surroundings.commands[-1] == pytest.approx(0.8, abs=0.05)
-    stopped = time.monotonic()
-    wait(lambda: surroundings.commands[-1] == 0.3, "the safe current after silence")
-    assert time.monotonic() - stopped < 0.3  # 50 ms, and what a busy computer adds
-    surroundings.drive(0.5)
-    assert surroundings.commands[-1] == pytest.approx(0.8, abs=0.05)
-    surroundings.drive(0.3, speed_m_s=nan)
-    assert surroundings.commands[-1] == 0.3
-    surroundings.hears("the estimate is not finite", DiagnosticStatus.ERROR)
-    surroundings.drive(0.3)
-    assert surroundings.commands[-1] != 0.3
-    surroundings.drive(0.3, age_s=3.0)
-    assert surroundings.commands[-1] == 0.3
-    surroundings.hears("the estimate is stale", DiagnosticStatus.ERROR)
+    with surroundings.driving():
+        surroundings.reaches(0.8, within_A=0.05)
+    surroundings.reaches(0.3)
+    for fault, told in (({"speed_m_s": nan}, "the estimate is not finite"), ({"age_s": 3.0}, "the estimate is stale")):
+        with surroundings.driving():
+            surroundings.reaches(0.8, within_A=0.05)
+        with surroundings.driving(**fault):
+            surroundings.hears(told, DiagnosticStatus.ERROR)
+            surroundings.reaches(0.3)
     node.interrupt(signal.SIGINT)
     status, output = node.ended()
     assert (status, "Traceback" in output) == (0, False), output
@@ -203,23 +183,20 @@ def test_parameters_change_live_or_are_refused(surroundings: Surroundings, start
     assert "would drive the motion" in surroundings.set(curve__forces_N=[5.0, 0.0, 5.0])
     assert "expected one of estimate, measured, none" in surroundings.set(feedback="some")
     assert surroundings.set(curve__forces_N=[-4800.0, 0.0, 4800.0], feedback="none") == ""
-    surroundings.drive(0.5)
-    assert surroundings.commands[-1] == pytest.approx(0.4, abs=0.01)  # 2400 N at 1 m/s
-    assert surroundings.set(low_A=0.25, high_A=0.35) == ""
-    surroundings.drive(0.1)
-    assert surroundings.commands[-1] == pytest.approx(0.35)
+    with surroundings.driving():
+        surroundings.reaches(0.4, within_A=0.01)  # 2400 N at 1 m/s
+        assert surroundings.set(low_A=0.25, high_A=0.35) == ""
+        surroundings.reaches(0.35)
 
 
 def test_the_measured_force_is_fed_back_and_missed(
     surroundings: Surroundings, start: Callable[..., NodeProcess]
 ) -> None:
     start(feedback="measured")
-    for _ in range(100):
-        surroundings.measure(2500.0)
-        surroundings.drive(0.005)
-    assert surroundings.commands[-1] > 0.85
-    surroundings.drive(1.0)
-    surroundings.hears("no measured force is fed back: feed-forward alone", DiagnosticStatus.WARN)
+    with surroundings.driving():
+        with surroundings.repeating(0.005, lambda: surroundings.measure(2500.0)):
+            wait(lambda: surroundings.commands[-1] > 0.85, "a trim")
+        surroundings.hears("no measured force is fed back: feed-forward alone", DiagnosticStatus.WARN)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,30 +11,25 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_process import ROOT, NodeProcess, ros_args
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from party import Party
 from std_msgs.msg import String
 from vehicle import Vehicle, wait
 
 from ces_observer.model import load_model
+from ces_observer.nodes.qos import LATCHED
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 QUICK = {"terms": 2, "threads": 1, "method": "random", "bags": f"[{ROOT / 'bags' / 'noise'}]"}
 LONG_S = 60.0  # kernels may have to be compiled first
 Begin = Callable[..., NodeProcess]
 
 
-class Listener:
+class Listener(Party):
     """Hears what the node in a namespace publishes."""
 
     def __init__(self, namespace: str) -> None:
-        self._context = rclpy.Context()
-        self._context.init()
-        self.node: Node = rclpy.create_node("listener", namespace=namespace, context=self._context)
+        super().__init__("listener", namespace)
         self.progress: list[DiagnosticStatus] = []
         self.results: list[DiagnosticArray] = []
         self.models: list[str] = []
@@ -43,10 +37,6 @@ class Listener:
         hear(DiagnosticArray, "identify/progress", lambda message: self.progress.extend(message.status), 10)
         hear(DiagnosticArray, "identify/result", self.results.append, LATCHED)
         self.hear_model(self.models)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
-        self._thread.start()
 
     def hear_model(self, models: list[str]) -> None:
         """Subscribe to the model as an observer does."""
@@ -56,19 +46,11 @@ class Listener:
         """Wait for progress whose line holds `line`."""
         wait(lambda: any(line in status.message for status in list(self.progress)), line, LONG_S)
 
-    def close(self) -> None:
-        """Hear no more."""
-        self._executor.shutdown()
-        self._thread.join()
-        self.node.destroy_node()
-        self._context.shutdown()
-
 
 @pytest.fixture
 def listener(namespace: str) -> Iterator[Listener]:
-    listener = Listener(namespace)
-    yield listener
-    listener.close()
+    with Listener(namespace) as listener:
+        yield listener
 
 
 @pytest.fixture

@@ -16,12 +16,15 @@ from geometry_msgs.msg import WrenchStamped
 from node_process import NodeProcess
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from vehicle import DEEP, JOINT, Vehicle, stroke, wait
+from vehicle import DEEP, JOINT, RATE_HZ, Vehicle, stamp_of, stroke, wait
+
+from ces_identify.bag_reader import read_recording
+from ces_observer.signals import Signals
 
 MS = 1_000_000
 WARM_UP_S = 0.1  # of the test model
 RECOVERY_S = 0.2
-ON_THE_WAY_NS = 150 * MS  # estimates of good samples that may still arrive on a busy computer
+OFFSET_S = -30.0
 Start = Callable[..., NodeProcess]
 
 
@@ -49,32 +52,38 @@ FAULTS = {
     "no usable current": {"current": None},
     "position is not finite": {"position": lambda time_s: nan if time_s % 0.1 < 0.05 else inf},
     "no joint 'rear_damper'; the message has ['steering', 'front']": {"joint": "front"},
-    "position stamps are off the node's clock": {"clock_offset_s": -3.0},
+    "position stamps are off the node's clock": {"clock_offset_s": OFFSET_S},
 }
 
 
 @pytest.mark.parametrize("reason", FAULTS)
 def test_withholds_says_why_and_recovers(live: Vehicle, reason: str) -> None:
     live.drive(0.3)
-    told = len(live.statuses)
-    fault_begins, _ = live.drive(0.5, **FAULTS[reason])
-    status = live.hears(reason, None, told)
+    told, heard = len(live.statuses), len(live.estimates)
+    with live.driving(**FAULTS[reason]):
+        status = live.hears(reason, None, told)
+        withheld = time.time_ns()
+        time.sleep(0.3)
     assert status.name.endswith(f"observer: {JOINT}")
-    recovers, _ = live.drive(0.5)
-    wait(lambda: live.stamps()[-1] > recovers, "recovery")
-    held_ns = 200 * MS if "current" in reason else 0  # as long as the model allows
-    assert not [at for at in live.arrivals if fault_begins + held_ns + ON_THE_WAY_NS < at < recovers]
+    recovers = recovery(live)
+    sent = [stamp_of(estimate) - round(OFFSET_S * 1e9) * ("clock" in reason) for estimate in live.estimates[heard:]]
+    assert not [stamp for stamp in sent if withheld < stamp < recovers]
+
+
+def recovery(live: Vehicle) -> int:
+    """Drive until there is an estimate again, after no more samples than it takes; return when it began [ns]."""
+    recovers = time.time_ns()
+    with live.driving():
+        wait(lambda: stamp_of(live.estimates[-1]) > recovers, "recovery")
     resumed = next(stamp for stamp in live.stamps() if stamp >= recovers)
-    assert resumed - recovers <= (RECOVERY_S + WARM_UP_S) * 1e9
+    assert sum(recovers <= stamp < resumed for stamp in live.driven) <= (RECOVERY_S + WARM_UP_S) * RATE_HZ
+    return recovers
 
 
 def test_silence_is_told_and_ends(live: Vehicle) -> None:
     live.drive(0.5)
     live.hears("joint_states has a publisher that is silent", since=len(live.statuses))
-    recovers, _ = live.drive(0.5)
-    wait(lambda: live.stamps()[-1] > recovers, "recovery")
-    resumed = next(stamp for stamp in live.stamps() if stamp >= recovers)
-    assert resumed - recovers <= (RECOVERY_S + WARM_UP_S) * 1e9
+    recovery(live)
 
 
 def test_publishers_that_are_lost_and_come_back(live: Vehicle) -> None:
@@ -86,10 +95,7 @@ def test_publishers_that_are_lost_and_come_back(live: Vehicle) -> None:
     live.position = live.node.create_publisher(JointState, "joint_states", DEEP)
     live.current = live.node.create_publisher(Float64, "valve_current", DEEP)
     live.meets_node()
-    recovers, _ = live.drive(0.5)
-    wait(lambda: live.stamps()[-1] > recovers, "recovery")
-    resumed = next(stamp for stamp in live.stamps() if stamp >= recovers)
-    assert resumed - recovers <= (RECOVERY_S + WARM_UP_S) * 1e9
+    recovery(live)
 
 
 def test_the_age_limit_can_be_lifted_while_running(live: Vehicle) -> None:
@@ -147,8 +153,20 @@ def test_a_measured_force_that_differs_asks_for_a_new_identification_and_is_reco
             time.sleep(0.005)
         status = vehicle.hears("re-identify: the cost J against the measured force is 3", None)
         assert "expected below 20.0%" in status.message
-        bag = vehicle.hears_value("recorded bag", f"{JOINT}_drift_")
-    assert {path.suffix for path in Path(bag).iterdir()} == {".mcap", ".yaml"}
+        bag = Path(vehicle.hears_value("recorded bag", f"{JOINT}_drift_"))
+    assert {path.suffix for path in bag.iterdir()} == {".mcap", ".yaml"}
+    recorded = recorded_estimates(bag, f"{vehicle.namespace}/observer/estimate")
+    heard = {stamp_of(estimate): estimate.effort[0] for estimate in vehicle.estimates}
+    assert len(recorded.keys() & heard.keys()) > 500
+    assert not {stamp for stamp in recorded.keys() & heard.keys() if recorded[stamp] != heard[stamp]}
+
+
+def recorded_estimates(bag: Path, topic: str) -> dict[int, float]:
+    """Return by stamp the forces of the estimates in a recorded bag."""
+    estimate = {"topic": topic, "type": "sensor_msgs/msg/JointState", "field": "effort[0]"}
+    signals = Signals.from_mapping({"sim_force": estimate}, "estimates")
+    channel = read_recording(bag, signals, ["sim_force"]).channel("sim_force")
+    return dict(zip(channel.stamps_ns.tolist(), channel.values.tolist(), strict=True))
 
 
 @pytest.mark.parametrize("executor", ["events", "single"])

@@ -27,7 +27,9 @@ NODES = {
         ("ces_observer.nodes.observer", {**SIMULATED, "model_topic": "identify/model"}),
         ("ces_observer.nodes.observer", FRONT),
     ],
-    "controller": [("ces_observer.nodes.controller", {**SIMULATED, "feedback": "measured"})],
+    "controller": [
+        ("ces_observer.nodes.controller", {**SIMULATED, "feedback": "measured", "model_topic": "identify/model"})
+    ],
     "rig": [("ces_rig.live.node", {**SIMULATED, "drive": "vehicle", "publish_clock": True})],
     "identify": [("ces_cli.identify_node", {**SIMULATED, "bags": f"[{ROOT / 'bags' / 'noise'}]", "seconds": 60.0})],
 }

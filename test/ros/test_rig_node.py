@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -16,7 +17,7 @@ import numpy as np
 import rclpy
 from geometry_msgs.msg import AccelStamped, WrenchStamped
 from node_process import NodeProcess, ros_args
-from rclpy.executors import SingleThreadedExecutor
+from party import Party
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
@@ -28,16 +29,15 @@ from vehicle import stamp_of, wait
 MS = 1_000_000
 DEEP = QoSProfile(depth=5000)
 START_S = 40.0  # compiling the kernels, the first time
+STROKE = 250  # samples, at 4 Hz
 Start = Callable[..., NodeProcess]
 
 
-class Bench:
+class Bench(Party):
     """What stands around the rig: hears all it publishes, commands the valve."""
 
     def __init__(self, namespace: str) -> None:
-        self._context = rclpy.Context()
-        self._context.init()
-        self.node = rclpy.create_node("bench", namespace=namespace, context=self._context)
+        super().__init__("bench", namespace)
         self.heard: dict[str, list] = {}
         self._listen("joint_states", JointState)
         self._listen("measured_force", WrenchStamped)
@@ -45,25 +45,30 @@ class Bench:
         self._listen("tyre_load", WrenchStamped)
         self._listen("clock", Clock)
         self._commands = self.node.create_publisher(Float64, "valve_command", 10)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        self._thread.join()
-        self.node.destroy_node()
-        self._context.shutdown()
 
     def listen_to_current(self, kind: type) -> None:
         self._listen("valve_current", kind)
 
-    def command(self, current_A: float, seconds: float) -> None:
-        """Command at 100 Hz."""
-        for _ in range(round(100 * seconds)):
-            self._commands.publish(Float64(data=current_A))
-            time.sleep(0.01)
+    @contextmanager
+    def commanding(self, current_A: float) -> Iterator[None]:
+        """Command at 100 Hz beside what is done in this context."""
+        with self.repeating(0.01, lambda: self._commands.publish(Float64(data=current_A))):
+            yield
+
+    def stays_at(self, current_A: float) -> None:
+        """Wait until the damper's current has been this one for a stroke, and its force heard meanwhile."""
+
+        def stays() -> bool:
+            heard = [message.data for message in list(self.heard["valve_current"])[-STROKE:]]
+            return len(heard) == STROKE and heard == pytest.approx([current_A] * STROKE, abs=0.01)
+
+        wait(stays, f"{current_A} A for a stroke", START_S)
+
+    def least_force_N(self) -> float:
+        """Return the least force measured in the stroke that begins now."""
+        ends = time.time_ns() + STROKE * MS
+        wait(lambda: self.newest("measured_force") >= ends, "the forces of a stroke", START_S)
+        return min(message.wrench.force.z for message in list(self.heard["measured_force"])[-STROKE:])
 
     def set(self, **values: object) -> tuple[bool, str]:
         client = AsyncParameterClient(self.node, f"{self.node.get_namespace()}/rig")
@@ -74,6 +79,10 @@ class Bench:
         wait(answer.done, "the parameters are set")
         result = answer.result().results[0]
         return result.successful, result.reason
+
+    def newest(self, topic: str) -> int:
+        """Return the last stamp heard [ns]."""
+        return stamp_of(self.heard[topic][-1])
 
     def stamps(self, topic: str) -> np.ndarray:
         return np.array([stamp_of(message) for message in list(self.heard[topic])])
@@ -92,9 +101,8 @@ class Bench:
 
 @pytest.fixture
 def bench(namespace: str) -> Iterator[Bench]:
-    bench = Bench(namespace)
-    yield bench
-    bench.close()
+    with Bench(namespace) as bench:
+        yield bench
 
 
 @pytest.fixture
@@ -114,26 +122,21 @@ def rig(namespace: str) -> Iterator[Start]:
 
 def test_samples_come_at_the_rate_with_true_stamps_and_the_damper_obeys(bench: Bench, rig: Start) -> None:
     bench.listen_to_current(Float64)
-    node = rig(script__frequency_Hz=4.0)
+    node = rig(script__frequency_Hz=4.0, command_timeout_s=1.0)
     bench.hears("joint_states", 100)
     assert bench.heard["joint_states"][0].name == ["rear_damper"]
     assert bench.heard["valve_current"][-1].data == pytest.approx(0.4, abs=0.01)  # safe current
     bench.forget()
-    began = time.time_ns()
-    bench.command(2.0, 1.5)  # beyond what the valve takes
+    with bench.commanding(2.0):  # beyond what the valve takes
+        bench.stays_at(0.7)
+        firm = bench.least_force_N()
+    read = bench.stamps("measured_force")[10:]
+    wait(lambda: bench.newest("joint_states") >= max(read[-1], time.time_ns() - 200 * MS), "samples of now", START_S)
     stamps = bench.stamps("joint_states")
-    took_ms = (time.time_ns() - began) / MS
     assert set(np.diff(stamps).tolist()) == {MS}
-    assert len(stamps) == pytest.approx(took_ms, rel=0.1)
-    assert abs(stamps[0] - began) < 200 * MS
-    assert set(bench.stamps("measured_force")[10:1000].tolist()) <= set(stamps.tolist())  # read at the same instants
-    assert bench.heard["valve_current"][-1].data == pytest.approx(0.7, abs=0.01)
-    firm = min(message.wrench.force.z for message in list(bench.heard["measured_force"])[-500:])
-    bench.forget()
-    bench.hears("measured_force", 1000)
-    soft = min(message.wrench.force.z for message in list(bench.heard["measured_force"])[-300:])
-    assert bench.heard["valve_current"][-1].data == pytest.approx(0.4, abs=0.01)  # the command is too old
-    assert firm < 1.4 * soft < -500.0
+    assert set(read.tolist()) <= set(stamps.tolist())  # read at the same instants
+    bench.stays_at(0.4)  # the command is too old
+    assert firm < 1.4 * bench.least_force_N() < -500.0
     position = np.array([message.position[0] for message in list(bench.heard["joint_states"])[-500:]])
     assert np.abs(position).max() == pytest.approx(0.015, rel=0.02)
     assert bench.set(script__amplitude_m=0.08) == (
@@ -159,17 +162,17 @@ def test_samples_come_at_the_rate_with_true_stamps_and_the_damper_obeys(bench: B
 def test_a_vehicle_in_its_own_time(bench: Bench, rig: Start) -> None:
     bench.listen_to_current(JointState)
     node = rig(
-        drive="vehicle", publish_clock="true", real_time_factor=2.0, use_sim_time="true", stamped_current="true",
+        drive="vehicle", publish_clock="true", real_time_factor=0.5, use_sim_time="true", stamped_current="true",
         rate_hz=200, vehicle__road_class="D",
     )  # fmt: skip
     bench.hears("joint_states", 20)
     bench.forget()
     began = time.monotonic()
-    bench.hears("joint_states", 800)
+    bench.hears("joint_states", 400)
     took = time.monotonic() - began
     stamps = bench.stamps("joint_states")
     assert set(np.diff(stamps).tolist()) == {5 * MS}
-    assert took == pytest.approx(4.0 / 2.0, rel=0.25)
+    assert took == pytest.approx(2.0 / 0.5, rel=0.25)  # a busy computer may not manage to be faster than time
     clock = [message.clock.sec * 10**9 + message.clock.nanosec for message in list(bench.heard["clock"])]
     assert set(stamps.tolist()) & set(clock)
     assert stamps[-1] < 600 * 10**9  # not this computer's time

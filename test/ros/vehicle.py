@@ -7,13 +7,11 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from math import pi, sin
-from types import TracebackType
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from party import Party
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
@@ -21,8 +19,9 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-DEEP = QoSProfile(depth=5000)  # reliable
-LOSSY = QoSProfile(depth=5000, reliability=QoSReliabilityPolicy.BEST_EFFORT)  # hears any publisher
+DEPTH = 50_000  # nothing is lost while a busy computer holds up either side
+DEEP = QoSProfile(depth=DEPTH)  # reliable
+LOSSY = QoSProfile(depth=DEPTH, reliability=QoSReliabilityPolicy.BEST_EFFORT)  # hears any publisher
 JOINT = "rear_damper"
 RATE_HZ = 1000
 
@@ -32,17 +31,13 @@ def stroke(time_s: float) -> float:
     return 0.02 * sin(2.0 * pi * 2.0 * time_s)
 
 
-class Vehicle:
+class Vehicle(Party):
     """Publishers and subscriptions in one namespace; what is heard is kept in `estimates` and `statuses`."""
 
     def __init__(self, namespace: str) -> None:
-        self._context = rclpy.Context()
-        self._context.init()
-        self.namespace = namespace
+        super().__init__("vehicle", namespace)
         self._name = f"{namespace}/observer"
-        self.node = rclpy.create_node("vehicle", namespace=namespace, context=self._context)
         self.estimates: list[JointState] = []
-        self.arrivals: list[int] = []  # [ns] of the estimates
         self.statuses: list[DiagnosticStatus] = []
         self.driven: list[int] = []  # stamps of the positions published by drive
         self.node.create_subscription(JointState, "observer/estimate", self._hear_estimate, DEEP)
@@ -50,25 +45,12 @@ class Vehicle:
         self.position = self.node.create_publisher(JointState, "joint_states", DEEP)
         self.current = self.node.create_publisher(Float64, "valve_current", DEEP)
         self.stamped_current = self.node.create_publisher(Temperature, "stamped_current", DEEP)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
 
     def hear_estimates(self, topic: str) -> list[JointState]:
         """Return a list that the estimates on a further topic are kept in from now on."""
         heard: list[JointState] = []
         self.node.create_subscription(JointState, topic, heard.append, LOSSY)
         return heard
-
-    def __enter__(self) -> Vehicle:
-        self._thread.start()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._executor.shutdown()
-        self._thread.join()
-        self.node.destroy_node()
-        self._context.shutdown()
 
     def meets_node(self, estimate: str = "observer/estimate") -> None:
         """Wait until the node hears this vehicle's position and this vehicle hears the node."""
@@ -98,15 +80,18 @@ class Vehicle:
         clock_offset_s: float = 0.0,
         ends: threading.Event | None = None,
     ) -> tuple[int, int]:
-        """Publish at 1 kHz for `duration_s`, a current at every fifth sample; return the first and last time [ns]."""
+        """Publish at 1 kHz for `duration_s`, a current at every fifth sample; return the first and last time [ns].
+
+        The stamps are a millisecond apart, as a sensor's are, also where this computer stalls and publishes late.
+        """
         times: list[int] = []
         offset_ns = round(clock_offset_s * 1e9)
-        start = time.monotonic()
+        start, start_ns = time.monotonic(), time.time_ns()
         for k in range(round(duration_s * RATE_HZ)):
             time.sleep(max(0.0, start + k / RATE_HZ - time.monotonic()))
             if ends is not None and ends.is_set():
                 break
-            times.append(time.time_ns())
+            times.append(start_ns + k * 10**9 // RATE_HZ)
             if current is not None and k % 5 == 0:
                 self.current.publish(Float64(data=current))
             self.driven.append(times[-1] + offset_ns)
@@ -181,7 +166,6 @@ class Vehicle:
         return answer.result()
 
     def _hear_estimate(self, message: JointState) -> None:
-        self.arrivals.append(time.time_ns())
         self.estimates.append(message)
 
     def _hear_diagnostics(self, message: DiagnosticArray) -> None:
@@ -206,5 +190,5 @@ def reliable_inputs(namespace: str, topics: Iterable[str]) -> dict[str, object]:
     found: dict[str, object] = {}
     for topic, kind in [*((topic, "subscription") for topic in topics), ("observer/estimate", "publisher")]:
         found[f"qos_overrides.{namespace}/{topic}.{kind}.reliability"] = "reliable"
-        found[f"qos_overrides.{namespace}/{topic}.{kind}.depth"] = 5000
+        found[f"qos_overrides.{namespace}/{topic}.{kind}.depth"] = DEPTH
     return found
