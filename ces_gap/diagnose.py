@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.anchored import polished
+from ces_gap.anchored import anchor, polished, reruns
 from ces_gap.ceiling import learn_ceiling
 from ces_gap.checks import check_traces, invisible
 from ces_gap.comparison import gain
@@ -31,9 +31,11 @@ from ces_gap.evidence import Evidence, gather
 from ces_gap.explaining import Judge, drift, judge, stuck
 from ces_gap.fit import Fit
 from ces_gap.given import Given, make_ready
+from ces_gap.learner import Learnt
 from ces_gap.next_experiment import next_experiment
 from ces_gap.noise import Noise, white
 from ces_gap.plant import Plant
+from ces_gap.rivals import joined, least_left, stand_ins
 from ces_gap.search import Found, search
 from ces_gap.sentence import sentence
 from ces_gap.shrinkage import Blocks, cut
@@ -41,7 +43,7 @@ from ces_gap.static_map import absorbed_by_map, static_features
 from ces_gap.trace import Trace
 from ces_gap.twins import Twins, seen_by, twin_classes
 from ces_gap.user_effects import require_sound
-from ces_gap.verdict import Figures, Probabilities, calibration, probabilities
+from ces_gap.verdict import Figures, Probabilities, calibration, probabilities, rivalled
 from ces_gap.where import gap_within, locate
 from ces_identify.recording import Recording
 from ces_identify.simulation import Simulation
@@ -50,7 +52,6 @@ F = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
 CLEAR_Z = 20.0  # z for which a gain as large as the noise counts, in however few blocks it arose
-POSSIBLE = 0.1  # probability from which a twin makes a verdict ambiguous
 EXACT_CAUSES = 3  # causes whose shrink is computed with the simulation itself, however slow
 TWIN_CANDIDATES = 6  # effects compared as twins
 
@@ -104,7 +105,6 @@ class _Diagnosing:
         self.correction: LearntCorrection | None = None
         self.evidence = self._evidence()
         self.plant = self.evidence.plant
-        self.blocks = cut(given.held_out, how.seed)
 
     def _evidence(self) -> Evidence:
         given = self.given
@@ -121,19 +121,18 @@ class _Diagnosing:
         evidence = self.evidence
         unseen = invisible(self.effects, self.given.real)
         blind = {name for name, _ in unseen}
-        found = search(
-            evidence, [e for e in self.effects if e.name not in blind], self._refined, self.how.threads, self.progress
-        )
+        seen = [e for e in self.effects if e.name not in blind]
+        found = search(evidence, seen, self._refined, self.how.threads, self.progress, self._near)
         self.evidence = evidence = found.evidence
         self.progress("asking the generic learner", 0.0)
-        figures = self._figures(found)
+        before, after = self._learnt(list(evidence.alone)), self._learnt(self._explained(found.best))
+        figures = self._figures(found, before, after)
         names = found.best.names if found.best is not None else ()
-        left = {f.names[0]: self._unexplained(found, f) for f in found.alone}
-        odds = probabilities(figures, left, names, calibration())
-        court = judge(self.blocks, self.given.cheap, self.given.exact, self.plant)
+        odds = probabilities(figures, least_left(found), names, calibration())
+        court = judge(self._blocks(after), self.given.cheap, self.given.exact, self.plant)
         self.progress("comparing twins", 0.0)
-        twins = self._twins(found)
-        verdict = self._verdict(found, odds, twins)
+        twins, rivals = self._twins(found), stand_ins(found)
+        verdict = self._verdict(found, odds, bool(rivals))
         causes = self._causes(found, odds, court)
         composition = self._composition(found, verdict, court)
         self.progress("locating the gap", 0.0)
@@ -146,7 +145,7 @@ class _Diagnosing:
             where=where,
             causes=causes,
             composition=composition,
-            indistinguishable=twins.classes if twins is not None else (),
+            indistinguishable=joined(rivals, twins.classes if twins is not None else ()),
             not_separable=() if self.given.reference else absorbed_by_map(evidence, found.alone),
             invisible=unseen,
             ceiling_after_N=self._ceiling(court),
@@ -154,7 +153,7 @@ class _Diagnosing:
             probability_none=odds.none,
             probability_unknown=odds.unknown,
             rest=rest,
-            next_experiment=self._next(found, verdict, twins),
+            next_experiment=self._next(found, verdict, twins, rivals),
             surrogate_cost_J=self.given.surrogate.cost_J if self._recorded() and self.given.surrogate else None,
             held_out=self._series(court, composition),
             notes=notes,
@@ -173,16 +172,17 @@ class _Diagnosing:
             return fit
         return polished(evidence, fit, self.given.exact, self.given.cheap)
 
-    def _unexplained(self, found: Found, fit: Fit) -> float:
-        return (fit.cost - len(found.none)) / found.gap_energy
+    def _near(self, evidence: Evidence, fit: Fit) -> Evidence:
+        if self.given.exact is None or self.given.exact is self.given.cheap or not reruns(fit.effects):
+            return evidence
+        return anchor(evidence, fit, self.given.exact, self.given.cheap)
 
-    def _figures(self, found: Found) -> Figures:
+    def _figures(self, found: Found, before: Learnt, after: Learnt) -> Figures:
         evidence, best = self.evidence, found.best
         residual = best.left_out if best is not None else found.none
-        forces = [t.force - r for t, r in zip(evidence.traces, self._left(best), strict=True)]
-        ceiling = self._learnt(list(evidence.alone), found.none)
-        after = self._learnt(forces, residual)
-        gained, open_, more = (gain(evidence, *pair) for pair in ((found.none, residual), ceiling, after))
+        gained = gain(evidence, found.none, residual)
+        open_ = gain(evidence, found.none, found.none - evidence.whiten(before.crossfitted))
+        more = gain(evidence, residual, residual - evidence.whiten(after.crossfitted))
         left = (float(residual @ residual) - len(residual)) / found.gap_energy
         learnable = more.energy / found.gap_energy
         return Figures(
@@ -196,28 +196,30 @@ class _Diagnosing:
             drift=drift(best) if best is not None else 0.0,
         )
 
-    def _left(self, best: Fit | None) -> list[F]:
-        """Return what is left [N] of the gap on each real trace."""
-        forces = list(self.evidence.alone)
-        if best is not None:
-            exact = self.given.exact or self.given.cheap
-            plant = Plant(exact, self.plant.correction)
-            pairs = zip(self.evidence.traces, self.evidence.alone, strict=True)
-            forces = [plant.with_effects(best.composition, t, a) for t, a in pairs]
-        return _less(self.evidence.traces, forces)
+    def _explained(self, best: Fit | None) -> list[F]:
+        """Return the force [N] with the best explanation on each real trace."""
+        if best is None:
+            return list(self.evidence.alone)
+        plant = Plant(self.given.exact or self.given.cheap, self.plant.correction)
+        pairs = zip(self.evidence.traces, self.evidence.alone, strict=True)
+        return [plant.with_effects(best.composition, t, a) for t, a in pairs]
 
-    def _learnt(self, forces: list[F], residual: F) -> tuple[F, F]:
-        """Return a whitened residual, and the same less what the generic learner predicts on blocks it did not see."""
-        told = learn_ceiling(self.evidence.traces, forces)[1].crossfitted
-        return residual, residual - self.evidence.whiten(told)
+    def _learnt(self, forces: list[F]) -> Learnt:
+        """Return what the generic learner makes of what these forces [N] leave, on blocks it did not see."""
+        return learn_ceiling(self.evidence.traces, forces)[1]
 
-    def _verdict(self, found: Found, odds: Probabilities, twins: Twins | None) -> str:
+    def _blocks(self, after: Learnt) -> Blocks:
+        """Return the held-out blocks, with noise of no more than the references or the best explanation leave."""
+        taught = self.evidence.noise.rms_N if self.given.reference else np.inf
+        return cut(self.given.held_out, self.how.seed, min(taught, after.noise.rms_N))
+
+    def _verdict(self, found: Found, odds: Probabilities, replaceable: bool) -> str:
         weights = calibration()
         if odds.none > 1.0 - weights.least_gap:
             return NO_GAP
         if found.best is None or odds.unknown > (1.0 - odds.none) * (1.0 - weights.least_known):
             return UNKNOWN
-        if twins is not None and _doubtful(found.best.names, twins, odds):
+        if replaceable or rivalled(found.best.names, odds):
             return AMBIGUOUS
         return NAMED
 
@@ -274,12 +276,15 @@ class _Diagnosing:
             self.plant, self.evidence.traces, fitted, seen_by(self.evidence), around=_others(found.best, fitted)
         )
 
-    def _next(self, found: Found, verdict: str, twins: Twins | None) -> NextExperiment | None:
+    def _next(
+        self, found: Found, verdict: str, twins: Twins | None, rivals: Sequence[tuple[str, ...]]
+    ) -> NextExperiment | None:
         if not self.how.experiment or verdict in (NO_GAP, NAMED) or found.best is None:
             return None
         self.progress("choosing the next experiment", 0.0)
         settings = {f.names[0]: f.composition.settings[0] for f in found.alone}
-        pairs = [(settings[a], settings[b]) for a, b in (twins.pairs() if twins is not None else ())]
+        alike = [(group[0], group[1]) for group in rivals] or (twins.pairs() if twins is not None else ())
+        pairs = [(settings[a], settings[b]) for a, b in alike]
         first = [f.composition.settings[0] for f in found.alone[:2]]
         pairs = pairs or ([(first[0], first[1])] if len(first) == 2 else [])
         return next_experiment(
@@ -289,12 +294,6 @@ class _Diagnosing:
     def _series(self, court: Judge, composition: Explained) -> tuple[Series, ...]:
         forces = court.forces(composition.composition, True)
         return tuple(Series(t, a, f) for t, a, f in zip(court.blocks.traces, court.alone, forces, strict=True))
-
-
-def _doubtful(names: Sequence[str], twins: Twins, odds: Probabilities) -> bool:
-    """True if a twin of a named effect is not improbable either."""
-    rivals = [n for group in twins.classes if set(names) & set(group) for n in group if n not in names]
-    return any(odds.effects[name] >= POSSIBLE for name in rivals)
 
 
 def _others(best: Fit, fitted: Sequence[Setting]) -> Composition:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.verdict import POSSIBLE
 
 
 def sentence(found: Diagnosis) -> str:
@@ -21,10 +24,22 @@ def sentence(found: Diagnosis) -> str:
         nearest = f"; the nearest, {words}, leaves {found.composition.gap_after_N:.0f} N" if words else ""
         return f"None of the known effects explains the gap of {gap.rms_N:.0f} N RMS{nearest}."
     if found.verdict == AMBIGUOUS:
-        group = next((g for g in found.indistinguishable if set(g) & set(found.composition.effects)), ())
-        others = " or ".join(n.replace("_", " ") for n in group)
-        return f"These recordings cannot tell {others} apart; with {words}, {shrunk}."
+        return f"{_doubt(found)}; with {words}, {shrunk}."
     return f"The gap is caused by {words}: once added, {shrunk} on recordings the fit never saw."
+
+
+def _doubt(found: Diagnosis) -> str:
+    """Return what these recordings leave open: twins of a cause that was found, or causes beside it."""
+    inside = found.composition.effects
+    group = next((g for g in found.indistinguishable if set(g) & set(inside)), ())
+    if group:
+        return f"These recordings cannot tell {_either(group)} apart"
+    beside = [c.effects[0] for c in found.causes if c.probability >= POSSIBLE and c.effects[0] not in inside]
+    return f"These recordings do not rule out {_either(beside)}"
+
+
+def _either(names: Sequence[str]) -> str:
+    return " or ".join(n.replace("_", " ") for n in names)
 
 
 def _shrunk(before_N: float, after_N: float) -> str:

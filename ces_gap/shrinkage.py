@@ -47,15 +47,20 @@ class Blocks:
         return float(_shrunk(before.sum(), after.sum())), (float(low), float(high))
 
 
-def cut(traces: Sequence[Trace], seed: int) -> Blocks:
-    """Return the blocks of some held-out recordings."""
+def cut(traces: Sequence[Trace], seed: int, most_N: float = np.inf) -> Blocks:
+    """Return the blocks of some held-out recordings, with noise of no more than `most_N` RMS [N] on any.
+
+    What a recording's highest frequencies hold may be the damper's, and is no more than an upper bound of the noise.
+    """
     first, number = 0, []
     for trace in traces:
         blocks = first + (trace.time_s / BLOCK_S).astype(np.int64)
         number.append(blocks)
         first = int(blocks[-1]) + 1
     ticks = sum(np.bincount(n, t.usable.astype(np.float64), first) for t, n in zip(traces, number, strict=True))
-    noise = sum(np.bincount(n, t.usable * t.noise_N**2, first) for t, n in zip(traces, number, strict=True))
+    noise = sum(
+        np.bincount(n, t.usable * min(t.noise_N, most_N) ** 2, first) for t, n in zip(traces, number, strict=True)
+    )
     drawn = np.random.default_rng(seed).integers(0, first, (RESAMPLES, first))
     return Blocks(tuple(traces), np.asarray(ticks), np.asarray(noise), tuple(number), drawn)
 

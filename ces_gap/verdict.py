@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 F = NDArray[np.float64]
 
+POSSIBLE = 0.1  # probability from which an effect that is not named makes a verdict ambiguous
 FLOOR = 0.01  # of the gap's energy: unexplained shares below this are alike
 
 
@@ -86,7 +87,10 @@ def unknown_features(figures: Figures) -> F:
 def probabilities(
     figures: Figures, unexplained: Mapping[str, float], composition: Sequence[str], weights: Calibration
 ) -> Probabilities:
-    """Return the probabilities, given what each effect alone leaves unexplained and which compose the best one."""
+    """Return the probabilities, given what each effect leaves unexplained and which compose the best one.
+
+    An effect leaves what it leaves alone, or less in the place of one of the best (`rivals.least_left`).
+    """
     none = 1.0 - _logistic(gap_features(figures) @ np.array(weights.gap))
     unknown = (1.0 - none) * _logistic(unknown_features(figures) @ np.array(weights.unknown))
     names = list(unexplained)
@@ -95,6 +99,11 @@ def probabilities(
     share = np.exp(-weights.sharpness * (left - left.min()))
     share *= (1.0 - none - unknown) / share.sum()
     return Probabilities(none, unknown, dict(zip(names, share.tolist(), strict=True)))
+
+
+def rivalled(named: Sequence[str], odds: Probabilities) -> bool:
+    """Return True if an effect that is not named is possible, too."""
+    return any(p >= POSSIBLE for name, p in odds.effects.items() if name not in named)
 
 
 def _logistic(value: float) -> float:

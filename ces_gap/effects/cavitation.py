@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +22,9 @@ ROUNDED = 0.05  # of a limit: how gradually it is reached
 # Starts of the limits are these shares of what a trace has in the direction that cavitates.
 QUANTILES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.75)
 REACHED = (0.3, 0.5, 0.7, 0.85, 0.93, 0.98)
+COLUMNS, STARVED = (0.04, 0.09), (0.75, 0.85, 0.92)  # [m]; starts of a reservoir, and quantiles for its limits
+SEEPS = 0.01  # of the square: what an intake passes when no pressure is left
+RELEASED_M = 5e-3  # [m] bubbles at the start beside a reservoir: as below, and more air comes out of the oil
 SOFT_M = 2e-3  # [m] bubbles at the start: a search that begins with a sharp edge gets stuck beside it
 HALVINGS, LEAST_SLOPE = 8, 50.0  # of the speed; [N s/m]
 REBOUND, COMPRESSION = -1.0, 1.0
@@ -36,7 +39,7 @@ class _Void(Effect):
 
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] with what the void takes; what it is at standstill stays."""
-        share, limit, bubbles = values
+        share, limit, bubbles = values[0], self.limits(inputs, values), values[2]
         rest = learn_map(trace, inputs, force).rest(inputs.current)
         onward, pull = self.side * inputs.speed, self.side * (force - rest)
         rate, capped = self.opening(onward, pull, share, limit)
@@ -44,7 +47,11 @@ class _Void(Effect):
         left = np.where(pull < 0.0, pull * np.exp(-length / bubbles), capped)
         return np.asarray(force + self.side * (left - pull))
 
-    def opening(self, onward: F, pull: F, share: float, limit: float) -> tuple[F, F]:
+    def limits(self, inputs: Inputs, values: Sequence[float]) -> float | F:
+        """Return the limit, of all ticks or of each (n,)."""
+        return values[1]
+
+    def opening(self, onward: F, pull: F, share: float, limit: float | F) -> tuple[F, F]:
         """Return how fast the void opens [m/s] and the force [N] left while it does, towards `side`."""
         raise NotImplementedError
 
@@ -70,13 +77,13 @@ class _Intake(_Void):
     Intakes starve from tenths of a metre a second; `share` is the ratio of the areas behind and before the piston.
     """
 
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("share", 0.0, 3.0, (0.3, 1.0), "void opened per stroke not filled, a ratio of areas", magnitude=True),
         Parameter("limit_m_s", 0.02, 3.0, (0.1, 0.3), "speed from which the intake starves", "log"),
         BUBBLES,
     )
 
-    def opening(self, onward: F, pull: F, share: float, limit: float) -> tuple[F, F]:
+    def opening(self, onward: F, pull: F, share: float, limit: float | F) -> tuple[F, F]:
         """Return how fast the void opens [m/s]; the force of the other chamber is not limited."""
         forth, back = np.maximum(onward, 0.0), np.minimum(onward, 0.0)
         return share * (forth - limit) + back, pull
@@ -144,6 +151,41 @@ class ReboundIntake(_Intake):
 
 
 @dataclass(frozen=True)
+class ReboundReservoir(_Intake):
+    """As `ReboundIntake`, fed through an orifice by a gas charge that falls as the rod leaves: limit·√(1 + x/column).
+
+    Source: orifice flow √(2Δp/ρ) (Merritt 1967), Δp from the reservoir's gas (Dixon 2007) down to the pressure at which
+    air and vapour come out. `column_m` is how far out from the position's zero the rod is when nothing of Δp is left.
+    """
+
+    form, side = "rebound_reservoir", REBOUND
+    parameters = (
+        *_Intake.parameters[:2],
+        replace(BUBBLES, high=0.02),
+        Parameter("column_m", 0.03, 3.0, COLUMNS, "rod's way out that uses up the reservoir's pressure", "log"),
+    )
+
+    def limits(self, inputs: Inputs, values: Sequence[float]) -> F:
+        """Return the speed [m/s] (n,) from which the intake starves."""
+        return np.asarray(values[1] * _charged(inputs.position, values[3]))
+
+    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
+        """Return starts, their limits from the rebound speeds of this trace, each over what the charge lets by."""
+        out: list[tuple[float, ...]] = []
+        for column in COLUMNS:
+            seen = (-trace.inputs.speed / _charged(trace.inputs.position, column))[trace.usable]
+            seen = seen[seen > 0.0] if (seen > 0.0).any() else np.zeros(1)
+            limits = np.clip(np.quantile(seen, STARVED), self.parameters[1].low, self.parameters[1].high)
+            out += [(1.0, float(limit), RELEASED_M, column) for limit in limits]
+        return out
+
+
+def _charged(position: F, column_m: float) -> F:
+    """Return what an intake passes (n,) over what it does at the position's zero."""
+    return np.asarray(np.sqrt(np.maximum(1.0 + position / column_m, 0.0) + SEEPS))
+
+
+@dataclass(frozen=True)
 class CompressionIntake(_Intake):
     """After fast compression the force of rebound is lost. Equations, source and range: `_Intake`."""
 
@@ -164,4 +206,4 @@ class CompressionFloor(_Floor):
     form, side = "compression_floor", COMPRESSION
 
 
-FORMS = (ReboundIntake(), CompressionIntake(), ReboundFloor(), CompressionFloor())
+FORMS = (ReboundIntake(), ReboundReservoir(), CompressionIntake(), ReboundFloor(), CompressionFloor())

@@ -169,7 +169,7 @@ def starving(speed, force, side, limit, share, bubbles, step):
     z = 0.0
     for k in range(len(speed)):
         onward = side * speed[k]
-        z = max(z + step * (share * (onward - limit) if onward > 0.0 else onward - share * limit), 0.0)
+        z = max(z + step * (share * (onward - limit[k]) if onward > 0.0 else onward - share * limit[k]), 0.0)
         if side * force[k] < 0.0:
             out[k] = force[k] * np.exp(-z / bubbles)
     return out
@@ -270,11 +270,15 @@ PLANTED: dict[str, tuple[tuple[float, ...], Truth]] = {
     "backlash-parted": ((1e-3, -30.0), lambda x, v, i: loose(x, i, 1e-3, -30.0, FINE_S)),
     "cavitation-rebound_intake": (
         (0.8, 0.04, 5e-4),
-        lambda x, v, i: starving(v, valves(v, i), -1.0, 0.04, 0.8, 5e-4, FINE_S),
+        lambda x, v, i: starving(v, valves(v, i), -1.0, 0.04 + 0.0 * v, 0.8, 5e-4, FINE_S),
+    ),
+    "cavitation-rebound_reservoir": (
+        (1.0, 0.08, 3e-3, 0.06),
+        lambda x, v, i: starving(v, valves(v, i), -1.0, 0.08 * np.sqrt(1.0 + x / 0.06), 1.0, 3e-3, FINE_S),
     ),
     "cavitation-compression_intake": (
         (0.8, 0.04, 5e-4),
-        lambda x, v, i: starving(v, valves(v, i), 1.0, 0.04, 0.8, 5e-4, FINE_S),
+        lambda x, v, i: starving(v, valves(v, i), 1.0, 0.04 + 0.0 * v, 0.8, 5e-4, FINE_S),
     ),
     "cavitation-rebound_floor": (
         (1.0, 400.0, 5e-4, 1.0),

@@ -19,7 +19,7 @@ def told(**changed: object) -> str:
 
 @pytest.mark.parametrize("verdict", [NAMED, AMBIGUOUS, UNKNOWN, NO_GAP])
 def test_it_is_one_sentence_in_words(verdict: str) -> None:
-    text = told(verdict=verdict)
+    text = told(verdict=verdict, indistinguishable=(("friction", "valve_lag"),) if verdict == AMBIGUOUS else ())
     assert text.endswith(".") and text.count(". ") == 0 and "\n" not in text
     assert "_" not in text and "None of" not in text.replace("None of the known effects", "")
 
@@ -36,6 +36,13 @@ def test_several_causes_are_all_named() -> None:
 def test_twins_are_named_as_twins() -> None:
     text = told(verdict=AMBIGUOUS, indistinguishable=(("inertia", "gas_spring"), ("friction", "current_hysteresis")))
     assert "friction or current hysteresis" in text and "cannot tell" in text and "inertia" not in text
+
+
+def test_a_cause_that_is_possible_beside_is_not_ruled_out() -> None:
+    first, second, *others = FOUND.causes
+    causes = (first, replace(second, probability=0.3), *others)
+    text = told(verdict=AMBIGUOUS, indistinguishable=(), causes=causes)
+    assert "do not rule out valve lag;" in text and "with friction" in text
 
 
 def test_nothing_known_names_the_nearest_if_there_is_one() -> None:

@@ -102,6 +102,15 @@ def test_without_a_gap_the_rms_is_near_zero_and_never_complex() -> None:
     assert np.mean(found) < 0.15 * NOISE_N
 
 
+def test_noise_is_no_more_than_what_an_explanation_leaves() -> None:
+    gap = gaps(6.0, 1)
+    heard = [replace(t, noise_N=2.0 * NOISE_N) for t in measured(gap, 1).traces]  # the damper's own high frequencies
+    loud, quiet = cut(heard, 1), cut(heard, 1, NOISE_N)
+    assert loud.rms(loud.energy(simulated()))[0] == 0.0
+    assert quiet.rms(quiet.energy(simulated()))[0] == pytest.approx(rms(gap), rel=0.1)
+    np.testing.assert_array_equal(cut(heard, 1, 1e3).noise, loud.noise)
+
+
 def test_only_usable_ticks_are_judged() -> None:
     gap = gaps(20.0, 1)
     blocks = measured(gap, 1)

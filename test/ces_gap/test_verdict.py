@@ -10,7 +10,7 @@ from engine_plant import WEIGHTS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_gap.verdict import Calibration, Figures, Probabilities, calibration, probabilities
+from ces_gap.verdict import POSSIBLE, Calibration, Figures, Probabilities, calibration, probabilities, rivalled
 
 CLEAR = Figures(10.0, 30.0, 25.0, 0.02, 0.02, 1.0, 0, 1.0)
 LEFT = {"friction": 0.02, "gas_spring": 0.5, "inertia": 0.9}
@@ -89,3 +89,12 @@ def test_weights_that_come_with_the_package_are_complete_and_finite() -> None:
     for field in fields(weights):
         assert np.isfinite(getattr(weights, field.name)).all(), field.name
     assert 0.0 < weights.least_gap < 1.0 and 0.0 < weights.least_known < 1.0 and weights.sharpness > 0.0
+
+
+def test_an_effect_that_leaves_as_little_as_the_named_one_rivals_it() -> None:
+    assert not rivalled(["friction"], odds(CLEAR))
+    tied = odds(CLEAR, {**LEFT, "gas_spring": 0.02})
+    assert tied.effects["gas_spring"] == pytest.approx(tied.effects["friction"]) and rivalled(["friction"], tied)
+    assert not rivalled(["friction", "gas_spring"], tied)
+    weak = Probabilities(0.0, 0.0, {"friction": 1.0 - 0.9 * POSSIBLE, "gas_spring": 0.9 * POSSIBLE})
+    assert not rivalled(["friction"], weak)
