@@ -55,6 +55,7 @@ class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are che
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._set)
         self._asked_s, self._blows, self._refused, self._commanded = monotonic(), 0, 0, False
+        self._adrift = False  # whether an answer is overdue: samples come unasked for until there is one
         self._quiet = 0  # idle periods since a commander appeared, or since its last command before samples wait for it
         self._start()
 
@@ -75,10 +76,11 @@ class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are che
             self._pace.done(1)
 
     def _follow(self) -> None:
-        """Make samples as fast as they are taken, or one as soon as its predecessor's answer is overdue."""
+        """Make samples as fast as they are taken, or unasked for while an answer is overdue."""
         if self._answers:
             self._quiet += 1
-            if not self._commanded or self._quiet == QUIET or (self._waits and self._is_overdue):
+            self._adrift = self._adrift or (self._waits and self._is_overdue)
+            if not self._commanded or self._adrift or self._quiet == QUIET:
                 self._tick()
             return
         for _ in range(AT_ONCE):  # a reader that keeps all of a reliable topic holds `publish` up
@@ -105,10 +107,10 @@ class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are che
     def _command(self, current_A: float) -> None:
         self._rig.command.give(current_A, self._rig.time_s)
         if self._answers and self._commanded:
-            if self._waits:
+            if self._waits and not self._adrift:
                 self._tick()
             else:
-                self._quiet = 0
+                self._adrift, self._quiet = False, 0
 
     def _watch(self) -> None:
         """Once a second: clocks, and what went wrong meanwhile."""
@@ -124,7 +126,7 @@ class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are che
         """When one appears, let the answers to earlier samples pass, or each would call for a sample ever after."""
         before, self._commanded = self._commanded, self._topics.is_commanded()
         if self._commanded and not before:
-            self._quiet = 0
+            self._adrift, self._quiet = False, 0
 
     def _follow_clock(self) -> None:
         """Keep the stamps on the system's clock when that is set or drifts away from the steady one."""
