@@ -48,7 +48,7 @@ setup(
     package_data={
         "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js"],
         "ces_rig": ["*.yaml", "experiments/*.yaml"],
-        "ces_gap": ["*.json", "**/*.j2", "**/*.css"],
+        "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

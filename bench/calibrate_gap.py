@@ -4,8 +4,8 @@
     ces blind run cal --out cal_results
     python bench/calibrate_gap.py cal cal_results
 
-writes ces_gap/calibration.json: two logistic regressions (is there a gap, is its cause known) and the sharpness of the
-choice among effects, by penalised maximum likelihood. Several pairs of folders may be given.
+writes ces_gap/inference/calibration.json: two logistic regressions (is there a gap, is its cause known) and the
+sharpness of the choice among effects, by penalised maximum likelihood. Several pairs of folders may be given.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
-from ces_gap.verdict import FLOOR, Figures, gap_features, unknown_features
+from ces_gap.inference.verdict import FLOOR, Figures, gap_features, unknown_features
 from ces_observer.checked import write_beside
 from ces_rig.blind.seal import open_seal
 
@@ -27,7 +27,7 @@ F = NDArray[np.float64]
 
 PENALTY = 0.0003  # of the squared weights, features scaled
 FALSE_REJECTION = 0.05  # share of known effects that may be called unknown
-OUT = Path(__file__).resolve().parent.parent / "ces_gap" / "calibration.json"
+OUT = Path(__file__).resolve().parent.parent / "ces_gap" / "inference" / "calibration.json"
 
 
 @dataclass(frozen=True)

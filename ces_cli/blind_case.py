@@ -58,7 +58,7 @@ def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
 
 def _diagnosed(case: Path, out: Path, mode: Mode) -> str:
     from ces_gap.diagnose import Options, diagnose
-    from ces_gap.gap_json import write_gap
+    from ces_gap.report.gap_json import write_gap
 
     described = json.loads((case / "case.json").read_text(encoding="utf-8"))
     spec = described["predictions"] if mode.predictions else str(case / described["simulation"])
@@ -82,7 +82,7 @@ def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Reco
 
 
 def _save_augmented(path: Path, spec: str, diagnosis: Diagnosis) -> None:
-    from ces_gap.augmented import save_augmented
+    from ces_gap.augmented.augmented_file import save_augmented
 
     save_augmented(path, spec, diagnosis.composition.composition, diagnosis.correction, diagnosis.surrogate)
 
@@ -95,8 +95,8 @@ def _save_decision(path: Path, diagnosis: Diagnosis) -> None:
 
 def _replay(out: Path, held_out: Sequence[Recording]) -> None:
     """Run the augmented simulation, opened from its file, over the fresh recordings: as it is, and without effects."""
-    from ces_gap.augmented import load_augmented
-    from ces_gap.effect import Composition
+    from ces_gap.augmented.augmented_file import load_augmented
+    from ces_gap.effects.effect import Composition
 
     augmented = load_augmented(out / AUGMENTED, open_simulation)
     corrected = replace(augmented, composition=Composition())

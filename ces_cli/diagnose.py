@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def made_options(options: argparse.Namespace, threads: int) -> Options:
     """Return how to diagnose, with the user's own effects imported; `threads` if the user gives no number."""
     from ces_gap.diagnose import Options
-    from ces_gap.user_effects import user_effect
+    from ces_gap.effects.user_effects import user_effect
 
     import_from_here()
     effects = tuple(user_effect(spec) for spec in options.effects)
@@ -59,10 +59,10 @@ def read_beside(simulation: Simulation, path: Path, signals: Signals) -> Recordi
 def _diagnose(options: argparse.Namespace, command: str) -> None:
     from ces_cli.diagnose_progress import DiagnoseProgress
     from ces_cli.diagnosis_tables import tell
-    from ces_gap.augmented import named
-    from ces_gap.checks import check_recordings
+    from ces_gap.augmented.augmented_file import named
     from ces_gap.diagnose import diagnose
-    from ces_gap.result_files import result_files
+    from ces_gap.intake.checks import check_recordings
+    from ces_gap.report.result_files import result_files
 
     _make_folder(options.out)
     how, signals = made_options(options, os.cpu_count() or 1), terminal.signals_of(options)
@@ -128,7 +128,7 @@ def _parser() -> terminal.Parser:
         nargs="+",
         default=[],
         metavar="module:Class",
-        help="effects of your own beside the library's (subclasses of ces_gap.effect.Effect)",
+        help="effects of your own beside the library's (subclasses of ces_gap.effects.effect.Effect)",
     )
     p.add_argument(
         "--threads",

@@ -21,7 +21,7 @@ from ces_gap.fleet.answer import DONE, FAILED, Answer, failure
 from ces_gap.fleet.question import Job, Question, job_of
 from ces_gap.fleet.results import Fleet, open_fleet
 from ces_gap.fleet.workers import Task, on_cluster, on_this_machine
-from ces_gap.result_files import result_files
+from ces_gap.report.result_files import result_files
 from ces_identify.bag_reader import read_recording
 from ces_identify.checks import require_usable
 from ces_identify.recording import Recording

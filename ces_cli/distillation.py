@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ces_cli import terminal
 from ces_cli.tables import NONE, percent
-from ces_gap.simulation_spec import file_of
+from ces_gap.augmented.simulation_spec import file_of
 from ces_identify.distillation import Distilled, distilled
 from ces_identify.identify import Identified
 from ces_identify.recording import Recording

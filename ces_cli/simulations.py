@@ -89,7 +89,7 @@ def taught(teacher: Simulation, path: Path, recording: Recording, signals: Signa
 
 
 def _json(path: Path) -> Simulation:
-    from ces_gap.augmented import is_augmented, load_augmented
+    from ces_gap.augmented.augmented_file import is_augmented, load_augmented
 
     if not is_augmented(path):
         return ModelSimulation(load_model(path))

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.anchored import anchor, polished, reruns
-from ces_gap.ceiling import learn_ceiling
-from ces_gap.checks import check_traces, invisible
-from ces_gap.comparison import gain
-from ces_gap.correction import LearntCorrection, learn_correction
+from ces_gap.baseline.ceiling import learn_ceiling
+from ces_gap.baseline.correction import LearntCorrection, learn_correction
+from ces_gap.baseline.learner import Learnt
+from ces_gap.baseline.noise import Noise, white
+from ces_gap.baseline.plant import Plant
 from ces_gap.diagnosis import (
     AMBIGUOUS,
     NAMED,
@@ -25,26 +25,26 @@ from ces_gap.diagnosis import (
     Series,
     Where,
 )
-from ces_gap.effect import Composition, Effect, Setting
-from ces_gap.effects import library
-from ces_gap.evidence import Evidence, gather
-from ces_gap.explaining import Judge, drift, judge, stuck
-from ces_gap.fit import Fit
-from ces_gap.given import Given, make_ready
-from ces_gap.learner import Learnt
-from ces_gap.next_experiment import next_experiment
-from ces_gap.noise import Noise, white
-from ces_gap.plant import Plant
-from ces_gap.rivals import joined, least_left, stand_ins
-from ces_gap.search import Found, search
-from ces_gap.sentence import sentence
-from ces_gap.shrinkage import Blocks, cut
-from ces_gap.static_map import absorbed_by_map, static_features
+from ces_gap.effects.effect import Composition, Effect, Setting
+from ces_gap.effects.library import library
+from ces_gap.effects.user_effects import require_sound
+from ces_gap.experiment.next_experiment import next_experiment
+from ces_gap.experiment.twins import Twins, seen_by, twin_classes
+from ces_gap.inference.anchored import anchor, polished, reruns
+from ces_gap.inference.comparison import gain
+from ces_gap.inference.evidence import Evidence, gather
+from ces_gap.inference.explaining import Judge, drift, judge, stuck
+from ces_gap.inference.fit import Fit
+from ces_gap.inference.rivals import joined, least_left, stand_ins
+from ces_gap.inference.search import Found, search
+from ces_gap.inference.shrinkage import Blocks, cut
+from ces_gap.inference.static_map import absorbed_by_map, static_features
+from ces_gap.inference.verdict import Figures, Probabilities, calibration, probabilities, rivalled
+from ces_gap.intake.checks import check_traces, invisible
+from ces_gap.intake.given import Given, make_ready
+from ces_gap.report.sentence import sentence
 from ces_gap.trace import Trace
-from ces_gap.twins import Twins, seen_by, twin_classes
-from ces_gap.user_effects import require_sound
-from ces_gap.verdict import Figures, Probabilities, calibration, probabilities, rivalled
-from ces_gap.where import gap_within, locate
+from ces_gap.where.locate import gap_within, locate
 from ces_identify.recording import Recording
 from ces_identify.simulation import Simulation
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.correction import LearntCorrection
-from ces_gap.effect import Composition
-from ces_gap.surrogate import Surrogate
+from ces_gap.baseline.correction import LearntCorrection
+from ces_gap.baseline.surrogate import Surrogate
+from ces_gap.effects.effect import Composition
+from ces_gap.inference.verdict import Figures
 from ces_gap.trace import Trace
-from ces_gap.verdict import Figures
 
 F = NDArray[np.float64]
 B = NDArray[np.bool_]

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ces_gap.checks import check_recordings
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.fleet.question import UNITS, Job, Question
+from ces_gap.intake.checks import check_recordings
 from ces_identify.recording import Recording
 from ces_identify.row_log import Row
 from ces_observer.errors import CesError

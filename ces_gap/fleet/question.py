@@ -17,10 +17,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ces_gap.augmented import named
+from ces_gap.augmented.augmented_file import named
+from ces_gap.augmented.simulation_spec import file_of
 from ces_gap.diagnosis import Diagnosis
-from ces_gap.simulation_spec import file_of
-from ces_gap.user_effects import class_of
+from ces_gap.effects.user_effects import class_of
 from ces_identify.recording import Recording
 from ces_identify.simulation import FunctionSimulation, Simulation
 from ces_observer import __version__
@@ -39,7 +39,8 @@ Files = Callable[..., Mapping[str, str]]
 class Question:
     """What every unit is asked: the simulation, the references free of the effect, and how to diagnose.
 
-    `diagnose` and `files` are `ces_gap.diagnose.diagnose` and `ces_gap.result_files.result_files`, or what stands in.
+    `diagnose` and `files` are `ces_gap.diagnose.diagnose` and `ces_gap.report.result_files.result_files`, or what
+    replaces them.
     """
 
     simulation: Simulation

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ces_gap.diagnosis import Diagnosis, Estimate, Explained
-from ces_gap.effect import Setting
+from ces_gap.effects.effect import Setting
 from ces_gap.report.words import EFFECTS, effect_name, newtons, parameter_text, percent, percents
 
 MOST = 6  # effects with a row of their own

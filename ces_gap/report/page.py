@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, NextExperiment, Region, Series, Where
-from ces_gap.gap_json import plain
 from ces_gap.report.before_after import experiment_plot, speed_force, time_plot, worst_second
 from ces_gap.report.causes import cause_rows, others, together
+from ces_gap.report.gap_json import plain
 from ces_gap.report.gap_maps import gap_maps
 from ces_gap.report.ladder import ladder, learnt
 from ces_gap.report.strips import strips

@@ -11,7 +11,7 @@ from ces_cli.blind import main
 from ces_cli.blind_case import AUGMENTED, DECISION, GAP, REPLAY, ROW
 from ces_cli.terminal import run as run_program
 from ces_gap import diagnose
-from ces_gap.effects import library
+from ces_gap.effects.library import library
 from ces_rig.blind.seal import open_arrays, open_seal
 
 CASES, SECONDS = 6, "3"

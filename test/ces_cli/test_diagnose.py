@@ -26,7 +26,7 @@ SIM = "diagnosed_damper:force"
 MODULE = """\
 import numpy as np
 
-from ces_gap.effect import Effect, Parameter
+from ces_gap.effects.effect import Effect, Parameter
 
 
 def force(time_s, position_m, current_A):
@@ -95,7 +95,7 @@ def quick(here, monkeypatch):
 
     for place in ("ces_gap.diagnose", "ces_cli.diagnose_fleet"):
         monkeypatch.setattr(f"{place}.diagnose", stand_in.diagnose)
-    for place in ("ces_gap.result_files", "ces_cli.diagnose_fleet"):
+    for place in ("ces_gap.report.result_files", "ces_cli.diagnose_fleet"):
         monkeypatch.setattr(f"{place}.result_files", stand_in.files)
     return here
 

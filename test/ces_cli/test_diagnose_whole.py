@@ -3,23 +3,20 @@
 import csv
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from schema_rules import faults
 
 from ces_cli.main import main
-from ces_gap.gap_json import gap_schema
+from ces_gap.report.gap_json import gap_schema
 from ces_identify.bag_reader import read_recording
 from ces_identify.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recording import Channel, Recording
 from ces_identify.simulate import simulate_samples
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
 from ces_observer.signals import Signals
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "ces_gap"))
-from schema_rules import faults
 
 RATE, NOISE_N, COULOMB_N = 250.0, 6.0, 40.0
 DEFAULT = Signals.from_mapping({}, "defaults")

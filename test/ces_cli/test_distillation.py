@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ces_cli.main import main
-from ces_gap.augmented import save_augmented
-from ces_gap.effect import Composition, Setting
-from ces_gap.user_effects import user_effect
+from ces_gap.augmented.augmented_file import save_augmented
+from ces_gap.effects.effect import Composition, Setting
+from ces_gap.effects.user_effects import user_effect
 from ces_identify.bag_writer import recording_topics, write_bag
 from ces_identify.recording import Channel, Recording
 from ces_observer.model import load_model
@@ -21,7 +21,7 @@ RATE, PULL_N_M, NOISE_N = 500.0, 8000.0, 5.0
 PHYSICS = """\
 import numpy as np
 
-from ces_gap.effect import Effect, Parameter
+from ces_gap.effects.effect import Effect, Parameter
 
 
 def force(time_s, position_m, current_A):

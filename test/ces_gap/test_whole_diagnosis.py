@@ -11,11 +11,11 @@ import pytest
 from engine_plant import NOISE_N, SIMULATION, WEIGHTS, F, Truth, damper, recorded
 
 from ces_gap import diagnose as diagnose_module
-from ces_gap import given as given_module
 from ces_gap.diagnose import Options, diagnose
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
-from ces_gap.effect import Effect, Parameter
+from ces_gap.effects.effect import Effect, Parameter
 from ces_gap.errors import GapError
+from ces_gap.intake import given as given_module
 from ces_gap.trace import Inputs, Trace
 from ces_identify.recording import Channel, Recording
 from ces_identify.simulation import FunctionSimulation, RecordedSimulation, Simulation

@@ -13,7 +13,7 @@ from ces_observer.control.controller_tuning import Tuning
 from ces_observer.model import load_model
 from ces_observer.nodes.controller_table import ALL, CURVE, TUNING
 
-CONFIG = Path(__file__).resolve().parent.parent.parent / "config"
+CONFIG = Path(__file__).resolve().parents[2] / "config"
 NOT_IN_THE_FILE = {"model"}
 
 

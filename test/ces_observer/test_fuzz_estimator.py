@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from math import isfinite, isnan
-from pathlib import Path
 
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "ces_identify"))
-
 from constructed_models import constructed_damper
 from damper_models import plain_damper
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from trained_models import fuzzy_model, network_model
 
 from ces_observer.current_hold import CurrentHold

@@ -17,7 +17,7 @@ from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Envelope, Factor, Model, Term, load_model
 from ces_observer.predictors import predictor
 
-MODELS = Path(__file__).resolve().parent.parent.parent / "config" / "models"
+MODELS = Path(__file__).resolve().parents[2] / "config" / "models"
 SPEEDS = st.floats(-3.0, 3.0)
 CURRENTS = st.floats(0.0, 2.0)
 PLAIN = inverse_map(plain_damper())

@@ -1,0 +1,64 @@
+"""A simulation with the correction that references taught and the effects found around it: a simulation again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.baseline.plant import Called, Correction, Plant, Rerun
+from ces_gap.effects.effect import Composition
+from ces_gap.errors import GapError
+from ces_gap.recorded import recorded_in
+from ces_gap.trace import Trace, make_trace, smoothed
+from ces_identify.recording import Recording
+from ces_identify.simulation import Simulation
+from ces_observer.errors import CesError
+
+F = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AugmentedSimulation:
+    """A simulation with a correction and effects around it; a surrogate stands in for one that cannot be run anew."""
+
+    name: str
+    simulation: Simulation
+    composition: Composition
+    correction: Correction | None = None
+    surrogate: Rerun | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def force(self, recording: Recording) -> F:
+        """Return the force [N] at every position sample (n,), NaN where the simulation itself gives none.
+
+        As in the diagnosis, the simulation runs on the smoothed position, if it can be run. What is added to it is
+        computed on the trace's grid and interpolated at the samples, so that its own force keeps its detail.
+        """
+        if not self.composition.settings and self.correction is None:
+            return self.simulation.force(recording)
+        if recorded_in(self.simulation) is None:
+            recording = smoothed(recording, make_trace(recording, np.zeros(len(recording.channel("position")))))
+        own = self.simulation.force(recording)
+        trace = make_trace(recording, own)
+        plant = Plant(self.surrogate or Called(self.simulation), self.correction)
+        added = self._run(plant, trace) - trace.simulated
+        stamps = recording.channel("position").stamps_ns
+        return np.asarray(own + np.interp((stamps - stamps[0]) * 1e-9, trace.time_s, added))
+
+    def _run(self, plant: Plant, trace: Trace) -> F:
+        try:
+            force = plant.with_effects(self.composition, trace)
+        except CesError:
+            raise
+        except Exception as error:  # numbers of a file that do not belong together, or an effect of the user's own
+            raise GapError(
+                f"{self.name}: cannot be run: {type(error).__name__}: {' '.join(str(error).split())}; diagnose anew"
+            ) from error
+        if not np.isfinite(force).all():
+            bad = float(trace.time_s[np.argmin(np.isfinite(force))])
+            raise GapError(f"{self.name}: gave a force that is not finite at {bad:.3f} s; diagnose anew")
+        return force

@@ -1,0 +1,97 @@
+"""The simulation as the diagnosis asks it: changed inputs on a trace's grid go in, a force on that grid comes out.
+
+A simulation that can be called is called; one whose predictions were only recorded is stood in for by a surrogate. The
+baseline's own error, learnt from reference recordings, is added as a `Correction`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.effects.effect import Composition
+from ces_gap.trace import Inputs, Trace, on_grid
+from ces_identify.recording import Channel, Recording
+from ces_identify.simulation import Simulation
+
+F = NDArray[np.float64]
+
+
+class Rerun(Protocol):
+    """What can simulate a trace again with other inputs."""
+
+    def force(self, trace: Trace, inputs: Inputs) -> F:
+        """Return the simulated force [N] on the grid (n,)."""
+
+
+class Correction(Protocol):
+    """The baseline's own error as a function of its inputs and its force."""
+
+    def force(self, trace: Trace, inputs: Inputs, simulated: F) -> F:
+        """Return what to add [N] (n,)."""
+
+
+@dataclass(frozen=True)
+class Called:
+    """A simulation that can be called with any inputs."""
+
+    simulation: Simulation
+
+    def force(self, trace: Trace, inputs: Inputs) -> F:
+        """Return the simulated force [N] on the grid (n,); the position keeps its logged noise and jitter."""
+        if inputs is trace.inputs:
+            return trace.simulated
+        return on_grid(trace, self.simulation.force(driven(trace, inputs)))
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A simulation with the correction that references taught."""
+
+    simulation: Rerun
+    correction: Correction | None = None
+
+    def force(self, trace: Trace, inputs: Inputs) -> F:
+        """Return the corrected force [N] on the grid (n,)."""
+        simulated = self.simulation.force(trace, inputs)
+        if self.correction is None:
+            return simulated
+        return simulated + self.correction.force(trace, inputs, simulated)
+
+    def with_effects(self, composition: Composition, trace: Trace, alone: F | None = None) -> F:
+        """Return the force [N] (n,) with the effects around the plant; `alone` is the plant's own, if at hand.
+
+        Effects on the input that depend on the damper's force are told its force without them, and solve for the rest.
+        """
+        force = self.force(trace, trace.inputs) if alone is None else alone
+        if not any(s.effect.reruns for s in composition.settings):
+            return composition.respond(trace, trace.inputs, force)
+        inputs = composition.drive(trace, force)
+        return composition.respond(trace, inputs, self.force(trace, inputs))
+
+
+def _powered(trace: Trace, inputs: Inputs, constant: float | None) -> Channel:
+    """Return the current channel with what `inputs` differ added to what was logged."""
+    if constant is not None or len(trace.recording.channel("current")) < len(trace):
+        return Channel("current", "A", trace.grid_ns(), inputs.current)
+    logged = trace.recording.channel("current")
+    seconds = (logged.stamps_ns - trace.recording.channel("position").stamps_ns[0]) * 1e-9
+    added = np.interp(seconds, trace.time_s, inputs.current - trace.inputs.current)
+    return replace(logged, values=logged.values + added)
+
+
+def driven(trace: Trace, inputs: Inputs) -> Recording:
+    """Return the trace's recording with its position moved, and its current replaced, by what `inputs` differ."""
+    recording = trace.recording
+    channels = {n: c for n, c in recording.channels.items() if n not in ("sim_force",)}
+    constants = dict(recording.constants)
+    position = recording.channel("position")
+    seconds = (position.stamps_ns - position.stamps_ns[0]) * 1e-9
+    moved = np.interp(seconds, trace.time_s, inputs.position - trace.inputs.position)
+    channels["position"] = replace(position, values=position.values + moved)
+    if inputs.current is not trace.inputs.current:
+        channels["current"] = _powered(trace, inputs, constants.pop("current", None))
+    return replace(recording, channels=channels, constants=constants)

@@ -1,0 +1,98 @@
+"""Blow-off: beyond a pressure a relief valve opens, so that the force hardly grows any more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.effects.effect import FLUID, Effect, Parameter
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+
+ROUNDING = 0.02  # of the level: over this the valve opens
+OPENS_AT = (0.97, 0.9, 0.75, 0.55)  # of the largest simulated force: where searches begin
+
+SLOPE = Parameter("slope", 0.0, 0.9, (0.2,), "growth of the force beyond the level, over that without the valve")
+
+
+def _level(side: str) -> Parameter:
+    what = f"force in {side} at which the valve opens"
+    return Parameter(f"{side}_N", 100.0, 100000.0, (800.0, 2000.0), what, "inverse", magnitude=True, neutral=np.inf)
+
+
+class OneSide(Effect):
+    """One valve: beyond the level L the force is L + s (F - L), rounded over 2 % of L.
+
+    Source: relief valves of dampers (Dixon, The Shock Absorber Handbook, 2nd ed. 2007). They open at 0.5 to 5 kN; how
+    stiff spring and seat are is in the slope, 0 for an ideal valve.
+    """
+
+    name = "blow_off"
+    stage = FLUID
+    sign = 1.0
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] (n,) with the valve."""
+        level, slope = values
+        return force - self.sign * (1.0 - slope) * _excess(self.sign * force, level)
+
+    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
+        """Return levels [N] below the largest simulated force on this side, with a slope."""
+        return [(level, SLOPE.starts[0]) for level in _levels(trace, self.sign)]
+
+
+class Rebound(OneSide):
+    """A valve that opens in rebound."""
+
+    form = "rebound"
+    sign = -1.0
+    needs = "rebound forces at which the real valve opens"
+    parameters = (_level("rebound"), SLOPE)
+
+
+class Compression(OneSide):
+    """A valve that opens in compression."""
+
+    form = "compression"
+    needs = "compression forces at which the real valve opens"
+    parameters = (_level("compression"), SLOPE)
+
+
+class Both(Effect):
+    """A valve each way, each with its level."""
+
+    name = "blow_off"
+    form = "both"
+    stage = FLUID
+    needs = "forces at which the real valves open"
+    parameters = (_level("rebound"), _level("compression"), SLOPE)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] (n,) with the valves."""
+        rebound, compression, slope = values
+        return force + (1.0 - slope) * (_excess(-force, rebound) - _excess(force, compression))
+
+    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
+        """Return levels [N] below the largest simulated forces, with a slope."""
+        pairs = zip(_levels(trace, -1.0), _levels(trace, 1.0), strict=True)
+        return [(rebound, compression, SLOPE.starts[0]) for rebound, compression in pairs]
+
+
+def _excess(force: F, level: float) -> F:
+    """Return what of the force [N] (n,) is beyond the level, rounded (a soft plus)."""
+    if not np.isfinite(level):
+        return np.zeros_like(force)
+    width = ROUNDING * level
+    beyond = (force - level) / width
+    return np.asarray(width * (np.maximum(beyond, 0.0) + np.log1p(np.exp(-np.abs(beyond)))))
+
+
+def _levels(trace: Trace, sign: float) -> list[float]:
+    largest = max(float(np.quantile(sign * trace.simulated, 0.998)), 200.0)
+    return [share * largest for share in OPENS_AT]
+
+
+FORMS = (Rebound(), Compression(), Both())

@@ -1,0 +1,135 @@
+"""Compressibility: oil, hoses and bubbles store volume, so force builds up late; each chamber has its own stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from ces_gap.effects.effect import FLUID, Effect, Parameter
+from ces_gap.effects.own_spring import learn_pumped
+from ces_gap.effects.series_kernels import pumped_stroke
+from ces_gap.effects.series_strain import Strain, less, shortened
+from ces_gap.trace import Inputs, Trace, derivative
+
+F = NDArray[np.float64]
+
+INFINITE = float("inf")
+SLOWEST_HZ = 0.2  # [Hz] below it what is squeezed is wandering
+PUMPED_SUBSTEPS = 2
+
+
+@dataclass(frozen=True)
+class SideSpecific(Effect):
+    """Oil and chamber walls: ds/dF = 1/k of the side under pressure, k = β·A²/V; the valve sees the speed v - ds/dt.
+
+    Source: flow continuity Q = A·v - (V/β)·dp/dt (Merritt, Hydraulic Control Systems, 1967), by chamber as in Duym,
+    Vehicle System Dynamics 33 (2000). β about 1 GPa, A² / V of 1e-3 to 1e-2 m: 1e6 to 1e7 N/m; hoses and a little air
+    make it ten times softer. Compression works on the rod's area, rebound on the annulus: their stiffnesses differ.
+    """
+
+    name, form, stage, reruns = "compressibility", "sides", FLUID, True
+    needs = "motion fast enough to change the force within tens of milliseconds"
+    parameters = (
+        Parameter("compression_N_m", 5e4, 1e9, (1e6, 1e7, 3e6), "stiffness in compression", "inverse", True, INFINITE),
+        Parameter("rebound_N_m", 5e4, 1e9, (3e6, 1e6), "stiffness in rebound", "inverse", True, INFINITE),
+    )
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the motion that displaces oil through the valve."""
+        mean = 0.5 * (1.0 / values[0] + 1.0 / values[1])
+        lean = 0.5 * (1.0 / values[0] - 1.0 / values[1])
+
+        def law(acting: F, width: float) -> Strain:
+            ratio = acting / width
+            stroke = mean * acting + lean * width * (np.logaddexp(ratio, -ratio) - np.log(2.0))
+            return Strain(stroke, mean + lean * np.tanh(ratio))
+
+        return shortened(trace, inputs, force, law)
+
+
+@dataclass(frozen=True)
+class Aerated(Effect):
+    """Bubbles: s = s₀·F/(|F| + F₀), isothermal gas of volume V₀ = A·s₀ squeezed from p₀ = F₀/A; soft near no force.
+
+    Source: Boyle's law V = V₀·p₀/(p₀ + p), the free-air term of the effective bulk modulus in Merritt (1967). A few per
+    cent of air in a chamber of 0.1 m make millimetres; p₀ of 1 to 10 bar on 1e-4 to 1e-3 m² makes 10 N to 1 kN.
+    """
+
+    name, form, stage, reruns = "compressibility", "aerated", FLUID, True
+    needs = SideSpecific.needs
+    parameters = (
+        Parameter(
+            "compression_void_m",
+            0.0,
+            0.02,
+            (1e-3, 2e-4, 5e-3),
+            "bubbles under compression, as a stroke",
+            magnitude=True,
+        ),
+        Parameter("rebound_void_m", 0.0, 0.02, (1e-3,), "bubbles under rebound, as a stroke", magnitude=True),
+        Parameter("pressure_N", 10.0, 1000.0, (100.0, 500.0), "force at which half of them is gone", "log"),
+    )
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the motion that displaces oil through the valve."""
+        mean, lean, half = 0.5 * (values[0] + values[1]), 0.5 * (values[0] - values[1]), values[2]
+
+        def law(acting: F, width: float) -> Strain:
+            side = np.tanh(acting / width)
+            void, rounded = mean + lean * side, float(np.hypot(half, width))
+            room = np.abs(acting) + rounded
+            steep = void * rounded / room**2 + lean * (1.0 - side**2) / width * acting / room
+            return Strain(void * acting / room, np.maximum(steep, 0.0))
+
+        return shortened(trace, inputs, force, law)
+
+
+@dataclass(frozen=True)
+class Pumped(Effect):
+    """Check valves choose what is squeezed: ds/dt = C·dF/dt, C = 1/`pumping_N_m` while pushed and moving in, else less.
+
+    Moving in with the piston's check valve open, both chambers have one pressure, which acts on the rod's area only:
+    k = β·A_rod²/(V₁ + V₂). Once the motion turns the valve shuts and each chamber acts on its own, much larger area:
+    k = β·A²/V. What is squeezed in is not given back on the same path, so s would wander: its slow part is not driven
+    with, but the map's answer to it added. The plant's own spring, learnt from it, has the same two classes. Source:
+    continuity by chamber as above (Merritt 1967), for uniflow and monotube dampers with a check valve in the piston.
+    """
+
+    name, form, stage, reruns = "compressibility", "pumped", FLUID, True
+    needs = SideSpecific.needs
+    parameters = (
+        Parameter(
+            "pumping_N_m", 5e4, 1e9, (2e6, 1e7), "stiffness while pushed and moving in", "inverse", True, INFINITE
+        ),
+        Parameter("other_N_m", 5e4, 1e9, (2e7,), "stiffness otherwise", "inverse", True, INFINITE),
+    )
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the motion that displaces oil through the valve, without the slow part of what is squeezed."""
+        return less(inputs, fast(self._stroke(trace, values), trace), trace.rate_Hz)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] with the slow part as well."""
+        stroke, plant = self._stroke(trace, values), learn_pumped(trace).map
+        slow = derivative(stroke - fast(stroke, trace), trace.rate_Hz)
+        return force + plant.force(inputs.speed - slow, inputs.current) - plant.force(inputs.speed, inputs.current)
+
+    def _stroke(self, trace: Trace, values: Sequence[float]) -> F:
+        plant = learn_pumped(trace)
+        added, inputs = (1.0 / values[0], 1.0 / values[1]), trace.inputs
+        speed, level = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
+        how = plant.map.kernel(), plant.own, added, plant.widths, trace.step_s, PUMPED_SUBSTEPS
+        return np.asarray(pumped_stroke(speed, level, plant.memory, *how))
+
+
+def fast(stroke: F, trace: Trace) -> F:
+    """Return a stroke (n,) without what is slower than `SLOWEST_HZ`, not delayed."""
+    sos = butter(1, SLOWEST_HZ, "high", fs=trace.rate_Hz, output="sos")
+    return np.asarray(sosfiltfilt(sos, stroke, padlen=min(len(stroke) - 1, round(trace.rate_Hz))))
+
+
+FORMS = (SideSpecific(), Aerated(), Pumped())

@@ -1,0 +1,58 @@
+"""Current scale: the logged current is not the coil's, by a gain and an offset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.effects.effect import SENSOR, Effect, Parameter
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+
+GAIN = Parameter("gain", 0.5, 1.5, (0.95, 1.05), "acting current per logged current", "linear", True, 1.0)
+BEYOND = 0.5  # of the logged range: how far beyond it a simulation is asked
+
+
+def scaled(inputs: Inputs, gain: float, offset: float) -> Inputs:
+    """Return the inputs with gain·i + offset, held within the logged range (0 included) widened by `BEYOND`."""
+    low, high = min(float(inputs.current.min()), 0.0), max(float(inputs.current.max()), 0.0)
+    margin = BEYOND * (high - low)
+    acting = gain * inputs.current + offset
+    return inputs.powered(np.clip(acting, low - margin, high + margin))
+
+
+@dataclass(frozen=True)
+class Gain(Effect):
+    """i' = gain·i: a shunt or a conversion off by some per cent, up to a wrong range of the amplifier (50 %).
+
+    Source: a plain calibration error.
+    """
+
+    name, form, stage, reruns, needs = "current_scale", "gain", SENSOR, True, "a current other than zero"
+    parameters = (GAIN,)
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the inputs with the current that acts."""
+        return scaled(inputs, values[0], 0.0)
+
+
+@dataclass(frozen=True)
+class GainAndOffset(Effect):
+    """i' = gain·i + offset: as above with a zero that has drifted, by up to some tenths of an ampere.
+
+    Source: a plain calibration error.
+    """
+
+    name, form, stage, reruns, needs = "current_scale", "gain_offset", SENSOR, True, "a changing current"
+    parameters = (GAIN, Parameter("offset_A", -0.3, 0.3, (0.0, 0.03), "acting current at none logged", magnitude=True))
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the inputs with the current that acts."""
+        return scaled(inputs, values[0], values[1])
+
+
+FORMS = (Gain(), GainAndOffset())

@@ -1,0 +1,35 @@
+"""Force offset: the cell's zero, or a tare taken at another gas force, is not the simulation's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.effects.effect import CELL, Effect, Parameter
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+
+
+class ForceOffset(Effect):
+    """A constant added to the force: F + F0.
+
+    Bridges keep their zero to some newtons; a tare under another gas force is off by hundreds.
+    """
+
+    name = "force_offset"
+    form = "constant"
+    stage = CELL
+    needs = "a tare that is the simulation's own"
+    parameters = (
+        Parameter("offset_N", -3000.0, 3000.0, (20.0,), "measured force where the damper's is zero", magnitude=True),
+    )
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] (n,) as the cell shows it."""
+        return force + values[0]
+
+
+FORMS = (ForceOffset(),)

@@ -1,0 +1,35 @@
+"""Force scale: the gain of the cell and its amplifier, or a lever between cell and damper, is not what was assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.effects.effect import CELL, Effect, Parameter
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+
+
+class ForceScale(Effect):
+    """The force times a gain: g F.
+
+    Strain-gauge cells keep their gain to 1 %; a wrong range, lever or unit of calibration makes some 10 %.
+    """
+
+    name = "force_scale"
+    form = "gain"
+    stage = CELL
+    needs = "forces well above the noise"
+    parameters = (
+        Parameter("gain", 0.7, 1.3, (1.03,), "measured force over the damper's", magnitude=True, neutral=1.0),
+    )
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] (n,) as the cell shows it."""
+        return force * values[0]
+
+
+FORMS = (ForceScale(),)

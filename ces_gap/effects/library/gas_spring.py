@@ -1,0 +1,77 @@
+"""Gas spring: the gas pushes the rod out, the harder the further it is in; the simulation has another gas, or none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.effects.effect import PARALLEL, Effect, Parameter
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+
+POLYTROPIC = 1.3  # exponent of nitrogen at stroke frequencies, between isothermal 1 and adiabatic 1.4
+LEAST_COLUMN = 0.15  # of the column's length: a gas is not compressed further
+
+STIFFNESS = Parameter(
+    "stiffness_N_m", -20000.0, 40000.0, (800.0,), "real less simulated, where the gas force is zero", magnitude=True
+)
+COLUMN = Parameter("column_m", 0.05, 3.0, (0.15, 0.5), "gas volume over rod area, where the gas force is zero", "log")
+
+
+class Linear(Effect):
+    """The tangent: F + k x, zero at the position sensor's zero, where the cell was tared."""
+
+    name = "gas_spring"
+    form = "linear"
+    stage = PARALLEL
+    needs = "different mean strokes, or slow strokes"
+    parameters = (STIFFNESS,)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] (n,) of damper and gas."""
+        return force + values[0] * inputs.position
+
+
+class Polytropic(Effect):
+    """p V^n constant: F + k L/n ((1 - x/L)^-n - 1), k = n p0 A/L, zero at the position sensor's zero.
+
+    Source: Dixon, The Shock Absorber Handbook (2nd ed. 2007), on gas force. 20 bar on a rod of 2.5 cm2 above a column
+    of 0.4 m gives 1.6 kN/m; air springs around the damper reach 40 kN/m.
+    """
+
+    name = "gas_spring"
+    form = "polytropic"
+    stage = PARALLEL
+    needs = "long strokes, or different mean strokes"
+    parameters = (STIFFNESS, COLUMN)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] (n,) of damper and gas."""
+        return force + values[0] * _per_stiffness(inputs.position, values[1])
+
+
+class AboutMean(Effect):
+    """As polytropic, but zero at the recording's mean position: for a sensor whose zero is not at mid-stroke."""
+
+    name = "gas_spring"
+    form = "about_mean"
+    stage = PARALLEL
+    needs = "long strokes"
+    parameters = (STIFFNESS, COLUMN)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] (n,) of damper and gas."""
+        mean = float(np.mean(trace.inputs.position))
+        return force + values[0] * _per_stiffness(inputs.position - mean, values[1])
+
+
+def _per_stiffness(position: F, column_m: float) -> F:
+    """Return the polytropic force over the stiffness at its zero [m] (n,)."""
+    left = np.maximum(1.0 - position / column_m, LEAST_COLUMN)
+    return np.asarray(column_m / POLYTROPIC * (left**-POLYTROPIC - 1.0))
+
+
+FORMS = (Linear(), Polytropic(), AboutMean())

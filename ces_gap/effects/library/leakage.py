@@ -1,0 +1,150 @@
+"""Leakage: a worn seal, valve seat or bypass lets flow past the valve, which sees less speed than the piston has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from ces_gap.effects.effect import FLUID, Effect, Parameter
+from ces_gap.effects.own_spring import SprungMap, learn_sprung
+from ces_gap.effects.series_kernels import leaking_force
+from ces_gap.effects.series_strain import Law, Strain, less, soft_width, tabled
+from ces_gap.trace import Inputs, Trace, derivative
+
+F = NDArray[np.float64]
+
+
+SLOWEST_HZ = 0.1  # [Hz] below it the stroke that leaks is wandering
+
+
+@dataclass(frozen=True)
+class _Leak(Effect):
+    """The plant is driven by v' = v - q(F), F being its force with the leak; forces at standstill drive no leak.
+
+    F is the plant's own force and the change that its map f with its own spring c (learnt from it) has under the leak:
+    F = f(v - q(F) - c·dF/dt). So a force that a spring holds relaxes through the leak. What leaks in one direction
+    would make the stroke wander: the slow part of q is not driven with, but the map's answer to it added.
+    """
+
+    name, stage, reruns, needs = "leakage", FLUID, True, "motion in the direction that leaks"
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the motion that displaces oil through the valve, without the slow part of the leak."""
+        plant = learn_sprung(trace)
+        acting = force - plant.rest
+        width = soft_width(trace, acting)
+        tight, leaking = (tabled(q, acting, width) for q in (_tight, self.law(values)))
+        change = _acting(trace, plant, inputs, leaking) - _acting(trace, plant, trace.inputs, tight)
+        leak = self.law(values)(acting + change, width).stroke
+        return less(inputs, _fast(leak, trace), trace.rate_Hz)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        """Return the force [N] with the slow part of the leak as well."""
+        plant = learn_sprung(trace)
+        width = soft_width(trace, force - plant.rest)
+        tight = tabled(_tight, force - plant.rest, width)
+        slow = self._slow(trace, force - plant.rest, width, values)  # it leaks by the force that it changes
+        slower = plant.map.force(inputs.speed - slow, inputs.current) - plant.map.force(inputs.speed, inputs.current)
+        slow = self._slow(trace, force + slower - plant.rest, width, values)
+        moved = Inputs(inputs.position, inputs.speed - slow, inputs.current)
+        return force + _acting(trace, plant, moved, tight) - _acting(trace, plant, inputs, tight)
+
+    def _slow(self, trace: Trace, acting: F, width: float, values: Sequence[float]) -> F:
+        """Return the slow part [m/s] (n,) of what leaks."""
+        leak = self.law(values)(acting, width).stroke
+        return leak - derivative(_fast(leak, trace), trace.rate_Hz)
+
+    def law(self, values: Sequence[float]) -> Law:
+        """Return the speed [m/s] that leaks at a force, and its derivative."""
+        raise NotImplementedError
+
+
+def _tight(force: F, width: float) -> Strain:
+    return Strain(np.zeros_like(force), np.zeros_like(force))
+
+
+def _acting(trace: Trace, plant: SprungMap, inputs: Inputs, law: tuple[float, F, F]) -> F:
+    """Return the force [N] (n,) of the map with its spring and a tabled leak, without that at standstill."""
+    top, rate, per_force = law
+    own = plant.compliance * trace.rate_Hz
+    whole = (top, rate + own * np.linspace(-top, top, len(rate)), per_force + own)
+    speed, level = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
+    return np.asarray(leaking_force(speed, level, plant.rest, plant.map.kernel(), own, whole))
+
+
+def _fast(speed: F, trace: Trace) -> F:
+    """Return the stroke (n,) of a speed without what is slower than `SLOWEST_HZ`, not delayed."""
+    sos = butter(1, SLOWEST_HZ, "high", fs=trace.rate_Hz, output="sos")
+    stroke = np.cumsum(speed) * trace.step_s
+    return np.asarray(sosfiltfilt(sos, stroke, padlen=min(len(stroke) - 1, round(trace.rate_Hz))))
+
+
+@dataclass(frozen=True)
+class ReboundLeak(_Leak):
+    """A narrow annular gap past the piston under rebound pressure: q = κ·F for F < 0.
+
+    Source: laminar leakage Q = C·Δp (Merritt, Hydraulic Control Systems, 1967). At 1 kN and 0.3 m/s, 1e-5 m/(s N) is a
+    leak of 3 % and 3e-4 nearly everything.
+    """
+
+    form = "rebound"
+    parameters = (
+        Parameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "speed that leaks per newton of rebound", magnitude=True),
+    )
+
+    def law(self, values: Sequence[float]) -> Law:
+        """Return the leaking speed, laminar, in rebound only."""
+        leak = values[0]
+
+        def rebound(force: F, width: float) -> Strain:
+            root = np.sqrt(force**2 + width**2)
+            return Strain(0.5 * leak * (force - root + width), 0.5 * leak * (1.0 - force / root))
+
+        return rebound
+
+
+@dataclass(frozen=True)
+class BothWays(_Leak):
+    """A gap that leaks alike in both directions: q = κ·F. Source and range as for rebound."""
+
+    form = "both"
+    parameters = (Parameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "speed that leaks per newton", magnitude=True),)
+
+    def law(self, values: Sequence[float]) -> Law:
+        """Return the leaking speed, laminar."""
+        leak = values[0]
+        return lambda force, width: Strain(leak * force, np.full_like(force, leak))
+
+
+@dataclass(frozen=True)
+class Orifice(_Leak):
+    """A hole or a valve held open by dirt: q = κ·√|F|·sign F, by direction, laminar near no force.
+
+    Source: turbulent orifice Q = C_d·A_o·√(2Δp/ρ) (Merritt 1967). A hole of 0.1 mm² past a piston of 5 cm² leaks
+    0.01 m/s at 1 kN (3e-4 m/(s·√N)); ten holes lose 0.1 m/s.
+    """
+
+    form = "orifice"
+    parameters = (
+        Parameter("rebound_m_s_rtN", 0.0, 0.02, (5e-4, 3e-3), "leaking speed per √newton, rebound", magnitude=True),
+        Parameter("compression_m_s_rtN", 0.0, 0.02, (5e-4, 0.0), "the same in compression", magnitude=True),
+    )
+
+    def law(self, values: Sequence[float]) -> Law:
+        """Return the leaking speed, turbulent."""
+        mean, lean = 0.5 * (values[1] + values[0]), 0.5 * (values[1] - values[0])
+
+        def orifice(force: F, width: float) -> Strain:
+            square, side = force**2 + width**2, np.tanh(force / width)
+            through, per_force = force / square**0.25, (0.5 * force**2 + width**2) / square**1.25
+            turning = lean * (1.0 - side**2) / width * through
+            return Strain((mean + lean * side) * through, (mean + lean * side) * per_force + turning)
+
+        return orifice
+
+
+FORMS = (ReboundLeak(), BothWays(), Orifice())

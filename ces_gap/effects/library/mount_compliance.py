@@ -1,0 +1,67 @@
+"""Mount compliance: a rubber bushing or a rod end in series takes part of the stroke, alike in both directions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.effects.effect import MOTION, Effect, Parameter
+from ces_gap.effects.series_strain import Strain, shortened
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+
+STIFFNESS = Parameter(
+    "stiffness_N_m", 5e4, 1e9, (3e5, 2e6, 1e7), "stiffness of the bushing", "inverse", True, float("inf")
+)
+
+
+@dataclass(frozen=True)
+class LinearMount(Effect):
+    """A Kelvin-Voigt bushing: k·z + c·dz/dt = F, the damper moves x' = x - z; damping_s = c/k.
+
+    Source: Dixon, The Shock Absorber Handbook (2nd ed. 2007), on mounting bushes; Kelvin-Voigt element. Rubber bushes
+    of dampers have 1e5 to 1e7 N/m and relax within milliseconds; steel rod ends are stiffer.
+    """
+
+    name, form, stage, reruns = "mount_compliance", "linear", MOTION, True
+    needs = "motion fast enough to change the force within tens of milliseconds"
+    parameters = (STIFFNESS, Parameter("damping_s", 0.0, 0.02, (0.001,), "relaxation time of the rubber, c/k"))
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the damper's own motion."""
+        stiffness, damping_s = values
+
+        def law(acting: F, width: float) -> Strain:
+            return Strain(acting / stiffness, np.full_like(acting, 1.0 / stiffness))
+
+        return shortened(trace, inputs, force, law, damping_s)
+
+
+@dataclass(frozen=True)
+class ProgressiveMount(Effect):
+    """A bushing that stiffens as it is squeezed: z = (F_s/k)·asinh(F/F_s), stiffness k·√(1 + (F/F_s)²).
+
+    Source: the progressive curve of rubber in compression (Dixon 2007); asinh is a smooth invertible stand-in. `knee_N`
+    F_s is the force at which the stiffness has grown by 41 %: 100 N for a soft grommet, 5 kN for a full bush.
+    """
+
+    name, form, stage, reruns = "mount_compliance", "progressive", MOTION, True
+    needs = LinearMount.needs
+    parameters = (STIFFNESS, Parameter("knee_N", 50.0, 1e4, (200.0, 1000.0), "force from which it stiffens", "log"))
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        """Return the damper's own motion."""
+        stiffness, knee = values
+
+        def law(acting: F, width: float) -> Strain:
+            ratio = acting / knee
+            return Strain(knee / stiffness * np.arcsinh(ratio), 1.0 / (stiffness * np.sqrt(1.0 + ratio**2)))
+
+        return shortened(trace, inputs, force, law)
+
+
+FORMS = (LinearMount(), ProgressiveMount())

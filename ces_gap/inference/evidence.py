@@ -1,0 +1,124 @@
+"""What the recordings say, as whitened residuals: noise made white, the baseline's own error marginalised.
+
+The baseline's error is a dictionary with weights w ~ N(ŵ, Σ) that references taught. Its mean is in the plant; what is
+not known of it is integrated out: a residual e of covariance σ²I + ΦΣΦᵀ is multiplied by that matrix' inverse root,
+each unit's with weights of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.baseline.noise import Noise
+from ces_gap.baseline.plant import Plant
+from ces_gap.effects.effect import Composition
+from ces_gap.trace import Trace
+
+F = NDArray[np.float64]
+
+UNITS = 4  # data are cut into at least so many parts, each left out once
+BLOCK_S = 0.5  # [s] of a block whose residuals count as one in standard errors
+LEAST_MODE = 0.01  # variance, over the noise's, from which a direction of the discrepancy is marginalised
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A part of one trace that is left out as a whole: its ticks (r,), and directions (r, m) with how much to take off.
+
+    `block` (r,) numbers the blocks.
+    """
+
+    trace: int
+    ticks: NDArray[np.int64]
+    directions: F
+    taken: F
+    block: NDArray[np.int64]
+
+    def whiten(self, noise: Noise, values: F) -> F:
+        """Return the whitened rows of `values` (n,) or (n, k) on the trace's grid."""
+        rows: F = noise.whitened(values)[self.ticks]
+        if not len(self.taken):
+            return rows
+        inside = self.directions.T @ rows
+        return rows - self.directions @ ((self.taken if rows.ndim == 1 else self.taken[:, None]) * inside)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Traces with the plant's own force on each, the noise, and the units; whitened rows are in order of the units."""
+
+    traces: tuple[Trace, ...]
+    plant: Plant
+    alone: tuple[F, ...]
+    noise: Noise
+    units: tuple[Unit, ...]
+    noise_known: bool = True
+
+    def scaled(self, factor: float) -> Evidence:
+        """Return the evidence with `factor` times the noise."""
+        return replace(self, noise=self.noise.scaled(factor))
+
+    def forces(self, composition: Composition) -> list[F]:
+        """Return the force [N] with the effects around the plant, on each trace."""
+        pairs = zip(self.traces, self.alone, strict=True)
+        return [self.plant.with_effects(composition, trace, alone) for trace, alone in pairs]
+
+    def whiten(self, values: Sequence[F]) -> F:
+        """Return the whitened rows of values (n,) or (n, k) given on each trace's grid."""
+        return np.concatenate([unit.whiten(self.noise, values[unit.trace]) for unit in self.units])
+
+    def residual(self, forces: Sequence[F]) -> F:
+        """Return the whitened rows of measured minus given force."""
+        return self.whiten([trace.force - force for trace, force in zip(self.traces, forces, strict=True)])
+
+    @property
+    def unit_of_row(self) -> NDArray[np.int64]:
+        """The unit of each whitened row."""
+        return np.repeat(np.arange(len(self.units)), [len(u.ticks) for u in self.units])
+
+    @property
+    def block_of_row(self) -> NDArray[np.int64]:
+        """The block of each whitened row, numbered through all units."""
+        first, blocks = 0, []
+        for unit in self.units:
+            blocks.append(first + unit.block)
+            first = int(blocks[-1][-1]) + 1
+        return np.concatenate(blocks)
+
+
+def gather(
+    traces: Sequence[Trace], plant: Plant, noise: Noise, features: Sequence[F], covariance: F | None
+) -> Evidence:
+    """Return the evidence of some traces.
+
+    `features` (n, q) of the discrepancy on each trace, with the posterior covariance (q, q) of their weights [N²];
+    None projects them out altogether.
+    """
+    alone = tuple(plant.force(trace, trace.inputs) for trace in traces)
+    parts = 1 if len(traces) >= UNITS else -(-UNITS // len(traces))
+    units = []
+    for number, trace in enumerate(traces):
+        ticks = np.flatnonzero(noise.clean(trace.usable))
+        rows = noise.whitened(features[number])
+        for part in np.array_split(ticks, parts):
+            directions, taken = _directions(rows[part], covariance)
+            block = np.unique((part / (BLOCK_S * trace.rate_Hz)).astype(np.int64), return_inverse=True)[1]
+            units.append(Unit(number, part, directions, taken, block))
+    return Evidence(tuple(traces), plant, alone, noise, tuple(units), covariance is not None)
+
+
+def _directions(rows: F, covariance: F | None) -> tuple[F, F]:
+    """Return orthonormal directions (r, m) of the discrepancy and what to take off along each."""
+    if covariance is None:
+        u, s, _ = np.linalg.svd(rows, full_matrices=False)
+        return u[:, s > 1e-6 * s[0]], np.ones(int((s > 1e-6 * s[0]).sum()))
+    values, vectors = np.linalg.eigh(covariance)
+    spread = rows @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    variance, turn = np.linalg.eigh(spread.T @ spread)
+    keep = variance > LEAST_MODE
+    directions = spread @ (turn[:, keep] / np.sqrt(variance[keep]))
+    return directions, 1.0 - 1.0 / np.sqrt(1.0 + variance[keep])

@@ -1,0 +1,247 @@
+"""Fitting effects: bounded Levenberg-Marquardt on whitened residuals, and what each unit left out says of the fit.
+
+Cross-validation is linearised: one Gauss-Newton step from the fit to all units gives the fit without one of them, and
+its residual there (exact for effects that are linear in their parameters).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.effects.effect import Composition, Effect, Setting
+from ces_gap.inference.evidence import Evidence
+from ces_gap.trace import Trace
+
+F = NDArray[np.float64]
+
+ITERATIONS = 8
+STEP = 1e-3  # of a parameter's range: step of the difference quotients
+ENOUGH = 3e-4  # stop when an iteration explains less than this share of the gap's energy
+HOPELESS = 0.005  # stop when all of it together explains less than this share
+MOST_STARTS = 6
+NEAR_BOUND = 1e-3  # of the range: nearer than this, a parameter sticks to its bound
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Effects fitted together.
+
+    `searched` (p,) are the parameters as searched; `residual` (r,) and `jacobian` (r, p) whitened, the Jacobian that of
+    the modelled force. `left_out` (r,) is the residual of each unit under the fit without it, `by_unit` (u, p) those.
+    `covariance` (p, p) of the parameters is clustered by blocks.
+    """
+
+    effects: tuple[Effect, ...]
+    searched: F
+    residual: F
+    jacobian: F
+    left_out: F
+    by_unit: F
+    covariance: F
+
+    @property
+    def composition(self) -> Composition:
+        """The effects with their values."""
+        return settings(self.effects, self.searched)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects' names."""
+        return tuple(e.name for e in self.effects)
+
+    @property
+    def cost(self) -> float:
+        """Whitened squares of the units left out."""
+        return float(self.left_out @ self.left_out)
+
+
+def settings(effects: Sequence[Effect], searched: F) -> Composition:
+    """Return the composition of effects at searched values (p,)."""
+    made, first = [], 0
+    for effect in effects:
+        count = len(effect.parameters)
+        pairs = zip(effect.parameters, searched[first : first + count], strict=True)
+        made.append(Setting(effect, tuple(p.to_value(float(u)) for p, u in pairs)))
+        first += count
+    return Composition(tuple(made))
+
+
+def bounds(effects: Sequence[Effect]) -> tuple[F, F]:
+    """Return the lowest and highest searched values (p,) of some effects."""
+    pairs = [p.search_bounds() for effect in effects for p in effect.parameters]
+    return np.array([low for low, _ in pairs]), np.array([high for _, high in pairs])
+
+
+def fit_alone(evidence: Evidence, effect: Effect) -> Fit:
+    """Return the best fit of one effect from its starts."""
+    objective = _Objective(evidence, (effect,))
+    tried = [_scaled(objective, start) for start in starts(evidence, effect)]
+    tried.sort(key=lambda pair: float(pair[1] @ pair[1]))
+    return polish(evidence, (effect,), tried[0][0], objective)
+
+
+def fit_together(evidence: Evidence, parts: Sequence[Fit]) -> Fit:
+    """Return the joint fit of the effects of some fits, begun where they ended."""
+    effects = tuple(e for part in parts for e in part.effects)
+    return polish(evidence, effects, np.concatenate([part.searched for part in parts]))
+
+
+def starts(evidence: Evidence, effect: Effect) -> list[F]:
+    """Return where to begin (each (p,)): the effect's own starts for these traces, or products of its parameters'."""
+    given = getattr(effect, "starts_for", None)
+    values = list(given(_widest(evidence))) if given else []
+    values = values or list(product(*(p.starts for p in effect.parameters)))
+    spaced = values[:: max(1, -(-len(values) // MOST_STARTS))]
+    searched = [[p.to_search(x) for p, x in zip(effect.parameters, v, strict=True)] for v in spaced]
+    low, high = bounds((effect,))
+    return [np.clip(np.array(u), low, high) for u in searched]
+
+
+def _widest(evidence: Evidence) -> Trace:
+    """Return the trace with the longest stroke, where limits are reached if anywhere."""
+    return max(evidence.traces, key=lambda t: float(np.ptp(t.inputs.position[t.usable])))
+
+
+class _Objective:
+    """The whitened residual (r,) as a function of searched values (p,)."""
+
+    def __init__(self, evidence: Evidence, effects: tuple[Effect, ...]) -> None:
+        self.evidence, self.effects = evidence, effects
+        self.low, self.high = bounds(effects)
+        self.none = evidence.residual(evidence.alone)
+
+    def __call__(self, searched: F) -> F:
+        residual = self.evidence.residual(self.evidence.forces(settings(self.effects, searched)))
+        return residual if np.isfinite(residual).all() else np.full_like(residual, 1e6)
+
+    def jacobian(self, searched: F, residual: F) -> F:
+        """Return the Jacobian (r, p) of the modelled force by one-sided differences, away from the nearer bound."""
+        out = np.empty((len(residual), len(searched)))
+        for k in range(len(searched)):
+            step = self._step(searched, k)
+            moved = searched.copy()
+            moved[k] += step
+            out[:, k] = (residual - self(moved)) / step
+        return out
+
+    def _step(self, searched: F, k: int) -> float:
+        span = self.high[k] - self.low[k]
+        step = STEP * max(min(span, 10.0 * abs(searched[k])), 0.02 * span)
+        return float(step if searched[k] + step <= self.high[k] else -step)
+
+
+def _scaled(objective: _Objective, start: F) -> tuple[F, F]:
+    """Return the start with its magnitude scaled to fit best, and the residual there."""
+    at = objective(start)
+    parameters = [p for e in objective.effects for p in e.parameters]
+    magnitudes = [k for k, p in enumerate(parameters) if p.magnitude and p.scale != "log"]
+    if not magnitudes:
+        return start, at
+    signature = objective.none - at
+    size = float(signature @ signature)
+    if size <= 0.0:
+        return start, at
+    factor = float(signature @ objective.none) / size
+    scaled = start.copy()
+    for k in magnitudes:
+        neutral = parameters[k].to_search(parameters[k].neutral) if np.isfinite(parameters[k].neutral) else 0.0
+        scaled[k] = neutral + factor * (start[k] - neutral)
+    scaled = np.clip(scaled, objective.low, objective.high)
+    there = objective(scaled)
+    return (scaled, there) if there @ there < at @ at else (start, at)
+
+
+def polish(evidence: Evidence, effects: tuple[Effect, ...], start: F, objective: _Objective | None = None) -> Fit:
+    """Return the fit that Levenberg-Marquardt reaches from `start` (p,) inside the bounds."""
+    goal = objective or _Objective(evidence, effects)
+    searched = np.clip(start, goal.low, goal.high)
+    residual = goal(searched)
+    jacobian = goal.jacobian(searched, residual)
+    damping, whole = 1e-3, float(goal.none @ goal.none)
+    for _ in range(ITERATIONS):
+        before = float(residual @ residual)
+        moved, there, damping = _descend(goal, searched, residual, jacobian, damping)
+        if there is None:
+            break
+        searched, residual = moved, there
+        jacobian = goal.jacobian(searched, residual)
+        after = float(residual @ residual)
+        if before - after < ENOUGH * whole or whole - after < HOPELESS * whole:
+            break
+    return _finished(evidence, effects, goal, searched, residual, jacobian)
+
+
+def _descend(goal: _Objective, searched: F, residual: F, jacobian: F, damping: float) -> tuple[F, F | None, float]:
+    """Return a better point, its residual and the next damping; no residual if none was found."""
+    for _ in range(4):
+        step = _bounded_step(jacobian, residual, searched, goal.low, goal.high, damping)
+        moved = np.clip(searched + step, goal.low, goal.high)
+        there = goal(moved)
+        if there @ there < residual @ residual:
+            return moved, there, max(damping / 10.0, 1e-9)
+        damping = max(damping, 1e-3) * 10.0
+    return searched, None, damping
+
+
+def _bounded_step(jacobian: F, residual: F, at: F, low: F, high: F, damping: float) -> F:
+    """Return the damped Gauss-Newton step (p,) with parameters that would leave their bounds held there.
+
+    Parameters differ by many orders of magnitude (metres beside newtons per metre), so columns are scaled to one.
+    """
+    size = _sizes(jacobian)
+    scaled = jacobian / size
+    gram, slope = scaled.T @ scaled, scaled.T @ residual
+    free = np.ones(len(at), bool)
+    step = np.zeros(len(at))
+    for _ in range(len(at)):
+        inside = np.flatnonzero(free)
+        if not len(inside):
+            break
+        block = gram[np.ix_(inside, inside)] + (damping + 1e-12) * np.eye(len(inside))
+        fixed = np.flatnonzero(~free)
+        right = slope[inside] - gram[np.ix_(inside, fixed)] @ (size * step)[fixed]
+        step[inside] = np.linalg.lstsq(block, right, rcond=None)[0] / size[inside]
+        beyond = free & ((at + step < low) | (at + step > high))
+        if not beyond.any():
+            break
+        step[beyond] = np.clip(at + step, low, high)[beyond] - at[beyond]
+        free &= ~beyond
+    return step
+
+
+def _finished(
+    evidence: Evidence, effects: tuple[Effect, ...], goal: _Objective, searched: F, residual: F, jacobian: F
+) -> Fit:
+    unit, left_out = evidence.unit_of_row, residual.copy()
+    by_unit = np.tile(searched, (len(evidence.units), 1))
+    for k in range(len(evidence.units)):
+        out = unit == k
+        step = _bounded_step(jacobian[~out], residual[~out], searched, goal.low, goal.high, 1e-6)
+        left_out[out] = residual[out] - jacobian[out] @ step
+        by_unit[k] += step
+    return Fit(effects, searched, residual, jacobian, left_out, by_unit, _covariance(evidence, residual, jacobian))
+
+
+def _covariance(evidence: Evidence, residual: F, jacobian: F) -> F:
+    """Return the sandwich covariance (p, p), residuals of a block counting as one (Liang and Zeger 1986)."""
+    block = evidence.block_of_row
+    scores = np.zeros((int(block[-1]) + 1, jacobian.shape[1]))
+    np.add.at(scores, block, jacobian * residual[:, None])
+    size = _sizes(jacobian)
+    scaled = jacobian / size
+    bread = np.linalg.pinv(scaled.T @ scaled + 1e-12 * np.eye(len(size))) / np.outer(size, size)
+    covariance = np.asarray(bread @ (scores.T @ scores) @ bread)
+    blind = np.flatnonzero(np.linalg.norm(jacobian, axis=0) == 0.0)
+    covariance[blind, blind] = np.inf  # what changes nothing is not known at all
+    return covariance
+
+
+def _sizes(jacobian: F) -> F:
+    """Return the columns' norms (p,), one where a column is nothing."""
+    size = np.linalg.norm(jacobian, axis=0)
+    return np.where(size > 0.0, size, 1.0)

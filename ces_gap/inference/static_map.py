@@ -1,0 +1,59 @@
+"""Without references: a smooth map of stroke, speed and current, which the simulation's calibration could absorb.
+
+It is projected out of everything, and effects that it could stand in for are said to be not separable from calibration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.baseline.dictionary import SAME_CURRENT
+from ces_gap.inference.evidence import Evidence
+from ces_gap.inference.fit import Fit
+from ces_gap.trace import Trace
+
+F = NDArray[np.float64]
+
+ABSORBED = 0.8  # share of a signature's energy inside the map from which the effect is not separable
+
+
+def static_features(traces: Sequence[Trace]) -> list[F]:
+    """Return the map's features (n, q) on each trace: low powers of stroke, speed and current."""
+    x, v, i = (
+        np.concatenate([getattr(t.inputs, n)[t.usable] for t in traces]) for n in ("position", "speed", "current")
+    )
+    centre, spread = float(x.mean()), max(float(x.std()), 1e-9)
+    fast, mean, swing = max(float(v.std()), 1e-9), float(i.mean()), float(i.std())
+    varies = swing > SAME_CURRENT * max(abs(mean), 1e-9)
+    return [
+        _powers(
+            (t.inputs.position - centre) / spread,
+            t.inputs.speed / fast,
+            (t.inputs.current - mean) / swing if varies else None,
+        )
+        for t in traces
+    ]
+
+
+def _powers(x: F, v: F, i: F | None) -> F:
+    soft = v / np.sqrt(0.04 + v * v)
+    columns = [np.ones_like(x), x, x * x, v, v * np.abs(v), v * v, soft, x * v]
+    if i is not None:
+        columns += [i, i * i, i * v, i * v * np.abs(v), i * soft, i * x]
+    return np.stack(columns, axis=1)
+
+
+def absorbed_by_map(evidence: Evidence, fits: Sequence[Fit]) -> tuple[str, ...]:
+    """Return the effects whose signatures lie mostly inside the map."""
+    absorbed = []
+    for fit in fits:
+        forces = evidence.forces(fit.composition)
+        added = [f - a for f, a in zip(forces, evidence.alone, strict=True)]
+        whole = np.concatenate([evidence.noise.whitened(added[u.trace])[u.ticks] for u in evidence.units])
+        left = evidence.whiten(added)
+        if left @ left < (1.0 - ABSORBED) * (whole @ whole):
+            absorbed.append(fit.names[0])
+    return tuple(absorbed)

@@ -1,0 +1,169 @@
+"""`gap.json`: a diagnosis as numbers for programs, schema "ces-gap/1" (`gap.schema.json` beside this module).
+
+Numbers are rounded to six significant digits and always finite: what is not known, or has no end, is null.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ces_gap.diagnosis import Diagnosis, Estimate, Explained, NextExperiment, Region, Series, Where
+from ces_gap.errors import GapError
+from ces_observer.checked import write_beside
+
+SCHEMA = "ces-gap/1"
+DIGITS = 6  # significant digits of a number
+
+
+def write_gap(path: Path, diagnosis: Diagnosis) -> None:
+    """Write `gap.json` to `path`, whole or not at all; raises CesError if it cannot be written."""
+    text = json.dumps(gap_document(diagnosis), indent=1, ensure_ascii=False, allow_nan=False)
+    write_beside(path, text + "\n")
+
+
+def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the diagnosis as a JSON object of schema "ces-gap/1".
+
+    Raises GapError if a recipe of the next experiment holds what JSON cannot.
+    """
+    d = diagnosis
+    document = {
+        "schema": SCHEMA,
+        "verdict": d.verdict,
+        "sentence": d.sentence,
+        "simulation": d.simulation,
+        "gap": asdict(d.gap),
+        "where": [_region(r) for r in d.where.regions],
+        "max_region": _strongest(d.where),
+        "causes": [_cause(c) for c in d.causes],
+        "composition": _composition(d.composition),
+        "indistinguishable": d.indistinguishable,
+        "not_separable": d.not_separable,
+        "invisible": [{"effect": effect, "reason": reason} for effect, reason in d.invisible],
+        "probabilities": {"none": d.probability_none, "unknown": d.probability_unknown},
+        "controls": _controls(d),
+        "ceiling": _ceiling(d),
+        "rest": None if d.rest is None else [_region(r) for r in d.rest.regions],
+        "next_experiment": _experiment(d.next_experiment),
+        "surrogate": None if d.surrogate_cost_J is None else {"cost_J": d.surrogate_cost_J},
+        "held_out": [_held_out(s) for s in d.held_out],
+        "notes": d.notes,
+    }
+    whole: dict[str, Any] = plain(document, "gap.json")
+    return whole
+
+
+def gap_schema() -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) that every document follows."""
+    text = resources.files("ces_gap.report").joinpath("gap.schema.json").read_text(encoding="utf-8")
+    return dict(json.loads(text))
+
+
+def _region(region: Region) -> dict[str, Any]:
+    return {
+        "axis": region.axis,
+        "from": region.low,
+        "to": region.high,
+        "share_of_energy": region.share_of_energy,
+        "share_of_samples": region.share_of_samples,
+        "rms_N": region.rms_N,
+        "ci95_N": region.ci95_N,
+        "q_value": region.q_value,
+    }
+
+
+def _strongest(where: Where) -> dict[str, Any] | None:
+    """Return the region with the largest standardised excess and the p-value of the test over all regions."""
+    if where.strongest is None:
+        return None
+    return {"region": _region(where.strongest), "p_value": where.max_p_value}
+
+
+def _cause(cause: Explained) -> dict[str, Any]:
+    """Return one effect alone."""
+    return {
+        "effect": cause.effects[0],
+        "form": cause.forms[0],
+        "probability": cause.probability,
+        "parameters": _parameters(cause.estimates[0]),
+        **_after(cause),
+        "gain": cause.gain,
+        "gain_error": cause.gain_error,
+    }
+
+
+def _composition(composition: Explained) -> dict[str, Any]:
+    """Return all effects together; `parameters` by effect."""
+    pairs = zip(composition.effects, composition.estimates, strict=True)
+    return {
+        "effects": composition.effects,
+        "forms": composition.forms,
+        **_after(composition),
+        "parameters": {effect: _parameters(estimates) for effect, estimates in pairs},
+        "by_region": [{"region": _region(region), "gap_after_N": after} for region, after in composition.by_region],
+    }
+
+
+def _after(explained: Explained) -> dict[str, Any]:
+    return {
+        "gap_after_N": explained.gap_after_N,
+        "shrink": explained.shrink,
+        "shrink_ci95": explained.shrink_ci95,
+    }
+
+
+def _parameters(estimates: tuple[Estimate, ...]) -> dict[str, Any]:
+    return {e.name: {"value": e.value, "ci95": e.ci95, "at_bound": e.at_bound, "drifts": e.drifts} for e in estimates}
+
+
+def _controls(d: Diagnosis) -> dict[str, Any]:
+    """Return what any flexible effect closes, and what a learner without physics closes."""
+    wrong = None if d.wrong is None else {"effect": d.wrong.effects[0], **_after(d.wrong)}
+    return {"best_wrong_effect": wrong, "ceiling": _ceiling(d)}
+
+
+def _ceiling(d: Diagnosis) -> dict[str, Any]:
+    shrink = 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
+    return {"gap_after_N": d.ceiling_after_N, "shrink": shrink}
+
+
+def _experiment(experiment: NextExperiment | None) -> dict[str, Any]:
+    """Return the next experiment; purpose and recipe are empty if none is needed."""
+    if experiment is None:
+        return {"purpose": "", "recipe": {}}
+    return {
+        "name": experiment.name,
+        "purpose": experiment.purpose,
+        "recipe": experiment.recipe,
+        "separates": experiment.separates,
+        "distance_N": experiment.distance_N,
+    }
+
+
+def _held_out(series: Series) -> dict[str, Any]:
+    trace = series.trace
+    seconds = float(trace.usable.sum()) * trace.step_s
+    return {"name": trace.name, "sha256": trace.recording.sha256, "usable_s": seconds}
+
+
+def plain(item: object, where: str) -> Any:
+    """Return `item` in JSON's types: finite rounded numbers, null for the others, lists, objects with text keys."""
+    if item is None or isinstance(item, str | bool | int):
+        return item
+    if isinstance(item, np.bool_ | np.integer | np.ndarray):
+        return plain(item.tolist(), where)
+    if isinstance(item, float | np.floating):
+        return float(f"{item:.{DIGITS}g}") if math.isfinite(item) else None
+    if isinstance(item, Mapping):
+        return {str(key): plain(value, f"{where}: {key}") for key, value in item.items()}
+    if isinstance(item, list | tuple):
+        return [plain(value, where) for value in item]
+    raise GapError(f"{where}: a {type(item).__name__}; expected text, numbers, lists or objects of them")

@@ -1,0 +1,57 @@
+"""The files that tell a diagnosis: `gap.json`, `augmented.json`, `report.html`, and the next experiment if any."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ces_gap.augmented.augmented_file import augmented_text
+from ces_gap.diagnosis import Diagnosis
+from ces_gap.experiment.next_experiment import write_experiment
+from ces_gap.report import report_page
+from ces_gap.report.gap_json import gap_document
+from ces_identify.recording import Recording
+
+GAP, AUGMENTED, REPORT = "gap.json", "augmented.json", "report.html"
+
+
+def result_files(
+    diagnosis: Diagnosis,
+    sim: Mapping[str, str | None],
+    sources: Sequence[tuple[str, Sequence[Recording]]],
+    facts: Mapping[str, str] | None = None,
+) -> dict[str, str]:
+    """Return the texts of the files by name.
+
+    `sim` names the simulation as seen from the files' folder (`ces_gap.augmented.augmented_file.named`). `sources` are
+    the recordings of each role ("real", "held_out", "reference"), for the provenance; `facts` stand in the report as they are.
+    """
+    document = gap_document(diagnosis)
+    provenance = {role: [_origin(r) for r in recordings] for role, recordings in sources}
+    return {
+        GAP: json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        AUGMENTED: augmented_text(
+            sim,
+            diagnosis.composition.composition,
+            diagnosis.correction,
+            diagnosis.surrogate,
+            {"verdict": diagnosis.verdict, "gap": document["gap"], **provenance},
+        ),
+        REPORT: report_page(diagnosis, facts=facts),
+        **_experiment(diagnosis),
+    }
+
+
+def _experiment(diagnosis: Diagnosis) -> dict[str, str]:
+    if diagnosis.next_experiment is None:
+        return {}
+    with tempfile.TemporaryDirectory() as name:
+        write_experiment(diagnosis.next_experiment, Path(name))
+        return {path.name: path.read_text(encoding="utf-8") for path in sorted(Path(name).iterdir())}
+
+
+def _origin(recording: Recording) -> dict[str, Any]:
+    return {"recording": recording.name, "sha256": recording.sha256}

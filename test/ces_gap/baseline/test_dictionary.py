@@ -1,0 +1,95 @@
+"""The learner's dictionary: as many columns as it says, features of order one, weighted sums, and its JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from engine_plant import traced
+
+from ces_gap.baseline.dictionary import Dictionary, Scales
+from ces_gap.trace import Trace
+
+KINDS = [
+    pytest.param(constant, by_force, by_time, id=f"{constant}-{by_force}-{by_time}")
+    for constant in (None, 0.6)
+    for by_force in (True, False)
+    for by_time in (True, False)
+]
+
+
+@cache
+def one(constant_A: float | None) -> Trace:
+    return traced(seconds=3.0, constant_A=constant_A)
+
+
+def dictionary(trace: Trace, by_force: bool, by_time: bool) -> Dictionary:
+    return Dictionary(Scales.of([trace], [trace.simulated]), by_force, by_time)
+
+
+@pytest.mark.parametrize(("constant", "by_force", "by_time"), KINDS)
+def test_it_has_as_many_columns_as_it_says_and_none_without_use(
+    constant: float | None, by_force: bool, by_time: bool
+) -> None:
+    trace = one(constant)
+    made = dictionary(trace, by_force, by_time)
+    features = made.features(trace, trace.inputs, trace.simulated)
+    assert features.shape == (len(trace), made.size + (5 if by_time else 0))
+    assert np.isfinite(features).all()
+    assert (np.abs(features[trace.usable]).max(axis=0) > 0.0).all()  # a column beyond those filled would stay zero
+    assert np.sqrt(np.mean(features**2, axis=0)).max() < 10.0
+
+
+@pytest.mark.parametrize(("constant", "by_force", "by_time"), KINDS)
+def test_what_is_told_is_the_weighted_sum_of_its_features(
+    constant: float | None, by_force: bool, by_time: bool
+) -> None:
+    trace = one(constant)
+    made = dictionary(trace, by_force, by_time)
+    features = made.features(trace, trace.inputs, trace.simulated)
+    weights = np.random.default_rng(1).standard_normal(features.shape[1])
+    told = made.told(trace, trace.inputs, trace.simulated, weights)
+    np.testing.assert_allclose(told, features @ weights, rtol=1e-9, atol=1e-9)
+
+
+def test_it_forgets_position_units_and_currents_far_outside() -> None:
+    trace = one(None)
+    made = dictionary(trace, True, False)
+    far = trace.inputs.powered(np.full(len(trace), 100.0))
+    further = trace.inputs.powered(np.full(len(trace), 1e4))
+    np.testing.assert_array_equal(
+        made.features(trace, far, trace.simulated), made.features(trace, further, trace.simulated)
+    )
+
+
+def test_only_usable_ticks_make_the_scales() -> None:
+    trace = one(None)
+    spoiled = trace.simulated.copy()
+    spoiled[~trace.usable] = 1e9
+    assert (~trace.usable).any()
+    assert Scales.of([trace], [spoiled]) == Scales.of([trace], [trace.simulated])
+
+
+def test_a_current_that_hardly_changes_counts_as_constant() -> None:
+    assert Scales.of([one(None)], [one(None).simulated]).varies
+    still = one(0.6)
+    assert not Scales.of([still], [still.simulated]).varies
+    ripple = replace(still, inputs=still.inputs.powered(0.6 + 0.006 * np.sin(20.0 * still.time_s)))
+    assert not Scales.of([ripple], [still.simulated]).varies
+
+
+@pytest.mark.parametrize(("constant", "by_force", "by_time"), KINDS)
+def test_its_json_is_itself(constant: float | None, by_force: bool, by_time: bool) -> None:
+    made = dictionary(one(constant), by_force, by_time)
+    assert Dictionary.from_json(json.loads(json.dumps(made.as_json()))) == made
+
+
+@pytest.mark.parametrize("missing", ["scales", "by_force", "by_time"])
+def test_other_json_is_refused(missing: str) -> None:
+    given = dictionary(one(None), True, False).as_json()
+    del given[missing]
+    with pytest.raises(KeyError):
+        Dictionary.from_json(given)

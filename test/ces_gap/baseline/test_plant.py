@@ -1,0 +1,157 @@
+"""The plant: the simulation with other inputs, its correction, and effects around it in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from engine_plant import SIMULATION, F, damper, recorded, traced
+from twin_effects import CurrentGain, Friction, Scale, Spring
+
+from ces_gap.baseline.plant import Called, Plant, driven
+from ces_gap.effects.effect import CELL, Composition, Effect, Parameter, Setting
+from ces_gap.trace import Inputs, Trace, open_trace
+from ces_identify.recording import Channel
+
+TRACE = traced()
+CALLED = Called(SIMULATION)
+
+
+class Late(Effect):
+    """The position read a little later, by the force that is there."""
+
+    name, form, stage, reruns = "late", "shift", 0, True
+    parameters = (Parameter("delay_s", 0.0, 0.1, (0.01,), "delay", magnitude=True),)
+
+    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+        return inputs.moved(np.interp(trace.time_s - values[0], trace.time_s, inputs.position), trace.rate_Hz)
+
+
+class Added(Effect):
+    """A constant outside."""
+
+    name, form, stage = "added", "constant", CELL
+    parameters = (Parameter("offset_N", -100.0, 100.0, (10.0,), "offset", magnitude=True),)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        return np.asarray(force + values[0])
+
+
+class Tenth:
+    """A correction of a tenth of the force."""
+
+    def force(self, trace: Trace, inputs: Inputs, simulated: F) -> F:
+        return np.asarray(0.1 * simulated)
+
+
+def test_its_own_inputs_are_not_run_again() -> None:
+    assert CALLED.force(TRACE, TRACE.inputs) is TRACE.simulated
+
+
+def test_another_current_is_simulated() -> None:
+    force = CALLED.force(TRACE, TRACE.inputs.powered(TRACE.inputs.current + 0.3))
+    expected = damper(TRACE.time_s, TRACE.inputs.position, TRACE.inputs.current + 0.3)
+    np.testing.assert_allclose(force[TRACE.usable], expected[TRACE.usable], atol=20.0)
+    assert np.abs(expected - TRACE.simulated).max() > 100.0
+
+
+def test_another_position_is_simulated() -> None:
+    moved = TRACE.inputs.moved(0.5 * TRACE.inputs.position, TRACE.rate_Hz)
+    expected = damper(TRACE.time_s, 0.5 * TRACE.inputs.position, TRACE.inputs.current)
+    np.testing.assert_allclose(CALLED.force(TRACE, moved)[TRACE.usable], expected[TRACE.usable], atol=20.0)
+
+
+def test_a_constant_current_can_be_changed_too() -> None:
+    recording = recorded(constant_A=0.6)
+    channels = {n: c for n, c in recording.channels.items() if n != "current"}
+    trace = open_trace(SIMULATION, replace(recording, channels=channels, constants={"current": 0.6}))
+    rising = 0.6 + 0.05 * trace.time_s
+    changed = driven(trace, trace.inputs.powered(rising))
+    assert "current" not in changed.constants and "current" in changed.channels
+    expected = damper(trace.time_s, trace.inputs.position, rising)
+    np.testing.assert_allclose(
+        CALLED.force(trace, trace.inputs.powered(rising))[trace.usable], expected[trace.usable], atol=20.0
+    )
+
+
+def test_what_drives_again_leaves_recorded_predictions_and_all_else_as_logged() -> None:
+    recording = TRACE.recording
+    stamps = recording.channel("position").stamps_ns
+    both = replace(
+        TRACE,
+        recording=replace(
+            recording, channels={**recording.channels, "sim_force": Channel("sim_force", "N", stamps, 0.0 * stamps)}
+        ),
+    )
+    changed = driven(both, both.inputs.moved(both.inputs.position + 0.001, both.rate_Hz))
+    assert "sim_force" not in changed.channels
+    np.testing.assert_allclose(
+        changed.channel("position").values, recording.channel("position").values + 0.001, atol=1e-9
+    )
+    for name in ("force", "current"):
+        np.testing.assert_array_equal(changed.channel(name).values, recording.channel(name).values)
+
+
+def test_the_correction_is_told_the_force_it_corrects() -> None:
+    weaker = TRACE.inputs.powered(0.5 * TRACE.inputs.current)
+    for inputs in (TRACE.inputs, weaker):
+        np.testing.assert_allclose(Plant(CALLED, Tenth()).force(TRACE, inputs), 1.1 * CALLED.force(TRACE, inputs))
+
+
+def test_no_effects_leave_the_plant_as_it_is() -> None:
+    np.testing.assert_array_equal(Plant(CALLED).with_effects(Composition(), TRACE), TRACE.simulated)
+
+
+def test_effects_are_applied_from_inside_out_whatever_their_order() -> None:
+    spring, added, scale = Setting(Spring(), (2000.0,)), Setting(Added(), (50.0,)), Setting(Scale(), (2.0,))
+    one, other = Composition((spring, added)), Composition((added, spring))
+    np.testing.assert_allclose(Plant(CALLED).with_effects(one, TRACE), Plant(CALLED).with_effects(other, TRACE))
+    scaled = Plant(CALLED).with_effects(Composition((added, scale)), TRACE)
+    np.testing.assert_allclose(scaled, 2.0 * TRACE.simulated + 50.0)
+
+
+def test_an_effect_on_the_input_reruns_and_those_around_see_its_inputs() -> None:
+    late = Late().drive(TRACE, TRACE.inputs, TRACE.simulated, (0.01,))
+    both = Composition((Setting(Spring(), (2000.0,)), Setting(Late(), (0.01,))))
+    expected = CALLED.force(TRACE, late) + 2000.0 * late.position
+    np.testing.assert_allclose(Plant(CALLED).with_effects(both, TRACE), expected)
+
+
+def test_outer_effects_drive_first() -> None:
+    late, gain = Setting(Late(), (0.01,)), Setting(CurrentGain(), (1.1,))
+    inputs = Composition((gain, late)).drive(TRACE, TRACE.simulated)
+    np.testing.assert_allclose(inputs.current, 1.1 * TRACE.inputs.current)
+    np.testing.assert_allclose(inputs.position, Late().drive(TRACE, TRACE.inputs, TRACE.simulated, (0.01,)).position)
+
+
+def test_the_plants_own_force_at_hand_is_used() -> None:
+    alone = np.full(len(TRACE), 5.0)
+    composition = Composition((Setting(Added(), (1.0,)),))
+    np.testing.assert_array_equal(Plant(CALLED).with_effects(composition, TRACE, alone), np.full(len(TRACE), 6.0))
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [
+        (Parameter("a", -3.0, 5.0, (1.0,), ""), -2.5),
+        (Parameter("b", 1e-6, 1e3, (1.0,), "", scale="log"), 3e-4),
+        (Parameter("c", 1e3, 1e9, (1e5,), "", scale="inverse"), 2e6),
+        (Parameter("d", 1e3, np.inf, (1e5,), "", scale="inverse", neutral=np.inf), np.inf),
+    ],
+    ids=["linear", "log", "inverse", "infinite"],
+)
+def test_a_parameter_is_searched_and_found_again_inside_its_bounds(parameter: Parameter, value: float) -> None:
+    low, high = parameter.search_bounds()
+    searched = parameter.to_search(value)
+    assert low <= searched <= high and np.isfinite([low, high]).all()
+    assert parameter.to_value(searched) == pytest.approx(value)
+    for beyond in (low - 1e3, high + 1e3):
+        assert parameter.low <= parameter.to_value(beyond) <= parameter.high
+
+
+def test_a_setting_and_a_composition_name_their_parts() -> None:
+    setting = Setting(Friction(), (40.0, 0.05))
+    assert setting.named() == {"coulomb_N": 40.0, "transition_m_s": 0.05}
+    assert Composition((setting, Setting(Spring(), (1.0,)))).names == ("friction", "spring")

@@ -1,0 +1,216 @@
+"""Effects on the force: each is planted by textbook equations around a damper and found again through its Effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import output_plants as plants
+import pytest
+from output_plants import Planted
+from scipy.optimize import least_squares
+
+from ces_gap.effects.effect import Effect
+from ces_gap.effects.library import (
+    blow_off,
+    bump_stop,
+    force_drift,
+    force_offset,
+    force_scale,
+    friction,
+    gas_spring,
+    inertia,
+    temperature_fade,
+)
+from ces_gap.effects.output_kernels import bristles
+from ces_gap.trace import Trace
+
+AREA, VOLUME, PRESSURE = 2.5e-4, 4e-5, 2e6  # of the rod [m2], of the gas [m3], its gauge pressure [Pa]
+GAS_STIFFNESS, GAS_COLUMN = 1.3 * PRESSURE * AREA**2 / VOLUME, VOLUME / AREA
+
+FORMS = {
+    (e.name, e.form): e
+    for module in (
+        blow_off,
+        bump_stop,
+        force_drift,
+        force_offset,
+        force_scale,
+        friction,
+        gas_spring,
+        inertia,
+        temperature_fade,
+    )
+    for e in module.FORMS
+}
+
+# form, what is planted, the values to find, and by how much each may be missed (as a share of it)
+CASES: list[tuple[tuple[str, str], Planted, Sequence[float], Sequence[float]]] = [
+    (
+        ("friction", "coulomb_stribeck"),
+        plants.coulomb_stribeck(60.0, 0.008, 0.8, 0.1),
+        (60.0, 0.008, 0.8, 0.1),
+        (0.03, 0.1, 0.1, 0.1),
+    ),
+    (("friction", "presliding"), plants.lugre(40.0, 1e-4), (40.0, 1e-4), (0.02, 0.1)),
+    (("friction", "lugre"), plants.lugre(40.0, 3e-4, 0.6, 0.5), (40.0, 3e-4, 0.6, 0.5), (0.04, 0.15, 0.25, 0.1)),
+    (("friction", "pressure_dependent"), plants.lugre(40.0, 2e-4, pressed=5e-4), (40.0, 2e-4, 5e-4), (0.05, 0.1, 0.1)),
+    (("inertia", "mass"), plants.mass(1.5), (1.5,), (0.03,)),
+    (("inertia", "mass_on_cell"), plants.mass_on_cell(4.0, 4e5), (4.0, 4e5), (0.03, 0.03)),
+    (("gas_spring", "linear"), lambda m: m.force + 1500.0 * m.position, (1500.0,), (0.02,)),
+    (("gas_spring", "polytropic"), plants.gas(PRESSURE, AREA, VOLUME), (GAS_STIFFNESS, GAS_COLUMN), (0.02, 0.05)),
+    (("temperature_fade", "heated"), plants.faded(2e-5), (2e-5,), (0.02,)),
+    (("temperature_fade", "cooled"), plants.faded(4e-5, 8.0), (4e-5, 8.0), (0.05, 0.1)),
+    (("temperature_fade", "viscous"), plants.faded(4e-5, laminar=0.2), (4e-5, 0.2), (0.05, 0.1)),
+    (("blow_off", "rebound"), plants.limited(1300.0, 1e9, 0.3), (1300.0, 0.3), (0.02, 0.05)),
+    (("blow_off", "compression"), plants.limited(1e9, 700.0, 0.1), (700.0, 0.1), (0.02, 0.1)),
+    (("blow_off", "both"), plants.limited(1300.0, 700.0, 0.2), (1300.0, 700.0, 0.2), (0.02, 0.02, 0.08)),
+    (("bump_stop", "compression"), plants.stopped(6e4, 9e6, 0.03, -1.0), (6e4, 9e6, 0.03), (0.08, 0.05, 0.01)),
+    (("bump_stop", "rebound"), plants.stopped(6e4, 9e6, 1.0, -0.03), (6e4, 9e6, -0.03), (0.08, 0.05, 0.01)),
+    (("bump_stop", "both"), plants.stopped(4e4, 6e6, 0.03, -0.035), (4e4, 6e6, 0.03, -0.035), (0.08, 0.05, 0.01, 0.01)),
+    (("force_offset", "constant"), lambda m: m.force - 40.0, (-40.0,), (0.02,)),
+    (("force_scale", "gain"), lambda m: 0.93 * m.force, (0.93,), (0.002,)),
+    (("force_drift", "linear"), lambda m: m.force + 2.0 * m.time, (2.0,), (0.02,)),
+    (("force_drift", "settling"), plants.drifted(60.0, 6.0), (60.0, 6.0), (0.03, 0.08)),
+]
+
+
+def recovered(effect: Effect, trace: Trace) -> tuple[float, ...]:
+    """Return the values that fit best from the effect's starts, as searched inside the bounds."""
+    low, high = np.array([p.search_bounds() for p in effect.parameters]).T
+    given = getattr(effect, "starts_for", None)
+    starts = given(trace) if given else list(product(*(p.starts for p in effect.parameters)))
+
+    def values(u: np.ndarray) -> tuple[float, ...]:
+        return tuple(p.to_value(x) for p, x in zip(effect.parameters, u, strict=True))
+
+    def residual(u: np.ndarray) -> np.ndarray:
+        force = effect.respond(trace, trace.inputs, trace.simulated, values(u))
+        return np.asarray((force - trace.force)[trace.usable])
+
+    fits = []
+    for start in starts:
+        at = np.clip([p.to_search(x) for p, x in zip(effect.parameters, start, strict=True)], low, high)
+        fits.append(least_squares(residual, at, bounds=(low, high), x_scale="jac", diff_step=1e-4, max_nfev=40))
+    return values(min(fits, key=lambda fit: fit.cost).x)
+
+
+@pytest.mark.parametrize(("key", "planted", "true", "within"), CASES, ids=["-".join(case[0]) for case in CASES])
+def test_a_planted_effect_is_found_again(
+    key: tuple[str, str], planted: Planted, true: Sequence[float], within: Sequence[float]
+) -> None:
+    found = recovered(FORMS[key], plants.trace(planted))
+    off = [abs(f - t) / abs(t) for f, t in zip(found, true, strict=True)]
+    assert all(o <= w for o, w in zip(off, within, strict=True)), f"{found} for {tuple(true)}"
+
+
+def test_bristles_follow_their_differential_equation() -> None:
+    m = plants.motion(seconds=2.0)
+    level = 1.0 + 0.5 * np.exp(-((m.speed / 0.05) ** 2))
+    z = np.zeros_like(m.time)
+    for k in range(1, len(z)):  # dz/dx = (1 - z sign(dx) / level) / presliding, by Euler's rule
+        step = m.position[k] - m.position[k - 1]
+        z[k] = z[k - 1] + step / 3e-4 * (1.0 - z[k - 1] * np.sign(step) / level[k])
+    assert np.abs(bristles(m.position, level, 3e-4) - z).max() < 0.03
+
+
+def test_presliding_tends_to_coulomb_friction_as_its_stroke_vanishes() -> None:
+    trace = plants.trace(seconds=5.0)
+    sharp = respond("friction", "presliding", trace, (50.0, 2e-6)) - trace.simulated
+    moving = np.abs(trace.inputs.speed) > 0.05
+    moving[0] = False
+    assert sharp[moving] == pytest.approx(50.0 * np.sign(trace.inputs.speed[moving]), abs=1e-6)
+
+
+def test_friction_takes_energy_out_of_every_stroke() -> None:
+    trace = plants.trace(seconds=5.0)
+    for form in ("coulomb_stribeck", "presliding", "lugre", "pressure_dependent"):
+        effect = FORMS["friction", form]
+        rubbing = respond("friction", form, trace, [p.starts[0] for p in effect.parameters]) - trace.simulated
+        assert np.sum(rubbing * trace.inputs.speed) > 0.9 * 20.0 * np.sum(np.abs(trace.inputs.speed)), form
+
+
+def test_lugre_without_excess_and_viscosity_is_presliding() -> None:
+    trace = plants.trace(seconds=5.0)
+    nested = respond("friction", "lugre", trace, (30.0, 1e-4, 0.0, 0.0))
+    assert np.array_equal(nested, respond("friction", "presliding", trace, (30.0, 1e-4)))
+
+
+def test_a_mass_on_a_stiff_cell_is_the_rigid_mass() -> None:
+    trace = plants.trace(seconds=5.0)
+    inner = slice(100, -100)
+    soft = respond("inertia", "mass_on_cell", trace, (0.5, 1e9))
+    assert soft[inner] == pytest.approx(respond("inertia", "mass", trace, (0.5,))[inner], abs=1.0)
+
+
+def test_a_long_gas_column_is_a_linear_spring() -> None:
+    trace = plants.trace(seconds=5.0)
+    gas = respond("gas_spring", "polytropic", trace, (1000.0, 3.0))
+    assert gas == pytest.approx(respond("gas_spring", "linear", trace, (1000.0,)), abs=5.0)
+    assert not np.allclose(gas, trace.simulated, atol=20.0)
+
+
+def test_gas_about_the_mean_does_not_see_where_the_sensor_has_its_zero() -> None:
+    trace = plants.trace(seconds=5.0)
+    moved = replace(trace, inputs=replace(trace.inputs, position=trace.inputs.position + 0.2))
+    values = (1500.0, 0.3)
+    here = respond("gas_spring", "about_mean", trace, values)
+    assert respond("gas_spring", "about_mean", moved, values) == pytest.approx(here, abs=1e-6)
+
+
+def test_heat_that_does_not_leave_is_the_work_done() -> None:
+    trace = plants.trace(seconds=10.0)
+    faded = respond("temperature_fade", "heated", trace, (1e-5,))
+    work = np.cumsum(trace.simulated * trace.inputs.speed) * trace.step_s
+    strong = np.abs(trace.simulated) > 200.0
+    lost = -np.log((faded / trace.simulated)[strong]) / 1e-5
+    assert lost == pytest.approx(work[strong], rel=1e-6)
+    slow = respond("temperature_fade", "cooled", trace, (1e-5, 3000.0))
+    assert slow == pytest.approx(faded, abs=2.0)
+
+
+def test_the_measured_temperature_fades_the_force_and_is_found_again() -> None:
+    warm = 25.0 + 1.5 * plants.motion().time
+    trace = plants.trace(lambda m: m.force * np.exp(-0.004 * (warm - 25.0)), temperature=warm)
+    assert recovered(FORMS["temperature_fade", "measured"], trace)[0] == pytest.approx(0.004, rel=0.02)
+
+
+def test_without_a_temperature_channel_there_is_no_measured_fade() -> None:
+    trace = plants.trace(seconds=5.0)
+    assert np.array_equal(respond("temperature_fade", "measured", trace, (0.05,)), trace.simulated)
+
+
+def test_a_temperature_that_is_never_known_fades_nothing() -> None:
+    trace = plants.trace(seconds=5.0, temperature=np.full(5 * plants.FINE_HZ, np.nan))
+    assert np.array_equal(respond("temperature_fade", "measured", trace, (0.05,)), trace.simulated)
+
+
+def test_the_lower_the_blow_off_the_smaller_the_force() -> None:
+    trace = plants.trace(seconds=5.0)
+    peaks = [np.abs(respond("blow_off", "both", trace, (n, n, 0.0))).max() for n in (1e5, 1500.0, 800.0, 300.0)]
+    assert peaks[0] == pytest.approx(np.abs(trace.simulated).max(), abs=1e-3)
+    assert peaks[1:] == pytest.approx([1500.0, 800.0, 300.0], rel=0.02)
+
+
+def test_a_stop_out_of_reach_does_nothing_and_within_reach_pushes_back() -> None:
+    trace = plants.trace(seconds=5.0)
+    stop = respond("bump_stop", "both", trace, (1e6, 1e7, 0.4, -0.4)) - trace.simulated
+    assert np.abs(stop).max() < 1e-6
+    stop = respond("bump_stop", "both", trace, (1e6, 1e7, 0.01, -0.01)) - trace.simulated
+    assert stop[trace.inputs.position > 0.011].min() > 900.0
+    assert stop[trace.inputs.position < -0.011].max() < -900.0
+
+
+def test_stops_and_valves_are_searched_from_where_the_recording_goes() -> None:
+    trace = plants.trace(seconds=5.0)
+    furthest, hardest = trace.inputs.position.max(), -trace.simulated.min()
+    contacts = [start[2] for start in FORMS["bump_stop", "compression"].starts_for(trace)]  # type: ignore[attr-defined]
+    levels = [start[0] for start in FORMS["blow_off", "rebound"].starts_for(trace)]  # type: ignore[attr-defined]
+    assert all(0.3 * furthest < at < furthest for at in contacts)
+    assert all(0.4 * hardest < level < hardest for level in levels)
+
+
+def respond(name: str, form: str, trace: Trace, values: Sequence[float]) -> np.ndarray:
+    return FORMS[name, form].respond(trace, trace.inputs, trace.simulated, values)

@@ -1,0 +1,196 @@
+"""What every form of every effect must keep: names, units, bounds, neutral values, finite forces, a section in docs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import output_plants as plants
+import pytest
+
+from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
+from ces_gap.effects.library import library, names
+from ces_gap.trace import Inputs, Trace, make_trace
+from ces_identify.recording import Channel, Recording
+
+DESIGNED = {
+    "friction", "compressibility", "mount_compliance", "backlash", "inertia", "gas_spring", "cavitation",
+    "temperature_fade", "leakage", "blow_off", "bump_stop", "valve_lag", "current_hysteresis", "current_scale",
+    "force_offset", "force_drift", "force_scale", "position_delay",
+}  # fmt: skip
+# the last part of a unit is enough: "N_m", "m_s_rtN"
+UNITS = ("_N", "_m", "_s", "_kg", "_A", "_sN", "_rtN", "_m2", "_per_J", "_per_K", "_per_N")
+NUMBERS = {"gain", "share", "slope", "static_excess", "passing_share"}  # without a unit
+SECONDS = 2.0
+DOCS = Path(__file__).parents[3] / "docs" / "effects.md"
+EFFECTS = library()
+IDS = [f"{e.name}-{e.form}" for e in EFFECTS]
+
+each = pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+
+
+def moving() -> Trace:
+    """Return a rough recording: steps of current, a temperature that rises, a stroke that stands for a while."""
+    time = np.arange(round(SECONDS * 1000)) / 1000.0
+    stroke = np.where(time < 1.6, 0.02 * np.sin(2 * np.pi * 2.3 * time) + 0.004 * np.sin(2 * np.pi * 9.1 * time), 0.0)
+    current = np.where((time * 2.7).astype(int) % 2 == 0, 0.2, 0.9)
+    force = (800.0 + 900.0 * current) * np.tanh(np.gradient(stroke, time) / 0.1) + 60.0
+    stamps = np.round(time * 1e9).astype(np.int64)
+    signals = {
+        "position": ("m", stroke), "current": ("A", current), "force": ("N", force),
+        "temperature": ("degC", 20.0 + 5.0 * time),
+    }  # fmt: skip
+    channels = {name: Channel(name, unit, stamps, values) for name, (unit, values) in signals.items()}
+    return make_trace(Recording("rough", channels), force)
+
+
+ROUGH = moving()
+
+
+def outcome(effect: Effect, trace: Trace, values: Sequence[float]) -> tuple[Inputs, np.ndarray]:
+    """Return what drives the damper and the force outside, the damper's force being the simulated one."""
+    composition = Composition((Setting(effect, tuple(values)),))
+    inputs = composition.drive(trace, trace.simulated)
+    return inputs, composition.respond(trace, inputs, trace.simulated)
+
+
+def arrays(effect: Effect, trace: Trace, values: Sequence[float]) -> np.ndarray:
+    inputs, force = outcome(effect, trace, values)
+    return np.array([inputs.position, inputs.speed, inputs.current, force])
+
+
+def unchanged(trace: Trace) -> np.ndarray:
+    return np.array([trace.inputs.position, trace.inputs.speed, trace.inputs.current, trace.simulated])
+
+
+def neutral(effect: Effect) -> list[float]:
+    return [p.neutral if p.magnitude else p.starts[0] for p in effect.parameters]
+
+
+def typical(effect: Effect) -> list[float]:
+    return [p.starts[0] for p in effect.parameters]
+
+
+def test_the_library_holds_the_effects_of_the_contract_one_module_each() -> None:
+    assert set(names()) == DESIGNED
+    assert len({(e.name, e.form) for e in EFFECTS}) == len(EFFECTS)
+    for effect in EFFECTS:
+        assert type(effect).__module__ == f"ces_gap.effects.{effect.name}"
+
+
+@each
+def test_an_effect_is_described(effect: Effect) -> None:
+    assert effect.form and effect.needs
+    assert effect.parameters and any(p.magnitude for p in effect.parameters)
+    assert len({p.name for p in effect.parameters}) == len(effect.parameters)
+    assert effect.reruns == (type(effect).drive is not Effect.drive)
+    for p in effect.parameters:
+        assert p.name in NUMBERS or p.name.endswith(UNITS), p.name
+        assert p.what
+
+
+@each
+def test_bounds_hold_the_starts_and_survive_the_search(effect: Effect) -> None:
+    for p in effect.parameters:
+        assert p.low < p.high
+        assert p.starts and all(p.low <= s <= p.high for s in p.starts), p.name
+        low, high = p.search_bounds()
+        assert np.isfinite([low, high]).all() and low < high
+        for value in (p.low, p.high, *p.starts):
+            assert low <= p.to_search(value) <= high
+            assert p.to_value(p.to_search(value)) == pytest.approx(value)
+
+
+@each
+def test_starts_for_a_trace_are_inside_the_bounds(effect: Effect) -> None:
+    given = getattr(effect, "starts_for", None)
+    for values in given(ROUGH) if given else []:
+        assert all(p.low <= v <= p.high for p, v in zip(effect.parameters, values, strict=True)), values
+
+
+@each
+def test_at_its_neutral_value_an_effect_changes_nothing(effect: Effect) -> None:
+    assert arrays(effect, ROUGH, neutral(effect)) == pytest.approx(unchanged(ROUGH), rel=1e-9, abs=1e-9)
+
+
+@each
+def test_away_from_its_neutral_value_an_effect_changes_something(effect: Effect) -> None:
+    given = getattr(effect, "starts_for", None)
+    values = list(given(ROUGH)[0]) if given else typical(effect)
+    assert np.abs(arrays(effect, ROUGH, values) - unchanged(ROUGH)).max() > 1e-4
+
+
+@each
+def test_forces_are_finite_at_every_corner_of_the_bounds(effect: Effect) -> None:
+    for values in product(*((p.low, p.high) for p in effect.parameters)):
+        assert np.isfinite(arrays(effect, ROUGH, values)).all(), values
+
+
+@each
+def test_an_effect_never_looks_at_the_measured_force(effect: Effect) -> None:
+    blind = replace(ROUGH, force=np.full_like(ROUGH.force, np.nan))
+    assert np.array_equal(arrays(effect, ROUGH, typical(effect)), arrays(effect, blind, typical(effect)))
+
+
+@each
+def test_an_effect_leaves_what_it_is_given(effect: Effect) -> None:
+    before = unchanged(ROUGH).copy()
+    arrays(effect, ROUGH, typical(effect))
+    assert np.array_equal(before, unchanged(ROUGH))
+
+
+@each
+def test_force_varies_smoothly_with_the_values(effect: Effect) -> None:
+    """Two difference quotients of unlike step agree: what a Gauss-Newton search needs."""
+    for k, p in enumerate(effect.parameters):
+        small, large = (slope(effect, k, p, step) for step in (1e-5, 1e-4))
+        assert np.linalg.norm(small - large) <= 0.2 * np.linalg.norm(large) + 1e-9, p.name
+
+
+def slope(effect: Effect, k: int, p: Parameter, share: float) -> np.ndarray:
+    """Return d(position, speed, current, force)/d(searched value), each in units of what it usually is."""
+    given = getattr(effect, "starts_for", None)
+    values = list(given(ROUGH)[0]) if given else typical(effect)
+    at = p.to_search(values[k])
+    step = share * max(abs(at), 1e-3 * (p.search_bounds()[1] - p.search_bounds()[0]))
+    moved = [p.to_value(at + step) if j == k else v for j, v in enumerate(values)]
+    change = (arrays(effect, ROUGH, moved) - arrays(effect, ROUGH, values)) / step
+    return np.asarray(change[:, 50:-50] / np.array([[0.02], [0.5], [1.0], [1000.0]]))
+
+
+@each
+def test_the_docs_tell_of_the_effect(effect: Effect) -> None:
+    section = section_of(effect.name)
+    assert f"`{effect.form}`" in section
+    rows = [line for line in section.splitlines() if line.startswith("|")]
+    for p in effect.parameters:
+        mine = [row for row in rows if f"`{effect.form}`" in row and f"`{p.name}`" in row]
+        assert mine, f"no row of {effect.form} with {p.name}"
+        assert any(f"{p.low:g} to {p.high:g}" in row for row in mine), f"{p.name}: {p.low:g} to {p.high:g} in {mine}"
+
+
+def section_of(name: str) -> str:
+    text = DOCS.read_text(encoding="utf-8")
+    assert f"\n## `{name}`\n" in text
+    return text.split(f"\n## `{name}`\n")[1].split("\n## ")[0]
+
+
+def test_the_table_at_the_top_of_the_docs_names_every_effect() -> None:
+    table = DOCS.read_text(encoding="utf-8").split("\n## ")[0]
+    for name in names():
+        assert f"\n| [`{name}`](#{name})" in table
+
+
+def test_forces_are_finite_where_nothing_moves() -> None:
+    still = plants.trace(seconds=2.0)
+    rest = replace(
+        still,
+        inputs=Inputs(*(np.zeros_like(still.time_s) for _ in range(3))),
+        acceleration=np.zeros_like(still.time_s),
+        simulated=np.zeros_like(still.time_s),
+    )
+    for effect in EFFECTS:
+        assert np.isfinite(arrays(effect, rest, typical(effect))).all(), (effect.name, effect.form)

@@ -1,0 +1,168 @@
+"""The next experiment: it parts what the recordings could not, the rig runs it, and its promise is kept."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+from twin_effects import PLANT, SIMULATION, CurrentOffset, Friction, Rubbing, Scale, Spring, damper, drive
+
+from ces_gap.baseline.plant import Called, Plant
+from ces_gap.baseline.surrogate import learn_surrogate, recorded
+from ces_gap.diagnosis import NextExperiment
+from ces_gap.effects.effect import Setting
+from ces_gap.experiment.menu import menu, reach_of
+from ces_gap.experiment.next_experiment import next_experiment, simulated, white_noise, write_experiment
+from ces_identify.simulation import FunctionSimulation
+from ces_observer.errors import CesError
+from ces_rig.experiment import load_experiment
+
+F = NDArray[np.float64]
+NOISE_N = 8.0
+STILL, STEPS = drive("constant"), drive("steps")
+MENU = [{**r, "duration_s": 5.0} for r in menu(reach_of([STEPS]))]  # shorter than in earnest
+PAIR = (Setting(CurrentOffset(), (0.03,)), Setting(Scale(), (1.06,)))  # twins at a constant current of 0.5 A
+
+
+@pytest.fixture(scope="module")
+def proposed() -> NextExperiment:
+    found = next_experiment(PLANT, [STILL], [PAIR], NOISE_N, recipes=MENU)
+    assert found is not None
+    return found
+
+
+def test_twins_at_constant_current_are_parted_by_another_current(proposed: NextExperiment) -> None:
+    assert np.ptp(proposed.current_A) > 0.1 or abs(proposed.current_A[0] - 0.5) > 0.1
+    assert proposed.separates == ("current_offset", "scale")
+    assert proposed.purpose.startswith("tells current_offset from scale: expected difference ")
+
+
+def test_the_promised_difference_is_what_a_refit_leaves() -> None:
+    proposed = next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=MENU)
+    assert proposed is not None
+    trace = simulated(PLANT.simulation, proposed.recipe)
+    keep = trace.usable
+    shape = damper(proposed.time_s, proposed.position_m, np.ones(len(proposed.time_s)))[::2][: len(keep)]
+    current = proposed.current_A[::2][: len(keep)]
+    by_offset, by_scale = (0.03 * shape)[keep], (0.06 * shape * current)[keep]
+    left = [_left(by_offset, by_scale), _left(by_scale, by_offset)]
+    assert proposed.distance_N == pytest.approx(min(left), rel=0.05)
+    assert f"{proposed.distance_N:.2g} N RMS" in proposed.purpose
+
+
+def _left(a: F, b: F) -> float:
+    """Return the RMS of `a` less the multiple of `b` that comes nearest but for a constant."""
+    a0, b0 = a - a.mean(), b - b.mean()
+    return float(np.sqrt(np.mean((a - (a0 @ b0) / (b0 @ b0) * b) ** 2)))
+
+
+def test_it_is_the_fastest_of_the_menu_for_the_pair_hardest_to_part() -> None:
+    other = Setting(Spring(), (20000.0,))
+    proposed = next_experiment(PLANT, [STEPS], [PAIR, (other, PAIR[1])], NOISE_N, recipes=MENU)
+    assert proposed is not None
+    rates = {}
+    for recipe in MENU:
+        trace = simulated(PLANT.simulation, recipe)
+        plain = drive_force(trace.inputs.speed)
+        whiten = white_noise(NOISE_N)(trace)
+        a, b = whiten(0.03 * plain), whiten(0.06 * plain * trace.inputs.current)
+        least = min(_sine_of(a, b), _sine_of(b, a))
+        rates[recipe["name"]] = least**2 / 2.0 / recipe["duration_s"]
+    assert set(proposed.separates) == {"current_offset", "scale"}
+    assert rates[proposed.name] >= 0.95 * max(rates.values())
+
+
+def drive_force(speed: F) -> F:
+    return np.asarray(2000.0 * np.tanh(speed / 0.15))
+
+
+def _sine_of(a: F, b: F) -> float:
+    return float(np.linalg.norm(a - (a @ b) / max(float(b @ b), 1e-12) * b))
+
+
+def test_what_nothing_can_part_is_said() -> None:
+    same = (Setting(Friction(), (40.0, 0.05)), Setting(Rubbing(), (800.0, 0.05)))
+    proposed = next_experiment(PLANT, [STEPS], [same], NOISE_N, recipes=MENU[:3])
+    assert proposed is not None and "nothing on the menu tells them apart" in proposed.purpose
+    proposed = next_experiment(PLANT, [STEPS], [PAIR], 800.0, recipes=[r for r in MENU if r["name"] == "current_steps"])
+    assert proposed is not None and "to be repeated" in proposed.purpose
+
+
+def test_nothing_to_part_needs_no_experiment() -> None:
+    assert next_experiment(PLANT, [STEPS], [], NOISE_N) is None
+
+
+def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
+    def careful(time_s: F, position_m: F, current_A: F) -> F:
+        if np.ptp(current_A) > 0.01:
+            raise CesError("the current must not change")
+        return damper(time_s, position_m, current_A)
+
+    plant = Plant(Called(FunctionSimulation("careful", careful)))
+    pair = (Setting(Friction(), (40.0, 0.05)), Setting(Scale(), (1.06,)))
+    proposed = next_experiment(plant, [STEPS], [pair], NOISE_N, recipes=MENU)
+    assert proposed is not None and np.ptp(proposed.current_A) == 0.0
+
+    def never(time_s: F, position_m: F, current_A: F) -> F:
+        raise CesError("no")
+
+    assert (
+        next_experiment(Plant(Called(FunctionSimulation("never", never))), [STEPS], [pair], NOISE_N, recipes=MENU)
+        is None
+    )
+
+
+def test_a_surrogate_of_recorded_predictions_proposes_too_and_forgets_what_it_saw() -> None:
+    surrogate = learn_surrogate(recorded([STEPS]))
+    plant = Plant(surrogate)
+    proposed = next_experiment(plant, [STEPS], [PAIR], NOISE_N, recipes=MENU)
+    assert proposed is not None and proposed.distance_N > 1.0
+    assert not surrogate.known
+    trace = simulated(surrogate, proposed.recipe)
+    true = simulated(Called(SIMULATION), proposed.recipe).simulated
+    assert np.corrcoef(trace.simulated, true)[0, 1] > 0.9
+
+
+def test_an_exact_simulation_is_asked_once_for_each_experiment() -> None:
+    asked = 0
+
+    def counted(time_s: F, position_m: F, current_A: F) -> F:
+        nonlocal asked
+        asked += 1
+        return damper(time_s, position_m, current_A)
+
+    exact = Called(FunctionSimulation("counted", counted))
+    next_experiment(Plant(learn_surrogate(recorded([STEPS]))), [STEPS], [PAIR], NOISE_N, exact=exact, recipes=MENU)
+    assert asked == len(MENU)
+
+
+def test_no_time_still_gives_an_experiment() -> None:
+    proposed = next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, budget_s=0.0)
+    assert proposed is not None and proposed.name == menu(reach_of([STEPS]))[0]["name"]
+
+
+def test_the_files_are_what_the_rig_and_a_dyno_read(proposed: NextExperiment, tmp_path: Path) -> None:
+    described, table = write_experiment(proposed, tmp_path)
+    experiment = load_experiment(described)
+    assert experiment.settings.name == proposed.name
+    assert yaml.safe_load(described.read_text(encoding="utf-8")) == proposed.recipe
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["time_s", "position_m", "current_A"]
+    values = np.array([[float(v) for v in row.values()] for row in rows]).T
+    np.testing.assert_allclose(values[0], proposed.time_s, atol=1e-9)
+    np.testing.assert_allclose(values[1], proposed.position_m, atol=1e-7)
+    np.testing.assert_allclose(values[2], proposed.current_A, atol=1e-4)
+
+
+def test_files_that_cannot_be_written_are_told_and_not_half_there(proposed: NextExperiment, tmp_path: Path) -> None:
+    with pytest.raises(CesError, match="cannot be written"):
+        write_experiment(proposed, tmp_path / "missing")
+    assert not list(tmp_path.iterdir())
+    odd = replace(proposed, purpose="two\nlines")
+    assert yaml.safe_load(write_experiment(odd, tmp_path)[0].read_text()) == proposed.recipe

@@ -1,0 +1,202 @@
+"""Twins: distances after refitting against brute force, and classes in which every one can stand for every other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import norm
+from twin_effects import (
+    PLANT,
+    CurrentGain,
+    CurrentOffset,
+    Friction,
+    Rubbing,
+    Scale,
+    Spring,
+    drive,
+    whiten_by,
+)
+
+from ces_gap.baseline.noise import Noise
+from ces_gap.baseline.plant import Plant
+from ces_gap.effects.effect import Composition, Setting
+from ces_gap.errors import GapError
+from ces_gap.experiment.matching import distance, nearest, refined
+from ces_gap.experiment.signatures import Probe, fan, from_unit, tangents, to_unit
+from ces_gap.experiment.twins import EVIDENCE, classes, seen_by, twin_classes
+from ces_gap.inference.evidence import gather
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+NOISE_N = 8.0
+STEPS, STILL = drive("steps"), drive("constant")
+
+
+def probe(trace: Trace, noise_N: float = NOISE_N) -> Probe:
+    return Probe(PLANT, [trace], whiten_by([trace], noise_N))
+
+
+def test_a_signature_is_the_added_force_and_its_columns_are_its_derivatives() -> None:
+    setting = Setting(Friction(), (40.0, 0.05))
+    taken = probe(STEPS).signature(setting)
+    speed = STEPS.inputs.speed
+    expected = np.where(STEPS.usable, 40.0 * np.tanh(speed / 0.05), 0.0)
+    np.testing.assert_allclose(taken.forces[0], expected, atol=1e-9)
+    by_transition = -40.0 * speed / 0.05 / np.cosh(speed / 0.05) ** 2 * np.log(1e3)  # by the share of its log range
+    np.testing.assert_allclose(taken.columns[0][:, 0], expected / 40.0 * 300.0, atol=1e-6)
+    np.testing.assert_allclose(taken.columns[0][:, 1], np.where(STEPS.usable, by_transition, 0.0), atol=0.8)
+
+
+def test_a_tangent_is_the_whitened_signature() -> None:
+    a = tangents(PLANT, [STEPS, STILL], Friction(), (40.0, 0.05), whiten_by([STEPS, STILL], NOISE_N))
+    rows = sum(int(t.usable.sum()) for t in (STEPS, STILL))
+    assert a.force.shape == (rows,) and (a.q @ a.r).shape == (rows, 2)
+    first = int(STEPS.usable.sum())
+    np.testing.assert_allclose((a.q @ a.r)[:first], a.signature.columns[0][STEPS.usable] / NOISE_N, atol=1e-9)
+
+
+def test_effects_inside_others_add_what_they_add_there() -> None:
+    doubled = Probe(PLANT, [STEPS], whiten_by([STEPS], 1.0), Composition((Setting(Scale(), (2.0,)),)))
+    (added,) = doubled.forces(Setting(CurrentGain(), (1.1,)))
+    (alone,) = probe(STEPS).forces(Setting(CurrentGain(), (1.1,)))
+    np.testing.assert_allclose(added, 2.0 * alone, atol=1e-6)
+
+
+@pytest.mark.parametrize("transition", [0.02, 0.08])
+def test_the_refined_distance_is_that_of_brute_force(transition: float) -> None:
+    p = probe(STEPS)
+    a = p.tangent(Setting(Scale(), (1.05,)))
+    b = Setting(Friction(), (30.0, transition))
+    found = refined(a, fan(p, p.tangent(b), a.size), p.tangent, steps=8)
+    least = np.inf
+    for width in np.geomspace(0.01, 1.0, 400):
+        shape = np.tanh(STEPS.inputs.speed[STEPS.usable] / width) / NOISE_N
+        size = np.clip(shape @ a.force / (shape @ shape), 0.0, 300.0)
+        least = min(least, float(np.linalg.norm(a.force - size * shape)))
+    assert found.refined
+    assert 0.999 * least <= found.index <= 1.01 * least
+    assert found.rms_N == pytest.approx(found.index * NOISE_N / np.sqrt(STEPS.usable.sum()))
+
+
+def test_a_bound_keeps_an_effect_from_matching() -> None:
+    p = probe(STEPS)
+    a = p.tangent(Setting(Scale(), (0.95,)))  # less force than the plant's: friction cannot be negative
+    match = refined(a, [p.tangent(Setting(Friction(), (20.0, 0.05)))], p.tangent)
+    assert match.setting.values[0] == pytest.approx(0.0, abs=1e-9)
+    assert match.index == pytest.approx(a.size)
+
+
+def test_the_same_physics_in_other_numbers_are_twins_and_what_differs_is_not() -> None:
+    fitted = [Setting(Friction(), (40.0, 0.05)), Setting(Rubbing(), (700.0, 0.06)), Setting(Spring(), (2000.0,))]
+    found = twin_classes(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
+    assert found.classes == (("friction", "rubbing"),)
+    assert found.pairs() == (("friction", "rubbing"),)
+    match = found.matches["friction", "rubbing"]
+    assert match.refined and match.index < 0.1
+    assert match.setting.values == pytest.approx((40.0 / 0.05, 0.05), rel=0.01)
+    assert found.apart("spring", "friction").evidence > 100.0 * EVIDENCE
+
+
+def test_the_excitation_makes_twins() -> None:
+    fitted = [Setting(CurrentGain(), (1.08,)), Setting(Scale(), (1.07,)), Setting(CurrentOffset(), (0.035,))]
+    still = twin_classes(PLANT, [STILL], fitted, whiten_by([STILL], NOISE_N))
+    assert still.classes == (("current_gain", "scale", "current_offset"),)
+    steps = twin_classes(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
+    assert steps.classes == (("current_gain", "scale"),)  # the force is in proportion to the current
+
+
+def test_noise_makes_twins() -> None:
+    fitted = [Setting(CurrentOffset(), (0.01,)), Setting(Scale(), (1.02,))]
+    quiet = twin_classes(PLANT, [STEPS], fitted, whiten_by([STEPS], 8.0))
+    loud = twin_classes(PLANT, [STEPS], fitted, whiten_by([STEPS], 100.0))
+    assert quiet.classes == () and loud.classes == (("current_offset", "scale"),)
+    assert loud.matches["scale", "current_offset"].index == pytest.approx(
+        0.08 * quiet.matches["scale", "current_offset"].index, rel=0.02
+    )
+
+
+def test_what_cannot_be_seen_is_silent_and_not_a_twin_of_everything() -> None:
+    fitted = [Setting(Scale(), (1.05,)), Setting(Spring(), (0.5,)), Setting(CurrentOffset(), (1e-5,))]
+    found = twin_classes(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
+    assert found.silent == ("spring", "current_offset") and found.classes == ()
+
+
+def test_the_first_form_is_matched_by_any_form() -> None:
+    stiff, loose = Setting(Friction(), (40.0, 0.05)), Setting(Scale(), (1.05,))
+    found = twin_classes(PLANT, [STEPS], [Setting(Spring(), (900.0,)), stiff, loose], whiten_by([STEPS], NOISE_N))
+
+    class OtherSpring(Friction):
+        name = "spring"
+
+    both = [Setting(Spring(), (900.0,)), Setting(OtherSpring(), (40.0, 0.05)), stiff, loose]
+    more = twin_classes(PLANT, [STEPS], both, whiten_by([STEPS], NOISE_N))
+    assert more.matches["friction", "spring"].index < 0.1 < found.matches["friction", "spring"].index
+    assert more.matches["spring", "friction"].index == found.matches["spring", "friction"].index
+
+
+@dataclass(frozen=True)
+class Silent:
+    """A simulation that may not be asked."""
+
+    def force(self, trace: Trace, inputs: Inputs) -> F:
+        raise GapError("asked")
+
+
+def test_signatures_at_hand_spare_the_simulation() -> None:
+    p = probe(STEPS)
+    fitted = [Setting(CurrentGain(), (1.05,)), Setting(Spring(), (2000.0,)), Setting(Friction(), (40.0, 0.01))]
+    given = {s.name: [p.signature(s)] for s in fitted}
+    found = twin_classes(Plant(Silent()), [STEPS], fitted, p.whiten, given)
+    assert found.classes == ()
+    for a, b in permutations(given, 2):
+        least = distance(p.tangent(_named(fitted, a)), [p.tangent(_named(fitted, b))])
+        assert found.matches[a, b].index == pytest.approx(least)
+
+
+def _named(fitted: list[Setting], name: str) -> Setting:
+    return next(s for s in fitted if s.name == name)
+
+
+def test_a_chain_is_not_one_class() -> None:
+    place = {"a": 0.0, "b": 2.0, "c": 4.1, "d": 30.0}
+    index = {(m, n): abs(place[m] - place[n]) for m, n in permutations(place, 2)}
+    assert classes(list(place), index) == (("a", "b"),)  # a and c are further than the limit of 2.45
+    index["b", "a"] = 9.0  # b stands for a but a not for b
+    assert classes(list(place), index) == (("b", "c"),)
+    assert classes(["a"], {}) == ()
+
+
+def test_half_the_square_is_the_expected_log_likelihood_ratio() -> None:
+    p = probe(STEPS)
+    a = p.tangent(Setting(Scale(), (1.004,)))
+    b = nearest(a, [p.tangent(Setting(Spring(), (100.0,)))])
+    other = p.tangent(b.setting).force
+    drawn = np.random.default_rng(1).standard_normal((400, len(a.force)))
+    ratio = 0.5 * (np.sum((drawn + a.force - other) ** 2, axis=1) - np.sum(drawn**2, axis=1))
+    assert ratio.mean() == pytest.approx(b.evidence, abs=4.0 * ratio.std() / 20.0)
+    assert ratio.std() == pytest.approx(b.index, rel=0.15)
+    assert np.mean(ratio < 0.0) == pytest.approx(norm.cdf(-b.index / 2.0), abs=0.05)  # how often the wrong one wins
+
+
+def test_values_go_to_shares_of_their_ranges_and_back() -> None:
+    setting = Setting(Friction(), (75.0, 0.1))
+    np.testing.assert_allclose(to_unit(setting), (0.25, 2.0 / 3.0))
+    assert from_unit(Friction(), to_unit(setting)).values == pytest.approx(setting.values)
+
+
+def test_evidence_of_a_diagnosis_whitens_signatures_too() -> None:
+    noise = Noise(8.0, 8.0 * 0.8, np.array([0.6]))
+    offset = [np.ones((len(t), 1)) for t in (STEPS, STILL)]
+    evidence = gather([STEPS, STILL], PLANT, noise, offset, None)
+    whiten = seen_by(evidence)
+    assert (
+        np.abs(whiten(1, np.full(len(STILL), 5.0))).max() < 1e-9
+    )  # an offset is not told from the baseline's own error
+    rng = np.random.default_rng(0)
+    both = [rng.normal(size=len(t)) for t in (STEPS, STILL)]
+    joined = np.concatenate([whiten(k, f) for k, f in enumerate(both)])
+    np.testing.assert_allclose(joined, evidence.whiten(both))

@@ -1,0 +1,96 @@
+"""A slow simulation asked seldom: exact at the anchor and at the recorded inputs, and a fit mended by it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from engine_plant import NOISE_N, SIMULATION, traced
+from numpy.typing import NDArray
+from twin_effects import CurrentGain, Spring
+
+from ces_gap.baseline.noise import white
+from ces_gap.baseline.plant import Called, Plant, Rerun
+from ces_gap.effects.effect import Composition, Setting
+from ces_gap.inference.anchored import anchor, polished, reruns
+from ces_gap.inference.evidence import Evidence, gather
+from ces_gap.inference.fit import fit_alone, settings
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+CLEAN = tuple(traced(seed=s, seconds=4.0) for s in (1, 2))
+EXACT = Called(SIMULATION)
+TRUE = 1.12
+
+
+@dataclass(frozen=True)
+class Dull:
+    """A stand-in that knows of changes a third less than they are, and is a little off."""
+
+    def force(self, trace: Trace, inputs: Inputs) -> F:
+        changed = EXACT.force(trace, inputs) - trace.simulated
+        return np.asarray(
+            trace.simulated + 0.67 * changed + 2.0 * np.sin(3.0 * trace.time_s) * (inputs is not trace.inputs)
+        )
+
+
+@dataclass(frozen=True)
+class Counted:
+    """The simulation itself, counting how often it is run."""
+
+    runs: list[int]
+
+    def force(self, trace: Trace, inputs: Inputs) -> F:
+        self.runs.append(1)
+        return EXACT.force(trace, inputs)
+
+
+def evidence_of(rerun: Rerun) -> Evidence:
+    rng = np.random.default_rng(3)
+    true = Composition((Setting(CurrentGain(), (TRUE,)),))
+    traces = [
+        replace(t, force=Plant(EXACT).with_effects(true, t) + NOISE_N * rng.standard_normal(len(t))) for t in CLEAN
+    ]
+    return gather(traces, Plant(rerun), white(NOISE_N), [np.zeros((len(t), 1)) for t in traces], np.zeros((1, 1)))
+
+
+def test_it_is_exact_at_the_anchor_and_at_the_recorded_inputs() -> None:
+    evidence = evidence_of(Dull())
+    fit = fit_alone(evidence, CurrentGain())
+    anchored = anchor(evidence, fit, EXACT, Dull())
+    for trace, alone in zip(evidence.traces, evidence.alone, strict=True):
+        there = fit.composition.drive(trace, alone)
+        np.testing.assert_allclose(anchored.plant.force(trace, there), EXACT.force(trace, there), atol=1e-6)
+        assert np.abs(evidence.plant.force(trace, there) - EXACT.force(trace, there)).max() > 5.0
+        np.testing.assert_array_equal(anchored.plant.force(trace, trace.inputs), trace.simulated)
+
+
+def test_it_is_near_the_simulation_between_the_two() -> None:
+    evidence = evidence_of(Dull())
+    fit = fit_alone(evidence, CurrentGain())
+    anchored = anchor(evidence, fit, EXACT, Dull())
+    (trace, *_), (alone, *_) = evidence.traces, evidence.alone
+    halfway = settings(fit.effects, 0.5 * (fit.searched + 1.0)).drive(trace, alone)
+    exact = EXACT.force(trace, halfway)
+    off = np.abs(anchored.plant.force(trace, halfway) - exact).max()
+    assert off < 0.3 * np.abs(Dull().force(trace, halfway) - exact).max()
+
+
+def test_a_fit_is_mended_with_one_run_of_each_trace_in_a_round() -> None:
+    evidence = evidence_of(Dull())
+    dull = fit_alone(evidence, CurrentGain())
+    counted = Counted([])
+    mended = polished(evidence, dull, counted, Dull(), rounds=2)
+    assert len(counted.runs) == 2 * len(CLEAN)
+    assert dull.searched[0] == pytest.approx(1.0 + (TRUE - 1.0) / 0.67, abs=0.02)
+    assert mended.searched[0] == pytest.approx(TRUE, abs=0.005)
+    assert mended.cost < dull.cost
+
+
+def test_what_does_not_change_the_inputs_needs_no_run() -> None:
+    evidence = evidence_of(Dull())
+    fit = fit_alone(evidence, Spring())
+    counted = Counted([])
+    assert polished(evidence, fit, counted, Dull()) is fit and not counted.runs
+    assert reruns((Spring(), CurrentGain())) and not reruns((Spring(),))

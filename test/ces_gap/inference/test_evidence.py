@@ -1,0 +1,135 @@
+"""Whitened evidence: the dense inverse root, noise made white, units that hold every tick once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from engine_plant import SIMULATION, damper, traced
+from gap_traces import ar, ar_noise
+from numpy.typing import NDArray
+
+from ces_gap.baseline.noise import Noise, white
+from ces_gap.baseline.plant import Called, Plant
+from ces_gap.inference import evidence as evidence_module
+from ces_gap.inference.evidence import Evidence, gather
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+PLANT = Plant(Called(SIMULATION))
+TRACES = [traced(seed=1, seconds=1.6), traced(seed=2, seconds=1.6)]
+
+
+def drawn(seed: int, columns: int) -> list[F]:
+    rng = np.random.default_rng(seed)
+    return [rng.standard_normal((len(t), columns)) for t in TRACES]
+
+
+def covariance_of(size: int, seed: int = 3) -> F:
+    root = np.random.default_rng(seed).standard_normal((size, size))
+    return 4.0 * root @ root.T
+
+
+def inverse_root(matrix: F) -> F:
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray(vectors / np.sqrt(values)) @ vectors.T
+
+
+@pytest.mark.parametrize("noise", [white(8.0), ar(8.0, 0.8)], ids=["white", "coloured"])
+def test_marginalising_is_the_dense_inverse_root(noise: Noise, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evidence_module, "LEAST_MODE", 0.0)
+    features, covariance = drawn(1, 5), covariance_of(5)
+    values = drawn(2, 2)
+    evidence = gather(TRACES, PLANT, noise, features, covariance)
+    made = evidence.whiten(values)
+    expected = []
+    for unit in evidence.units:
+        spread = evidence.noise.whitened(features[unit.trace])[unit.ticks] @ np.linalg.cholesky(covariance)
+        rows = evidence.noise.whitened(values[unit.trace])[unit.ticks]
+        expected.append(inverse_root(np.eye(len(rows)) + spread @ spread.T) @ rows)
+    np.testing.assert_allclose(made, np.concatenate(expected), atol=1e-9)
+
+
+def test_directions_that_are_as_good_as_known_are_left_alone() -> None:
+    values = drawn(2, 1)
+    features = drawn(1, 5)
+    known = gather(TRACES, PLANT, white(8.0), features, 1e-9 * np.eye(5))
+    plain = gather(TRACES, PLANT, white(8.0), features, np.zeros((5, 5)))
+    np.testing.assert_allclose(known.whiten(values), plain.whiten(values), rtol=0.01, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(known.whiten(values)), _norm(known, values), rtol=0.01)
+
+
+def _norm(evidence: Evidence, values: list[F]) -> float:
+    rows = [evidence.noise.whitened(values[u.trace])[u.ticks] for u in evidence.units]
+    return float(np.linalg.norm(np.concatenate(rows)))
+
+
+def test_without_a_covariance_the_features_are_projected_out() -> None:
+    features = drawn(1, 5)
+    features = [np.column_stack([x, x[:, 0] - x[:, 1]]) for x in features]  # dependent columns do no harm
+    evidence = gather(TRACES, PLANT, white(8.0), features, None)
+    assert not evidence.noise_known
+    assert np.abs(evidence.whiten(features)).max() < 1e-9
+    left, whole = evidence.whiten(drawn(2, 1)), evidence.unit_of_row
+    assert left.std() == pytest.approx(1.0 / 8.0, rel=0.1) and len(whole) == len(left)
+
+
+def test_noise_and_an_error_as_large_as_expected_come_out_as_white_of_unit_variance() -> None:
+    rng = np.random.default_rng(7)
+    noise, features, covariance = ar(8.0, 0.8), drawn(1, 5), covariance_of(5)
+    evidence = gather(TRACES, PLANT, noise, features, covariance)
+    squares = []
+    for _ in range(60):
+        weights = [np.linalg.cholesky(covariance) @ rng.standard_normal(5) for _ in evidence.units]
+        for unit, w in zip(evidence.units, weights, strict=True):
+            error = features[unit.trace] @ w + ar_noise(len(features[unit.trace]), 8.0, 0.8, rng)
+            rows = unit.whiten(evidence.noise, error)
+            squares.append(float(rows @ rows) / len(rows))
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_units_hold_every_clean_tick_once(count: int) -> None:
+    noise = ar(8.0, 0.5)
+    evidence = gather(TRACES[:count], PLANT, noise, drawn(1, 3)[:count], covariance_of(3))
+    assert len(evidence.units) >= 4
+    for number, trace in enumerate(evidence.traces):
+        ticks = np.concatenate([u.ticks for u in evidence.units if u.trace == number])
+        np.testing.assert_array_equal(np.sort(ticks), np.flatnonzero(evidence.noise.clean(trace.usable)))
+    assert np.bincount(evidence.unit_of_row).tolist() == [len(u.ticks) for u in evidence.units]
+
+
+def test_blocks_are_half_seconds_numbered_through_all_units() -> None:
+    evidence = gather(TRACES, PLANT, white(8.0), drawn(1, 3), covariance_of(3))
+    block = evidence.block_of_row
+    counts = np.bincount(block)
+    assert counts.min() > 0 and counts.max() <= 250
+    units_of_block = [set(evidence.unit_of_row[block == b]) for b in range(len(counts))]
+    assert all(len(units) == 1 for units in units_of_block)
+
+
+def test_the_residual_is_that_of_the_force_and_louder_noise_makes_it_smaller() -> None:
+    evidence = gather(TRACES, PLANT, white(8.0), drawn(1, 3), np.zeros((3, 3)))
+    residual = evidence.residual(evidence.alone)
+    gaps = [evidence.noise.whitened(t.force - t.simulated) for t in TRACES]
+    expected = [gaps[u.trace][u.ticks] for u in evidence.units]
+    np.testing.assert_allclose(residual, np.concatenate(expected))
+    np.testing.assert_allclose(evidence.scaled(2.0).residual(evidence.alone), residual / 2.0)
+    assert evidence.scaled(2.0).noise.rms_N == 16.0
+
+
+class Lifting:
+    """A correction."""
+
+    def force(self, trace: Trace, inputs: Inputs, simulated: F) -> F:
+        return np.full_like(simulated, 7.0)
+
+
+def test_the_correction_is_in_the_plants_own_force() -> None:
+    evidence = gather(TRACES, Plant(Called(SIMULATION), Lifting()), white(8.0), drawn(1, 3), None)
+    for trace, alone in zip(evidence.traces, evidence.alone, strict=True):
+        np.testing.assert_allclose(alone, trace.simulated + 7.0)
+        np.testing.assert_allclose(trace.simulated[trace.usable], damper_on(trace)[trace.usable], atol=15.0)
+
+
+def damper_on(trace: Trace) -> F:
+    return damper(trace.time_s, trace.inputs.position, trace.inputs.current)

@@ -1,0 +1,109 @@
+"""From fits to explanations: intervals in SI units, bounds and drift told, what is left on held-out recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from engine_plant import NOISE_N, SIMULATION, F, traced
+from twin_effects import CurrentGain, Friction, Spring
+
+from ces_gap.baseline.plant import Called, Plant, Rerun
+from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
+from ces_gap.inference.explaining import Judge, drift, estimates, judge, stuck
+from ces_gap.inference.fit import Fit
+from ces_gap.inference.shrinkage import cut
+from ces_gap.trace import Inputs, Trace
+
+CALLED = Called(SIMULATION)
+HELD_OUT = tuple(traced(seed=s) for s in (5, 6))
+
+
+class Stiff(Effect):
+    """A stiffness searched as its inverse."""
+
+    name, form = "stiff", "inverse"
+    parameters = (
+        Parameter("stiffness", 1e3, 1e9, (1e5,), "in series", scale="inverse", magnitude=True, neutral=np.inf),
+    )
+
+
+def fitted(effects: tuple[Effect, ...], searched: list[float], errors: list[float], apart: float = 0.0) -> Fit:
+    """A fit as it would have ended; units disagree by `apart` standard errors of their own."""
+    at, spread = np.array(searched), np.array(errors)
+    by_unit = at + apart * spread * np.array([[1.0], [-1.0], [0.5], [-0.5]]) / np.sqrt(3.0)
+    nothing = np.zeros((8, len(at)))
+    return Fit(effects, at, np.zeros(8), nothing, np.zeros(8), by_unit, np.diag(spread**2))
+
+
+def test_intervals_are_of_two_standard_errors_in_si_units() -> None:
+    ((size, width),) = estimates(fitted((Friction(),), [40.0, float(np.log(0.05))], [2.0, 0.1]))
+    assert (size.name, size.value) == ("coulomb_N", 40.0) and size.ci95 == pytest.approx((36.08, 43.92), abs=0.01)
+    assert width.value == pytest.approx(0.05) and width.ci95 == pytest.approx((0.05 / 1.2166, 0.05 * 1.2166), rel=1e-3)
+    assert not (size.at_bound or width.at_bound or size.drifts or width.drifts)
+
+
+def test_intervals_stay_inside_the_bounds_and_in_order() -> None:
+    ((size, _),) = estimates(fitted((Friction(),), [295.0, -3.0], [20.0, 0.1]))
+    assert size.ci95[1] == 300.0
+    ((stiffness,),) = estimates(fitted((Stiff(),), [1e-5], [1e-6]))
+    assert stiffness.value == pytest.approx(1e5)
+    assert stiffness.ci95 == pytest.approx((1e5 / 1.196, 1e5 / 0.804), rel=1e-3)
+
+
+@pytest.mark.parametrize(("searched", "count"), [([300.0, -3.0], 1), ([300.0, 0.0], 2), ([0.0, -3.0], 0)])
+def test_a_parameter_at_a_bound_is_told_unless_it_means_no_effect(searched: list[float], count: int) -> None:
+    fit = fitted((Friction(),), searched, [1.0, 0.1])
+    assert stuck(fit) == count == sum(e.at_bound for e in estimates(fit)[0])
+
+
+def test_units_that_disagree_make_a_parameter_drift() -> None:
+    calm, torn = (fitted((Friction(),), [40.0, -3.0], [2.0, 0.1], apart) for apart in (1.0, 9.0))
+    assert drift(calm) == pytest.approx(1.0) and drift(torn) == pytest.approx(9.0)
+    assert not any(e.drifts for e in estimates(calm)[0]) and all(e.drifts for e in estimates(torn)[0])
+
+
+def test_estimates_go_with_their_effects() -> None:
+    made = estimates(fitted((Spring(), Friction()), [2000.0, 40.0, -3.0], [1.0, 1.0, 0.1]))
+    assert [[e.name for e in some] for some in made] == [["stiffness_N_m"], ["coulomb_N", "transition_m_s"]]
+
+
+@dataclass(frozen=True)
+class Deaf:
+    """A stand-in that hears nothing of changed inputs."""
+
+    def force(self, trace: Trace, inputs: Inputs) -> F:
+        return trace.simulated
+
+
+def court(setting: Setting, cheap: Rerun = CALLED) -> Judge:
+    rng = np.random.default_rng(2)
+    there = Composition((setting,))
+    traces = [
+        replace(t, force=Plant(CALLED).with_effects(there, t) + NOISE_N * rng.standard_normal(len(t)), noise_N=NOISE_N)
+        for t in HELD_OUT
+    ]
+    return judge(cut(traces, 1), cheap, CALLED, Plant(cheap))
+
+
+def test_the_right_effect_leaves_nothing_and_no_effect_leaves_the_gap() -> None:
+    held = court(Setting(Spring(), (3000.0,)))
+    right = held.explained(fitted((Spring(),), [3000.0], [10.0]), 0.9, 0.01, True)
+    half = held.explained(fitted((Spring(),), [1500.0], [10.0]), 0.5, 0.01, True)
+    planted = np.concatenate([3000.0 * t.inputs.position[t.usable] for t in HELD_OUT])
+    gap = float(np.sqrt(np.mean(planted**2)))
+    assert right.effects == ("spring",) and right.forms == ("linear",) and right.gain == 0.9
+    assert right.gap_after_N < 0.2 * NOISE_N and right.shrink > 0.95
+    assert half.gap_after_N == pytest.approx(0.5 * gap, rel=0.05) and half.shrink == pytest.approx(0.5, abs=0.05)
+    assert half.shrink_ci95[0] < 0.5 < half.shrink_ci95[1] or half.shrink_ci95[1] - half.shrink_ci95[0] < 0.05
+    nothing = held.nothing()
+    assert nothing.effects == () and nothing.shrink == pytest.approx(0.0, abs=1e-6)
+    assert nothing.gap_after_N == pytest.approx(gap, rel=0.03)
+
+
+def test_only_what_is_asked_for_exactly_runs_the_simulation() -> None:
+    held = court(Setting(CurrentGain(), (1.1,)), Deaf())
+    fit = fitted((CurrentGain(),), [1.1], [0.01])
+    assert held.explained(fit, 0.0, 0.0, True).shrink > 0.9
+    assert held.explained(fit, 0.0, 0.0, False).shrink == pytest.approx(0.0, abs=1e-6)

@@ -1,0 +1,161 @@
+"""The search: a planted pair is found, a single stays single, noise stays noise, richer forms must earn their place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from engine_plant import NOISE_N, SIMULATION, damper, traced
+from numpy.typing import NDArray
+from twin_effects import CurrentOffset, Friction, Spring
+
+from ces_gap.baseline.noise import white
+from ces_gap.baseline.plant import Called, Plant
+from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
+from ces_gap.inference.comparison import gain
+from ces_gap.inference.evidence import Evidence, gather
+from ces_gap.inference.fit import Fit, fit_alone
+from ces_gap.inference.search import Found, best_forms, search
+from ces_gap.trace import Inputs, Trace
+
+F = NDArray[np.float64]
+PLANT = Plant(Called(SIMULATION))
+CLEAN = tuple(traced(seed=s, seconds=4.0) for s in (1, 2))
+
+
+class Offset(Effect):
+    """A constant."""
+
+    name, form = "offset", "constant"
+    parameters = (Parameter("offset_N", -500.0, 500.0, (10.0,), "offset", magnitude=True),)
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        return np.asarray(force + values[0])
+
+
+class CubicSpring(Spring):
+    """A richer form of the spring."""
+
+    form = "cubic"
+    parameters = (*Spring.parameters, Parameter("cubic_N_m3", 0.0, 1e9, (1e5,), "of the cube"))
+
+    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        return np.asarray(force + values[0] * inputs.position + values[1] * inputs.position**3)
+
+
+EFFECTS: tuple[Effect, ...] = (Offset(), Spring(), CubicSpring(), Friction(), CurrentOffset())
+OFFSET, SPRING, FRICTION = Setting(Offset(), (30.0,)), Setting(Spring(), (2500.0,)), Setting(Friction(), (40.0, 0.05))
+
+
+def planted(*there: Setting, seed: int = 5, traces: Sequence[Trace] = CLEAN) -> Evidence:
+    rng = np.random.default_rng(seed)
+    composition = Composition(there)
+    real = [
+        replace(t, force=PLANT.with_effects(composition, t) + NOISE_N * rng.standard_normal(len(t))) for t in traces
+    ]
+    return gather(real, PLANT, white(NOISE_N), [np.zeros((len(t), 1)) for t in real], np.zeros((1, 1)))
+
+
+def as_it_is(evidence: Evidence, fit: Fit) -> Fit:
+    return fit
+
+
+def searched(evidence: Evidence, threads: int = 1) -> Found:
+    return search(evidence, EFFECTS, as_it_is, threads, lambda what, share: None)
+
+
+def found_values(found: Found) -> dict[str, tuple[float, ...]]:
+    return {s.name: s.values for s in found.best.composition.settings} if found.best is not None else {}
+
+
+@pytest.mark.parametrize("single", [OFFSET, SPRING, FRICTION], ids=lambda s: s.name)
+def test_a_single_effect_stays_single(single: Setting) -> None:
+    found = searched(planted(single))
+    assert list(found_values(found)) == [single.name]
+    assert found_values(found)[single.name] == pytest.approx(single.values, rel=0.15)
+    assert found.alone[0].names == (single.name,)
+    assert sorted(f.names[0] for f in found.alone) == ["current_offset", "friction", "offset", "spring"]
+
+
+@pytest.mark.parametrize("pair", [(OFFSET, FRICTION), (SPRING, FRICTION)], ids=lambda p: "+".join(s.name for s in p))
+def test_a_planted_pair_is_found(pair: tuple[Setting, ...]) -> None:
+    values = found_values(searched(planted(*pair)))
+    assert set(values) == {s.name for s in pair}
+    for setting in pair:
+        assert values[setting.name] == pytest.approx(setting.values, rel=0.15)
+
+
+def test_three_at_once_are_found() -> None:
+    assert set(found_values(searched(planted(OFFSET, SPRING, FRICTION)))) == {"offset", "spring", "friction"}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_nothing_is_found_in_noise(seed: int) -> None:
+    assert searched(planted(seed=seed)).best is None
+
+
+def test_the_simpler_form_is_kept_while_the_richer_one_gains_nothing() -> None:
+    found = searched(planted(SPRING))
+    assert found.best is not None and found.best.effects[0].form == "linear"
+    bent = searched(planted(Setting(CubicSpring(), (1000.0, 8e6))))
+    assert bent.best is not None and bent.best.effects[0].form == "cubic"
+
+
+def test_best_forms_holds_one_form_of_each_effect_best_first() -> None:
+    evidence = planted(SPRING)
+    forms = [fit_alone(evidence, e) for e in EFFECTS]
+    chosen = best_forms(forms, float(forms[0].cost))
+    assert chosen[0].names == ("spring",)
+    assert len({f.names for f in chosen}) == len(chosen) == 4
+
+
+def test_threads_change_nothing() -> None:
+    evidence = planted(SPRING, FRICTION)
+    assert found_values(searched(evidence, threads=3)) == found_values(searched(evidence))
+
+
+def test_refining_is_asked_for_the_most_promising_and_its_answer_counts() -> None:
+    evidence = planted(SPRING)
+    asked: list[tuple[str, ...]] = []
+
+    def spoil_springs(given: Evidence, fit: Fit) -> Fit:
+        """The simulation itself has no spring."""
+        asked.append(fit.names)
+        spoilt = replace(fit, residual=fit.residual * 30.0, left_out=fit.left_out * 30.0)
+        return spoilt if "spring" in fit.names else fit
+
+    found = search(evidence, EFFECTS, spoil_springs, 1, lambda what, share: None)
+    assert ("spring",) in asked
+    assert found.alone[0].names != ("spring",)
+    assert found.best is None or "spring" not in found.best.names
+
+
+def test_progress_is_told_in_shares() -> None:
+    told: list[tuple[str, float]] = []
+    search(planted(SPRING), EFFECTS, as_it_is, 1, lambda what, share: told.append((what, share)))
+    assert len(told) > len(EFFECTS)
+    assert all(what and 0.0 <= share <= 1.0 for what, share in told)
+
+
+def test_a_gain_is_that_of_squares_and_its_error_that_of_blocks() -> None:
+    traces = [traced(seed=s, seconds=10.0) for s in (1, 2)]
+    evidence = gather(traces, PLANT, white(8.0), [np.zeros((len(t), 1)) for t in traces], np.zeros((1, 1)))
+    rng = np.random.default_rng(1)
+    draws = [
+        (rng.standard_normal(len(evidence.block_of_row)), rng.standard_normal(len(evidence.block_of_row)))
+        for _ in range(200)
+    ]
+    gains = [gain(evidence, worse, better) for worse, better in draws]
+    assert gains[0].energy == pytest.approx(draws[0][0] @ draws[0][0] - draws[0][1] @ draws[0][1])
+    assert np.mean([g.error for g in gains]) == pytest.approx(np.std([g.energy for g in gains]), rel=0.15)
+    assert gains[0].z == pytest.approx(gains[0].energy / gains[0].error)
+    same = gain(evidence, draws[0][0], draws[0][0])
+    assert same.energy == 0.0 and same.z == 0.0
+
+
+def test_the_damper_of_these_tests_is_the_simulations_own() -> None:
+    trace = CLEAN[0]
+    own = damper(trace.time_s, trace.inputs.position, trace.inputs.current)
+    assert np.sqrt(np.mean((own - trace.simulated)[trace.usable] ** 2)) < 3.0

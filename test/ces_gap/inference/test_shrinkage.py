@@ -1,0 +1,131 @@
+"""How far a gap shrinks: noise taken out without bias, intervals that cover."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from engine_plant import traced
+from numpy.typing import NDArray
+
+from ces_gap.inference.shrinkage import Blocks, cut
+from ces_gap.trace import Trace
+
+F = NDArray[np.float64]
+NOISE_N = 8.0
+
+
+@cache
+def plain() -> tuple[Trace, ...]:
+    return tuple(replace(traced(seed=s, seconds=10.0), noise_N=NOISE_N) for s in (1, 2, 3))
+
+
+def gaps(rms_N: float, seed: int) -> list[F]:
+    """A gap on each trace: slow, and of another strength every half second."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for trace in plain():
+        strength = rng.gamma(4.0, 0.25, 30)[(trace.time_s / 0.5).astype(int)]
+        made.append(rms_N * strength * np.sqrt(2.0 / 1.25) * np.sin(9.0 * trace.time_s + rng.random()))
+    return made
+
+
+def measured(gap: list[F], seed: int, noise_N: float = NOISE_N) -> Blocks:
+    """The held-out traces with a gap and noise on their simulated force."""
+    rng = np.random.default_rng(1000 + seed)
+    traces = [
+        replace(t, force=t.simulated + g + noise_N * rng.standard_normal(len(t)))
+        for t, g in zip(plain(), gap, strict=True)
+    ]
+    return cut(traces, seed)
+
+
+def simulated() -> list[F]:
+    return [t.simulated for t in plain()]
+
+
+def halved(gap: list[F]) -> list[F]:
+    return [t.simulated + 0.5 * g for t, g in zip(plain(), gap, strict=True)]
+
+
+def rms(gap: list[F]) -> float:
+    squares = [g[t.usable] ** 2 for t, g in zip(plain(), gap, strict=True)]
+    return float(np.sqrt(np.concatenate(squares).mean()))
+
+
+def test_the_rms_is_that_of_the_gap_without_the_noise() -> None:
+    gap = gaps(6.0, 1)  # smaller than the noise
+    squares = []
+    for seed in range(40):
+        blocks = measured(gap, seed)
+        squares.append(blocks.rms(blocks.energy(simulated()))[0] ** 2)
+    error = float(np.std(squares)) / np.sqrt(len(squares))
+    assert np.mean(squares) == pytest.approx(rms(gap) ** 2, abs=4.0 * error)
+    assert error < 0.02 * rms(gap) ** 2
+
+
+def test_intervals_cover_the_rms_of_the_process_and_the_shrink() -> None:
+    covers, covers_shrink, widths = [], [], []
+    for seed in range(60):
+        gap = gaps(20.0, seed)
+        blocks = measured(gap, seed)
+        before = blocks.energy(simulated())
+        low, high = blocks.rms(before)[1]
+        covers.append(low <= 20.0 <= high)
+        widths.append(high - low)
+        low, high = blocks.shrink(before, blocks.energy(halved(gap)))[1]
+        covers_shrink.append(low <= 0.5 <= high)
+    assert np.mean(covers) >= 0.82 and np.mean(covers_shrink) >= 0.85
+    assert np.mean(widths) < 8.0  # not by being too wide
+
+
+def test_the_shrink_is_one_less_the_ratio_of_rms() -> None:
+    gap = gaps(40.0, 1)
+    blocks = measured(gap, 1)
+    before = blocks.energy(simulated())
+    shrink, (low, high) = blocks.shrink(before, blocks.energy(halved(gap)))
+    assert shrink == pytest.approx(0.5, abs=0.02) and low < shrink < high
+    assert blocks.shrink(before, before)[0] == pytest.approx(0.0)
+    worse = [t.simulated - g for t, g in zip(plain(), gap, strict=True)]
+    assert blocks.shrink(before, blocks.energy(worse))[0] == pytest.approx(-1.0, abs=0.1)
+
+
+def test_without_a_gap_the_rms_is_near_zero_and_never_complex() -> None:
+    found = []
+    for seed in range(10):
+        blocks = measured(gaps(0.0, 1), seed)
+        value, (low, high) = blocks.rms(blocks.energy(simulated()))
+        found.append(value)
+        assert np.isfinite([value, low, high]).all() and 0.0 <= low <= high
+    assert np.mean(found) < 0.15 * NOISE_N
+
+
+def test_noise_is_no_more_than_what_an_explanation_leaves() -> None:
+    gap = gaps(6.0, 1)
+    heard = [replace(t, noise_N=2.0 * NOISE_N) for t in measured(gap, 1).traces]  # the damper's own high frequencies
+    loud, quiet = cut(heard, 1), cut(heard, 1, NOISE_N)
+    assert loud.rms(loud.energy(simulated()))[0] == 0.0
+    assert quiet.rms(quiet.energy(simulated()))[0] == pytest.approx(rms(gap), rel=0.1)
+    np.testing.assert_array_equal(cut(heard, 1, 1e3).noise, loud.noise)
+
+
+def test_only_usable_ticks_are_judged() -> None:
+    gap = gaps(20.0, 1)
+    blocks = measured(gap, 1)
+    assert blocks.ticks.sum() == sum(int(t.usable.sum()) for t in blocks.traces)
+    spoiled = [np.where(t.usable, s, 1e9) for t, s in zip(blocks.traces, simulated(), strict=True)]
+    np.testing.assert_array_equal(blocks.energy(spoiled), blocks.energy(simulated()))
+    assert (blocks.ticks <= 250.0).all() and blocks.noise.sum() == pytest.approx(blocks.ticks.sum() * NOISE_N**2)
+
+
+def test_the_same_seed_draws_the_same_interval() -> None:
+    gap = gaps(20.0, 1)
+    one, again, other = (
+        cut(measured(gap, 1).traces, 1),
+        cut(measured(gap, 1).traces, 1),
+        cut(measured(gap, 1).traces, 2),
+    )
+    intervals = [b.rms(b.energy(simulated()))[1] for b in (one, again, other)]
+    assert intervals[0] == intervals[1] != intervals[2]

@@ -1,0 +1,108 @@
+"""Probabilities: they sum to one and go the right way; the weights that come with the package are complete."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from engine_plant import WEIGHTS
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ces_gap.inference.verdict import (
+    POSSIBLE,
+    Calibration,
+    Figures,
+    Probabilities,
+    calibration,
+    probabilities,
+    rivalled,
+)
+
+CLEAR = Figures(10.0, 30.0, 25.0, 0.02, 0.02, 1.0, 0, 1.0)
+LEFT = {"friction": 0.02, "gas_spring": 0.5, "inertia": 0.9}
+
+
+def odds(
+    figures: Figures, left: dict[str, float] | None = None, composition: tuple[str, ...] = ("friction",)
+) -> Probabilities:
+    return probabilities(figures, LEFT if left is None else left, composition, WEIGHTS)
+
+
+SHARE = st.floats(-2.0, 3.0)
+FIGURES = st.builds(
+    Figures,
+    st.floats(-1.0, 1e6),
+    st.floats(-50.0, 1e4),
+    st.floats(-50.0, 1e4),
+    SHARE,
+    SHARE,
+    st.floats(-50.0, 1e4),
+    st.integers(0, 5),
+    st.floats(0.0, 1e3),
+)
+
+
+@given(FIGURES, st.lists(SHARE, min_size=1, max_size=6), st.sets(st.integers(0, 5)))
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_probabilities_sum_to_one_and_none_is_negative(figures: Figures, left: list[float], inside: set[int]) -> None:
+    unexplained = {f"effect{k}": share for k, share in enumerate(left)}
+    composition = tuple(name for k, name in enumerate(unexplained) if k in inside)
+    made = odds(figures, unexplained, composition)
+    every = [made.none, made.unknown, *made.effects.values()]
+    assert min(every) >= 0.0
+    assert sum(every) == pytest.approx(1.0)
+    assert set(made.effects) == set(unexplained)
+
+
+@pytest.mark.parametrize("figure", ["energy", "gain_z"])
+def test_the_more_there_is_the_less_probable_is_no_gap(figure: str) -> None:
+    none = [odds(replace(CLEAR, **{figure: value, "ceiling_z": 0.5})).none for value in (0.01, 0.1, 1.0, 10.0, 100.0)]
+    assert none == sorted(none, reverse=True) and none[0] > none[-1]
+
+
+@pytest.mark.parametrize("figure", ["unexplained", "learnable"])
+def test_the_more_is_left_the_more_probable_is_something_unknown(figure: str) -> None:
+    unknown = [odds(replace(CLEAR, **{figure: value})).unknown for value in (0.0, 0.02, 0.1, 0.4, 0.9)]
+    assert unknown == sorted(unknown) and unknown[0] < unknown[-1]
+
+
+def test_a_clear_cause_is_more_probable_than_all_else_and_chaff_is_not() -> None:
+    clear = odds(CLEAR)
+    assert clear.effects["friction"] > 0.5 > clear.none + clear.unknown
+    chaff = odds(Figures(0.01, 0.5, 0.5, 1.0, 0.0, 0.0, 0, 0.0))
+    assert chaff.none > 0.5
+    strange = odds(replace(CLEAR, unexplained=0.8, learnable=0.7, learnable_z=20.0))
+    assert strange.unknown > 0.5
+
+
+def test_effects_share_by_what_they_leave() -> None:
+    made = odds(CLEAR).effects
+    assert made["friction"] > made["gas_spring"] > made["inertia"] > 0.0
+    even = odds(CLEAR, {"one": 0.3, "other": 0.3}, ()).effects
+    assert even["one"] == pytest.approx(even["other"])
+
+
+def test_those_that_compose_the_best_explanation_count_as_it_does() -> None:
+    left = {"friction": 0.4, "inertia": 0.6, "gas_spring": 0.5}
+    made = odds(CLEAR, left, ("friction", "inertia")).effects
+    assert made["friction"] == pytest.approx(made["inertia"])
+    assert made["inertia"] > made["gas_spring"]
+
+
+def test_weights_that_come_with_the_package_are_complete_and_finite() -> None:
+    weights = calibration()
+    assert isinstance(weights, Calibration)
+    for field in fields(weights):
+        assert np.isfinite(getattr(weights, field.name)).all(), field.name
+    assert 0.0 < weights.least_gap < 1.0 and 0.0 < weights.least_known < 1.0 and weights.sharpness > 0.0
+
+
+def test_an_effect_that_leaves_as_little_as_the_named_one_rivals_it() -> None:
+    assert not rivalled(["friction"], odds(CLEAR))
+    tied = odds(CLEAR, {**LEFT, "gas_spring": 0.02})
+    assert tied.effects["gas_spring"] == pytest.approx(tied.effects["friction"]) and rivalled(["friction"], tied)
+    assert not rivalled(["friction", "gas_spring"], tied)
+    weak = Probabilities(0.0, 0.0, {"friction": 1.0 - 0.9 * POSSIBLE, "gas_spring": 0.9 * POSSIBLE})
+    assert not rivalled(["friction"], weak)

@@ -1,0 +1,372 @@
+"""What cannot be diagnosed is one line that says what to do; what is doubtful is a note; what is fine says nothing."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from ces_gap.augmented.augmented_simulation import AugmentedSimulation
+from ces_gap.effects.effect import Composition, Effect, Parameter
+from ces_gap.effects.user_effects import require_sound, user_effect
+from ces_gap.errors import GapError
+from ces_gap.intake.checks import check_recordings, check_traces, constant_current, invisible, require_distinct, unseen
+from ces_gap.intake.saturation import saturations, without_saturated
+from ces_gap.intake.units import likeness
+from ces_gap.trace import make_trace
+from ces_identify.recording import Channel, Recording
+from ces_identify.simulation import FunctionSimulation, ModelSimulation
+from ces_observer.errors import CesError, RecordingError
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+
+RATE = 500.0
+STAMPS = 10**18 + np.arange(5000) * 2_000_000
+T = np.arange(5000) / RATE
+
+
+def force_of(position, current):
+    speed = np.gradient(position, 1.0 / RATE)
+    return 2000.0 * position + np.sign(speed) * np.sqrt(np.abs(speed)) * (300.0 + 800.0 * current) + 40.0
+
+
+def ride(name="ride", seed=1, noise=8.0, current=None, change=lambda force: force):
+    random = np.random.default_rng(seed)
+    position = 0.012 * np.sin(2 * np.pi * 1.7 * T + seed) + 0.004 * np.sin(2 * np.pi * 6.3 * T)
+    current = 0.6 + 0.2 * np.sin(2 * np.pi * 0.8 * T + seed) if current is None else np.full(5000, current)
+    force = change(force_of(position, current) + random.normal(0.0, noise, 5000))
+    columns = {"position": ("m", position), "current": ("A", current), "force": ("N", force)}
+    return Recording(name, {key: Channel(key, unit, STAMPS, values) for key, (unit, values) in columns.items()})
+
+
+def simulated(recording, factor=1.0, fidelity=1.0):
+    """The damper's force as a simulation that is somewhat wrong would give it, times a factor."""
+    position, current = recording.channel("position").values, recording.channel("current").values
+    wrong = 1500.0 * np.gradient(position, 1.0 / RATE)
+    return factor * (fidelity * force_of(position, current) + (1.0 - fidelity) * wrong)
+
+
+def trace(factor=1.0, fidelity=0.7, **more):
+    recording = ride(**more)
+    return make_trace(recording, simulated(recording, factor, fidelity))
+
+
+SIM = FunctionSimulation("my:sim", lambda t, x, i: x)
+
+
+# recordings ------------------------------------------------------------------------------------------------------
+
+
+def test_different_recordings_have_no_notes():
+    assert check_recordings([ride(seed=1), ride(seed=2)], [ride(seed=3)], [ride(seed=4)]) == ()
+
+
+@pytest.mark.parametrize(
+    ("sets", "message"),
+    [
+        (([1, 1], [], []), "a: the same recording twice under --real; give each once"),
+        (([1, 2], [2], []), "a: the same recording under --real and --held-out; what is judged on must not"),
+        (([1], [], [1]), "a: the same recording under --real and --reference; references are recordings free of"),
+        (([1], [2], [2]), "a: the same recording under --held-out and --reference"),
+    ],
+)
+@pytest.mark.parametrize("hashed", [True, False])
+def test_a_recording_given_twice_is_refused(sets, message, hashed):
+    def recording(seed):
+        return replace(ride("a", seed), sha256=f"{seed:064x}" if hashed else "")
+
+    with pytest.raises(GapError, match=message):
+        require_distinct(*([recording(seed) for seed in some] for some in sets))
+
+
+def test_a_copy_under_another_name_is_the_same_recording():
+    with pytest.raises(GapError, match="one and two: the same recording under --real and --held-out"):
+        require_distinct([ride("one", 1)], [ride("two", 1)], [])
+
+
+def test_units_mixed_between_recordings_are_refused():
+    kilonewtons = ride("kilo", 2, change=lambda force: force / 1000.0)
+    with pytest.raises(RecordingError, match=r"force: spans .* N in ride, .* N in kilo"):
+        check_recordings([ride()], [], [kilonewtons])
+
+
+def test_a_recording_without_force_is_refused():
+    bare = ride("bare")
+    channels = {name: c for name, c in bare.channels.items() if name != "force"}
+    with pytest.raises(GapError, match="bare: no measured force"):
+        check_recordings([replace(bare, channels=channels)], [], [])
+
+
+# saturation ------------------------------------------------------------------------------------------------------
+
+
+def clipped(low=-1e9, high=1e9, step=0.0):
+    def change(force):
+        quantised = np.round(force / step) * step if step else force
+        return np.clip(quantised, low, high)
+
+    return change
+
+
+@pytest.mark.parametrize("step", [0.0, 1.0, 10.0])
+def test_flat_tops_are_found_whatever_the_converter(step):
+    (found,) = saturations(ride(change=clipped(high=400.0, step=step)))
+    assert found.limit_N == 400.0
+    assert 0.01 < found.share < 0.4
+    assert [s.limit_N for s in saturations(ride(change=clipped(-300.0, 350.0, step)))] == [-300.0, 350.0]
+
+
+@pytest.mark.parametrize("step", [0.0, 1.0, 10.0, 50.0])
+@pytest.mark.parametrize("noise", [0.0, 8.0])
+def test_a_force_that_only_turns_round_does_not_saturate(step, noise):
+    assert saturations(ride(noise=noise, change=clipped(step=step))) == ()
+
+
+def test_little_saturation_is_a_note_and_its_ticks_are_not_used():
+    limit = float(np.percentile(ride().channel("force").values, 97.0))
+    recording = ride(change=clipped(high=limit))
+    (note,) = check_recordings([recording], [], [])
+    assert note.startswith(f"ride: the force channel saturates: 3.0% of the samples at {limit:.5g} N")
+    whole = make_trace(recording, simulated(recording))
+    kept = without_saturated(whole)
+    flat = np.interp(whole.time_s, T, (recording.channel("force").values == limit).astype(float)) > 0.0
+    assert not (kept.usable & flat).any()
+    assert 0.7 < kept.usable.sum() / whole.usable.sum() < 0.97
+    assert without_saturated(trace()).usable.sum() == trace().usable.sum()
+
+
+def test_much_saturation_is_refused():
+    with pytest.raises(GapError, match=r"ride: the force channel saturates: .* record again with a larger range"):
+        check_recordings([ride(change=clipped(-200.0, 200.0))], [], [])
+
+
+# sign and unit ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fidelity", [1.0, 0.7, 0.3])
+@pytest.mark.parametrize("factor", [1.0, 0.6, 1.5, 2.5])
+def test_a_simulation_that_is_only_wrong_passes(factor, fidelity):
+    assert check_traces([trace(factor, fidelity)], SIM, "my:sim") == ()
+
+
+@pytest.mark.parametrize(
+    ("factor", "says", "mend"),
+    [
+        (-1.0, "the simulation's force goes against the measured one", "turn the simulation's output round"),
+        (1e-3, "the simulation's force is in kN", "multiply the simulation's output by 1000"),
+        (-1e-3, "goes against the measured one and the simulation's force is in kN", "output by -1000"),
+        (1e3, "the measured force is in kN", "give force scale: 1000 in the signals file"),
+        (1.0 / 4.4482, "the simulation's force is in lbf", "multiply the simulation's output by 4.44822"),
+        (4.4482, "the measured force is in lbf", "give force scale: 4.44822"),
+        (1.0 / 9.80665, "the simulation's force is in kgf", "output by 9.80665"),
+        (9.80665, "the measured force is in kgf", "give force scale: 9.80665"),
+        (1.0 / 0.00980665, "the simulation's force is in gf", "output by 0.00980665"),
+        (90.0, "check the units of the simulation", "expected the same damper"),
+        (0.02, "check the units of the simulation", "expected the same damper"),
+    ],
+)
+def test_wrong_signs_and_units_are_said_with_what_to_do(factor, says, mend):
+    with pytest.raises(GapError) as raised:
+        check_traces([trace(factor, fidelity=0.95)], SIM, "my:sim")
+    told = str(raised.value)
+    assert told.startswith("my:sim: ")
+    assert says in told
+    assert mend in told
+    assert "\n" not in told
+
+
+def test_a_rough_simulation_in_the_wrong_sign_or_kilonewtons_is_still_found():
+    for factor, says in ((-1.0, "goes against"), (1e-3, "is in kN")):
+        with pytest.raises(GapError, match=says):
+            check_traces([trace(factor, fidelity=0.2, noise=150.0)], SIM, "my:sim")
+
+
+def test_the_gain_is_that_of_the_reduced_major_axis():
+    found = likeness([trace(factor=0.5, fidelity=1.0, noise=0.0)])
+    assert found.correlation == pytest.approx(1.0, abs=1e-6)
+    assert found.gain == pytest.approx(2.0, rel=1e-4)
+
+
+def test_a_constant_force_is_refused():
+    recording = ride()
+    with pytest.raises(GapError, match="the force of my:sim is constant"):
+        check_traces([make_trace(recording, np.full(5000, 3.0))], SIM, "my:sim")
+    still = ride(change=lambda force: np.full(5000, 7.0))
+    with pytest.raises(GapError, match="the measured force is constant"):
+        check_traces([make_trace(still, simulated(still))], SIM, "my:sim")
+
+
+def test_a_simulation_of_something_else_is_doubted():
+    recording = ride()
+    unrelated = 500.0 * np.sin(2 * np.pi * 3.1 * T)
+    (note,) = check_traces([make_trace(recording, unrelated)], SIM, "my:sim")
+    assert "hardly goes with the measured one" in note
+
+
+# range -----------------------------------------------------------------------------------------------------------
+
+
+def model(**ranges):
+    given = {"position_m": (-0.02, 0.02), "speed_m_s": (-0.6, 0.6), "current_A": (0.3, 0.9), **ranges}
+    return Model(
+        "polynomial_narx",
+        Sampling(500.0, 60.0, 0.02),
+        (Term(900.0, (Factor("speed", 0),)),),
+        Envelope(**given),
+        (-3e4, 3e4),
+    )
+
+
+def test_inside_the_envelope_nothing_is_said():
+    assert check_traces([trace()], ModelSimulation(model()), "m.json") == ()
+
+
+def test_little_outside_is_a_note_that_names_the_input():
+    (note,) = check_traces([trace()], ModelSimulation(model(current_A=(0.45, 0.9))), "m.json")
+    assert note.startswith("ride: ")
+    assert "outside the range m.json was identified on (current 0.4" in note
+
+
+@pytest.mark.parametrize("depth", [0, 2])
+def test_no_overlap_is_refused_however_deep_the_model_lies(depth):
+    simulation = ModelSimulation(model(current_A=(1.2, 1.6)))
+    for _ in range(depth):
+        simulation = AugmentedSimulation("a.json", simulation, Composition())
+    with pytest.raises(GapError, match=r"m\.json: outside the range .* 100% of the time, most in ride \(current"):
+        check_traces([trace()], simulation, "m.json")
+
+
+def test_where_the_simulation_is_silent_is_told():
+    recording = ride()
+    force = simulated(recording)
+    force[1000:3000] = np.nan
+    (note,) = check_traces([make_trace(recording, force)], SIM, "my:sim")
+    assert "ride: 4" in note
+    assert "the force of my:sim is missing there" in note
+
+
+def test_parts_of_one_recording_are_one():
+    whole = trace()
+    late = whole.time_s > 6.0
+    parts = [replace(whole, usable=whole.usable & late), replace(whole, usable=whole.usable & ~late)]
+    assert check_traces(parts, SIM, "my:sim") == ()
+
+
+def test_a_damper_that_hardly_moves_is_told():
+    slow = trace()
+    inputs = replace(slow.inputs, speed=slow.inputs.speed * 0.01)
+    (note,) = check_traces([replace(slow, inputs=inputs)], SIM, "my:sim")
+    assert "hardly moves" in note
+
+
+# current ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Lag(Effect):
+    name, form, needs = "lag", "slow", "a changing current"
+    parameters = (Parameter("lag_s", 0.0, 0.1, (0.01,), "of the valve"),)
+
+
+@dataclass(frozen=True)
+class FreeLag(Lag):
+    form, needs = "free", ""
+
+
+@dataclass(frozen=True)
+class Gain(Effect):
+    name, form, needs = "gain", "linear", "a current other than zero"
+    parameters = (Parameter("gain", 0.5, 2.0, (1.1,), "of the current"),)
+
+
+def test_a_constant_current_is_told_with_the_effects_that_cannot_be_seen():
+    constant = [trace(current=0.6), trace(current=0.6, seed=2)]
+    assert constant_current(constant)
+    assert check_traces(constant, SIM, "my:sim") == ("the current stays at 0.6 A: what the valve does cannot be seen",)
+    assert invisible([Lag(), Gain()], constant) == (("lag", "it needs a changing current; the current stays at 0.6 A"),)
+    assert invisible([Lag(), FreeLag()], constant) == ()
+    assert unseen(Lag(), constant) is not None
+
+
+def test_without_any_current_its_gain_cannot_be_seen_either():
+    passive = [trace(current=0.0)]
+    assert [name for name, _ in invisible([Lag(), Gain()], passive)] == ["lag", "gain"]
+
+
+def test_a_current_that_differs_between_recordings_changes():
+    assert not constant_current([trace(current=0.3), trace(current=0.6)])
+    assert invisible([Lag(), Gain()], [trace()]) == ()
+
+
+# effects of the user's own ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Sound(Effect):
+    name, form = "sound", "one"
+    parameters = (Parameter("gain", 0.0, 2.0, (1.0,), "of the force"),)
+
+    def respond(self, trace, inputs, force, values):
+        return values[0] * force
+
+
+@dataclass(frozen=True)
+class Short(Sound):
+    def respond(self, trace, inputs, force, values):
+        return force[:-1]
+
+
+@dataclass(frozen=True)
+class Wild(Sound):
+    def respond(self, trace, inputs, force, values):
+        return force * np.nan
+
+
+@dataclass(frozen=True)
+class Raises(Sound):
+    def drive(self, trace, inputs, force, values):
+        raise RuntimeError("no")
+
+
+@dataclass(frozen=True)
+class Nameless(Sound):
+    name = ""
+
+
+@dataclass(frozen=True)
+class Outside(Sound):
+    parameters = (Parameter("gain", 0.0, 2.0, (3.0,), "of the force"),)
+
+
+def test_a_sound_effect_of_ones_own_is_taken():
+    effect = user_effect("test_gap_checks:Sound")
+    assert effect == Sound()
+    require_sound(effect, trace())
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (Short, r"gave force of shape \(\d+,\); expected"),
+        (Wild, "force that is not finite"),
+        (Raises, "raised RuntimeError: no"),
+    ],
+)
+def test_an_effect_that_fails_is_named(kind, message):
+    with pytest.raises(GapError, match=f"effect 'sound': .*{message}"):
+        require_sound(kind(), trace())
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("nowhere:Sound", "cannot be imported: ModuleNotFoundError"),
+        ("test_gap_checks:ride", "is no effect"),
+        ("test_gap_checks", "expected module:Class"),
+        ("test_gap_checks:Nameless", "has no name, form or parameters"),
+        ("test_gap_checks:Outside", r"gain has bounds \[0, 2\] and starts \(3.0,\)"),
+        ("test_gap_checks:" + "x" * 900, "expected module:Class"),
+    ],
+)
+def test_what_is_no_effect_is_one_line(spec, message):
+    with pytest.raises(CesError, match=message) as raised:
+        user_effect(spec)
+    assert len(str(raised.value)) < 500

@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnoses import ALL, ambiguous, named, no_gap, unknown
+from schema_rules import faults
+
+from ces_gap.errors import GapError
+from ces_gap.report.gap_json import gap_document, gap_schema, write_gap
+from ces_observer.errors import CesError
+
+
+def wrong(document: dict[str, Any]) -> list[str]:
+    schema = gap_schema()
+    return faults(document, schema, schema)
+
+
+def leaves(item: Any) -> Iterator[Any]:
+    if isinstance(item, dict | list):
+        for inner in item.values() if isinstance(item, dict) else item:
+            yield from leaves(inner)
+    else:
+        yield item
+
+
+@pytest.mark.parametrize("verdict", ALL)
+def test_every_verdict_follows_the_schema(verdict: str) -> None:
+    document = gap_document(ALL[verdict]())
+    assert document["verdict"] == verdict
+    assert wrong(document) == []
+
+
+@pytest.mark.parametrize("verdict", ALL)
+def test_schema_agrees_with_the_jsonschema_library(verdict: str) -> None:
+    library = pytest.importorskip("jsonschema")
+    checker = library.Draft202012Validator(gap_schema())
+    checker.check_schema(gap_schema())
+    assert checker.is_valid(gap_document(ALL[verdict]()))
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("schema",), "ces-gap/2"),
+        (("verdict",), "perhaps"),
+        (("gap", "rms_N"), -1.0),
+        (("gap", "ci95_N"), [1.0]),
+        (("gap", "rms_N"), "12"),
+        (("where", 0, "axis"), "speed"),
+        (("where", 0, "share_of_samples"), 1.2),
+        (("causes", 0, "probability"), None),
+        (("causes", 0, "shrink"), 1.01),
+        (("causes", 0, "parameters", "coulomb_N", "value"), True),
+        (("composition", "parameters", "friction", "coulomb_N"), 3.0),
+        (("indistinguishable",), [["friction"]]),
+        (("next_experiment",), None),
+        (("surplus",), 1),
+    ],
+)
+def test_schema_refuses_what_the_contract_does(path: tuple[Any, ...], value: object) -> None:
+    document = deepcopy(gap_document(named()))
+    place: Any = document
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    assert len(wrong(document)) == 1
+
+
+def test_every_key_of_the_contract_is_required() -> None:
+    document = gap_document(named())
+    for key in document:
+        assert wrong({k: v for k, v in document.items() if k != key}) == [f"$: {key} is missing"]
+
+
+def test_numbers_are_those_of_the_diagnosis() -> None:
+    document, d = gap_document(named()), named()
+    assert document["gap"]["rms_N"] == d.gap.rms_N and document["gap"]["corrected_N"] == d.gap.corrected_N
+    assert document["causes"][0]["parameters"]["coulomb_N"]["ci95"] == [35.1, 38.4]
+    assert document["composition"]["effects"] == ["friction"]
+    assert document["ceiling"]["shrink"] == pytest.approx(1.0 - d.ceiling_after_N / d.gap.rms_N)
+    assert document["controls"]["best_wrong_effect"]["effect"] == "valve_lag"
+    energies = [row["share_of_energy"] for row in document["where"]]
+    assert energies == sorted(energies, reverse=True) and len(energies) == len(d.where.regions)
+
+
+def test_probabilities_sum_to_one() -> None:
+    for make in ALL.values():
+        document = gap_document(make())
+        total = sum(c["probability"] for c in document["causes"]) + sum(document["probabilities"].values())
+        assert total == pytest.approx(1.0, abs=0.015)
+
+
+def test_twins_are_told_with_what_would_part_them() -> None:
+    document = gap_document(ambiguous())
+    assert document["indistinguishable"] == [["valve_lag", "current_hysteresis"]]
+    assert document["next_experiment"]["separates"] == ["valve_lag", "current_hysteresis"]
+    assert document["surrogate"] == {"cost_J": 2.7}
+
+
+def test_recipes_become_plain_json() -> None:
+    recipe = gap_document(named())["next_experiment"]["recipe"]
+    assert recipe["stroke"]["amplitude_m"] == 0.02 and type(recipe["stroke"]["amplitude_m"]) is float
+    assert recipe["current"] == {"kind": "steps", "levels_A": [0.3, 1.2], "hold_s": 4}
+
+
+def test_rest_is_told_for_unknown_only() -> None:
+    assert gap_document(unknown())["rest"]
+    assert gap_document(named())["rest"] is None
+
+
+def test_no_gap_has_no_shrink_and_no_experiment() -> None:
+    document = gap_document(no_gap())
+    assert document["composition"]["shrink"] is None and document["composition"]["effects"] == []
+    assert document["next_experiment"] == {"purpose": "", "recipe": {}}
+
+
+def test_numbers_have_six_digits_and_are_finite() -> None:
+    d = named()
+    gap = replace(d.gap, rms_N=math.pi * 1e3, noise_floor_N=math.nan, ci95_N=(np.float64(1 / 3), math.inf))
+    document = gap_document(replace(d, gap=gap))
+    assert document["gap"]["rms_N"] == 3141.59 and document["gap"]["noise_floor_N"] is None
+    assert document["gap"]["ci95_N"] == [0.333333, None]
+    numbers = [v for v in leaves(document) if isinstance(v, float)]
+    assert all(math.isfinite(v) and v == float(f"{v:.6g}") for v in numbers)
+    assert wrong(document) == []
+
+
+def test_file_is_the_document(tmp_path: Path) -> None:
+    write_gap(tmp_path / "gap.json", named())
+    text = (tmp_path / "gap.json").read_text(encoding="utf-8")
+    assert json.loads(text) == gap_document(named()) and text.endswith("}\n")
+    assert [p.name for p in tmp_path.iterdir()] == ["gap.json"]
+
+
+def test_a_missing_folder_is_told(tmp_path: Path) -> None:
+    with pytest.raises(CesError, match="cannot be written"):
+        write_gap(tmp_path / "missing" / "gap.json", named())
+
+
+def test_a_recipe_that_json_cannot_hold_is_told() -> None:
+    experiment = named().next_experiment
+    assert experiment is not None
+    d = replace(named(), next_experiment=replace(experiment, recipe={"stroke": {1, 2}}))
+    with pytest.raises(GapError, match="next_experiment: recipe: stroke: a set; expected"):
+        gap_document(d)

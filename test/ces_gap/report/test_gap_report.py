@@ -1,0 +1,346 @@
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosed_traces import Friction, setting
+from diagnoses import ALL, ambiguous, experiment, explained, named, no_gap, pair, unknown
+
+from ces_gap.diagnosis import Diagnosis, Estimate, Region, Series, Where
+from ces_gap.effects.library import library, names
+from ces_gap.report import report_page, write_report
+from ces_gap.report.before_after import _kinks, worst_second
+from ces_gap.report.causes import cause_rows, others
+from ces_gap.report.ladder import after_ci95_N, ladder
+from ces_gap.report.strips import shares_ci95
+from ces_gap.report.words import EFFECTS, figure, joined, parameter_text, percent, region_name
+from ces_observer.errors import CesError
+
+XHTML = "{http://www.w3.org/1999/xhtml}"
+SVG = "{http://www.w3.org/2000/svg}"
+FACTS = {"Date": "2025-03-14", "Command": "ces diagnose --sim model.json --real bags/*"}
+EVERY = {**ALL, "pair": pair}
+
+
+def page_of(d: Diagnosis) -> ET.Element:
+    return ET.fromstring(report_page(d, "Rear damper", FACTS))
+
+
+@cache
+def page(which: str) -> ET.Element:
+    return page_of(EVERY[which]())
+
+
+def words(element: ET.Element) -> str:
+    return " ".join(" ".join(element.itertext()).split())
+
+
+def sections(root: ET.Element) -> dict[str, ET.Element]:
+    return {str(e.get("id")): e for e in root.iter(f"{XHTML}section")}
+
+
+def classed(root: ET.Element, css: str) -> list[ET.Element]:
+    return [e for e in root.iter() if css in (e.get("class") or "").split()]
+
+
+def length(element: ET.Element) -> float:
+    found = re.search(r"width:([\d.]+)%", str(element.get("style")))
+    assert found
+    return float(found.group(1))
+
+
+@pytest.mark.parametrize("which", EVERY)
+def test_page_loads_nothing_and_runs_nothing(which: str) -> None:
+    text = report_page(EVERY[which](), "Rear damper", FACTS)
+    for element in ET.fromstring(text).iter():
+        for name, value in element.attrib.items():
+            assert name.split("}")[-1] not in ("src", "srcset", "data", "action") and not name.startswith("on")
+            assert not name.endswith("href") or value.startswith("#")
+        assert element.tag.split("}")[-1] not in ("script", "link", "iframe", "object", "embed", "img", "use")
+    assert not re.search(r"url\(|@import|@font-face", text)
+    assert set(re.findall(r"\b(\w+)=.https?:", text)) == {"xmlns"}
+
+
+@pytest.mark.parametrize("which", EVERY)
+def test_ids_are_unique_and_every_figure_has_an_accessible_name(which: str) -> None:
+    root = page(which)
+    idents = [e.get("id") for e in root.iter() if e.get("id")]
+    assert len(idents) == len(set(idents))
+    figures = list(root.iter(f"{SVG}svg"))
+    assert figures and all(f.find(f"{SVG}title") is not None and f.find(f"{SVG}desc") is not None for f in figures)
+
+
+@pytest.mark.parametrize("which", EVERY)
+def test_every_class_in_the_page_has_a_style(which: str) -> None:
+    root = page(which)
+    css = words(next(iter(root.iter(f"{XHTML}style"))))
+    plain = {"named", "ambiguous", "unknown", "no_gap", "nothing"}
+    used = {name for e in root.iter() for name in (e.get("class") or "").split()} - plain
+    assert {name for name in used if f".{name}" not in css} == set()
+
+
+@pytest.mark.parametrize("which", EVERY)
+def test_verdict_sentence_and_facts_come_first(which: str) -> None:
+    header = words(next(iter(page(which).iter(f"{XHTML}header"))))
+    d = EVERY[which]()
+    assert d.sentence in header and d.simulation in header and FACTS["Command"] in header
+    assert {"named": "cause named", "ambiguous": "several causes fit"}.get(
+        d.verdict, d.verdict.split("_")[-1]
+    ) in header
+
+
+def test_the_ladder_is_to_scale() -> None:
+    bars = {str(e.get("class")).split()[-1]: length(e) for e in classed(page("named"), "length")}
+    gap = named().gap
+    assert list(bars) == ["before", "corrected", "after", "noise", "wrong", "ceiling"]
+    for css, value in (("corrected", gap.corrected_N), ("after", 4.5), ("noise", gap.noise_floor_N), ("wrong", 28.4)):
+        assert bars[css] / bars["before"] == pytest.approx(value / gap.rms_N, rel=2e-3)
+
+
+def test_the_ladder_holds_every_interval() -> None:
+    rungs = ladder(named())
+    for bar in (*rungs.steps, *rungs.controls):
+        if bar.whisker is not None:
+            start, width = bar.whisker
+            assert 0.0 <= start <= bar.length <= start + width <= 100.0
+
+
+def test_without_references_no_error_is_said_to_be_removed() -> None:
+    assert "Its own error removed" in words(sections(page("named"))["shrink"])
+    shrink = words(sections(page("ambiguous"))["shrink"])
+    assert "Its own error removed" not in shrink and "No reference recordings" in shrink
+
+
+def test_interval_after_belongs_to_the_interval_of_the_shrink() -> None:
+    low, high = after_ci95_N(named().composition) or (0.0, 0.0)
+    assert (low, high) == pytest.approx((40.0 * 0.08, 40.0 * 0.15))
+    assert after_ci95_N(replace(named().composition, shrink=math.nan)) is None
+
+
+def test_causes_are_ranked_with_what_their_probabilities_leave() -> None:
+    table = next(iter(sections(page("ambiguous"))["causes"].iter(f"{XHTML}table")))
+    rows = [words(r) for r in table.iter(f"{XHTML}tr")][1:]
+    assert [r.split(" ")[0] for r in rows] == ["valve", "current", "friction", "none", "no"]
+    shares = [length(e) for e in classed(table, "bar")]
+    assert shares == pytest.approx([46.0, 41.0, 3.0, 6.0, 4.0]) and sum(shares) == pytest.approx(100.0)
+    assert "rise 21.3 ms (17.1 to 25.5)" in rows[0] and "85 79 to 90 %" in rows[0]
+
+
+def test_the_blamed_effect_and_its_twins_are_marked() -> None:
+    assert [r.effect for r in cause_rows(ambiguous()) if r.named] == ["valve lag", "current hysteresis"]
+    assert [r.effect for r in cause_rows(named()) if r.named] == ["friction"]
+
+
+def test_parameters_not_to_be_trusted_are_marked() -> None:
+    causes = words(sections(page("unknown"))["causes"])
+    assert "rise 0.1 s (0.094 to 0.1) stuck at its bound" in causes
+    assert "width 0.112 A (0.071 to 0.157) differs between folds" in causes
+
+
+def test_improbable_effects_are_only_listed() -> None:
+    d = named()
+    extra = [replace(d.causes[1], effects=(f"effect_{i}",), probability=0.0) for i in range(5)]
+    many = replace(d, causes=(*d.causes, *extra))
+    rows = cause_rows(many)
+    assert [r.effect for r in rows] == ["friction", "valve lag", "current hysteresis"]
+    assert others(many, rows) == [f"effect {i}" for i in range(5)]
+    assert "Also tried, less probable: effect 0, effect 1" in words(page_of(many))
+
+
+def test_effects_together_show_their_joint_parameters() -> None:
+    causes = words(sections(page("pair"))["causes"])
+    assert "Fitted together" in causes and "Coulomb 35.2 N (33 to 37.1)" in causes and "rise 11 ms (8 to 14)" in causes
+    assert "Fitted together" not in words(page("named"))
+    assert "friction and valve lag" in words(classed(page("pair"), "closed")[0])
+
+
+def test_what_cannot_be_told_is_said_in_words() -> None:
+    said = words(sections(page("ambiguous"))["unsure"])
+    assert "Valve lag and current hysteresis give the same force" in said
+    assert "Force scale, gas spring and leakage: recalibrating the simulation would look the same" in said
+    assert "Bump stop: the stroke never comes within 10 mm of its ends." in said
+    assert "whose cost J is 2.70 % of the predictions" in words(page("ambiguous"))
+
+
+def test_where_has_a_strip_for_each_axis_and_its_maps() -> None:
+    where = sections(page("named"))["where"]
+    strips = next(e for e in where.iter(f"{XHTML}div") if e.get("class") == "strips")
+    assert len(list(strips)) == len({r.axis for r in named().where.regions}) == 8
+    maps = next(e for e in where.iter(f"{XHTML}div") if e.get("class") == "maps")
+    assert len(list(maps)) == len(named().where.maps)
+
+
+def test_where_bars_are_as_high_as_the_energy() -> None:
+    figure_of = next(e for e in page("named").iter(f"{SVG}svg") if "where-direction-t" in str(e.get("aria-labelledby")))
+    heights = [float(str(e.get("height"))) for e in classed(figure_of, "energy")]
+    shares = [r.share_of_energy for r in sorted(named().where.regions, key=lambda r: r.low) if r.axis == "direction"]
+    assert heights[0] / heights[1] == pytest.approx(shares[0] / shares[1], rel=5e-3)
+
+
+def test_region_without_evidence_is_not_said_to_stand_out() -> None:
+    d = named()
+    assert "No region stands out" in words(page_of(replace(d, where=replace(d.where, max_p_value=0.3))))
+    assert "No region stands out" in words(page_of(replace(d, where=replace(d.where, strongest=None))))
+
+
+@pytest.mark.parametrize("axis", ["speed_m_s", "frequency_hz"])
+def test_intervals_of_shares_are_those_of_the_rms(axis: str) -> None:
+    samples = (0.5, 0.3, 0.2)
+    rms = (10.0, 30.0, 20.0)
+    energy = np.array([r**2 * (1.0 if axis == "frequency_hz" else s) for r, s in zip(rms, samples, strict=True)])
+    share = energy / energy.sum()
+    regions = [
+        Region(axis, float(k), k + 1.0, float(share[k]), samples[k], rms[k], (rms[k], 2.0 * rms[k]), 1.0)
+        for k in range(3)
+    ]
+    assert shares_ci95(regions) == pytest.approx(np.c_[share, 4.0 * share])
+
+
+def test_the_rest_is_located_for_unknown_only() -> None:
+    order = list(sections(page("unknown")))
+    assert order.index("rest") < order.index("where")
+    assert "The rest stands out most" in words(sections(page("unknown"))["rest"])
+    assert all("rest" not in sections(page(which)) for which in EVERY if which != "unknown")
+    assert "a learner without physics explains 81 %" in words(classed(page("unknown"), "closed")[0])
+
+
+def test_no_gap_is_a_short_page() -> None:
+    short = sections(page("no_gap"))
+    assert list(short) == ["shrink", "before-after", "unsure", "notes", "meaning"]
+    assert not classed(page("no_gap"), "after") and not classed(page("no_gap"), "augmented")
+    assert len(report_page(no_gap())) < 0.6 * len(report_page(named()))
+
+
+def test_worst_second_holds_the_burst() -> None:
+    first = named().held_out[0]
+    force = first.trace.force.copy()
+    force[1234:1300] += 900.0
+    burst = Series(replace(first.trace, force=force), first.corrected, first.augmented)
+    worst = worst_second([first, burst, first])
+    assert worst is not None and worst.series is burst
+    assert worst.start <= 1234 and worst.stop >= 1300 and worst.stop - worst.start == 500
+
+
+def test_regions_before_and_after() -> None:
+    table = next(t for t in page("named").iter(f"{XHTML}table") if t.get("class") == "regions")
+    rows = list(table.iter(f"{XHTML}tr"))[1:]
+    clear = [pair for pair in named().composition.by_region if pair[0].q_value <= 0.05][:10]
+    assert 0 < len(rows) == len(clear) < len(named().composition.by_region)
+    region, after = clear[0]
+    assert words(rows[0]).startswith(region_name(region))
+    was, now = length(classed(rows[0], "was")[0]), length(classed(rows[0], "is")[0])
+    assert now / was == pytest.approx(after / region.rms_N, rel=0.01)
+
+
+def test_the_next_experiment_has_purpose_files_and_recipe() -> None:
+    text = words(sections(page("ambiguous"))["next"])
+    assert experiment().purpose in text and "next_experiment.csv" in text
+    assert "valve lag and current hysteresis differ by 31.0 N RMS" in text.replace("\N{NO-BREAK SPACE}", " ")
+    assert "kind triangle" in text and "0.3, 1.2" in text
+
+
+def test_files_are_named_as_given() -> None:
+    text = report_page(named(), files={"part_two.yaml": "for the other rig"})
+    assert "part_two.yaml" in text and "next_experiment" not in text
+
+
+def test_a_polyline_keeps_every_corner() -> None:
+    e = experiment()
+    for values in (e.position_m, e.current_A):
+        time, kept = _kinks(e.time_s, values)
+        assert len(kept) < 0.1 * len(values)
+        assert np.interp(e.time_s, time, kept) == pytest.approx(values, abs=1e-9)
+
+
+def test_texts_of_others_are_shown_as_they_are() -> None:
+    d = replace(named(), sentence="a <b> & 'c'", simulation="<script>x</script>", notes=("1 < 2 \udcff",))
+    root = page_of(d)
+    assert "a <b> & 'c'" in words(root) and "<script>x</script>" in words(root) and "1 < 2" in words(root)
+
+
+def test_what_is_not_known_leaves_a_page() -> None:
+    nan = math.nan
+    lost = Estimate("coulomb_N", nan, (nan, nan))
+    blind = explained(setting(Friction(), 0.0, 0.01), (lost, lost), named().held_out, 0.2)
+    blind = replace(blind, gap_after_N=nan, shrink=nan, shrink_ci95=(nan, nan))
+    gap = replace(named().gap, ci95_N=(nan, nan), corrected_N=nan, corrected_ci95_N=(nan, nan), noise_floor_N=nan)
+    dark = replace(named().held_out[0].trace, usable=np.zeros(len(named().held_out[0].trace), bool))
+    d = replace(
+        unknown(),
+        gap=gap,
+        causes=(blind,),
+        composition=blind,
+        wrong=None,
+        ceiling_after_N=nan,
+        where=Where((), None, nan, ()),
+        rest=Where((), None, nan, ()),
+        held_out=(replace(named().held_out[0], trace=dark),),
+        next_experiment=replace(experiment(), time_s=np.zeros(0), position_m=np.zeros(0), current_A=np.zeros(0)),
+    )
+    text = words(page_of(d))
+    assert (
+        not re.search(r"\bnan\b", text)
+        and "No region stands out" in text
+        and "before-after" not in sections(page_of(d))
+    )
+    assert not re.search(r"\bnan\b", words(page_of(replace(d, verdict="named"))))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("coulomb_N", 36.86, ("Coulomb", "36.9", "N", "33.2 to 40.5")),
+        ("stiffness_N_m", 800.0, ("stiffness", "800", "N/m", "720 to 880")),
+        ("hardening_N_m2", 5.0, ("hardening", "5", "N/m²", "4.5 to 5.5")),
+        ("stiffness_N_m", 1.84e6, ("stiffness", "1 840", "N/mm", "1 660 to 2 020")),
+        ("bubbles_m", 0.0004, ("bubbles", "0.4", "mm", "0.36 to 0.44")),
+        ("stribeck_m_s", 0.02, ("Stribeck", "0.02", "m/s", "0.018 to 0.022")),
+        ("leak_m_sN", 2e-5, ("leak", "2·10⁻⁵", "m/(s·N)", "1.8·10⁻⁵ to 2.2·10⁻⁵")),
+        ("fade_per_K", -0.004, ("fade", "−0.004", "1/K", "−0.0036 to −0.0044")),
+        ("gain", 1.05, ("gain", "1.05", "", "0.945 to 1.16")),
+    ],
+)
+def test_parameters_are_told_in_handy_units(name: str, value: float, expected: tuple[str, ...]) -> None:
+    told = parameter_text(Estimate(name, value, (0.9 * value, 1.1 * value)))
+    assert tuple(t.replace("\N{NARROW NO-BREAK SPACE}", " ") for t in told) == expected
+
+
+def test_every_effect_of_the_library_is_told_in_words() -> None:
+    assert set(names()) == set(EFFECTS)
+    for parameter in (p for form in library() for p in form.parameters):
+        name, _, unit, _ = parameter_text(Estimate(parameter.name, parameter.low, (parameter.low, parameter.high)))
+        assert unit or not re.search(r" (m\d?|s|s?N|A|K|J|kg|Pa|Hz|rad|rtN)$", name), parameter.name
+
+
+def test_words_of_numbers_and_regions() -> None:
+    assert (percent(0.004), percent(0.0), percent(-0.05), percent(-0.004), percent(math.nan)) == (
+        "<1",
+        "0",
+        "−5",
+        "0",
+        "–",
+    )
+    assert (figure(math.inf), figure(math.nan), figure(0.0)) == ("∞", "–", "0")
+    assert (joined(["a_b"]), joined(["a", "b"]), joined(["a", "b", "c"])) == ("a b", "a and b", "a, b and c")
+    rows = (
+        (("stroke_m", -0.02, 0.0), "stroke −20 to 0 mm"),
+        (("heat_J", 500.0, math.inf), "dissipated heat above 0.5 kJ"),
+        (("stroke_m", -math.inf, -0.0279), "stroke below −27.9 mm"),
+        (("direction", -1.0, 0.0), "rebound"),
+        (("direction", 0.0, 1.0), "compression"),
+    )
+    for (axis, low, high), name in rows:
+        assert region_name(Region(axis, low, high, 0.1, 0.1, 1.0, (0.0, 2.0), 0.5)) == name
+
+
+def test_file_is_the_page(tmp_path: Path) -> None:
+    write_report(tmp_path / "report.html", ambiguous(), "Rear damper", FACTS)
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == report_page(ambiguous(), "Rear damper", FACTS)
+    with pytest.raises(CesError, match="cannot be written"):
+        write_report(tmp_path / "none" / "report.html", ambiguous(), "Rear damper")

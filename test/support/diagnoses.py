@@ -1,0 +1,188 @@
+"""One diagnosis of each verdict, made up around recordings in memory: what documents and pages are tested with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from diagnosed_traces import NOISE_N, Friction, Hysteresis, ValveLag, located, series, setting
+
+from ces_gap.diagnosis import (
+    AMBIGUOUS,
+    NAMED,
+    NO_GAP,
+    UNKNOWN,
+    Diagnosis,
+    Estimate,
+    Explained,
+    Gap,
+    NextExperiment,
+    Series,
+)
+from ces_gap.effects.effect import Composition, Setting
+
+FRICTION = (Estimate("coulomb_N", 36.86, (35.1, 38.4)), Estimate("transition_m_s", 0.013, (0.0104, 0.0159)))
+LAG = (Estimate("rise_s", 0.0213, (0.0171, 0.0255)),)
+WIDTH = (Estimate("width_A", 0.112, (0.071, 0.157), drifts=True),)
+BOUND = (Estimate("rise_s", 0.1, (0.094, 0.1), at_bound=True),)
+
+
+@cache
+def named() -> Diagnosis:
+    held_out = (series("bags/held_out_road", 1), series("bags/held_out_noise", 2))
+    where = located(held_out)
+    friction = explained(setting(Friction(), 36.86, 0.013), FRICTION, held_out, 0.94)
+    after = tuple((r, 0.14 * r.rms_N + 0.4) for r in where.regions[:8])
+    lag = replace(explained(setting(ValveLag(), 0.0213), LAG, held_out, 0.02), gap_after_N=28.4, shrink=0.29)
+    width = replace(explained(setting(Hysteresis(), 0.112), WIDTH, held_out, 0.01), gap_after_N=33.0, shrink=0.175)
+    lag, width = replace(lag, shrink_ci95=(0.22, 0.36)), replace(width, shrink_ci95=(0.08, 0.26))
+    return Diagnosis(
+        verdict=NAMED,
+        sentence="The simulation lacks seal friction: adding it closes 89 % of the gap on recordings it never saw.",
+        simulation="model.json",
+        gap=Gap(40.0, (37.6, 42.6), NOISE_N, 5.31, 36.1, (33.9, 38.5)),
+        where=where,
+        causes=(friction, lag, width),
+        composition=replace(friction, by_region=after),
+        indistinguishable=(),
+        not_separable=(),
+        invisible=(
+            ("bump_stop", "the stroke never comes within 10 mm of its ends"),
+            ("temperature_fade", "the oil warms by less than 2 K"),
+        ),
+        ceiling_after_N=4.0,
+        wrong=lag,
+        probability_none=0.01,
+        probability_unknown=0.02,
+        rest=None,
+        next_experiment=experiment(),
+        surrogate_cost_J=None,
+        held_out=held_out,
+        notes=("bags/held_out_noise: 0.4 % of the position samples were left out as outliers.",),
+    )
+
+
+@cache
+def pair() -> Diagnosis:
+    """Return the named one with a second effect beside friction, both fitted together."""
+    first = named()
+    both = Composition((setting(Friction(), 35.2, 0.012), setting(ValveLag(), 0.011)))
+    composition = replace(
+        first.composition,
+        effects=("friction", "valve_lag"),
+        forms=("coulomb", "first order"),
+        composition=both,
+        estimates=(
+            (Estimate("coulomb_N", 35.2, (33.0, 37.1)), FRICTION[1]),
+            (Estimate("rise_s", 0.011, (0.008, 0.014)),),
+        ),
+        gap_after_N=1.2,
+        shrink=0.97,
+        shrink_ci95=(0.94, 0.99),
+    )
+    sentence = "The simulation lacks seal friction and a valve lag: together they close 97 % of the gap."
+    return replace(first, sentence=sentence, composition=composition, wrong=first.causes[2])
+
+
+@cache
+def ambiguous() -> Diagnosis:
+    first = named()
+    lag, width = (replace(c, gap_after_N=6.1, shrink=0.85, shrink_ci95=(0.79, 0.9)) for c in first.causes[1:])
+    causes = (
+        replace(lag, probability=0.46),
+        replace(width, probability=0.41),
+        replace(first.causes[0], probability=0.03),
+    )
+    return replace(
+        first,
+        verdict=AMBIGUOUS,
+        sentence="Valve lag or current hysteresis: these recordings cannot tell the two apart.",
+        simulation="topic:/simulation/force",
+        gap=replace(first.gap, corrected_N=first.gap.rms_N, corrected_ci95_N=first.gap.ci95_N),
+        causes=causes,
+        composition=replace(causes[0], by_region=first.composition.by_region),
+        indistinguishable=(("valve_lag", "current_hysteresis"),),
+        not_separable=("force_scale", "gas_spring", "leakage"),
+        wrong=replace(causes[2], gap_after_N=24.8, shrink=0.38, shrink_ci95=(0.31, 0.45)),
+        probability_none=0.04,
+        probability_unknown=0.06,
+        next_experiment=replace(experiment(), separates=("valve_lag", "current_hysteresis"), distance_N=31.0),
+        surrogate_cost_J=2.7,
+    )
+
+
+@cache
+def unknown() -> Diagnosis:
+    first = named()
+    lag = replace(first.causes[1], estimates=(BOUND,), gap_after_N=29.0, shrink=0.275, probability=0.06)
+    return replace(
+        first,
+        verdict=UNKNOWN,
+        sentence="None of the known effects: together they close 28 % of the gap, a learner without physics 81 %.",
+        causes=(lag, *first.causes[2:]),
+        composition=replace(lag, by_region=first.composition.by_region),
+        wrong=first.causes[2],
+        ceiling_after_N=7.6,
+        probability_none=0.01,
+        probability_unknown=0.92,
+        rest=located(first.held_out, "corrected"),
+    )
+
+
+@cache
+def no_gap() -> Diagnosis:
+    first = named()
+    held_out = tuple(series(name, seed, coulomb_N=0.0, own=0.1) for name, seed in (("bags/road", 3), ("bags/noise", 4)))
+    nothing = Explained((), (), Composition(), (), 0.6, float("nan"), (float("nan"), float("nan")))
+    return replace(
+        first,
+        verdict=NO_GAP,
+        sentence="No gap: beyond measurement noise and the simulation's own error nothing is left to explain.",
+        gap=Gap(2.1, (0.0, 3.4), NOISE_N, 1.06, 0.6, (0.0, 1.9)),
+        where=replace(located(held_out), max_p_value=0.63),
+        causes=(),
+        composition=nothing,
+        ceiling_after_N=0.5,
+        wrong=None,
+        probability_none=0.97,
+        probability_unknown=0.03,
+        next_experiment=None,
+        held_out=held_out,
+        notes=(),
+    )
+
+
+def explained(
+    one: Setting, estimates: tuple[Estimate, ...], held_out: tuple[Series, ...], probability: float
+) -> Explained:
+    """Return one effect alone, closing most of the gap."""
+    return Explained(
+        effects=(one.name,),
+        forms=(one.effect.form,),
+        composition=Composition((one,)),
+        estimates=(estimates,),
+        gap_after_N=4.5,
+        shrink=0.8875,
+        shrink_ci95=(0.85, 0.92),
+        gain=0.87,
+        gain_error=0.02,
+        probability=probability,
+    )
+
+
+def experiment() -> NextExperiment:
+    """Return a slow triangle with current steps."""
+    time = np.arange(0.0, 20.0, 0.01)
+    position = 0.02 * (2.0 / np.pi) * np.arcsin(np.sin(2 * np.pi * 0.25 * time))
+    current = np.where(np.floor(time / 4.0) % 2 == 0, 0.3, 1.2)
+    recipe = {
+        "duration_s": 20.0,
+        "stroke": {"kind": "triangle", "amplitude_m": np.float64(0.02), "frequency_Hz": 0.25},
+        "current": {"kind": "steps", "levels_A": np.array([0.3, 1.2]), "hold_s": 4},
+    }
+    purpose = "A slow triangle shows friction as a step in force at each reversal, free of everything that needs speed."
+    return NextExperiment("slow_triangle", purpose, recipe, time, position, current)
+
+
+ALL = {NAMED: named, AMBIGUOUS: ambiguous, UNKNOWN: unknown, NO_GAP: no_gap}
