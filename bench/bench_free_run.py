@@ -16,8 +16,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ces_identify.compiled import compile_terms, power_table
-from ces_identify.kernels import free_run
+from ces_identify.numerics.kernels import free_run
+from ces_identify.polynomial.compiled import compile_terms, power_table
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
 from ces_observer.polynomial import Polynomial

@@ -24,18 +24,18 @@ from damper_set import RATE, WARM_UP, F, series
 from identification_peers import FED, HELPED, POWER_FED, RAW, Columns, Feed, Fitted
 from measuring import Spent, installed, print_table, say, timed
 
-from ces_identify.cost import cost
-from ces_identify.fuzzy_fit import FuzzyFit, Grid
 from ces_identify.identify import Options, posed
 from ces_identify.identify_trained import FuzzyShape, Lags, NetworkShape, regressors
-from ces_identify.limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
-from ces_identify.network_fit import NetworkFit
-from ces_identify.refit import refitted
-from ces_identify.selection import search
-from ces_identify.series import Series
-from ces_identify.simulate import simulate_series
-from ces_identify.simulation_error import Family, train
-from ces_identify.training import Training, training
+from ces_identify.polynomial.limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
+from ces_identify.polynomial.refit import refitted
+from ces_identify.polynomial.selection import search
+from ces_identify.preparation.cost import cost
+from ces_identify.preparation.series import Series
+from ces_identify.simulations.simulate import simulate_series
+from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.trained.network_fit import NetworkFit
+from ces_identify.trained.simulation_error import Family, train
+from ces_identify.trained.training import Training, training
 from ces_observer.model import Model
 
 LAGS = Lags(position_s=(0.0,))

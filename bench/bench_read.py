@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 from rosbags.highlevel import AnyReader
 
-from ces_identify.bag_reader import RecordingWarning, read_recording
-from ces_identify.bag_writer import recording_topics, write_bag
-from ces_identify.recording import Channel, Recording
-from ces_identify.signals_file import load_signals
+from ces_identify.recordings.bag_reader import RecordingWarning, read_recording
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.recordings.signals_file import load_signals
 
 RATE = 1000
 UNITS = {"position": "m", "current": "A", "force": "N"}

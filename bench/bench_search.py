@@ -28,12 +28,12 @@ from damper_set import series
 from identification_peers import FED
 from measuring import free_cores, installed, interleaved, print_table, say, timed, verdict
 
-from ces_identify.free_run_fit import Fit, fit_free_run
-from ces_identify.limits import RANDOM, Found, Limits
-from ces_identify.problem import Problem, pose
-from ces_identify.regressors import load_rules
-from ces_identify.selection import search
-from ces_identify.simulate import simulate_series
+from ces_identify.polynomial.free_run_fit import Fit, fit_free_run
+from ces_identify.polynomial.limits import RANDOM, Found, Limits
+from ces_identify.polynomial.problem import Problem, pose
+from ces_identify.polynomial.regressors import load_rules
+from ces_identify.polynomial.selection import search
+from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.predictors import predictor
 

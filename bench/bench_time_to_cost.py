@@ -21,13 +21,13 @@ import blas_one_thread  # noqa: F401 - before NumPy
 from damper_set import RATE, series
 from measuring import print_table, say
 
-from ces_identify.cost import series_cost
 from ces_identify.identify import Options, posed
-from ces_identify.limits import BOTH, METHODS, Found, Limits
-from ces_identify.problem import Problem
-from ces_identify.selection import search
-from ces_identify.series import Series
-from ces_identify.simulate import simulate_series
+from ces_identify.polynomial.limits import BOTH, METHODS, Found, Limits
+from ces_identify.polynomial.problem import Problem
+from ces_identify.polynomial.selection import search
+from ces_identify.preparation.cost import series_cost
+from ces_identify.preparation.series import Series
+from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Model, Sampling, Term
 
 SAMPLING = Sampling(RATE, 100.0, 0.01)  # the speed is given: no differentiator has a part in it

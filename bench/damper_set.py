@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from ces_identify.series import Series
+from ces_identify.preparation.series import Series
 
 F = NDArray[np.float64]
 

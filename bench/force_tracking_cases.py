@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ces_identify.identify import Options, identify
-from ces_identify.limits import Limits
+from ces_identify.polynomial.limits import Limits
 from ces_observer.model import Model
 from ces_rig.damper import Damper
 from ces_rig.experiment import GRID_S, load_experiment, measured, packaged

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from real_gaps_simulations import SPEED_HZ, low_passed, rate_of, stopped
 
-from ces_identify.recording import Recording
+from ces_identify.recordings.recording import Recording
 
 F = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from ces_identify.recording import Recording
+from ces_identify.recordings.recording import Recording
 
 F = NDArray[np.float64]
 

@@ -22,9 +22,9 @@ from thesis_one_step import one_step_model
 
 from ces_identify.identify import Options, identify
 from ces_identify.identify_trained import ANFIS, NETWORK, identify_anfis, identify_network
-from ces_identify.limits import BOTH, RANDOM, Limits
-from ces_identify.recording import Recording
-from ces_identify.regressors import load_rules, parse_rules
+from ces_identify.polynomial.limits import BOTH, RANDOM, Limits
+from ces_identify.polynomial.regressors import load_rules, parse_rules
+from ces_identify.recordings.recording import Recording
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, reseeded, run

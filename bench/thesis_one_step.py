@@ -14,17 +14,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.fuzzy_fit import FuzzyFit, Grid
 from ces_identify.identify_trained import NETWORK, FuzzyShape, NetworkShape, regressors
-from ces_identify.lagged_table import Table, delayed
-from ces_identify.limits import Limits
-from ces_identify.network_fit import NetworkFit
-from ces_identify.network_kernels import network_normal_equations
-from ces_identify.recording import Recording
-from ces_identify.sampling import choose_sampling
-from ces_identify.series import prepare
-from ces_identify.simulation_error import train
-from ces_identify.training import Training, training
+from ces_identify.polynomial.limits import Limits
+from ces_identify.preparation.sampling import choose_sampling
+from ces_identify.preparation.series import prepare
+from ces_identify.recordings.recording import Recording
+from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.trained.lagged_table import Table, delayed
+from ces_identify.trained.network_fit import NetworkFit
+from ces_identify.trained.network_kernels import network_normal_equations
+from ces_identify.trained.simulation_error import train
+from ces_identify.trained.training import Training, training
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 

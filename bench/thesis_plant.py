@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from ces_identify.cost import series_cost
-from ces_identify.series import Series
+from ces_identify.preparation.cost import series_cost
+from ces_identify.preparation.series import Series
 from ces_rig.experiment import Experiment
 from ces_rig.stepper import rest_force, simulate
 

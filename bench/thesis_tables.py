@@ -34,10 +34,10 @@ from thesis_models import (
 from thesis_plant import plant_cost
 from thesis_plots import draw_all, figures
 
-from ces_identify.evaluate import VALIDATION, Evaluation, evaluate
 from ces_identify.identify_trained import ANFIS, NETWORK
-from ces_identify.recording import Recording
-from ces_identify.series import prepare
+from ces_identify.preparation.series import prepare
+from ces_identify.recordings.recording import Recording
+from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_rig.experiment import run
 from ces_rig.floor import floors
 

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.simulations import open_simulation, with_predictions
-from ces_identify.bag_reader import read_recording
-from ces_identify.recording import Recording
-from ces_identify.signals_file import load_signals
-from ces_identify.simulation import Simulation
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.recording import Recording
+from ces_identify.recordings.signals_file import load_signals
+from ces_identify.simulations.simulation import Simulation
 from ces_observer.checked import write_beside
 from ces_observer.errors import CesError
 

@@ -17,7 +17,7 @@ from ces_identify.campaign.description import load_campaign
 from ces_identify.campaign.plan import Campaign, Job, jobs
 from ces_identify.campaign.results import Results, open_results
 from ces_identify.campaign.workers import Recordings, on_cluster, on_this_machine
-from ces_identify.signals_file import load_signals
+from ces_identify.recordings.signals_file import load_signals
 from ces_observer.errors import CesError
 
 FORCE = ("position", "current", "force")

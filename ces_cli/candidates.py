@@ -7,8 +7,8 @@ from functools import reduce
 from pathlib import Path
 
 from ces_cli.structures import POLYNOMIAL
-from ces_identify.constructed_options import with_blend, with_constructed
-from ces_identify.regressors import Rules, load_rules
+from ces_identify.polynomial.constructed_options import with_blend, with_constructed
+from ces_identify.polynomial.regressors import Rules, load_rules
 from ces_observer.errors import CesError
 
 

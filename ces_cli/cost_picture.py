@@ -10,9 +10,9 @@ import numpy as np
 
 from ces_cli.coverage_picture import put_picture
 from ces_cli.tables import interval_text, percent
-from ces_identify.cost_interval import cost_interval
-from ces_identify.evaluate import VALIDATION, Evaluation
 from ces_identify.report.window import choose_window
+from ces_identify.validation.cost_interval import cost_interval
+from ces_identify.validation.evaluate import VALIDATION, Evaluation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.text import Text
 
-from ces_identify.coverage import Coverage
+from ces_identify.recordings.coverage import Coverage
 from ces_observer.errors import CesError
 
 if TYPE_CHECKING:

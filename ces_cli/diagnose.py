@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from ces_cli import terminal
 from ces_cli.bag_paths import RECORDING, VEHICLE, bags_of
 from ces_cli.simulations import HELP, import_from_here, open_simulation, with_predictions
-from ces_identify.recording import Recording
-from ces_identify.simulation import Simulation
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulation import Simulation
 from ces_observer.checked import write_together
 from ces_observer.errors import CesError
 from ces_observer.signals import Signals

@@ -22,11 +22,11 @@ from ces_gap.fleet.question import Job, Question, job_of
 from ces_gap.fleet.results import Fleet, open_fleet
 from ces_gap.fleet.workers import Task, on_cluster, on_this_machine
 from ces_gap.report.result_files import result_files
-from ces_identify.bag_reader import read_recording
-from ces_identify.checks import require_usable
-from ces_identify.recording import Recording
-from ces_identify.row_log import Row
-from ces_identify.simulation import Simulation
+from ces_identify.jobs.row_log import Row
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.checks import require_usable
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 from ces_observer.signals import Signals
 

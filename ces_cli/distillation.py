@@ -14,9 +14,9 @@ from rich.table import Table
 from ces_cli import terminal
 from ces_cli.tables import NONE, percent
 from ces_gap.augmented.simulation_spec import file_of
-from ces_identify.distillation import Distilled, distilled
 from ces_identify.identify import Identified
-from ces_identify.recording import Recording
+from ces_identify.recordings.recording import Recording
+from ces_identify.validation.distillation import Distilled, distilled
 
 
 def with_teacher(result: Identified, teacher: str, measured: Sequence[Recording]) -> Identified:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli import terminal
-from ces_identify.export_c import export_c, identifier, require_exportable
-from ces_identify.export_fmu import binary_path, export_fmu, find_compiler
+from ces_identify.export.export_c import export_c, identifier, require_exportable
+from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
 from ces_observer.certificate import Certificate, certify
 from ces_observer.checked import write_beside, write_together
 from ces_observer.errors import CesError

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ces_cli.fleet_tables import number, ordered, shrink_text, verdict_text
 from ces_gap.fleet.answer import DONE
-from ces_identify.row_log import Row
+from ces_identify.jobs.row_log import Row
 from ces_observer.checked import write_beside
 
 PAGE = """<!doctype html>

@@ -13,7 +13,7 @@ from ces_cli.structures import identifier
 from ces_cli.tables import fold_table
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
 from ces_identify.identify import Identified, Options
-from ces_identify.recording import Recording
+from ces_identify.recordings.recording import Recording
 
 MOST_FOLDS = 1000
 

@@ -16,9 +16,9 @@ from ces_cli.distillation import with_teacher
 from ces_cli.simulations import open_simulation, taught
 from ces_cli.structures import identifier
 from ces_identify.identify import Identified, Options
-from ces_identify.limits import Found, Limits
-from ces_identify.recording import Recording
-from ces_identify.weighting import parse_weighting
+from ces_identify.polynomial.limits import Found, Limits
+from ces_identify.preparation.weighting import parse_weighting
+from ces_identify.recordings.recording import Recording
 from ces_observer.errors import CesError
 
 FORCE = ("position", "current", "force")

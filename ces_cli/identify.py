@@ -22,10 +22,10 @@ from ces_cli.search_progress import SearchProgress
 from ces_cli.structures import add_structure
 from ces_cli.tables import cost_table
 from ces_identify.identify import Identified
-from ces_identify.limits import BOTH, METHODS
-from ces_identify.regressors import DEFAULT_RULES
-from ces_identify.usage import RULE
-from ces_identify.weighting import FORMS, parse_weighting
+from ces_identify.polynomial.limits import BOTH, METHODS
+from ces_identify.polynomial.regressors import DEFAULT_RULES
+from ces_identify.preparation.weighting import FORMS, parse_weighting
+from ces_identify.validation.usage import RULE
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -24,9 +24,9 @@ from ces_cli import terminal
 from ces_cli.identification import prepared, write_report_page
 from ces_cli.identify import parser
 from ces_cli.identify_progress import READING, SEARCHING, WRITING
-from ces_identify.evaluate import Evaluation
 from ces_identify.identify import Identified
-from ces_identify.limits import Found, Limits
+from ces_identify.polynomial.limits import Found, Limits
+from ces_identify.validation.evaluate import Evaluation
 from ces_observer.errors import CesError
 
 TOLD_EVERY_S = 0.2

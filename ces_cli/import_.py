@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli import terminal
-from ces_identify.bag_writer import recording_topics, write_bag
-from ces_identify.checks import findings, rate_of
-from ces_identify.dyno_import import import_log
-from ces_identify.dyno_mapping import TEMPLATE, load_dyno_mapping
-from ces_identify.recording import Recording
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.checks import findings, rate_of
+from ces_identify.recordings.dyno_import import import_log
+from ces_identify.recordings.dyno_mapping import TEMPLATE, load_dyno_mapping
+from ces_identify.recordings.recording import Recording
 from ces_observer.errors import RecordingError
 from ces_observer.signals import Signals
 

@@ -16,12 +16,12 @@ from rich.table import Table
 
 from ces_cli import terminal
 from ces_cli.coverage_picture import require_picture_name, save_picture, terminal_picture
-from ces_identify.bag_reader import list_topics, read_recording
-from ces_identify.bag_storage import Topic
-from ces_identify.channel_stats import ChannelStats, channel_stats
-from ces_identify.checks import Finding, findings
-from ces_identify.coverage import Coverage, coverage
-from ces_identify.recording import Recording
+from ces_identify.recordings.bag_reader import list_topics, read_recording
+from ces_identify.recordings.bag_storage import Topic
+from ces_identify.recordings.channel_stats import ChannelStats, channel_stats
+from ces_identify.recordings.checks import Finding, findings
+from ces_identify.recordings.coverage import Coverage, coverage
+from ces_identify.recordings.recording import Recording
 from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS, Constant, Signal, Signals
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli import terminal
-from ces_identify.bag_writer import TopicData, recording_topics, write_bag
-from ces_identify.recording import Recording
-from ces_identify.series import held_current
+from ces_identify.preparation.series import held_current
+from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
+from ces_identify.recordings.recording import Recording
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model
 from ces_observer.signals import Signal, Signals

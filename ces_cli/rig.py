@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli import terminal
-from ces_identify.bag_writer import recording_topics, write_bag
-from ces_identify.recording import Recording
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.recording import Recording
 from ces_rig.errors import RigError
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, packaged, reseeded, run
 

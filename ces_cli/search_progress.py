@@ -9,7 +9,7 @@ from types import TracebackType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from ces_cli import terminal
-from ces_identify.limits import Found, Limits
+from ces_identify.polynomial.limits import Found, Limits
 
 LOG_EVERY_S = 5.0
 

@@ -10,10 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from ces_gap.recorded import recorded_in
-from ces_identify.bag_reader import list_topics, read_recording
-from ces_identify.fmu_ports import SPEC
-from ces_identify.recording import Channel, Recording
-from ces_identify.simulation import (
+from ces_identify.recordings.bag_reader import list_topics, read_recording
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.fmu_ports import SPEC
+from ces_identify.simulations.simulation import (
     FunctionSimulation,
     ModelSimulation,
     RecordedSimulation,
@@ -98,7 +98,7 @@ def _json(path: Path) -> Simulation:
 
 
 def _fmu(spec: str) -> Simulation:
-    from ces_identify.fmu_simulation import open_fmu
+    from ces_identify.simulations.fmu_simulation import open_fmu
 
     return open_fmu(spec)
 

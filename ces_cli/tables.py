@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from ces_identify.cost import weighted_cost
-from ces_identify.cost_interval import CostInterval, cost_interval, pooled_cost
-from ces_identify.cycle_noise import CycleNoise, cycle_noise
-from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation
 from ces_identify.folds import CrossValidation
-from ces_identify.problem import estimation_ticks
-from ces_identify.weighting import EQUAL, Weighting
+from ces_identify.polynomial.problem import estimation_ticks
+from ces_identify.preparation.cost import weighted_cost
+from ces_identify.preparation.weighting import EQUAL, Weighting
+from ces_identify.validation.cost_interval import CostInterval, cost_interval, pooled_cost
+from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
 
 NONE = "-"
 

@@ -15,11 +15,11 @@ from typing import NoReturn, TextIO, TypeVar
 
 from rich.console import Console
 
-from ces_identify.bag_reader import read_recording
-from ces_identify.checks import require_usable
-from ces_identify.consistency import require_consistent
-from ces_identify.recording import Recording
-from ces_identify.signals_file import load_signals
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.checks import require_usable
+from ces_identify.recordings.consistency import require_consistent
+from ces_identify.recordings.recording import Recording
+from ces_identify.recordings.signals_file import load_signals
 from ces_observer.errors import CesError
 from ces_observer.signals import Signals
 

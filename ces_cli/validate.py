@@ -14,11 +14,11 @@ from ces_cli.cost_picture import save_cost_picture
 from ces_cli.coverage_picture import require_picture_name
 from ces_cli.reproof import reprove
 from ces_cli.tables import cost_table
-from ces_identify.error_regions import error_cells
-from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
-from ces_identify.residuals import residual_tests, verdicts
-from ces_identify.series import prepare
-from ces_identify.weighting import FORMS, Weighting, parse_weighting
+from ces_identify.preparation.series import prepare
+from ces_identify.preparation.weighting import FORMS, Weighting, parse_weighting
+from ces_identify.validation.error_regions import error_cells
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
+from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
 

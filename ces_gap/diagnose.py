@@ -45,8 +45,8 @@ from ces_gap.intake.given import Given, make_ready
 from ces_gap.report.sentence import sentence
 from ces_gap.trace import Trace
 from ces_gap.where.locate import gap_within, locate
-from ces_identify.recording import Recording
-from ces_identify.simulation import Simulation
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulation import Simulation
 
 F = NDArray[np.float64]
 Progress = Callable[[str, float], None]

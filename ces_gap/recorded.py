@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ces_identify.simulation import RecordedSimulation, Simulation
+from ces_identify.simulations.simulation import RecordedSimulation, Simulation
 
 
 def recorded_in(simulation: Simulation) -> RecordedSimulation | None:

@@ -15,9 +15,9 @@ from scipy.signal import butter, firwin, sosfiltfilt, welch
 
 from ces_gap.errors import GapError
 from ces_gap.recorded import recorded_in
-from ces_identify.recording import Recording
-from ces_identify.series import held_current
-from ces_identify.simulation import Simulation
+from ces_identify.preparation.series import held_current
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulation import Simulation
 
 F = NDArray[np.float64]
 B = NDArray[np.bool_]

@@ -12,10 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from ces_identify.cost_interval import CostInterval, cost_interval
-from ces_identify.evaluate import VALIDATION, Evaluation
 from ces_identify.identify import Identified, Options
-from ces_identify.recording import Recording
+from ces_identify.recordings.recording import Recording
+from ces_identify.validation.cost_interval import CostInterval, cost_interval
+from ces_identify.validation.evaluate import VALIDATION, Evaluation
 from ces_observer.errors import CesError
 
 Identifier = Callable[[Sequence[Recording], Sequence[Recording], Options], Identified]

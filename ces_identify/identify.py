@@ -12,20 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from ces_identify import search_clock
-from ces_identify.constructed_data import within_data
-from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
-from ces_identify.limits import Found, Limits, Listener
-from ces_identify.problem import Problem, pose
-from ces_identify.recording import Recording
-from ces_identify.refit import refitted
-from ces_identify.regressors import Rules, load_rules
-from ces_identify.sampling import choose_sampling
-from ces_identify.selection import search
-from ces_identify.series import Series, prepare
-from ces_identify.time_constant import settled
-from ces_identify.usage import RULE, usage
-from ces_identify.weighting import EQUAL, Weighting
+from ces_identify.numerics import search_clock
+from ces_identify.polynomial.constructed_data import within_data
+from ces_identify.polynomial.limits import Found, Limits, Listener
+from ces_identify.polynomial.problem import Problem, pose
+from ces_identify.polynomial.refit import refitted
+from ces_identify.polynomial.regressors import Rules, load_rules
+from ces_identify.polynomial.selection import search
+from ces_identify.polynomial.time_constant import settled
+from ces_identify.preparation.sampling import choose_sampling
+from ces_identify.preparation.series import Series, prepare
+from ces_identify.preparation.weighting import EQUAL, Weighting
+from ces_identify.recordings.recording import Recording
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
+from ces_identify.validation.usage import RULE, usage
 from ces_observer import __version__
 from ces_observer.certificate import certify, is_contraction
 from ces_observer.errors import CesError

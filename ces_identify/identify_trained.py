@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ces_identify.fuzzy_fit import FuzzyFit, Grid
 from ces_identify.identify import Identified, Options, judged
-from ces_identify.limits import Listener
-from ces_identify.network_fit import NetworkFit
-from ces_identify.recording import Recording
-from ces_identify.sampling import choose_sampling
-from ces_identify.series import prepare
-from ces_identify.simulation_error import Family, train
-from ces_identify.training import SIGNALS, Training, training
+from ces_identify.polynomial.limits import Listener
+from ces_identify.preparation.sampling import choose_sampling
+from ces_identify.preparation.series import prepare
+from ces_identify.recordings.recording import Recording
+from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.trained.network_fit import NetworkFit
+from ces_identify.trained.simulation_error import Family, train
+from ces_identify.trained.training import SIGNALS, Training, training
 from ces_observer.certificate import certify
 from ces_observer.errors import CesError
 from ces_observer.lagged import Regressor

@@ -1,6 +1,6 @@
 """The constructed inputs at work, tick by tick; ces_observer.constructed tells what they are.
 
-`ces_identify.constructed_kernels` holds their twins over whole arrays, operation by operation.
+`ces_identify.polynomial.constructed_kernels` holds their twins over whole arrays, operation by operation.
 """
 
 from __future__ import annotations

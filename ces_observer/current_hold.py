@@ -1,8 +1,8 @@
 """The current that holds at a position sample: the newest one stamped no later, if it is not too old.
 
 Stamped currents go in as they arrive; `at` gives the current for a position's stamp, by the same rule as offline
-(`ces_identify.series.held_current`). A short history is kept because position and current come in separate queues, so
-that a current may arrive before a position that was measured earlier.
+(`ces_identify.preparation.series.held_current`). A short history is kept because position and current come in separate
+queues, so that a current may arrive before a position that was measured earlier.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The estimator that rides on the vehicle: stamped position and current in, damping force out, or a reason why not.
 
 It is driven by position samples alone, keeps no clock of its own, and gives the same forces in real time, in
-simulated time and offline (`ces_identify.simulate.replayed_force` is its batch form).
+simulated time and offline (`ces_identify.simulations.simulate.replayed_force` is its batch form).
 """
 
 from __future__ import annotations

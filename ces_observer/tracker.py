@@ -4,15 +4,15 @@ Stamps [ns] and positions [m] go in; zero or more ticks (position, speed at whol
 each sample. Ticks up to half a period ahead of the newest sample are extrapolated by the differentiator's own
 acceleration, so a jittered stream at the model's rate gives one tick per sample and no delay; dropped samples and
 streams at other rates are bridged by interpolation. A silence longer than `max_gap_s` is never bridged.
-`ces_identify.kernels.track` is this class over whole arrays; a test holds the two together.
+`ces_identify.numerics.kernels.track` is this class over whole arrays; a test holds the two together.
 
 A position is plausible within `outlier_m` of what the differentiator predicts. Where samples were lost it also is
 within what the piston can have moved meanwhile: where its last speed, with or without its last acceleration, has taken
 it, give or take `outlier_m` and what the largest change of speed makes in the time that no sample came. `outlier_m` is
-at least the RMS speed it was chosen on / (2 pi bandwidth) (`ces_identify.sampling`), so it tells that speed. The
-largest change is LARGEST_CHANGE times as much, from 2.5 times the RMS speed one way to as much the other, and takes as
-long as the differentiator takes to settle. Until it has settled after such a sample or a restart, its own speed may be
-as wrong, and the change is granted at once.
+at least the RMS speed it was chosen on / (2 pi bandwidth) (`ces_identify.preparation.sampling`), so it tells that
+speed. The largest change is LARGEST_CHANGE times as much, from 2.5 times the RMS speed one way to as much the other,
+and takes as long as the differentiator takes to settle. Until it has settled after such a sample or a restart, its own
+speed may be as wrong, and the change is granted at once.
 
 Caught, then: while samples come in time, what departs by more than `outlier_m`, be it a spike or a jump; after a gap,
 what no stroke could have reached. Not caught: a wrong position within that reach, which after some ten lost samples is

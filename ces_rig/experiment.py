@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.recording import Channel, Recording
 from ces_rig.currents import Current, make_current
 from ces_rig.damper import Damper, damper_from, load_damper
 from ces_rig.descriptions import build, filled, quantity, read_yaml

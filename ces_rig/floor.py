@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.cost import cost
-from ces_identify.recording import Recording
+from ces_identify.preparation.cost import cost
+from ces_identify.recordings.recording import Recording
 from ces_rig.experiment import Experiment, load_experiment, measure, packaged, truth
 from ces_rig.simulation import recorded_force
 

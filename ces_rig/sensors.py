@@ -12,7 +12,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from ces_identify.recording import Channel
+from ces_identify.recordings.recording import Channel
 from ces_rig.descriptions import choice, quantity
 
 Array = NDArray[np.float64]

@@ -54,11 +54,11 @@ NODE_MODULES = {
     "ces_cli.identify_node",
 }
 BAG_MODULES = {
-    "ces_identify.bag_reader",
-    "ces_identify.bag_layout",
-    "ces_identify.bag_message",
-    "ces_identify.bag_storage",
-    "ces_identify.bag_writer",
+    "ces_identify.recordings.bag_reader",
+    "ces_identify.recordings.bag_layout",
+    "ces_identify.recordings.bag_message",
+    "ces_identify.recordings.bag_storage",
+    "ces_identify.recordings.bag_writer",
 }
 
 

@@ -11,7 +11,7 @@ from math import isfinite
 from pathlib import Path
 from unittest.mock import patch
 
-from ces_identify.signals_file import load_signals
+from ces_identify.recordings.signals_file import load_signals
 from ces_observer import certificate
 from ces_observer.certificate import is_contraction
 from ces_observer.current_hold import CurrentHold

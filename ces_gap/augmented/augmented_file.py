@@ -21,7 +21,7 @@ from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.effects.effect import Composition, Effect, Setting
 from ces_gap.effects.user_effects import class_of, library_effect, user_effect
 from ces_gap.errors import GapError
-from ces_identify.simulation import Simulation
+from ces_identify.simulations.simulation import Simulation
 from ces_observer import __version__
 from ces_observer.checked import Checked, write_beside
 from ces_observer.errors import ModelError

@@ -14,8 +14,8 @@ from ces_gap.effects.effect import Composition
 from ces_gap.errors import GapError
 from ces_gap.recorded import recorded_in
 from ces_gap.trace import Trace, make_trace, smoothed
-from ces_identify.recording import Recording
-from ces_identify.simulation import Simulation
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 
 F = NDArray[np.float64]

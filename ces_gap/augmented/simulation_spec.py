@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ces_identify.fmu_ports import SPEC
+from ces_identify.simulations.fmu_ports import SPEC
 
 FILES = (".json", ".yaml", ".yml")
 

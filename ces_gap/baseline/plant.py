@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ces_gap.effects.effect import Composition
 from ces_gap.trace import Inputs, Trace, on_grid
-from ces_identify.recording import Channel, Recording
-from ces_identify.simulation import Simulation
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulation import Simulation
 
 F = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ from ces_gap.experiment.signatures import NONE, Probe, Tangent, fan
 from ces_gap.experiment.twins import EVIDENCE
 from ces_gap.experiment.waveforms import commanded
 from ces_gap.trace import Trace, make_trace
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.checked import write_together
 from ces_observer.errors import CesError
 

@@ -11,8 +11,8 @@ from typing import Any
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.fleet.question import UNITS, Job, Question
 from ces_gap.intake.checks import check_recordings
-from ces_identify.recording import Recording
-from ces_identify.row_log import Row
+from ces_identify.jobs.row_log import Row
+from ces_identify.recordings.recording import Recording
 from ces_observer.errors import CesError
 
 DONE, FAILED, CRASHED = "done", "failed", "crashed"

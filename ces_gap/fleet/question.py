@@ -21,8 +21,8 @@ from ces_gap.augmented.augmented_file import named
 from ces_gap.augmented.simulation_spec import file_of
 from ces_gap.diagnosis import Diagnosis
 from ces_gap.effects.user_effects import class_of
-from ces_identify.recording import Recording
-from ces_identify.simulation import FunctionSimulation, Simulation
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulation import FunctionSimulation, Simulation
 from ces_observer import __version__
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ces_gap.fleet.answer import DONE, FAILED, Answer
 from ces_gap.fleet.question import Job
-from ces_identify.row_log import Row, RowLog, open_rows
+from ces_identify.jobs.row_log import Row, RowLog, open_rows
 from ces_observer.checked import write_together
 
 ROWS = "fleet.jsonl"

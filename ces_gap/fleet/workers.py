@@ -7,7 +7,7 @@ from collections.abc import Generator, Iterable, Sequence
 from ces_gap.fleet.answer import CRASHED, Answer, answer, failure
 from ces_gap.fleet.question import Job
 from ces_identify.campaign.workers import cluster, crash_of, dask_distributed, in_processes
-from ces_identify.recording import Recording
+from ces_identify.recordings.recording import Recording
 
 AHEAD = 2  # tasks for each thread of the cluster that are sent ahead
 

@@ -18,9 +18,9 @@ from ces_gap.intake.operating_range import outside_notes
 from ces_gap.intake.saturation import saturation_notes
 from ces_gap.intake.units import GOES_WITH, likeness, require_same_sense
 from ces_gap.trace import Trace
-from ces_identify.consistency import require_consistent
-from ces_identify.recording import Recording
-from ces_identify.simulation import Simulation
+from ces_identify.recordings.consistency import require_consistent
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulation import Simulation
 
 F = NDArray[np.float64]
 

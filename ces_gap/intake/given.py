@@ -14,8 +14,8 @@ from ces_gap.errors import GapError
 from ces_gap.intake.saturation import without_saturated
 from ces_gap.recorded import recorded_in
 from ces_gap.trace import Trace, open_trace, require_usable
-from ces_identify.recording import Recording
-from ces_identify.simulation import Simulation
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulation import Simulation
 
 LEAST_FIT_S = 4.0  # [s] usable for the fit
 PARTS, PART_S = 10, 1.0  # of a single recording, the shortest [s]: every third is set aside

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ces_gap.errors import GapError
 from ces_gap.trace import Trace
-from ces_identify.simulation import ModelSimulation, Simulation
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_observer.model import Model
 
 F = NDArray[np.float64]

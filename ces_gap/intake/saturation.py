@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ces_gap.errors import GapError
 from ces_gap.trace import Trace
-from ces_identify.recording import Recording
+from ces_identify.recordings.recording import Recording
 
 B = NDArray[np.bool_]
 

@@ -13,7 +13,7 @@ from ces_gap.diagnosis import Diagnosis
 from ces_gap.experiment.next_experiment import write_experiment
 from ces_gap.report import report_page
 from ces_gap.report.gap_json import gap_document
-from ces_identify.recording import Recording
+from ces_identify.recordings.recording import Recording
 
 GAP, AUGMENTED, REPORT = "gap.json", "augmented.json", "report.html"
 
@@ -27,7 +27,8 @@ def result_files(
     """Return the texts of the files by name.
 
     `sim` names the simulation as seen from the files' folder (`ces_gap.augmented.augmented_file.named`). `sources` are
-    the recordings of each role ("real", "held_out", "reference"), for the provenance; `facts` stand in the report as they are.
+    the recordings of each role ("real", "held_out", "reference"), for the provenance; `facts` stand in the report as
+    they are.
     """
     document = gap_document(diagnosis)
     provenance = {role: [_origin(r) for r in recordings] for role, recordings in sources}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ces_identify.campaign.plan import ANFIS, AUTO, BUILT_IN, POLYNOMIAL, SIGMOID, Setting
-from ces_identify.limits import BOTH, METHODS
+from ces_identify.polynomial.limits import BOTH, METHODS
 
 MOST_RULES = 60
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from ces_identify.campaign.plan import ANFIS, AUTO, SIGMOID, Cell, Job
-from ces_identify.evaluate import Evaluation
 from ces_identify.identify import Identified, Options, identify
 from ces_identify.identify_trained import FuzzyShape, NetworkShape, identify_anfis, identify_network
-from ces_identify.limits import Limits
-from ces_identify.recording import Recording
+from ces_identify.polynomial.limits import Limits
+from ces_identify.recordings.recording import Recording
+from ces_identify.validation.evaluate import Evaluation
 from ces_observer.errors import CesError
 
 DONE, FAILED, CRASHED = "done", "failed", "crashed"

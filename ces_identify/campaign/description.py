@@ -14,8 +14,8 @@ from typing import Any
 
 from ces_identify.campaign.axes import COMMON, LIMITS, STRUCTURES, Axis, number
 from ces_identify.campaign.plan import BUILT_IN, POLYNOMIAL, Campaign, Candidates, CellLimits, Setting
-from ces_identify.regressors import DEFAULT_RULES, load_rules
-from ces_identify.safe_yaml import load_mapping
+from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
+from ces_identify.recordings.safe_yaml import load_mapping
 from ces_observer.errors import CesError
 
 KEYS = (

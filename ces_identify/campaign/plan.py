@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from ces_identify.recording import Recording
-from ces_identify.regressors import Rules
+from ces_identify.polynomial.regressors import Rules
+from ces_identify.recordings.recording import Recording
 from ces_observer import __version__
 from ces_observer.errors import CesError
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ces_identify.campaign.cell import DONE, FAILED, Outcome, Row
-from ces_identify.row_log import RowLog, open_rows
+from ces_identify.jobs.row_log import RowLog, open_rows
 from ces_observer.checked import write_beside
 from ces_observer.errors import CesError
 

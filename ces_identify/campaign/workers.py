@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from ces_identify.campaign.cell import CRASHED, Outcome, compute, failure
 from ces_identify.campaign.plan import Job
-from ces_identify.recording import Recording
+from ces_identify.recordings.recording import Recording
 from ces_observer import __version__
 from ces_observer.errors import CesError
 

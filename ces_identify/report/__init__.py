@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ces_identify.evaluate import Evaluation
+from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.report.page import render
-from ces_identify.weighting import EQUAL, Weighting
+from ces_identify.validation.evaluate import Evaluation
 from ces_observer.checked import write_beside
 from ces_observer.model import Model
 

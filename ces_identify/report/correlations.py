@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_identify.report.drawing import Axis, F, Panel, label, minus, svg
-from ces_identify.residuals import Correlation, ResidualTests
+from ces_identify.validation.residuals import Correlation, ResidualTests
 
 COLUMNS = 5
 PANEL = (176.0, 84.0)  # width and height [px]

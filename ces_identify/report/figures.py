@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.evaluate import Evaluation
 from ces_identify.report.drawing import F, Panel, around_zero, axes, legend, note, panel, span_of, svg
 from ces_identify.report.marks import B, dots, line, shade
 from ces_identify.report.window import Window
+from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
 
 MOST_DOTS = 2400  # of each force in a speed-force plot

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.evaluate import Evaluation
+from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Envelope
 
 F = NDArray[np.float64]

@@ -8,10 +8,10 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from ces_identify.evaluate import Evaluation
 from ces_identify.report.drawing import Panel, axes, legend, note, panel, svg
 from ces_identify.report.grid import Grid
 from ces_identify.report.heat import cells, ramp
+from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
 
 F = NDArray[np.float64]

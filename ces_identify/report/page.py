@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from ces_identify.error_regions import error_cells, error_regions
-from ces_identify.evaluate import IDENTIFICATION, VALIDATION, Evaluation
+from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.report.correlations import correlation_figure
 from ces_identify.report.figures import MOST_DOTS, speed_force, time_plot
 from ces_identify.report.grid import make_grid
@@ -24,8 +23,9 @@ from ces_identify.report.summary import (
 )
 from ces_identify.report.terms import term_rows
 from ces_identify.report.window import choose_window
-from ces_identify.residuals import residual_tests, verdicts
-from ces_identify.weighting import EQUAL, Weighting
+from ces_identify.validation.error_regions import error_cells, error_regions
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
+from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.model import Model
 
 USAGE_RULE = "usage_rule"  # in the provenance: told below the costs

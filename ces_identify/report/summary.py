@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ces_identify.cost import weighted_cost
-from ces_identify.cost_interval import CostInterval, cost_interval, pooled_cost
-from ces_identify.cycle_noise import CycleNoise, cycle_noise
-from ces_identify.evaluate import VALIDATION, Evaluation
-from ces_identify.weighting import EQUAL, Weighting
+from ces_identify.preparation.cost import weighted_cost
+from ces_identify.preparation.weighting import EQUAL, Weighting
+from ces_identify.validation.cost_interval import CostInterval, cost_interval, pooled_cost
+from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
+from ces_identify.validation.evaluate import VALIDATION, Evaluation
 
 MUCH_OUTSIDE = 0.05  # share of the ticks outside the envelope that calls for a warning
 

@@ -9,11 +9,11 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from ces_identify import kernels
-from ces_identify.compiled import compile_terms, power_table
-from ces_identify.constructed_series import constructed_values
-from ces_identify.evaluate import Evaluation
+from ces_identify.numerics import kernels
+from ces_identify.polynomial.compiled import compile_terms, power_table
+from ces_identify.polynomial.constructed_series import constructed_values
 from ces_identify.report.drawing import minus
+from ces_identify.validation.evaluate import Evaluation
 from ces_observer.constructed import Hat, Hysteresis, Lag
 from ces_observer.model import Envelope, Factor, Model, Term
 

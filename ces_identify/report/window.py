@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_identify.evaluate import Evaluation
 from ces_identify.report.drawing import F
+from ces_identify.validation.evaluate import Evaluation
 
 LENGTH_S = 1.5
 BEFORE_DIVERGENCE = 0.8  # share of the window

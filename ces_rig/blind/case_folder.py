@@ -17,10 +17,10 @@ import yaml
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from ces_identify.bag_writer import TopicData, recording_topics, write_bag
-from ces_identify.recording import Recording
-from ces_identify.signals_file import load_signals
-from ces_identify.simulation import FunctionSimulation
+from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
+from ces_identify.recordings.recording import Recording
+from ces_identify.recordings.signals_file import load_signals
+from ces_identify.simulations.simulation import FunctionSimulation
 from ces_rig.blind.draw import HELD_OUT, NOISE_N, REAL, REFERENCE, Drawn, Seen, rms
 from ces_rig.currents import ConstantCurrent
 from ces_rig.damper import Damper

@@ -15,7 +15,7 @@ from real_gaps_effects import CHANGES, later
 from real_gaps_simulations import BandBrake, StaticMap, settled, stopped
 
 from ces_gap.diagnosis import AMBIGUOUS, NAMED
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.recording import Channel, Recording
 
 DATA = Path(os.environ.get("CES_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 measured = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured recordings are not in {DATA} (set CES_DATA)")

@@ -12,10 +12,9 @@ from pathlib import Path
 import pytest
 
 from ces_cli.main import main
-from ces_identify.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "test" / "ces_identify"))
 from campaign_parts import CAMPAIGN, DEFAULT, furnish, made  # noqa: E402
 
 CELLS = 12

@@ -5,7 +5,7 @@ import yaml
 
 from ces_cli.candidates import add_candidates, candidate_rules
 from ces_cli.structures import add_structure
-from ces_identify.regressors import DEFAULT_RULES, load_rules
+from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
 from ces_observer.errors import CesError
 
 

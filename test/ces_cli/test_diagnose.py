@@ -11,13 +11,12 @@ import pytest
 
 from ces_cli.bag_paths import bags_of, units_of
 from ces_cli.main import main
-from ces_identify.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
 from ces_observer.signals import Signals
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "test" / "ces_gap"))
 import diagnoses  # noqa: E402
 import stand_in  # noqa: E402
 

@@ -11,10 +11,10 @@ from schema_rules import faults
 
 from ces_cli.main import main
 from ces_gap.report.gap_json import gap_schema
-from ces_identify.bag_reader import read_recording
-from ces_identify.bag_writer import TopicData, recording_topics, write_bag
-from ces_identify.recording import Channel, Recording
-from ces_identify.simulate import simulate_samples
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulate import simulate_samples
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
 from ces_observer.signals import Signals
 

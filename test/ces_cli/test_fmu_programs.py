@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ces_cli.main import main
-from ces_identify.bag_writer import recording_topics, write_bag
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term, load_model
 from ces_observer.signals import Signals
 

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from ces_cli import import_, terminal
-from ces_identify.bag_reader import read_recording
-from ces_identify.signals_file import load_signals
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.signals_file import load_signals
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("CES_DATA", ROOT.parent / "shared" / "data"))
 MAPPING = "rate: 100\nposition: {column: x, scale: 0.001}\ncurrent: {constant: 0.2}\nforce: {column: F}\n"
-pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.bag_reader.RecordingWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from ces_cli import info, terminal
-from ces_identify.bag_writer import TopicData, recording_topics, write_bag
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
+from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import CesError
 from ces_observer.signals import Signals
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from ces_cli.main import PROGRAMS, main
-from ces_identify.bag_reader import read_recording
-from ces_identify.bag_writer import TopicData, recording_topics, write_bag
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
+from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 

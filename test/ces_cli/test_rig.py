@@ -5,8 +5,8 @@ import pytest
 
 from ces_cli.rig import main
 from ces_cli.terminal import run as run_program
-from ces_identify.bag_reader import read_recording
-from ces_identify.signals_file import load_signals
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.signals_file import load_signals
 from ces_rig.experiment import load_experiment, packaged, run
 
 SHORT = """\

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from ces_cli.main import main
-from ces_identify.bag_reader import read_recording
-from ces_identify.bag_writer import recording_topics, write_bag
-from ces_identify.cost import weighted_cost
-from ces_identify.recording import Channel, Recording
-from ces_identify.series import prepare
-from ces_identify.simulate import simulate_series
-from ces_identify.weighting import parse_weighting
+from ces_identify.preparation.cost import weighted_cost
+from ces_identify.preparation.series import prepare
+from ces_identify.preparation.weighting import parse_weighting
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulate import simulate_series
 from ces_observer.certificate import certify
 from ces_observer.model import load_model
 from ces_observer.signals import Signals

@@ -20,7 +20,7 @@ from ces_gap.trace import (
     require_usable,
     smoothed,
 )
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.recording import Channel, Recording
 
 
 def sine(rate_Hz: float = 1000.0, seconds: float = 4.0, noise_m: float = 0.0, force_N: float = 0.0) -> Recording:

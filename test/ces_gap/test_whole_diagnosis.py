@@ -17,8 +17,8 @@ from ces_gap.effects.effect import Effect, Parameter
 from ces_gap.errors import GapError
 from ces_gap.intake import given as given_module
 from ces_gap.trace import Inputs, Trace
-from ces_identify.recording import Channel, Recording
-from ces_identify.simulation import FunctionSimulation, RecordedSimulation, Simulation
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation, Simulation
 
 STIFFNESS = 3000.0
 

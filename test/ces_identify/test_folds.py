@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from planted import NETWORK, SAMPLING, planted
 
-from ces_identify.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_identify.folds import between, cross_validate, split_folds
 from ces_identify.identify import Identified, Options
-from ces_identify.series import prepare
+from ces_identify.preparation.series import prepare
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_observer.errors import CesError
 
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ces_identify.evaluate import IDENTIFICATION, VALIDATION
 from ces_identify.identify import Options, identify
-from ces_identify.limits import Limits
-from ces_identify.recording import Channel, Recording
-from ces_identify.regressors import parse_rules
-from ces_identify.series import prepare
-from ces_identify.simulate import simulate_series
+from ces_identify.polynomial.limits import Limits
+from ces_identify.polynomial.regressors import parse_rules
+from ces_identify.preparation.series import prepare
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulate import simulate_series
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
 
@@ -139,7 +139,7 @@ def test_a_search_out_of_time_says_so():
 
 def test_weights_pull_the_model_to_their_region():
     """A model too poor for the whole range fits the region that weighs better, and the rest worse."""
-    from ces_identify.weighting import parse_weighting
+    from ces_identify.preparation.weighting import parse_weighting
 
     recording = planted(2)
     poor = parse_rules({"speed": {"lags": [0], "powers": [1.0], "forms": ["signed"]}, "products": [["speed"]]}, "poor")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, RATE_HZ, planted
 
-from ces_identify.evaluate import IDENTIFICATION, VALIDATION
 from ces_identify.identify import Options
 from ces_identify.identify_trained import FuzzyShape, Lags, NetworkShape, identify_anfis, identify_network
-from ces_identify.limits import Limits
-from ces_identify.recording import Channel
-from ces_identify.simulation_error import MOST_GAIN
+from ces_identify.polynomial.limits import Limits
+from ces_identify.recordings.recording import Channel
+from ces_identify.trained.simulation_error import MOST_GAIN
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.certificate import is_contraction
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
@@ -112,7 +112,7 @@ def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
         return set(), set(args[0])
 
     heard.clear()
-    monkeypatch.setattr("ces_identify.simulation_error.wait", interrupt)
+    monkeypatch.setattr("ces_identify.trained.simulation_error.wait", interrupt)
     broken_off = found(kind, limits=Limits(seconds=60.0, starts=1, threads=1), listener=heard.append)
     assert broken_off.found[0].ended == "interrupted"
     assert np.isfinite(broken_off.found[0].cost)

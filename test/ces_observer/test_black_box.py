@@ -14,7 +14,7 @@ from rosbags.rosbag2 import Reader
 
 from ces_cli import main
 from ces_cli.simulations import open_simulation, with_predictions
-from ces_identify.bag_reader import read_recording
+from ces_identify.recordings.bag_reader import read_recording
 from ces_observer.recorder import record_folder
 from ces_observer.recorder.black_box import OVERHEAD_BYTES, BlackBox
 from ces_observer.signals import Signals
@@ -65,7 +65,7 @@ def test_the_bag_holds_the_seconds_before_and_after(tmp_path: Path) -> None:
     assert START + 6 * SECOND - 2 * MS < read[-1][1] <= START + 6 * SECOND + 200 * MS
 
 
-@pytest.mark.filterwarnings("ignore::ces_identify.bag_reader.RecordingWarning")  # a Float64 has no stamp
+@pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")  # a Float64 has no stamp
 def test_the_offline_programs_open_the_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     box = black_box(tmp_path)
     keep(box, drive(START, 3.0))

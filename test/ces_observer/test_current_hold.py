@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_identify.recording import Channel, Recording
-from ces_identify.series import held_current
+from ces_identify.preparation.series import held_current
+from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.current_hold import HISTORY, JUMP_NS, ConstantCurrent, CurrentHold
 
 MS = 1_000_000

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ces_identify import kernels
+from ces_identify.numerics import kernels
 from ces_observer.differentiator import Differentiator
 from ces_observer.errors import ModelError
 from ces_observer.model import Sampling

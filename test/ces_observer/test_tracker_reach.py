@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ces_identify import kernels
+from ces_identify.numerics import kernels
 from ces_observer import tracker
 from ces_observer.estimator import Estimator
 from ces_observer.model import Sampling, load_model

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from ces_identify.bag_reader import list_topics, read_recording
-from ces_identify.signals_file import load_signals
-from ces_identify.simulation import FunctionSimulation
+from ces_identify.recordings.bag_reader import list_topics, read_recording
+from ces_identify.recordings.signals_file import load_signals
+from ces_identify.simulations.simulation import FunctionSimulation
 from ces_rig.blind.case_folder import EPOCH_S, write_case
 from ces_rig.blind.draw import draw_case
 from ces_rig.blind.plan import Case

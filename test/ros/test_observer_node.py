@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from vehicle import DEEP, JOINT, RATE_HZ, Vehicle, stamp_of, stroke, wait
 
-from ces_identify.bag_reader import read_recording
+from ces_identify.recordings.bag_reader import read_recording
 from ces_observer.signals import Signals
 
 MS = 1_000_000

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ces_gap.diagnosis import GapMap, Region, Series, Where
 from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
 from ces_gap.trace import Inputs, Trace, make_trace
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.recording import Channel, Recording
 
 F = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ces_gap.inference.verdict import Calibration
 from ces_gap.trace import Trace, open_trace
-from ces_identify.recording import Channel, Recording
-from ces_identify.simulation import FunctionSimulation
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulation import FunctionSimulation
 
 F = NDArray[np.float64]
 Truth = Callable[[F, F, F], F]  # time [s], position [m], current [A] -> force [N], each (n,)

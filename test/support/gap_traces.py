@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from ces_gap.baseline.noise import Noise
 from ces_gap.trace import Trace, derivative, make_trace
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.recording import Channel, Recording
 
 F = NDArray[np.float64]
 

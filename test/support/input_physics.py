@@ -11,7 +11,7 @@ from numba import njit
 from scipy.interpolate import CubicSpline
 
 from ces_gap.trace import F, Inputs, Trace, make_trace
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.recording import Channel, Recording
 
 RATE_HZ, SECONDS, FINER = 1000.0, 5, 8  # physics run FINER times as fast as recordings are logged
 Truth = Callable[[F, F, F], F]  # position, speed, current on the fine grid -> force there

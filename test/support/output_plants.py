@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.trace import Trace, make_trace
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.recording import Channel, Recording
 
 F = NDArray[np.float64]
 

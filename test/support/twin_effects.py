@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ces_gap.baseline.plant import Called, Plant
 from ces_gap.effects.effect import Effect, Parameter
 from ces_gap.trace import Inputs, Trace, make_trace
-from ces_identify.recording import Channel, Recording
-from ces_identify.simulation import FunctionSimulation
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulation import FunctionSimulation
 
 F = NDArray[np.float64]
 

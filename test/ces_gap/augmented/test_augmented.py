@@ -12,8 +12,8 @@ from ces_gap.baseline.dictionary import Dictionary, Scales
 from ces_gap.baseline.surrogate import Surrogate, learn_surrogate, recorded
 from ces_gap.effects.effect import FLUID, PARALLEL, VALVE, Composition, Effect, Parameter, Setting
 from ces_gap.trace import make_trace
-from ces_identify.recording import Channel, Recording
-from ces_identify.simulation import FunctionSimulation, RecordedSimulation
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation
 from ces_observer.errors import CesError
 
 RATE = 500.0

@@ -13,7 +13,7 @@ from twin_effects import CurrentGain, Friction, Scale, Spring
 from ces_gap.baseline.plant import Called, Plant, driven
 from ces_gap.effects.effect import CELL, Composition, Effect, Parameter, Setting
 from ces_gap.trace import Inputs, Trace, open_trace
-from ces_identify.recording import Channel
+from ces_identify.recordings.recording import Channel
 
 TRACE = traced()
 CALLED = Called(SIMULATION)

@@ -14,7 +14,7 @@ import pytest
 from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
 from ces_gap.effects.library import library, names
 from ces_gap.trace import Inputs, Trace, make_trace
-from ces_identify.recording import Channel, Recording
+from ces_identify.recordings.recording import Channel, Recording
 
 DESIGNED = {
     "friction", "compressibility", "mount_compliance", "backlash", "inertia", "gas_spring", "cavitation",

@@ -18,7 +18,7 @@ from ces_gap.diagnosis import NextExperiment
 from ces_gap.effects.effect import Setting
 from ces_gap.experiment.menu import menu, reach_of
 from ces_gap.experiment.next_experiment import next_experiment, simulated, white_noise, write_experiment
-from ces_identify.simulation import FunctionSimulation
+from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
 from ces_rig.experiment import load_experiment
 

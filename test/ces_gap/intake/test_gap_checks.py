@@ -13,8 +13,8 @@ from ces_gap.intake.checks import check_recordings, check_traces, constant_curre
 from ces_gap.intake.saturation import saturations, without_saturated
 from ces_gap.intake.units import likeness
 from ces_gap.trace import make_trace
-from ces_identify.recording import Channel, Recording
-from ces_identify.simulation import FunctionSimulation, ModelSimulation
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
 from ces_observer.errors import CesError, RecordingError
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
 

@@ -14,8 +14,8 @@ from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.errors import GapError
 from ces_gap.intake import given as given_module
 from ces_gap.intake.given import Given, make_ready, set_aside
-from ces_identify.recording import Channel, Recording
-from ces_identify.simulation import RecordedSimulation
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulation import RecordedSimulation
 
 
 def ready(real: list[Recording], held_out: list[Recording] | None = None, **more: list[Recording]) -> Given:

@@ -1,0 +1,116 @@
+"""Terms as the arrays the kernels read, and the power tables they read them from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.numerics import kernels
+from ces_identify.polynomial.constructed_series import membership
+from ces_observer.constructed import Constructed, Hat
+from ces_observer.model import Envelope, Factor, Range, Term, constructed_in
+
+SIGNALS = ("position", "speed", "current")
+Power = tuple[str, float, bool]  # signal, power, signed
+
+
+@dataclass(frozen=True)
+class CompiledTerms:
+    """Terms as arrays: `columns`, `lags` (terms, most factors), `counts`, `outputs` (terms,); see kernels.py.
+
+    `constructed` are the inputs they use besides position, speed and current.
+    """
+
+    powers: tuple[Power, ...]
+    columns: NDArray[np.int64]
+    lags: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    outputs: NDArray[np.int64]
+    constructed: tuple[Constructed, ...] = ()
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Columns, lags, counts and outputs, in the order every kernel takes them."""
+        return self.columns, self.lags, self.counts, self.outputs
+
+    def subset(self, chosen: NDArray[np.int64]) -> CompiledTerms:
+        """Return the terms at the indices `chosen`, reading the same power table."""
+        return replace(
+            self,
+            columns=self.columns[chosen],
+            lags=self.lags[chosen],
+            counts=self.counts[chosen],
+            outputs=self.outputs[chosen],
+        )
+
+    def variable(self, term: int, factor: int) -> tuple[str, int]:
+        """Return what a factor is a function of, signal and lag: a hat is one of the signal it is of."""
+        signal = self.powers[self.columns[term, factor]][0]
+        hat = self._hats.get(signal)
+        return (hat.of if hat else signal), int(self.lags[term, factor])
+
+    def factor_values(self, column: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return row `column` of the power table at `values` (n,) of the factor's variable."""
+        signal, power, signed = self.powers[column]
+        hat = self._hats.get(signal)
+        return membership(hat, values) if hat else np.asarray(kernels.power_row(values, power, signed))
+
+    def ranges(self, envelope: Envelope) -> dict[str, Range]:
+        """Return the range of every signal, constructed ones included."""
+        ranges = dict(envelope.by_signal)
+        return ranges | {one.name: one.range(ranges) for one in self.constructed}
+
+    def kinks(self, signal: str) -> list[float]:
+        """Return where the memberships of a signal bend."""
+        return sorted({at for hat in self._hats.values() if hat.of == signal for at in hat.kinks})
+
+    @property
+    def _hats(self) -> dict[str, Hat]:
+        return {one.name: one for one in self.constructed if isinstance(one, Hat)}
+
+
+def compile_terms(terms: Sequence[Term]) -> CompiledTerms:
+    """Return the arrays of `terms`; their coefficients are left to the caller."""
+    powers = sorted({_power(f) for term in terms for f in term.inputs})
+    row = {power: i for i, power in enumerate(powers)}
+    width = max([len(term.inputs) for term in terms] + [1])
+    columns = np.zeros((len(terms), width), np.int64)
+    lags = np.zeros((len(terms), width), np.int64)
+    for t, term in enumerate(terms):
+        for f, factor in enumerate(term.inputs):
+            columns[t, f], lags[t, f] = row[_power(factor)], factor.lag
+    counts = np.array([len(term.inputs) for term in terms], np.int64)
+    outputs = np.array([term.output_lag for term in terms], np.int64)
+    return CompiledTerms(tuple(powers), columns, lags, counts, outputs, constructed_in(terms))
+
+
+def power_table(
+    powers: Sequence[Power],
+    envelope: Envelope,
+    position: NDArray[np.float64],
+    speed: NDArray[np.float64],
+    current: NDArray[np.float64],
+    constructed: Mapping[str, NDArray[np.float64]] = MappingProxyType({}),
+) -> NDArray[np.float64]:
+    """Return each power of its signal, clamped to the envelope; shape (max(1, powers), ticks).
+
+    `constructed` holds the other signals (ticks,) by name, as `ces_identify.polynomial.constructed_series` makes them.
+    """
+    clamped = {
+        **constructed,
+        "position": np.clip(position, *envelope.position_m),
+        "speed": np.clip(speed, *envelope.speed_m_s),
+        "current": np.clip(current, *envelope.current_A),
+    }
+    table = np.zeros((max(1, len(powers)), len(position)))
+    for i, (signal, power, signed) in enumerate(powers):
+        table[i] = kernels.power_row(clamped[signal], power, signed)
+    return table
+
+
+def _power(factor: Factor) -> Power:
+    return factor.signal, float(factor.power), factor.signed

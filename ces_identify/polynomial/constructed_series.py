@@ -1,0 +1,57 @@
+"""Constructed inputs of whole series: definitions and uniform inputs in, one array for each out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.polynomial import constructed_kernels as kernels
+from ces_observer.constructed import Constructed, Frequency, Hat, Hysteresis, Lag
+from ces_observer.model import Envelope
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741
+
+
+def constructed_values(
+    constructed: Sequence[Constructed],
+    envelope: Envelope,
+    inputs: Sequence[F],
+    segments: I,
+    rate_Hz: float,
+) -> dict[str, F]:
+    """Return each constructed input (ticks,) by name, as `ces_observer.constructed.Construction` makes it.
+
+    `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; they are clamped to `envelope`. Of `constructed`,
+    each comes after those it is made of.
+    """
+    ranges = envelope.by_signal
+    known = {s: np.clip(values, *ranges[s]) for s, values in zip(("position", "speed", "current"), inputs, strict=True)}
+    for one in constructed:
+        known[one.name] = _values(one, known, segments, rate_Hz)
+    return {one.name: known[one.name] for one in constructed}
+
+
+def membership(hat: Hat, values: F) -> F:
+    """Return the membership (n,) of `values` (n,)."""
+    low = 1.0 if hat.low is None else 1.0 - (values - hat.peak) / (hat.low - hat.peak)
+    high = 1.0 if hat.high is None else 1.0 - (values - hat.peak) / (hat.high - hat.peak)
+    return np.maximum(0.0, np.where(values < hat.peak, low, high))
+
+
+def _values(one: Constructed, known: Mapping[str, F], segments: I, rate_Hz: float) -> F:
+    if isinstance(one, Hat):
+        return membership(one, known[one.of])
+    if isinstance(one, Frequency):
+        settings = (one.gain(rate_Hz), one.floor_m, *one.range_Hz)
+        return np.asarray(kernels.frequency(known["position"], known["speed"], segments, *settings))
+    if isinstance(one, Lag):
+        return np.asarray(kernels.lag(known[one.of], segments, one.gain(rate_Hz)))
+    return np.asarray(_hysteresis(one, known[one.of], segments))
+
+
+def _hysteresis(one: Hysteresis, values: F, segments: I) -> F:
+    found: F = (kernels.stop if one.kind == "stop" else kernels.play)(values, segments, one.half_width)
+    return found

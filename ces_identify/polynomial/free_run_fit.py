@@ -1,0 +1,107 @@
+"""Levenberg-Marquardt on the free-run error, kept inside the stable models by a penalty on their probed gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.numerics import kernels
+from ces_identify.polynomial.problem import Problem
+from ces_identify.polynomial.sensitivity_kernels import normal_equations
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741
+
+ROOM = 0.005  # below the most gain, where the penalty begins
+PENALTY = 1e3  # of a squared excess of gain, in units of the squared error at the start
+ENOUGH = 2e-4  # relative decrease at which to stop
+TRIES = 8  # dampings tried for a step
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Coefficients (terms,), weighted squared error (infinite if the run diverges), Gauss-Newton matrix of it."""
+
+    coefficients: F
+    error: float
+    matrix: F
+
+
+def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, iterations: int) -> Fit:
+    """Return the coefficients after at most `iterations` steps down the weighted free-run error.
+
+    If the problem asks for stable models, every step is one if the first is; its probed gain may come to lie halfway
+    between the most allowed and 1.
+    """
+    arrays, probes = problem.compiled.subset(chosen).arrays, problem.probes[chosen]
+
+    def equations(c: F) -> tuple[float, F, F]:
+        if kernels.probed_gain(probes, arrays[3], c) >= 0.5 * (1.0 + problem.most_gain):
+            return np.inf, np.empty(0), np.empty(0)
+        found: tuple[float, F, F] = normal_equations(
+            problem.powers, problem.segments, weights, problem.measured, *arrays, c, *problem.force_envelope
+        )
+        return found
+
+    error, matrix, gradient = equations(coefficients)
+    if not np.isfinite(error):
+        return Fit(coefficients, np.inf, matrix)
+    hinge = _Hinge(probes, arrays[3], problem.most_gain - ROOM, PENALTY * error)
+    value, damping = error + hinge.value(coefficients), 1e-4
+    for _ in range(iterations):
+        bent, slope = hinge.bend(coefficients)
+        for _ in range(TRIES):
+            step = _damped_step(matrix + bent, gradient - slope, damping)
+            e, h, g = equations(coefficients + step)
+            trial = e + hinge.value(coefficients + step)
+            if trial < value:
+                break
+            damping *= 8.0
+        else:
+            break
+        coefficients, error, matrix, gradient = coefficients + step, e, h, g
+        settled = value - trial < ENOUGH * value
+        value, damping = trial, max(damping / 8.0, 1e-9)
+        if settled:
+            break
+    return Fit(coefficients, error, matrix)
+
+
+class _Hinge:
+    """Penalty on the probed gain above a limit: strength * sum max(0, gain - limit)^2 over the points."""
+
+    def __init__(self, probes: F, outputs: I, limit: float, strength: float) -> None:
+        self.limit, self.strength = limit, strength
+        lags = np.unique(outputs[outputs > 0]) if np.isfinite(limit) else np.empty(0, np.int64)
+        self.groups = [np.where((outputs == lag)[:, None], probes, 0.0) for lag in lags]
+
+    def value(self, coefficients: F) -> float:
+        """Return the penalty."""
+        return self.strength * float((self._excess(coefficients) ** 2).sum())
+
+    def bend(self, coefficients: F) -> tuple[F, F]:
+        """Return the penalty's Gauss-Newton matrix (terms, terms) and half its gradient (terms,)."""
+        n = len(coefficients)
+        excess = self._excess(coefficients)
+        active = excess > 0.0
+        if not active.any():
+            return np.zeros((n, n)), np.zeros(n)
+        slopes = np.zeros((n, int(active.sum())))
+        for group in self.groups:
+            slopes += group[:, active] * np.sign(coefficients @ group[:, active])
+        return self.strength * slopes @ slopes.T, self.strength * slopes @ excess[active]
+
+    def _excess(self, coefficients: F) -> F:
+        if not self.groups:
+            return np.zeros(1)
+        gain = sum(np.abs(coefficients @ group) for group in self.groups)
+        return np.maximum(gain - self.limit, 0.0)
+
+
+def _damped_step(matrix: F, gradient: F, damping: float) -> F:
+    """Return the Levenberg-Marquardt step with the diagonal as scale."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix * scale[:, None] * scale + damping * np.eye(len(matrix))
+    return np.asarray(scale * np.linalg.solve(scaled, scale * gradient))

@@ -1,0 +1,256 @@
+"""A selection problem: candidates and prepared series as the arrays the search works on.
+
+Ticks are dealt in alternating blocks to estimation (least squares on measured past forces) and selection (cost of the
+free run), so that both see every regime, such as the whole of a sweep, and neither sees the other's ticks. Every
+recording weighs the same in both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from ces_identify.numerics import kernels
+from ces_identify.polynomial.compiled import CompiledTerms, compile_terms, power_table
+from ces_identify.polynomial.constructed_series import constructed_values
+from ces_identify.preparation.cost import require_force
+from ces_identify.preparation.series import Series
+from ces_identify.preparation.weighting import EQUAL, Weighting
+from ces_observer.errors import RecordingError
+from ces_observer.model import Envelope, Range, Term
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741
+
+BLOCK_S = 1.0  # [s] of estimation and selection in turn
+ESTIMATION_BLOCKS, PERIOD_BLOCKS = 2, 3
+LEAST_TICKS = 200
+MOST_GAIN = 0.995  # of past forces, at the probed inputs: the proof over all inputs then has room
+CHUNK = 4096  # ticks per block of regressors held in memory
+INPUT_MARGIN = 0.1  # of an input's span
+EXTENSION = 0.5  # of the measured force's span, by which the force envelope exceeds it; it holds 0, where runs start
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Candidates with their Gram matrix on the estimation ticks, and what a free run on the selection ticks needs.
+
+    `gram` (n + 1, n + 1) holds the measured force as its last row and column. Weights over the ticks: `fit` of all
+    ticks least squares could use, `selection` and `everything` of the free-run cost. `probes` (n, points) are the
+    inputs' factors over the envelope, by which models of gain `most_gain` or more are passed over. See kernels.py for
+    the rest.
+    """
+
+    candidates: tuple[Term, ...]
+    compiled: CompiledTerms
+    envelope: Envelope
+    force_envelope: Range
+    powers: F
+    measured: F
+    segments: I
+    recordings: I
+    fit: F
+    selection: F
+    everything: F
+    gram: F
+    probes: F
+    most_gain: float
+
+    def gain(self, chosen: I, coefficients: F) -> float:
+        """Return the largest gain of past forces at the probed inputs of the terms at the indices `chosen`."""
+        return float(kernels.probed_gain(self.probes[chosen], self.compiled.outputs[chosen], coefficients))
+
+    def selection_cost(self, chosen: I, coefficients: F) -> float:
+        """Return the free-run cost J [%] of the terms at the indices `chosen` on the selection ticks."""
+        room = np.empty((1 + len(chosen), kernels.BLOCK)), np.empty(self.powers.shape[1])
+        arrays = self.compiled.subset(chosen).arrays
+        run = (self.powers, self.segments, self.selection, self.measured, *arrays, coefficients, *self.force_envelope)
+        return float(kernels.free_run_cost(*run, self.recordings, np.inf, *room))
+
+
+def coarser(problem: Problem, step: int) -> Problem:
+    """Return the problem at every `step`-th tick alone, its lags to the nearest of these, for quick looks by free run.
+
+    Past forces keep their lags in ticks, which are longer now. The Gram matrix stays that of the fine ticks.
+    """
+    kept = [np.arange(start, stop, step) for start, stop in problem.segments]
+    ends = np.cumsum([len(ticks) for ticks in kept])
+    ticks = np.concatenate(kept)
+    compiled = replace(problem.compiled, lags=np.rint(problem.compiled.lags / step).astype(np.int64))
+    return replace(
+        problem,
+        compiled=compiled,
+        powers=np.ascontiguousarray(problem.powers[:, ticks]),
+        measured=problem.measured[ticks],
+        segments=np.stack([ends - [len(ticks) for ticks in kept], ends], axis=1),
+        fit=step * problem.fit[ticks],
+        selection=step * problem.selection[ticks],
+        everything=step * problem.everything[ticks],
+    )
+
+
+def pose(
+    series: Sequence[Series], candidates: Sequence[Term], stable: bool = True, weighting: Weighting = EQUAL
+) -> Problem:
+    """Return the problem of choosing among `candidates` on `series`; raises RecordingError if they hold too little.
+
+    With `stable`, only models that are contractions at the probed inputs are considered. `weighting` tells which ticks
+    matter more, in the fit and in the cost.
+    """
+    for one in series:
+        require_force(one)
+    envelope = envelope_of(series)
+    compiled = compile_terms(candidates)
+    x, v, i = (np.concatenate([getattr(s, name) for s in series]) for name in ("position", "speed", "current"))
+    segments, recordings = _stack_segments(series)
+    made = constructed_values(compiled.constructed, envelope, (x, v, i), segments, series[0].rate_Hz)
+    powers = power_table(compiled.powers, envelope, x, v, i, made)
+    measured = np.nan_to_num(np.concatenate([s.force for s in series]))
+    chosen = np.concatenate([estimation_ticks(s) for s in series])
+    weighting = weighting.over(series)
+    everything = np.concatenate([_weights(s, s.scored, weighting) for s in series])
+    selection = np.concatenate([_weights(s, s.scored & ~estimation_ticks(s), weighting) for s in series])
+    fit = _fit_weights(series, compiled, weighting)
+    estimation = fit * chosen
+    if np.count_nonzero(estimation) < LEAST_TICKS:
+        raise RecordingError(
+            f"{np.count_nonzero(estimation)} ticks to estimate from; expected at least {LEAST_TICKS}: record longer"
+        )
+    gram = gram_matrix(compiled, powers, measured, segments, estimation)
+    known = measured[everything > 0]
+    margin = EXTENSION * float(np.ptp(known))
+    return Problem(
+        candidates=tuple(candidates),
+        compiled=compiled,
+        envelope=envelope,
+        force_envelope=(min(float(known.min()) - margin, 0.0), max(float(known.max()) + margin, 0.0)),
+        powers=powers,
+        measured=measured,
+        segments=segments,
+        recordings=recordings,
+        fit=fit,
+        selection=selection,
+        everything=everything,
+        gram=gram,
+        probes=probe(compiled, envelope),
+        most_gain=MOST_GAIN if stable else np.inf,
+    )
+
+
+def envelope_of(series: Sequence[Series]) -> Envelope:
+    """Return the range of each input over the scored ticks of all series, widened a little at both ends."""
+
+    def span(name: str) -> Range:
+        values = [getattr(s, name)[s.scored] for s in series]
+        low, high = min(v.min() for v in values), max(v.max() for v in values)
+        margin = INPUT_MARGIN * (high - low)
+        return float(low - margin), float(high + margin)
+
+    return Envelope(span("position"), span("speed"), span("current"))
+
+
+def probe(compiled: CompiledTerms, envelope: Envelope) -> F:
+    """Return the product of each term's input factors (terms, points) at inputs spread over the envelope.
+
+    Each lagged input is a dimension of its own: a full grid of up to two, a Sobol sequence beyond.
+    """
+    rows = [_lagged_inputs(compiled, t) for t in range(len(compiled.outputs))]
+    dimensions = sorted({key for t, row in enumerate(rows) if compiled.outputs[t] for key in row.values()})
+    ranges = compiled.ranges(envelope)
+    inputs = _spread([ranges[s] for s, _ in dimensions], [compiled.kinks(s) for s, _ in dimensions])
+    points = np.ones((len(rows), inputs.shape[1]))
+    for t, row in enumerate(rows):
+        for f, key in row.items() if compiled.outputs[t] else ():
+            points[t] *= compiled.factor_values(compiled.columns[t, f], inputs[dimensions.index(key)])
+    return points
+
+
+def _lagged_inputs(compiled: CompiledTerms, term: int) -> dict[int, tuple[str, int]]:
+    """Return the variable, signal and lag, of each factor of a term."""
+    return {f: compiled.variable(term, f) for f in range(compiled.counts[term])}
+
+
+def _spread(ranges: Sequence[Range], kinks: Sequence[Sequence[float]]) -> F:
+    """Return points (ranges, n) over a box, denser towards zero, where powers below one bend most.
+
+    A grid goes through the `kinks` of each range, too, where memberships bend.
+    """
+    if not ranges:
+        return np.empty((0, 1))
+    if len(ranges) <= 2:
+        axes = [_from_zero(np.linspace(0.0, 1.0, n), one) for n, one in zip((81, 13), ranges[::-1], strict=False)]
+        axes = [
+            np.union1d(axis, np.clip(at, *one)) for axis, at, one in zip(axes, kinks[::-1], ranges[::-1], strict=True)
+        ]
+        return np.array([axis.ravel() for axis in np.meshgrid(*axes)])[::-1].copy()
+    inside = qmc.Sobol(len(ranges), seed=0).random(1024).T
+    return np.array([_from_zero(unit, one) for unit, one in zip(inside, ranges, strict=True)])
+
+
+def _from_zero(unit: F, one: Range) -> F:
+    """Return the numbers of `one` at shares `unit` of it, denser towards zero if it holds zero."""
+    low, high = one
+    if not low < 0.0 < high:
+        return low + (high - low) * unit
+    side = 2.0 * unit - 1.0
+    return np.asarray(np.where(side < 0.0, -low, high) * side * np.abs(side))
+
+
+def gram_matrix(compiled: CompiledTerms, powers: F, measured: F, segments: I, weights: F) -> F:
+    """Return the weighted inner products (terms + 1, terms + 1) of the regressors and, last, the measured force."""
+    n = len(compiled.outputs)
+    gram = np.zeros((n + 1, n + 1))
+    for s, (start, stop) in enumerate(segments):
+        for k0 in range(start, stop, CHUNK):
+            k1 = min(k0 + CHUNK, stop)
+            if not weights[k0:k1].any():
+                continue
+            rows = np.empty((n + 1, k1 - k0))
+            rows[:n] = kernels.regressor_columns(powers, measured, segments, *compiled.arrays, k0, k1, s)
+            rows[n] = measured[k0:k1]
+            rows *= np.sqrt(weights[k0:k1])
+            gram += rows @ rows.T
+    return gram
+
+
+def _stack_segments(series: Sequence[Series]) -> tuple[I, I]:
+    offsets = np.cumsum([0, *(len(s) for s in series[:-1])])
+    segments = np.concatenate([s.segments + offset for s, offset in zip(series, offsets, strict=True)])
+    recordings = np.repeat(np.arange(len(series)), [len(s.segments) for s in series])
+    return np.ascontiguousarray(segments, np.int64), recordings.astype(np.int64)
+
+
+def estimation_ticks(series: Series) -> NDArray[np.bool_]:
+    """Return the ticks (ticks,) that serve estimation; the others of an identified series serve selection."""
+    block = np.arange(len(series)) // max(1, round(BLOCK_S * series.rate_Hz))
+    return np.asarray(block % PERIOD_BLOCKS < ESTIMATION_BLOCKS)
+
+
+def _weights(series: Series, ticks: NDArray[np.bool_], weighting: Weighting) -> F:
+    """Return w / sum w (y - mean y)^2 on `ticks`, 0 elsewhere, so that the weighted squared error is (J / 100)^2."""
+    weights, force = np.where(ticks, weighting.of(series), 0.0), np.where(ticks, series.force, 0.0)
+    mean = float(weights @ force) / max(float(weights.sum()), 1e-300)
+    spread = float(weights @ (force - mean) ** 2)
+    if spread <= 0.0:
+        raise RecordingError(f"{series.name}: too short to share between estimation and selection; expected over 4 s")
+    return weights / spread
+
+
+def _fit_weights(series: Sequence[Series], compiled: CompiledTerms, weighting: Weighting) -> F:
+    """Return the least-squares weights (ticks,), 0 where not all past forces were measured."""
+    depth = int(compiled.outputs.max(initial=0))
+    weights = []
+    for one in series:
+        known = np.isfinite(one.force)
+        usable = known.copy()
+        for lag in range(1, depth + 1):
+            usable[lag:] &= known[:-lag]
+        for start, _ in one.segments:
+            usable[start : start + depth] = False
+        scale = _weights(one, one.scored, weighting).sum() / max(weighting.of(one)[one.scored].sum(), 1e-300)
+        weights.append(np.where(usable, scale * weighting.of(one), 0.0))
+    return np.concatenate(weights)

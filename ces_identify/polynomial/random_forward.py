@@ -1,0 +1,157 @@
+"""Random forward selection with pruning, judged by free-run cost (thesis fig. 3.2), as one seeded start of a search.
+
+A start draws candidates in random order. A candidate stays if the model with it, fitted by least squares on the
+estimation ticks, lowers the cost of the free run on the selection ticks; after every success each term that is no
+longer needed is pruned. The gain asked for falls step by step, so that strong terms come first. When its candidates
+are exhausted, a start goes on from its best model less a random part of the terms, for a number of rounds (iterated
+local search); it ends after them, when the target cost is reached, or when time is up.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.numerics import kernels, search_clock
+from ces_identify.polynomial.limits import Found, Limits, Listener
+from ces_identify.polynomial.problem import Problem
+
+I = NDArray[np.int64]  # noqa: E741
+
+GAINS = (0.2, 0.05, 0.02, 0.007, 0.003)  # relative gain asked of a new term, round by round
+PRUNE_LOSS = 0.001  # relative loss at which a term is no longer worth keeping
+SHAKEN = 0.4  # share of the terms taken out at the beginning of a round
+BATCH = 32  # candidates tried between two looks at the clock
+RIDGE = 1e-9  # least pivot of the scaled Gram matrix, below which columns count as dependent
+
+
+class RandomForwardStart:
+    """One seeded start of the search."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        limits: Limits,
+        seed: int,
+        deadline: float,
+        stop: threading.Event,
+        listener: Listener,
+    ) -> None:
+        self.problem, self.limits, self.seed = problem, limits, seed
+        self.deadline, self.stop, self.listener = deadline, stop, listener
+        self.random = np.random.default_rng(seed)
+        self.found = Found(np.empty(0, np.int64), np.empty(0), np.inf, seed, 0, "running")
+        self.trials = 0
+
+    def run(self) -> Found:
+        """Search, then shake and search again; return the best model."""
+        self._climb()
+        for _ in range(self.limits.rounds):
+            if self._reason_to_end():
+                break
+            best = self.found
+            self._shake()
+            self._climb(best.cost)
+            if self.found.cost >= best.cost:
+                self.found = best
+        ended = self._reason_to_end() or "candidates exhausted"
+        self.found = replace(self.found, trials=self.trials, ended=ended)
+        self.listener(self.found)
+        return self.found
+
+    def _climb(self, best: float = np.inf) -> None:
+        """Add and prune terms until no candidate gives the least gain; tell what is better than `best`."""
+        for gain in GAINS:
+            while self._one_success(gain):
+                if self.found.cost < best:
+                    self.listener(self.found)
+
+    def _shake(self) -> None:
+        """Take a random part of the terms out."""
+        n = len(self.found.chosen)
+        keep = self.random.permutation(n)[: max(1, round((1.0 - SHAKEN) * n))]
+        less = self.found.chosen[np.sort(keep)]
+        place, cost, coefficients = self._try(less[:-1], less[-1:], np.inf, False)
+        if place < 0:
+            less, cost, coefficients = np.empty(0, np.int64), np.inf, np.empty(0)
+        self.found = Found(less, coefficients, cost, self.seed, self.trials, "running")
+
+    def _reason_to_end(self) -> str:
+        if self.stop.is_set():
+            return "interrupted"
+        if self.found.cost <= self.limits.target:
+            return "target cost reached"
+        return "time is up" if search_clock.now() > self.deadline else ""
+
+    def _one_success(self, gain: float) -> bool:
+        """Try the candidates in random order until one lowers the cost by `gain`; prune; False when exhausted."""
+        order = self.random.permutation(np.setdiff1d(np.arange(len(self.problem.candidates)), self.found.chosen))
+        at = 0
+        while at < len(order):
+            if self._reason_to_end():
+                return False
+            trial = order[at : at + BATCH]
+            place, cost, coefficients = self._try(self.found.chosen, trial, self.found.cost * (1.0 - gain), False)
+            if place < 0:
+                at += len(trial)
+                continue
+            at += place + 1
+            grown = Found(
+                np.append(self.found.chosen, trial[place]), coefficients, cost, self.seed, self.trials, "running"
+            )
+            pruned = self._pruned(grown, ceiling=self.found.cost * (1.0 - gain))
+            if pruned is not None:
+                self.found = pruned
+                return True
+        return False
+
+    def _pruned(self, found: Found, ceiling: float) -> Found | None:
+        """Return `found` without the terms it does not need; None if it cannot be brought under the term limit."""
+        while len(found.chosen) > 1:
+            over = len(found.chosen) > self.limits.most_terms
+            bound = ceiling if over else min(ceiling, found.cost * (1.0 + PRUNE_LOSS))
+            smaller = self._without_least(found, bound)
+            if smaller is None:
+                return None if over else found
+            found = smaller
+        return found
+
+    def _without_least(self, found: Found, bound: float) -> Found | None:
+        """Return `found` less the term whose loss costs least, if that keeps the cost below `bound`."""
+        best: Found | None = None
+        places = self.random.permutation(len(found.chosen))
+        at = 0
+        while at < len(places):
+            place, cost, coefficients = self._try(found.chosen, places[at:], bound, True)
+            if place < 0:
+                break
+            chosen = np.delete(found.chosen, places[at + place])
+            best = Found(chosen, coefficients, cost, self.seed, self.trials, "running")
+            bound = cost
+            at += place + 1
+        return best
+
+    def _try(self, chosen: I, trial: I, bound: float, drop: bool) -> tuple[int, float, NDArray[np.float64]]:
+        p = self.problem
+        place, cost, coefficients = kernels.first_better(
+            p.gram,
+            chosen,
+            trial,
+            p.powers,
+            p.segments,
+            p.selection,
+            p.measured,
+            *p.compiled.arrays,
+            *p.force_envelope,
+            p.recordings,
+            bound,
+            RIDGE,
+            p.probes,
+            p.most_gain,
+            drop,
+        )
+        self.trials += len(trial) if place < 0 else place + 1
+        return int(place), float(cost), coefficients

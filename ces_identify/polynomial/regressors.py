@@ -1,0 +1,258 @@
+"""Candidate regressors: rules in YAML (which signals, lags, powers, products) in, a list of terms out.
+
+The number of candidates is counted before any is built, and refused if it is more than the search can hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
+from itertools import product
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ces_identify.polynomial.constructed_rules import Constructions, constructions_from, without_auto
+from ces_observer.constructed import Constructed, Hat, Lag
+from ces_observer.errors import CesError
+from ces_observer.model import MAX_LAG, MAX_POWER, Factor, Term
+
+MOST_CANDIDATES = 6000
+MOST_LAG_MS = 200.0
+SIGNALS = ("force", "speed", "current", "position")
+FORMS = {"signed": True, "magnitude": False}
+
+
+@dataclass(frozen=True)
+class SignalRule:
+    """Lags, powers and forms (signed or magnitude) a signal may take in a term.
+
+    Lags are in ticks, or with `in_ms` in milliseconds, to the nearest tick.
+    """
+
+    lags: tuple[float, ...]
+    powers: tuple[float, ...] = (1.0,)
+    forms: tuple[str, ...] = ("signed",)
+    in_ms: bool = False
+
+    def at_rate(self, rate_Hz: float) -> SignalRule:
+        """Return the rule with its lags in ticks of that rate, each once."""
+        if not self.in_ms:
+            return self
+        ticks = (min(MAX_LAG, round(lag * 1e-3 * rate_Hz)) for lag in self.lags)
+        return replace(self, lags=tuple(dict.fromkeys(ticks)), in_ms=False)
+
+    def factors(self, signal: str) -> tuple[Factor, ...]:
+        """Return every factor this rule allows; |s|^0 is left out, as it is 1."""
+        if signal == "force":
+            return tuple(Factor("force", int(lag)) for lag in self.lags)
+        return tuple(
+            Factor(signal, int(lag), power, FORMS[form])
+            for lag, power, form in product(self.lags, self.powers, self.forms)
+            if power > 0.0 or form == "signed"
+        )
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Rules by signal, and the products of signals that make a term; () is the constant term.
+
+    `beside_force` holds other rules for the signals that multiply a past force. Few different lags there keep the proof
+    of stability short (ces_observer.certificate). `constructed` defines the signals that are made of others; where a
+    name stands for several (hats), each of them makes terms of its own. The time constants of `open_lags` are to be
+    found from the data (ces_identify.polynomial.time_constant).
+    """
+
+    signals: Mapping[str, SignalRule]
+    products: tuple[tuple[str, ...], ...]
+    beside_force: Mapping[str, SignalRule] = field(default_factory=dict)
+    constructed: Constructions = field(default_factory=dict)
+    open_lags: tuple[str, ...] = ()
+
+    def count(self) -> int:
+        """Return how many candidates the rules make."""
+        return sum(prod(len(factors) for factors in self._factors(signals)) for signals in self.products)
+
+    def at_rate(self, rate_Hz: float) -> Rules:
+        """Return the rules with every lag in ticks of that rate."""
+        signals = {name: rule.at_rate(rate_Hz) for name, rule in self.signals.items()}
+        return replace(
+            self, signals=signals, beside_force={n: rule.at_rate(rate_Hz) for n, rule in self.beside_force.items()}
+        )
+
+    def with_time_constant(self, name: str, seconds: float) -> Rules:
+        """Return the rules with the lag `name`'s time constant, also where hats are of that lag."""
+
+        def settled(one: Constructed) -> Constructed:
+            if isinstance(one, Hat) and one.base is not None:
+                return replace(one, base=settled(one.base))
+            return replace(one, time_constant_s=seconds) if isinstance(one, Lag) and one.name == name else one
+
+        return replace(
+            self,
+            constructed={n: tuple(settled(one) for one in made) for n, made in self.constructed.items()},
+            open_lags=tuple(n for n in self.open_lags if n != name),
+        )
+
+    def without(self, signal: str) -> Rules:
+        """Return the rules with every product that holds `signal`, or what is constructed from it, left out."""
+        gone = {signal} | {name for name, made in self.constructed.items() if signal in made[0].signals}
+        return replace(
+            self,
+            products=tuple(p for p in self.products if not gone & set(p)),
+            constructed={name: made for name, made in self.constructed.items() if name not in gone},
+            open_lags=tuple(name for name in self.open_lags if name not in gone),
+        )
+
+    def candidates(self) -> tuple[Term, ...]:
+        """Return one term (coefficient 1) for each candidate; raises CesError with the count if they are too many.
+
+        Lags must be in ticks (`at_rate`), else ValueError is raised.
+        """
+        if any(rule.in_ms for rule in (*self.signals.values(), *self.beside_force.values())):
+            raise ValueError("lags in milliseconds; call at_rate first")
+        if self.count() > MOST_CANDIDATES:
+            raise CesError(
+                f"candidate rules make {self.count()} terms; at most {MOST_CANDIDATES}: drop lags, powers or products"
+            )
+        return tuple(Term(1.0, factors) for signals in self.products for factors in product(*self._factors(signals)))
+
+    def _factors(self, signals: tuple[str, ...]) -> list[tuple[Factor, ...]]:
+        rules = {**self.signals, **self.beside_force} if "force" in signals else self.signals
+        return [self._factors_of(signal, rules[signal]) for signal in signals]
+
+    def _factors_of(self, signal: str, rule: SignalRule) -> tuple[Factor, ...]:
+        if signal not in self.constructed:
+            return rule.factors(signal)
+        return tuple(replace(f, definition=one) for one in self.constructed[signal] for f in rule.factors(one.name))
+
+
+DEFAULT_RULES = """\
+# Candidate regressors for a polynomial NARX. A term is a product of one factor from each signal of a product.
+#   lags_ms  in milliseconds, to the nearest tick; or lags, in ticks of the model's rate (force: ticks alone, from 1 on)
+#   powers   also non-integer; the factor is sign(s) |s|^p (signed) or |s|^p (magnitude); signed with power 0 is sign(s)
+#   force: speed, valve  what may multiply a past force instead, kept to one lag each so that stability can be proved
+# valve is the current behind the first-order lag of coil and pilot valve; its time constant is found from the data.
+constructed:
+  valve: {kind: lag, of: current, time_constant_s: auto}
+force:
+  lags: [1]
+  speed: {lags_ms: [0], powers: [0.5, 1.0, 1.5], forms: [signed, magnitude]}
+  valve: {lags_ms: [0], powers: [1.0, 2.0], forms: [magnitude]}
+speed:
+  lags_ms: [0, 3, 8]
+  powers: [0.5, 1.0, 2.0]
+  forms: [signed, magnitude]
+valve:
+  lags_ms: [0]
+  powers: [1.0, 2.0]
+  forms: [magnitude]
+position:
+  lags_ms: [0]
+  powers: [1.0, 2.0]
+  forms: [signed]
+products:
+  - []
+  - [speed]
+  - [valve]
+  - [position]
+  - [speed, valve]
+  - [position, valve]
+  - [force]
+  - [force, speed]
+  - [force, valve]
+  - [force, speed, valve]
+# Constructed inputs stand in rules and products as the signals do, once they are defined (docs/constructed.md):
+#   constructed:
+#     hysteresis: {kind: stop, of: position, half_width: 0.0005}    stroke since the last reversal, at most this [m]
+#     remanence: {kind: play, of: current, half_width: 0.05}        what is left of it: lags behind by this [A]
+#     frequency: {kind: frequency, time_constant_s: 0.25, range_Hz: [0.5, 20], floor_m: 0.0001}
+#     region: {kind: hats, of: valve, at: [0.35, 0.55]}             memberships: a sub-model for each, blended between
+"""
+
+
+def load_rules(path: Path | None) -> Rules:
+    """Read candidate rules, the built-in ones if `path` is None; raises CesError naming file and key."""
+    source = "built-in candidate rules" if path is None else str(path)
+    try:
+        text = DEFAULT_RULES if path is None else path.read_text(encoding="utf-8")
+        raw = yaml.safe_load(text)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise CesError(f"{source}: cannot be read as candidate rules: {' '.join(str(error).split())}") from None
+    return parse_rules(raw, source)
+
+
+def parse_rules(raw: object, source: str) -> Rules:
+    """Check candidate rules given as nested mappings; raises CesError."""
+    if not isinstance(raw, Mapping):
+        raise CesError(f"{source}: expected a mapping with {', '.join(SIGNALS)} and products")
+    block, open_lags = without_auto(raw.get("constructed", {}))
+    constructed = constructions_from(block, f"{source}: constructed")
+    names = (*SIGNALS, *constructed)
+    unknown = sorted(set(map(str, raw)) - {*names, "products", "constructed"})
+    if unknown:
+        raise CesError(f"{source}: unknown key '{unknown[0]}'; expected {', '.join(names)}, constructed or products")
+    hats = {name for name, made in constructed.items() if isinstance(made[0], Hat)}
+    force, beside = _split_force(raw.get("force"), names[1:], hats, source)
+    given = {**raw, "force": force} if "force" in raw else raw
+    signals = {s: _signal_rule(s, given[s], f"{source}: {s}", s in hats) for s in names if s in given}
+    return Rules(signals, _products(raw.get("products"), signals, source), beside, constructed, open_lags)
+
+
+def _split_force(
+    raw: object, names: Sequence[str], hats: Set[str], source: str
+) -> tuple[object, dict[str, SignalRule]]:
+    """Return the rule of past forces without, and with alone, the rules of the signals beside them."""
+    if not isinstance(raw, Mapping):
+        return raw, {}
+    beside = {s: _signal_rule(s, raw[s], f"{source}: force: {s}", s in hats) for s in names if s in raw}
+    return {key: value for key, value in raw.items() if key not in beside}, beside
+
+
+def _signal_rule(signal: str, raw: object, where: str, hat: bool = False) -> SignalRule:
+    if not isinstance(raw, Mapping):
+        raise CesError(f"{where}: expected lags, powers and forms")
+    keys = ("lags", "lags_ms") if hat else ("lags", "lags_ms", "powers", "forms")
+    unknown = sorted(set(map(str, raw)) - {*keys})
+    if unknown:
+        raise CesError(f"{where}: unknown key '{unknown[0]}'; expected {' or '.join(keys)}")
+    least = 1 if signal == "force" else 0
+    in_ms = "lags_ms" in raw
+    if in_ms and (signal == "force" or "lags" in raw):
+        raise CesError(f"{where}: lags_ms {raw['lags_ms']!r}; expected lags alone" + " in ticks" * (signal == "force"))
+    lags = _listed(raw, "lags_ms" if in_ms else "lags", where)
+    if in_ms and not all(_is_number(x) and 0.0 <= x <= MOST_LAG_MS for x in lags):
+        raise CesError(f"{where}: lags_ms {list(lags)}; expected numbers from 0 to {MOST_LAG_MS:g}")
+    if not in_ms and not all(isinstance(x, int) and not isinstance(x, bool) and least <= x <= MAX_LAG for x in lags):
+        raise CesError(f"{where}: lags {list(lags)}; expected whole numbers from {least} to {MAX_LAG}")
+    powers = _listed(raw, "powers", where) if "powers" in raw else (1.0,)
+    if not all(isinstance(x, int | float) and 0.0 <= x <= MAX_POWER for x in powers):
+        raise CesError(f"{where}: powers {list(powers)}; expected numbers from 0 to {MAX_POWER:g}")
+    forms = _listed(raw, "forms", where) if "forms" in raw else ("signed",)
+    if not set(forms) <= set(FORMS):
+        raise CesError(f"{where}: forms {list(forms)}; expected {' or '.join(FORMS)}")
+    return SignalRule(lags, tuple(float(p) for p in powers), forms, in_ms)
+
+
+def _is_number(x: object) -> bool:
+    return isinstance(x, int | float) and not isinstance(x, bool)
+
+
+def _listed(raw: Mapping[str, Any], key: str, where: str) -> tuple[Any, ...]:
+    value = raw.get(key)
+    if not isinstance(value, list) or not value:
+        raise CesError(f"{where}: {key} is {value!r}; expected a list")
+    return tuple(dict.fromkeys(value))
+
+
+def _products(raw: object, signals: Mapping[str, SignalRule], source: str) -> tuple[tuple[str, ...], ...]:
+    if not isinstance(raw, list) or not raw:
+        raise CesError(f"{source}: products is {raw!r}; expected a list of lists of signals")
+    products = []
+    for item in raw:
+        if not isinstance(item, list) or len(set(item)) != len(item) or not set(item) <= set(signals):
+            raise CesError(f"{source}: product {item!r}; expected different signals among {', '.join(signals)}")
+        products.append(tuple(item))
+    return tuple(dict.fromkeys(products))

@@ -1,0 +1,50 @@
+"""The cost of thesis eq. 3.5: J = 100 ||y - y^|| / ||y - mean(y)||, over the scored ticks of a free run."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.preparation.series import Series
+from ces_observer.errors import RecordingError
+
+
+def cost(measured: NDArray[np.float64], simulated: NDArray[np.float64]) -> float:
+    """Return J [%] of two arrays of shape (n,); infinite if `simulated` has a non-finite value."""
+    if not np.isfinite(simulated).all():
+        return float("inf")
+    spread = np.linalg.norm(measured - measured.mean())
+    return float(100.0 * np.linalg.norm(measured - simulated) / spread)
+
+
+def weighted_cost(measured: NDArray[np.float64], simulated: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+    """Return J [%] of two arrays of shape (n,) with the weight of each tick: squared errors and the spread about the
+    weighted mean are weighed alike, so that equal weights give `cost`.
+
+    Infinite if `simulated` has a non-finite value, not a number if no tick of changing force weighs anything.
+    """
+    if not np.isfinite(simulated).all():
+        return float("inf")
+    total = float(weights.sum())
+    mean = float(weights @ measured) / total if total > 0.0 else 0.0
+    spread = float(weights @ (measured - mean) ** 2)
+    if spread <= 0.0:
+        return float("nan")
+    return float(100.0 * np.sqrt(float(weights @ (measured - simulated) ** 2) / spread))
+
+
+def series_cost(series: Series, simulated: NDArray[np.float64]) -> float:
+    """Return J [%] of a simulated force (ticks,) on the scored ticks of `series`."""
+    scored = series.scored
+    return cost(series.force[scored], simulated[scored])
+
+
+def require_force(series: Series) -> None:
+    """Raise RecordingError if `series` has too little or constant measured force to judge a model by."""
+    count = int(series.scored.sum())
+    if count < 50:
+        raise RecordingError(f"{series.name}: {count} ticks with a measured force past warm-up; expected at least 50")
+    if np.ptp(series.force[series.scored]) == 0.0:
+        raise RecordingError(
+            f"{series.name}: measured force is constant; check its topic and field in the signals file"
+        )

@@ -1,0 +1,108 @@
+"""The spectrum of a recorded position, from which the differentiator is chosen.
+
+A recording's position samples, with jitter, gaps, late and wild samples, go in; a power spectral density comes out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from ces_identify.preparation.series import usable_samples
+from ces_identify.recordings.recording import Recording
+from ces_observer.errors import RecordingError
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741
+
+WINDOW_S = 4.0  # [s] of a Welch segment
+LEAST_SAMPLES = 64  # of a stretch worth a spectrum
+SPIKE_FACTOR = 5.0  # times the robust standard deviation of a sample's distance from its neighbours' parabola
+SPIKE_PASSES = 5  # for wild samples so close together that they hide each other
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """One-sided power spectral density `power` (n,) [m2/Hz] of a position sampled at `rate_Hz`, over `frequency`."""
+
+    rate_Hz: float
+    frequency: F
+    power: F
+
+
+def sample_rate(recording: Recording) -> float:
+    """Return the rate of the position samples [Hz]: jitter averaged out, lost samples and repeated stamps left out."""
+    stamps = recording.channel("position").stamps_ns
+    steps = np.diff(stamps)
+    steps = steps[steps > 0]
+    if len(steps) < 10:
+        raise RecordingError(f"{recording.name}: {len(stamps)} position samples; expected at least ten in time order")
+    typical = np.median(steps)
+    return float(1e9 / steps[np.abs(steps - typical) < 0.5 * typical].mean())
+
+
+def position_spectrum(recording: Recording, max_gap_s: float) -> Spectrum:
+    """Return the spectrum (Welch) of the position over all stretches without a gap, wild samples left out.
+
+    Raises RecordingError if no stretch is long enough, or the position does not move.
+    """
+    rate = sample_rate(recording)
+    samples = usable_samples(recording, 1e6)
+    if np.ptp(samples.position) == 0.0:
+        raise RecordingError(f"{recording.name}: position does not move; check its topic and field in the signals file")
+    window = 2 ** round(np.log2(max(WINDOW_S * rate, LEAST_SAMPLES)))
+    power, weight = np.zeros(window // 2), 0
+    for time, position in _stretches(samples.stamps_ns, samples.position, max_gap_s):
+        if len(time) < LEAST_SAMPLES:
+            continue
+        even = _evened(time, without_spikes(position), rate)
+        density = welch(even, rate, nperseg=min(window, len(even)), nfft=window, detrend="linear")[1]
+        power, weight = power + len(even) * density[1:], weight + len(even)
+    if weight == 0:
+        raise RecordingError(f"{recording.name}: no {LEAST_SAMPLES} position samples in a row without a gap")
+    return Spectrum(rate, np.arange(1, window // 2 + 1) * rate / window, power / weight)
+
+
+def _stretches(stamps_ns: I, position: F, max_gap_s: float) -> list[tuple[F, F]]:
+    """Return times [s] and positions of the stretches without a gap, late samples left out."""
+    breaks = np.flatnonzero(np.abs(np.diff(stamps_ns)) > max_gap_s * 1e9) + 1
+    stretches = []
+    for stamps, values in zip(np.split(stamps_ns, breaks), np.split(position, breaks), strict=True):
+        late = np.zeros(len(stamps), bool)
+        late[1:] = stamps[1:] <= np.maximum.accumulate(stamps)[:-1]
+        stretches.append(((stamps[~late] - stamps[0]) * 1e-9, values[~late]))
+    return stretches
+
+
+def _evened(time: F, position: F, rate: float) -> F:
+    """Return positions at even times, as many as samples were taken or lost: between samples noise would fade."""
+    steps = np.maximum(np.rint(np.diff(time) * rate), 1.0)
+    return np.asarray(np.interp(np.linspace(time[0], time[-1], 1 + round(steps.sum())), time, position))
+
+
+def without_spikes(position: F) -> F:
+    """Return `position` with wild samples, up to three in a row, replaced from their neighbours.
+
+    A wild sample lies far from the parabola through the three samples before it and from that through the three after.
+    """
+    low, high = np.percentile(position, (1.0, 99.0))
+    places, good, clean = np.arange(len(position)), np.ones(len(position), bool), position
+    for _ in range(SPIKE_PASSES):
+        distance = _from_parabolas(clean)
+        wild = distance > max(SPIKE_FACTOR * 1.4826 * float(np.median(distance)), 0.002 * (high - low))
+        if not wild.any():
+            break
+        good &= ~wild
+        clean = np.asarray(np.interp(places, places[good], position[good]))
+    return clean
+
+
+def _from_parabolas(x: F) -> F:
+    """Distances (n,) to the nearer of the parabolas through the three samples before and the three after."""
+    before, after = np.full(len(x), np.inf), np.full(len(x), np.inf)
+    before[3:] = abs(x[3:] - (3.0 * x[2:-1] - 3.0 * x[1:-2] + x[:-3]))
+    after[:-3] = abs(x[:-3] - (3.0 * x[1:-2] - 3.0 * x[2:-1] + x[3:]))
+    return np.asarray(np.minimum(before, after))

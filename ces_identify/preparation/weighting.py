@@ -1,0 +1,122 @@
+"""Which ticks matter more: weights for costs, by region of stroke, speed and current, as the thesis proposes (ch. 6).
+
+A weighting is read from words such as `zero_crossing=3`, `stroke_ends=2`, `speed:-0.1..0.1=4`, `current:0.5..0.7=2`;
+where regions overlap their weights multiply.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.preparation.series import Series
+from ces_observer.errors import CesError
+from ces_observer.model import Range
+
+F = NDArray[np.float64]
+
+ZERO_CROSSING, STROKE_ENDS = "zero_crossing", "stroke_ends"
+SLOW_M_S = 0.05  # |speed| of a zero crossing, unless given
+CENTRAL = 0.8  # share of the stroke that is not its ends, unless given
+UNITS = {"speed": "m/s", "current": "A", "position": "m"}
+MOST_WEIGHT = 1e6
+FORMS = "zero_crossing[:SPEED]=W, stroke_ends[:CENTRAL_SHARE]=W, or speed|current|position:FROM..TO=W"
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+WORD = re.compile(rf"(?P<region>\w+)(?::(?P<low>{NUMBER})(?:\.\.(?P<high>{NUMBER}))?)?=(?P<weight>{NUMBER})", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Region:
+    """Ticks whose `signal` lies in `span` count `weight` times.
+
+    The signal is speed [m/s], current [A], position [m], or `stroke_ends`: there `span` is in shares of the stroke,
+    0 at the lower end and 1 at the upper, and the ticks outside it are meant.
+    """
+
+    signal: str
+    span: Range
+    weight: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """Regions that weigh, and the stroke [m] whose ends are meant (None: that of each series)."""
+
+    regions: tuple[Region, ...] = ()
+    stroke: Range | None = None
+
+    def of(self, series: Series) -> F:
+        """Return the weight of each tick (ticks,); 1 outside all regions."""
+        weights = np.ones(len(series))
+        for region in self.regions:
+            weights[_inside(region, series, self.stroke)] *= region.weight
+        return weights
+
+    def over(self, series: Sequence[Series]) -> Weighting:
+        """Return the weighting with the stroke of a whole set of series, so that its ends are the same in each."""
+        low = min(float(s.position[s.scored].min()) for s in series)
+        return replace(self, stroke=(low, max(float(s.position[s.scored].max()) for s in series)))
+
+    def __bool__(self) -> bool:
+        return bool(self.regions)
+
+    def __str__(self) -> str:
+        return " ".join(region.text for region in self.regions)
+
+
+EQUAL = Weighting()
+
+
+def parse_weighting(words: Sequence[str]) -> Weighting:
+    """Return the weighting that `words` describe; raises CesError for a word that is none."""
+    return Weighting(tuple(_region(word) for word in words))
+
+
+def _region(word: str) -> Region:
+    match = WORD.fullmatch(word)
+    if match is None:
+        raise CesError(f"--weight '{word}': expected {FORMS}")
+    name, low, high = match["region"], match["low"], match["high"]
+    weight = float(match["weight"])
+    if not 0.0 <= weight <= MOST_WEIGHT:
+        raise CesError(f"--weight '{word}': the weight is {weight:g}; expected 0 to {MOST_WEIGHT:g}")
+    if name in (ZERO_CROSSING, STROKE_ENDS) and high is None:
+        return _named(word, name, None if low is None else float(low), weight)
+    if name not in UNITS or low is None or high is None:
+        raise CesError(f"--weight '{word}': expected {FORMS}")
+    span = float(low), float(high)
+    if not (span[0] < span[1] and math.isfinite(span[0]) and math.isfinite(span[1])):
+        raise CesError(f"--weight '{word}': expected FROM below TO, in {UNITS[name]}")
+    return Region(name, span, weight, word)
+
+
+def _named(word: str, name: str, size: float | None, weight: float) -> Region:
+    if name == ZERO_CROSSING:
+        width = SLOW_M_S if size is None else size
+        if not 0.0 < width < math.inf:
+            raise CesError(f"--weight '{word}': the speed below which it crosses zero must be above 0 m/s")
+        return Region("speed", (-width, width), weight, word)
+    central = CENTRAL if size is None else size
+    if not 0.0 < central < 1.0:
+        raise CesError(f"--weight '{word}': the central share of the stroke must be between 0 and 1")
+    return Region(STROKE_ENDS, (0.5 - central / 2, 0.5 + central / 2), weight, word)
+
+
+def _inside(region: Region, series: Series, stroke: Range | None) -> NDArray[np.bool_]:
+    if region.signal == STROKE_ENDS:
+        low, high = stroke or _stroke_of(series)
+        share = (series.position - low) / max(high - low, 1e-12)
+        return (share < region.span[0]) | (share > region.span[1])
+    values = getattr(series, region.signal)
+    return np.asarray((values >= region.span[0]) & (values <= region.span[1]))
+
+
+def _stroke_of(series: Series) -> Range:
+    known = series.position[series.scored]
+    return float(known.min()), float(known.max())

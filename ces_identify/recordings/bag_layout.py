@@ -1,0 +1,164 @@
+"""The layout of a serialised message: a walk along its bytes, guided by the type's definition.
+
+A raw message (CDR, either byte order) goes in; a `Layout` comes out that tells where the wanted numbers are and which
+bytes fix these places. The walk is checked against what rosbags reads from the same message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import BaseDesc, FieldDesc, NameDesc
+from rosbags.typesys.store import Typestore
+
+from ces_identify.recordings.bulk_decode import Layout, Number
+from ces_observer.errors import SignalsError
+from ces_observer.signals import FieldPath
+
+ENCAPSULATION = 4  # bytes before the message: representation (2) and options (2)
+KINDS = {
+    "bool": "?",
+    "byte": "i1",
+    "char": "u1",
+    **{f"{sign}int{8 * size}": f"{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)},
+    "float32": "f4",
+    "float64": "f8",
+}
+
+Place = tuple[str | int, ...]
+
+
+class NotWalkableError(Exception):
+    """The message has a part whose size this walk does not know."""
+
+
+def layout_of(raw: bytes, typename: str, paths: Sequence[FieldPath], typestore: Typestore) -> Layout | None:
+    """Describe the layout of a message, or return None if this walk cannot or disagrees with rosbags.
+
+    Raises rosbags' SerdeError if the message cannot be read at all.
+    """
+    message = typestore.deserialize_cdr(raw, typename)
+    walk = _Walk(raw, typestore)
+    try:
+        walk.message(typename, ())
+        numbers = tuple(walk.find(message, path) for path in paths)
+    except NotWalkableError:
+        return None
+    if not walk.position <= len(raw) < walk.position + 4:
+        return None
+    if not all(_agrees(number, raw, path, message) for number, path in zip(numbers, paths, strict=True)):
+        return None
+    fixed = np.unique(np.array(walk.fixed, dtype=np.int64))
+    return Layout(fixed, np.frombuffer(raw, dtype=np.uint8)[fixed], numbers)
+
+
+class _Walk:
+    """Position in the bytes of one message, and what was passed on the way."""
+
+    def __init__(self, raw: bytes, typestore: Typestore) -> None:
+        self.raw = raw
+        self.typestore = typestore
+        self.order = "<" if raw[1] else ">"
+        self.position = ENCAPSULATION
+        self.fixed = [0, 1]
+        self.numbers: dict[Place, Number] = {}
+        self.texts: dict[Place, list[int]] = {}
+
+    def message(self, typename: str, place: Place) -> None:
+        for name, description in self.typestore.get_msgdef(typename).fields:
+            self._field(description, (*place, name))
+
+    def find(self, message: object, path: FieldPath) -> Number | str:
+        """Return where the number at `path` is, or why there is none; joint names on the way become fixed bytes."""
+        place: Place = ()
+        for name, element in path.steps:
+            if isinstance(element, str):
+                for names in ("name", "joint_names"):
+                    self.fixed.extend(self.texts.get((*place, names), ()))
+            place = (*place, name) if element is None else (*place, name, element)
+        try:
+            path.read(message)
+            return self._number(_place(message, path))
+        except SignalsError as error:
+            return str(error)
+
+    def _number(self, place: Place) -> Number:
+        *parent, last = place
+        if isinstance(last, int):
+            place = tuple(parent)
+        if place not in self.numbers:
+            raise NotWalkableError(place)
+        first = self.numbers[place]
+        return Number(first.offset + (last * first.dtype.itemsize if isinstance(last, int) else 0), first.dtype)
+
+    def _field(self, description: FieldDesc, place: Place) -> None:
+        if description[0] == Nodetype.BASE:
+            self._elements(description, 1, place)
+        elif description[0] == Nodetype.NAME:
+            self.message(description[1], place)
+        elif description[0] == Nodetype.ARRAY:
+            self._elements(description[1][0], description[1][1], place)
+        else:
+            self._elements(description[1][0], self._length_word(), place)
+
+    def _elements(self, description: BaseDesc | NameDesc, count: int, place: Place) -> None:
+        if description[0] == Nodetype.NAME:
+            for i in range(count):
+                self.message(description[1], (*place, i))
+        elif description[1][0] == "string":
+            for _ in range(count):
+                self._text(place)
+        else:
+            self._array(description[1][0], count, place)
+
+    def _array(self, kind: str, count: int, place: Place) -> None:
+        """Pass `count` numbers; the padding before the first is there only if there is a first."""
+        if kind not in KINDS:
+            raise NotWalkableError(kind)
+        dtype = np.dtype(self.order + KINDS[kind])
+        if count:
+            self._align(dtype.itemsize)
+            self.numbers[place] = Number(self.position, dtype)
+            self.position += count * dtype.itemsize
+
+    def _text(self, place: Place) -> None:
+        """Pass a string: its length word and terminator are fixed, its letters only where joints are told by name."""
+        length = self._length_word()
+        self.texts.setdefault(place, []).extend(range(self.position, self.position + length))
+        self.position += length
+        self.fixed.append(self.position - 1)
+
+    def _length_word(self) -> int:
+        self._align(4)
+        self.fixed.extend(range(self.position, self.position + 4))
+        self.position += 4
+        return int.from_bytes(self.raw[self.position - 4 : self.position], "little" if self.order == "<" else "big")
+
+    def _align(self, size: int) -> None:
+        self.position += -(self.position - ENCAPSULATION) % size
+
+
+def _place(message: object, path: FieldPath) -> Place:
+    """Return the path with joint names replaced by indices; `path.read(message)` must have succeeded."""
+    place: Place = ()
+    value: Any = message
+    for name, element in path.steps:
+        parent, value = value, getattr(value, name)
+        place = (*place, name)
+        if element is not None:
+            names: Any = getattr(parent, "name", None) or getattr(parent, "joint_names", ())
+            index = element if isinstance(element, int) else list(names).index(element)
+            place, value = (*place, index), value[index]
+    return place
+
+
+def _agrees(number: Number | str, raw: bytes, path: FieldPath, message: object) -> bool:
+    """Compare the number found by walking with the one rosbags reads."""
+    if isinstance(number, str):
+        return True
+    walked = number.read(np.frombuffer(raw, dtype=np.uint8), np.zeros(1, dtype=np.int64))[0]
+    read = path.read(message)
+    return bool(walked == read or (np.isnan(walked) and np.isnan(read)))

@@ -1,0 +1,204 @@
+"""Bags into recordings: the signals' topics are found, their numbers read, scaled to SI and stamped.
+
+Stamps come from the message's header where its type has one; otherwise, and where the header was never filled in, from
+the time at which the bag logged the message.
+"""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+from rosbags.typesys.store import Typestore
+
+from ces_identify.recordings.bag_layout import layout_of
+from ces_identify.recordings.bag_storage import Bag, Topic, open_bag
+from ces_identify.recordings.bulk_decode import Block, BulkDecoder, Floats, Index, Layout
+from ces_identify.recordings.recording import Channel, Recording
+from ces_observer.errors import RecordingError, SignalsError
+from ces_observer.signals import Constant, FieldPath, Signal, Signals
+
+HEADER = (Nodetype.NAME, "std_msgs/msg/Header")
+STAMP = (FieldPath.parse("header.stamp.sec"), FieldPath.parse("header.stamp.nanosec"))
+INPUTS = ("position", "current")
+TOPICS_TOLD = 20
+DAMAGED = (SerdeError, struct.error, ValueError, IndexError, AssertionError)  # rosbags before 0.11.9 lets others pass
+T = TypeVar("T")
+Kind = TypeVar("Kind", bound=np.generic)
+
+
+class RecordingWarning(UserWarning):
+    """Something in a recording that the user should know but that does not stop the work."""
+
+
+def list_topics(path: Path) -> tuple[Topic, ...]:
+    """Return the topics of a bag, by name; raises RecordingError if it cannot be opened."""
+    with open_bag(path) as bag:
+        return bag.topics
+
+
+def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS) -> Recording:
+    """Read the described signals from a rosbag2 folder or a bare `.mcap` file.
+
+    The signals named in `need` must be there, as a topic or a constant; the others may be absent. Raises RecordingError
+    or SignalsError: a bag that is damaged, ends early or is empty, a topic that is not there or has another type, a
+    field that no message has. Issues a RecordingWarning for each signal stamped with the log time.
+    """
+    with open_bag(path) as bag:
+        if not any(topic.count for topic in bag.topics):
+            raise RecordingError(
+                f"{path}: the bag holds no messages; expected a recording of {', '.join(need) or 'signals'}"
+            )
+        readers = _readers(bag, signals, need)
+        for name, block in bag.blocks(readers):
+            readers[name].add(block)
+        found = {name: channel for reader in readers.values() for name, channel in reader.channels().items()}
+        digest = bag.sha256()
+    channels = {name: found[name] for name in signals.by_name if name in found}
+    constants = {s.name: s.value for s in signals.by_name.values() if isinstance(s, Constant)}
+    return Recording(path.name if path.is_dir() else path.stem, channels, constants, str(path), digest)
+
+
+def _readers(bag: Bag, signals: Signals, need: Collection[str]) -> dict[str, _TopicReader]:
+    """Return a reader for each topic that carries a signal, by the topic's name."""
+    wanted: dict[Topic, list[Signal]] = {}
+    for signal in signals.recorded():
+        topic = _topic(bag, signal, signals.source, signal.name in need)
+        if topic is not None:
+            wanted.setdefault(topic, []).append(signal)
+    return {topic.name: _TopicReader(bag, topic, mine) for topic, mine in wanted.items()}
+
+
+def _topic(bag: Bag, signal: Signal, source: str, needed: bool) -> Topic | None:
+    """Return the topic of a signal; None if it is not in the bag and need not be."""
+    found = [topic for topic in bag.topics if signal.matches(topic.name)]
+    if not found and not needed:
+        return None
+    if not found:
+        raise RecordingError(
+            f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has {_told(bag.topics)}"
+        )
+    for topic in found:
+        if topic.type == signal.type:
+            return topic
+    raise SignalsError(
+        f"{source}: signal '{signal.name}': topic '{signal.topic}' is {found[0].type} in {bag.path}, not {signal.type};"
+        " correct type and field"
+    )
+
+
+def _told(topics: tuple[Topic, ...]) -> str:
+    told = [f"{topic.name} ({topic.type})" for topic in topics[:TOPICS_TOLD]]
+    more = [f"{len(topics) - TOPICS_TOLD} more"] if len(topics) > TOPICS_TOLD else []
+    return ", ".join(told + more) or "none"
+
+
+class _TopicReader:
+    """Collects the samples of all signals in one topic, block by block."""
+
+    def __init__(self, bag: Bag, topic: Topic, signals: list[Signal]) -> None:
+        typestore = bag.typestore(topic)
+        fields = dict(typestore.get_msgdef(topic.type).fields)
+        self.stamp = STAMP if fields.get("header") == HEADER else ()
+        paths = (*self.stamp, *(signal.field for signal in signals))
+        where = f"{bag.path}: topic {topic.name}"
+        self.decoder = _decoder(topic.type, paths, typestore, where)
+        self.where, self.topic, self.signals = where, topic, signals
+        self.samples = {signal.name: _Samples() for signal in signals}
+
+    def add(self, block: Block) -> None:
+        """Decode a block of this topic's messages."""
+        values, present = self.decoder.decode(block)
+        header_ns = np.zeros(len(block), dtype=np.int64)
+        if self.stamp:
+            header_ns += values[:, 0].astype(np.int64) * 1_000_000_000 + values[:, 1].astype(np.int64)
+        for i, signal in enumerate(self.signals, start=len(self.stamp)):
+            there = present[:, i]
+            numbers = signal.scale * values[there, i] + signal.offset
+            self.samples[signal.name].add(header_ns[there], block.log_ns[there], numbers, len(block))
+
+    def channels(self) -> dict[str, Channel]:
+        """Return the channels by signal; raises SignalsError if a field was in no message."""
+        return {signal.name: self._channel(i, signal) for i, signal in enumerate(self.signals, start=len(self.stamp))}
+
+    def _channel(self, i: int, signal: Signal) -> Channel:
+        samples = self.samples[signal.name]
+        count = sum(map(len, samples.values))
+        if samples.messages and not count:
+            raise SignalsError(f"{self.where}: signal '{signal.name}': {self.decoder.reasons[i]}")
+        if count < samples.messages:
+            missing = f"missing in {samples.messages - count} of {samples.messages} messages on {self.topic.name}"
+            _warn(f"{signal.name}: {missing}: {self.decoder.reasons[i]}")
+        if count and not samples.stamped:
+            why = "an empty header stamp" if self.stamp else "no header"
+            _warn(f"{signal.name}: {self.topic.type} on {self.topic.name} has {why}; stamped with the bag's log time")
+        return Channel(signal.name, signal.unit, samples.stamps(), _joined(samples.values, np.float64))
+
+
+class _Samples:
+    """Growing columns of one signal; log times are dropped as soon as a header stamp is seen."""
+
+    def __init__(self) -> None:
+        self.messages = 0
+        self.stamped = False
+        self.header_ns: list[Index] = []
+        self.log_ns: list[Index] = []
+        self.values: list[Floats] = []
+
+    def add(self, header_ns: Index, log_ns: Index, values: Floats, messages: int) -> None:
+        self.messages += messages
+        self.stamped = self.stamped or bool(header_ns.any())
+        if self.stamped:
+            self.log_ns.clear()
+        else:
+            self.log_ns.append(log_ns)
+        self.header_ns.append(header_ns)
+        self.values.append(values)
+
+    def stamps(self) -> Index:
+        return _joined(self.header_ns if self.stamped else self.log_ns, np.int64)
+
+
+def _decoder(kind: str, paths: tuple[FieldPath, ...], typestore: Typestore, where: str) -> BulkDecoder:
+    def read_one(raw: bytes) -> list[float | str]:
+        message = typestore.deserialize_cdr(raw, kind)
+        return [_read(path, message) for path in paths]
+
+    def describe(raw: bytes) -> Layout | None:
+        return layout_of(raw, kind, paths, typestore)
+
+    return BulkDecoder(len(paths), _explained(describe, kind, where), _explained(read_one, kind, where))
+
+
+def _explained(read: Callable[[bytes], T], kind: str, where: str) -> Callable[[bytes], T]:
+    """Turn rosbags' complaint about a message into a RecordingError."""
+
+    def explained(raw: bytes) -> T:
+        try:
+            return read(raw)
+        except DAMAGED as error:
+            raise RecordingError(f"{where}: a message cannot be decoded as {kind}: {error}") from None
+
+    return explained
+
+
+def _read(path: FieldPath, message: object) -> float | str:
+    try:
+        return path.read(message)
+    except SignalsError as error:
+        return str(error)
+
+
+def _joined(parts: list[NDArray[Kind]], kind: type[Kind]) -> NDArray[Kind]:
+    return np.concatenate(parts) if parts else np.empty(0, dtype=kind)
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, RecordingWarning, stacklevel=2)

@@ -1,0 +1,165 @@
+"""A bag on disk: its topics, message definitions, data files and raw messages, whatever the storage.
+
+rosbags opens the bag and reads metadata and definitions; the messages themselves come in blocks, in recorded order.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces.typing import Typesdict
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from ces_identify.recordings import mcap_records, sqlite_records
+from ces_identify.recordings.bulk_decode import Block
+from ces_observer.errors import RecordingError
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+IDL_SEPARATOR = "=" * 80 + "\n"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of a bag, with the number of its messages."""
+
+    name: str
+    type: str
+    count: int
+
+
+class Bag:
+    """An open bag; made by `open_bag`."""
+
+    def __init__(self, path: Path, reader: Reader) -> None:
+        self.path = path
+        self.connections = tuple(reader.connections)
+        self._storages: list[Any] = getattr(reader.storage, "storages", [reader.storage])
+        self._packed = reader.compression_mode == "message"
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """All topics, by name."""
+        counts: dict[tuple[str, str], int] = {}
+        for connection in self.connections:
+            key = (connection.topic, connection.msgtype)
+            counts[key] = counts.get(key, 0) + connection.msgcount
+        return tuple(Topic(name, kind, count) for (name, kind), count in sorted(counts.items()))
+
+    def sha256(self) -> str:
+        """Return the hash of the data files' bytes, one after the other, as they are stored."""
+        digest = hashlib.sha256()
+        for storage in self._storages:
+            with self._stored(storage.path).open("rb") as file:
+                while part := file.read(1 << 20):
+                    digest.update(part)
+        return digest.hexdigest()
+
+    def blocks(self, topics: Collection[str]) -> Iterator[tuple[str, Block]]:
+        """Yield the messages of these topics, block by block."""
+        for storage in self._storages:
+            numbers = {name: [c.id for c in storage.connections if c.topic == name] for name in topics}
+            for block in _blocks(storage.path, [i for some in numbers.values() for i in some]):
+                for name, mine in numbers.items():
+                    part = block.of(mine)
+                    if len(part):
+                        yield name, self._unpacked(part)
+
+    def typestore(self, topic: Topic) -> Typestore:
+        """Return the types to read a topic with: the bag's own definitions, or those of ROS 2 Jazzy if it has none."""
+        mine = [c for c in self.connections if c.topic == topic.name]
+        self._require_cdr(mine)
+        defined = [c.msgdef for c in mine if c.msgdef.format != MessageDefinitionFormat.NONE]
+        if defined:
+            return self._own_types(topic, defined[0])
+        store = get_typestore(Stores.ROS2_JAZZY)
+        if topic.type not in store.fielddefs:
+            raise RecordingError(
+                f"{self.path}: topic {topic.name} is {topic.type}, neither of ROS 2 Jazzy nor defined in the bag;"
+                " record it with MCAP storage, which keeps the definition"
+            )
+        return store
+
+    def _own_types(self, topic: Topic, definition: MessageDefinition) -> Typestore:
+        try:
+            store = get_typestore(Stores.EMPTY)
+            store.register(_types(definition, topic.type))
+            return store
+        except TypesysError as error:
+            raise RecordingError(f"{self.path}: the definition of {topic.type} in the bag: {error}") from None
+
+    def _require_cdr(self, connections: list[Connection]) -> None:
+        for connection in connections:
+            encoding = cast(ConnectionExtRosbag2, connection.ext).serialization_format
+            if encoding != "cdr":
+                raise RecordingError(f"{self.path}: topic {connection.topic} is encoded as '{encoding}'; expected cdr")
+
+    def _stored(self, file: Path) -> Path:
+        """Return the file as it lies in the bag; one that was compressed as a whole is read from a temporary copy."""
+        packed = self.path / f"{file.name}.zstd"
+        return packed if self.path.is_dir() and file.parent != self.path and packed.exists() else file
+
+    def _unpacked(self, block: Block) -> Block:
+        """Undo the compression of single messages, if the bag has it."""
+        if not self._packed:
+            return block
+        payloads = [zstd.decompress(block.payload(i)) for i in range(len(block))]
+        lengths = np.array([len(payload) for payload in payloads], dtype=np.int64)
+        buffer = np.frombuffer(b"".join(payloads), dtype=np.uint8)
+        return Block(buffer, block.topics, block.log_ns, np.cumsum(lengths) - lengths, lengths)
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """Open a rosbag2 folder, or an `.mcap` or `.db3` file; raises RecordingError if it cannot be read in full."""
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file or folder; expected a rosbag2 folder or an .mcap file")
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        raise RecordingError(f"{path}: the folder has no metadata.yaml; expected a bag (ros2 bag reindex writes one)")
+    try:
+        reader = Reader(path)
+        reader.open()
+    except Exception as error:  # rosbags raises whatever a damaged file makes it trip over
+        raise _cannot_open(path, error) from None
+    try:
+        yield Bag(path, reader)
+    finally:
+        reader.close()
+
+
+def _cannot_open(path: Path, error: Exception) -> RecordingError:
+    for file in path.glob("*.mcap") if path.is_dir() else [path]:
+        if file.suffix == ".mcap":
+            mcap_records.require_complete(file)
+    reason = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
+    return RecordingError(f"{path}: cannot be opened as a bag: {reason}")
+
+
+def _blocks(file: Path, numbers: list[int]) -> Iterator[Block]:
+    if file.suffix == ".mcap":
+        return mcap_records.blocks(file)
+    return sqlite_records.blocks(file, numbers)
+
+
+def _types(definition: MessageDefinition, name: str) -> Typesdict:
+    if definition.format == MessageDefinitionFormat.MSG:
+        return get_types_from_msg(definition.data, name)
+    parts = definition.data.split(IDL_SEPARATOR)
+    texts = [part.partition("\n")[2] for part in parts if part.startswith("IDL: ")] or [definition.data]
+    types: Typesdict = {}
+    for text in texts:
+        types.update(get_types_from_idl(text))
+    return types

@@ -1,0 +1,190 @@
+"""Recordings and results into bags: rosbag2 folders with MCAP storage that Foxglove, PlotJuggler and ros2 bag open.
+
+A bag appears under its name only when it is complete: it is written in a temporary folder beside it, then renamed.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from ces_identify.recordings.bag_layout import layout_of
+from ces_identify.recordings.bag_message import blank_message
+from ces_identify.recordings.bulk_decode import Number
+from ces_identify.recordings.recording import Recording, Stamps, Values
+from ces_observer.errors import CesError, RecordingError, SignalsError
+from ces_observer.signals import FieldPath, Signal, Signals
+
+BATCH = 10_000  # messages encoded at a time
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class TopicData:
+    """The messages of one topic.
+
+    `stamps_ns` int64 (n,) go into the header, if the type has one, and become the log times; `columns` maps field
+    paths, such as `position[rear_damper]`, to float64 (n,). Everything else in the messages is zero or empty.
+    """
+
+    name: str
+    type: str
+    stamps_ns: Stamps
+    columns: Mapping[str, Values]
+
+    def __post_init__(self) -> None:
+        stamps = np.asarray(self.stamps_ns, dtype=np.int64)
+        columns = {path: np.asarray(values, dtype=np.float64) for path, values in self.columns.items()}
+        for path, values in columns.items():
+            if stamps.ndim != 1 or values.shape != stamps.shape:
+                raise RecordingError(f"topic {self.name}: {path} has shape {values.shape}; expected {stamps.shape}")
+        if len(stamps) and stamps.min() < 0:
+            raise RecordingError(f"topic {self.name}: a stamp is {stamps.min()} ns; a bag has no times before 0")
+        object.__setattr__(self, "stamps_ns", stamps)
+        object.__setattr__(self, "columns", columns)
+
+
+def recording_topics(recording: Recording, signals: Signals) -> tuple[TopicData, ...]:
+    """Return the topics that hold the channels of a recording as `signals` describes them, scale and offset undone.
+
+    Raises RecordingError if two channels share a topic but not their stamps.
+    """
+    shared: dict[tuple[str, str], list[Signal]] = {}
+    for signal in signals.recorded():
+        if signal.name in recording.channels:
+            shared.setdefault((signal.topic, signal.type), []).append(signal)
+    return tuple(_topic_data(recording, mine) for mine in shared.values())
+
+
+def _topic_data(recording: Recording, signals: list[Signal]) -> TopicData:
+    first = recording.channel(signals[0].name)
+    columns = {}
+    for signal in signals:
+        channel = recording.channel(signal.name)
+        if not np.array_equal(channel.stamps_ns, first.stamps_ns):
+            raise RecordingError(
+                f"{recording.name}: {first.name} and {channel.name} share topic {signal.topic} but not their stamps"
+            )
+        columns[signal.field.text] = (channel.values - signal.offset) / signal.scale
+    return TopicData(signals[0].topic, signals[0].type, first.stamps_ns, columns)
+
+
+def write_bag(
+    path: Path, topics: Sequence[TopicData], *, overwrite: bool = False, notes: Mapping[str, str] | None = None
+) -> None:
+    """Write a bag folder with these topics, in time order; `notes` become the bag's custom metadata.
+
+    The order within a topic is kept even where its stamps run backwards. Raises RecordingError if `path` exists and is
+    not a bag to overwrite or the folder cannot be written, SignalsError if a type or field path cannot be written.
+    """
+    _require_free(path, overwrite)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+            part = Path(folder) / path.name
+            _write(part, topics, notes or {})
+            _put_in_place(part, path)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
+
+
+def _require_free(path: Path, overwrite: bool) -> None:
+    if not path.exists():
+        return
+    if not overwrite:
+        raise RecordingError(f"{path}: exists already; choose another name or allow it to be overwritten")
+    if not (path / "metadata.yaml").exists():
+        raise RecordingError(f"{path}: exists and is not a bag, so it is not overwritten; choose another name")
+
+
+def _put_in_place(part: Path, path: Path) -> None:
+    """Rename the finished bag to its name; an older one is put aside first and comes back if that fails."""
+    aside = part.with_name(f"{path.name}.old")
+    if path.exists():
+        path.rename(aside)
+    try:
+        part.rename(path)
+    except OSError:
+        if aside.exists():
+            aside.rename(path)
+        raise
+
+
+def _write(path: Path, topics: Sequence[TopicData], notes: Mapping[str, str]) -> None:
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    encoders = [_Encoder(topic, typestore) for topic in topics]
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    for key, value in notes.items():
+        writer.set_custom_data(key, value)
+    with writer:
+        names = [f"/{topic.name.lstrip('/')}" for topic in topics]
+        connections = [
+            writer.add_connection(name, topic.type, typestore=typestore)
+            for name, topic in zip(names, topics, strict=True)
+        ]
+        streams = [encoder.messages(i) for i, encoder in enumerate(encoders)]
+        for _, stamp, i, payload in heapq.merge(*streams, key=itemgetter(0)):
+            writer.write(connections[i], stamp, payload)
+
+
+class _Encoder:
+    """Serialises the messages of one topic: the bytes of a blank message with the numbers put in their places."""
+
+    def __init__(self, topic: TopicData, typestore: Typestore) -> None:
+        if topic.type not in typestore.fielddefs:
+            raise SignalsError(f"topic {topic.name}: cannot write {topic.type}; it is not a type of ROS 2 Jazzy")
+        fields = dict(typestore.get_msgdef(topic.type).fields)
+        stamped = fields.get("header") == (Nodetype.NAME, "std_msgs/msg/Header")
+        paths = [FieldPath.parse(text) for text in (*(STAMP if stamped else ()), *topic.columns)]
+        self.topic, self.stamped = topic, stamped
+        self.blank, self.numbers = _places(topic, paths, typestore)
+
+    def messages(self, index: int) -> Iterator[tuple[int, int, int, bytes]]:
+        """Yield (place in time, stamp, index, payload) of each message."""
+        order = np.maximum.accumulate(self.topic.stamps_ns) if len(self.topic.stamps_ns) else self.topic.stamps_ns
+        for begin in range(0, len(order), BATCH):
+            part = slice(begin, begin + BATCH)
+            rows = self._encode(part)
+            times = zip(order[part].tolist(), self.topic.stamps_ns[part].tolist(), rows, strict=True)
+            for place, stamp, row in times:
+                yield place, stamp, index, row.tobytes()
+
+    def _encode(self, part: slice) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
+        stamps = self.topic.stamps_ns[part]
+        times = [stamps // SECOND, stamps % SECOND] if self.stamped else []
+        columns = [values[part] for values in self.topic.columns.values()]
+        rows = np.tile(self.blank, (len(stamps), 1))
+        for number, column in zip(self.numbers, [*times, *columns], strict=True):
+            whole = np.rint(column) if number.dtype.kind in "iu" else column
+            raw = np.ascontiguousarray(whole.astype(number.dtype)).view(np.uint8).reshape(len(column), -1)
+            rows[:, number.offset : number.offset + number.dtype.itemsize] = raw
+        return rows
+
+
+def _places(
+    topic: TopicData, paths: list[FieldPath], typestore: Typestore
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.uint8]], list[Number]]:
+    """Return the bytes of a blank message and where its numbers are."""
+    try:
+        raw = bytes(typestore.serialize_cdr(blank_message(topic.type, paths, typestore), topic.type))
+        layout = layout_of(raw, topic.type, paths, typestore)
+    except CesError as error:
+        raise SignalsError(f"topic {topic.name}: {error}") from None
+    found = layout.numbers if layout else tuple(f"field '{path.text}' cannot be written" for path in paths)
+    numbers = [number for number in found if isinstance(number, Number)]
+    missing = [number for number in found if isinstance(number, str)]
+    if missing:
+        raise SignalsError(f"topic {topic.name}: {topic.type}: {missing[0]}")
+    return np.frombuffer(raw, dtype=np.uint8), numbers

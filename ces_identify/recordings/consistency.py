@@ -1,0 +1,177 @@
+"""Differences between recordings that are mistakes, not physics: units mixed, a sign turned round.
+
+Recordings go in; findings in plain words come out, in the manner of `checks.py`. Everything is judged on robust spreads
+(1st to 99th percentile) and on whether force goes with speed, as it does in anything that damps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.recordings.checks import ERROR, MOST_CURRENT_A, MOST_STROKE_M, WARNING, Finding
+from ces_identify.recordings.recording import Channel, Recording
+from ces_observer.errors import RecordingError
+
+F = NDArray[np.float64]
+
+UNITS_APART = 100.0  # ratio of spreads that no two experiments of one damper have
+ALIKE_SPEEDS = 10.0  # ratio of speeds within which forces can be compared so
+DAMPS = 0.3  # correlation of force with speed from which its sign counts
+BIN_S, LEAST_BINS = 0.005, 50  # positions are averaged over bins before speeds are taken; so many tell something
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What recordings are compared by: spreads in SI units, and the correlation of force with speed (-1 to 1).
+
+    `current_A` is the 99th percentile of the magnitude. NaN where the recording cannot tell.
+    """
+
+    name: str
+    stroke_m: float
+    speed_m_s: float
+    current_A: float
+    force_N: float
+    damping: float
+
+
+def traits(recording: Recording) -> Traits:
+    """Return the traits of a recording."""
+    speed, force = _speed_and_force(recording)
+    current = np.abs(_values(recording, "current"))
+    return Traits(
+        name=recording.name,
+        stroke_m=_spread(_values(recording, "position")),
+        speed_m_s=_spread(speed),
+        current_A=float(np.percentile(current, 99.0)) if len(current) else np.nan,
+        force_N=_spread(_values(recording, "force")),
+        damping=_correlation(speed, force),
+    )
+
+
+def differences(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
+    """Return what is wrong between recordings, errors first; one that stands against several others is named.
+
+    Errors: strokes, currents or forces in different units, force turned round in some. Warning: force turned round in
+    all.
+    """
+    all_ = [traits(recording) for recording in recordings]
+    found = [*_strokes(all_), *_currents(all_), *_forces(all_), *_signs(all_)]
+    return tuple(sorted(found, key=lambda finding: finding.severity != ERROR))
+
+
+def require_consistent(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
+    """Return the warnings about recordings together; raises RecordingError with the first error if there is one."""
+    found = differences(recordings)
+    if found and found[0].severity == ERROR:
+        raise RecordingError(found[0].text)
+    return found
+
+
+def _strokes(all_: Sequence[Traits]) -> Iterator[Finding]:
+    low, high = _extremes(all_, "stroke_m")
+    if high.stroke_m > MOST_STROKE_M and high.stroke_m > UNITS_APART * low.stroke_m:
+        yield _units(
+            "position", f"spans {high.stroke_m:.4g} m in {high.name}, {low.stroke_m:.4g} m in {low.name}", "mm"
+        )
+
+
+def _currents(all_: Sequence[Traits]) -> Iterator[Finding]:
+    low, high = _extremes(all_, "current_A")
+    if high.current_A > MOST_CURRENT_A and high.current_A > UNITS_APART * low.current_A:
+        yield _units(
+            "current", f"reaches {high.current_A:.4g} A in {high.name}, {low.current_A:.4g} A in {low.name}", "mA"
+        )
+
+
+def _forces(all_: Sequence[Traits]) -> Iterator[Finding]:
+    low, high = _extremes(all_, "force_N")
+    if high.force_N > UNITS_APART * low.force_N and high.speed_m_s < ALIKE_SPEEDS * low.speed_m_s:
+        told = f"spans {high.force_N:.4g} N in {high.name}, {low.force_N:.4g} N in {low.name}, at speeds of "
+        yield _units("force", f"{told}{high.speed_m_s:.2g} and {low.speed_m_s:.2g} m/s", "kN")
+
+
+def _units(signal: str, told: str, unit: str) -> Finding:
+    return Finding(
+        ERROR,
+        f"{signal}: {told}; expected one unit: is one of them in {unit}? convert it, or identify on them one by one",
+    )
+
+
+def _signs(all_: Sequence[Traits]) -> Iterator[Finding]:
+    along = [t for t in all_ if t.damping >= DAMPS]
+    against = [t for t in all_ if t.damping <= -DAMPS]
+    if along and against:
+        odd, rest = (against, along) if len(against) <= len(along) else (along, against)
+        yield Finding(
+            ERROR,
+            f"force {_sense(odd)} in {_names(odd)}, {_sense(rest)} in {_names(rest)}; expected one sign: position and "
+            "force are positive in compression; turn one round with scale: -1 for the recordings that have it wrong",
+        )
+    elif against:
+        yield Finding(
+            WARNING,
+            f"force {_sense(against)} in {_names(against)}: position and force are positive in compression; if one is "
+            "not, turn it round with scale: -1 in the signals file",
+        )
+
+
+def _sense(some: Sequence[Traits]) -> str:
+    return f"goes {'with' if some[0].damping > 0.0 else 'against'} speed (correlation {some[0].damping:.2f})"
+
+
+def _names(some: Sequence[Traits]) -> str:
+    shown = ", ".join(t.name for t in some[:3])
+    return shown if len(some) <= 3 else f"{shown} and {len(some) - 3} more"
+
+
+def _extremes(all_: Sequence[Traits], trait: str) -> tuple[Traits, Traits]:
+    """Return the recordings of the least and the greatest value, twice the same one if no two can tell."""
+    known = [t for t in all_ if getattr(t, trait) > 0.0] or [all_[0]]
+    ordered = sorted(known, key=lambda t: float(getattr(t, trait)))
+    return ordered[0], ordered[-1]
+
+
+def _values(recording: Recording, signal: str) -> F:
+    values = recording.channels[signal].values if signal in recording.channels else np.empty(0)
+    return np.asarray(values[np.isfinite(values)])
+
+
+def _spread(values: F) -> float:
+    return float(np.ptp(np.percentile(values, (1.0, 99.0)))) if len(values) else np.nan
+
+
+def _correlation(speed: F, force: F) -> float:
+    if len(speed) < LEAST_BINS or speed.std() == 0.0 or force.std() == 0.0:
+        return np.nan
+    return float(np.corrcoef(speed, force)[0, 1])
+
+
+def _speed_and_force(recording: Recording) -> tuple[F, F]:
+    """Return speed [m/s] and force [N] bin by bin, where both are known; forces are zero if there is no channel."""
+    position = recording.channels.get("position")
+    if position is None or len(position) < 3:
+        return np.empty(0), np.empty(0)
+    start = int(position.stamps_ns.min())
+    width = max(BIN_S * 1e9, 2.0 * float(np.median(np.abs(np.diff(position.stamps_ns)))))
+    bins, place = _binned(position, start, width)
+    inner = bins[2:] - bins[:-2] == 2
+    at, speed = bins[1:-1][inner], ((place[2:] - place[:-2]) / (2e-9 * width))[inner]
+    if "force" not in recording.channels:
+        return speed, np.zeros(len(speed))
+    force_bins, force = _binned(recording.channels["force"], start, width)
+    _, mine, its = np.intersect1d(at, force_bins, assume_unique=True, return_indices=True)
+    return speed[mine], force[its]
+
+
+def _binned(channel: Channel, start_ns: int, width_ns: float) -> tuple[NDArray[np.int64], F]:
+    """Return the numbers of the bins of time that hold finite samples, and their means."""
+    good = np.isfinite(channel.values)
+    at = np.floor((channel.stamps_ns[good] - start_ns) / width_ns).astype(np.int64)
+    bins, inverse, count = np.unique(at, return_inverse=True, return_counts=True)
+    means: F = np.bincount(inverse, channel.values[good], minlength=len(bins)) / count
+    return bins, means

@@ -1,0 +1,130 @@
+"""An FMU's library at work, by FMPy: unpack it, make an instance, drive and read its variables."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ces_identify.simulations.fmu_ports import Ports
+from ces_observer.errors import CesError
+
+
+def fmpy(part: str = "fmpy") -> Any:
+    """Return FMPy, or the module of it that is named; raises CesError if it is not installed."""
+    try:
+        return import_module(part)
+    except ImportError:
+        raise CesError("an FMU needs FMPy, which is not installed; pip install 'ces_observer[fmi]'") from None
+
+
+def read_description(path: str) -> Any:
+    """Return FMPy's ModelDescription of an FMU; raises CesError if it cannot be read."""
+    reader = fmpy("fmpy.model_description")
+    if not Path(path).is_file():
+        raise CesError(f"{path}: no such file; expected a co-simulation FMU")
+    try:
+        return reader.read_model_description(path, validate=False)
+    except zipfile.BadZipFile:
+        raise CesError(f"{path}: not an FMU, or a damaged one: it is not a zip file") from None
+    except Exception as error:
+        raise CesError(f"{path}: not an FMU, or a damaged one: {_line(error)}") from None
+
+
+@contextmanager
+def extracted(path: str) -> Iterator[tuple[Any, str]]:
+    """Unzip the FMU into a temporary folder, which is removed in the end; yields its description and the folder."""
+    with tempfile.TemporaryDirectory(prefix="ces_fmu_", ignore_cleanup_errors=sys.platform == "win32") as folder:
+        try:
+            fmpy().extract(path, folder)
+        except Exception as error:
+            raise CesError(f"{path}: cannot be unpacked: {_line(error)}") from None
+        yield read_description(path), folder
+
+
+@contextmanager
+def instance(description: Any, folder: str, said: list[str]) -> Iterator[Any]:
+    """Load the library and make an instance, whose errors are added to `said`; free both in the end."""
+    fmi2, here = fmpy("fmpy.fmi2"), Path.cwd()
+    try:
+        slave = fmi2.FMU2Slave(
+            guid=description.guid,
+            modelIdentifier=description.coSimulation.modelIdentifier,
+            unzipDirectory=folder,
+            instanceName="ces_observer",
+        )
+    finally:
+        os.chdir(here)  # FMPy leaves the library's folder as the working one if loading fails
+    slave.instantiate(callbacks=_callbacks(fmi2, said))
+    try:
+        yield slave
+        slave.terminate()
+    finally:
+        with suppress(Exception):
+            slave.freeInstance()
+
+
+def _callbacks(fmi2: Any, said: list[str]) -> Any:
+    def log(_: object, name: bytes, status: int, category: bytes, message: bytes) -> None:
+        if status > fmi2.fmi2Warning:
+            said.append((message or b"").decode("utf-8", "replace"))
+
+    callbacks = fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(log)
+    callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+    callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+    return callbacks
+
+
+class Wires:
+    """The variables of an FMPy slave that are driven and read, in arrays made once: a step calls C and nothing else."""
+
+    def __init__(self, slave: Any, ports: Ports) -> None:
+        self.slave, self.ports = slave, ports
+        self.count = len(ports.inputs)
+        self.references = (ctypes.c_uint * self.count)(*(port.reference for port in ports.inputs.values()))
+        self.values, self.slopes = (ctypes.c_double * self.count)(), (ctypes.c_double * self.count)()
+        self.orders = (ctypes.c_int * self.count)(*[1] * self.count)
+        self.force_reference, self.force_value = (ctypes.c_uint * 1)(ports.force.reference), (ctypes.c_double * 1)()
+        self.valid_reference, self.valid_value = (ctypes.c_uint * 1)(ports.valid or 0), (ctypes.c_int * 1)()
+
+    def start(self, at_s: float, inputs: list[Any]) -> None:
+        """Initialise at a time with inputs in the FMU's units, in the order of the ports."""
+        self.slave.setupExperiment(startTime=at_s)
+        self.slave.enterInitializationMode()
+        self._set(inputs)
+        self.slave.exitInitializationMode()
+
+    def step(self, at_s: float, length_s: float, inputs: list[Any], slopes: list[Any] | None = None) -> None:
+        """Step on with inputs that hold, or with inputs at the beginning and their derivatives [1/s]."""
+        self._set(inputs)
+        if slopes:
+            self.slopes[:] = slopes
+            self.slave.fmi2SetRealInputDerivatives(
+                self.slave.component, self.references, self.count, self.orders, self.slopes
+            )
+        self.slave.fmi2DoStep(self.slave.component, at_s, length_s, 1)
+
+    def force(self) -> float:
+        """Return the force [N]; NaN if the FMU says that it is not valid."""
+        if self.ports.valid is not None:
+            self.slave.fmi2GetBoolean(self.slave.component, self.valid_reference, 1, self.valid_value)
+            if not self.valid_value[0]:
+                return float("nan")
+        self.slave.fmi2GetReal(self.slave.component, self.force_reference, 1, self.force_value)
+        return self.ports.force.factor * float(self.force_value[0]) + self.ports.force.offset
+
+    def _set(self, inputs: list[Any]) -> None:
+        self.values[:] = inputs
+        self.slave.fmi2SetReal(self.slave.component, self.references, self.count, self.values)
+
+
+def _line(error: Exception) -> str:
+    return str(error).strip().replace("\n", " ") or type(error).__name__

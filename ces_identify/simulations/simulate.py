@@ -1,0 +1,98 @@
+"""Free-run simulation of a model in batch: prepared series, or any position and current, in; force out.
+
+These are the fast twins of `ces_observer.estimator`: tick for tick the same force to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.numerics import kernels
+from ces_identify.polynomial.compiled import compile_terms, power_table
+from ces_identify.polynomial.constructed_series import constructed_values
+from ces_identify.preparation.series import Series, prepare, track_samples, usable_samples
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.trained.lagged_run import run_fuzzy, run_network
+from ces_observer.model import Model
+
+F = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """Simulated force [N] of shape (ticks,), NaN from where it left the force envelope; `clamped` marks the ticks
+    whose inputs lay outside the input envelope; `diverged` is the first tick out of bounds, -1 if none."""
+
+    force: F
+    clamped: NDArray[np.bool_]
+    diverged: int
+
+
+def simulate_series(model: Model, series: Series) -> FreeRun:
+    """Return the free run of `model` over a prepared series."""
+    inputs = np.stack([series.position, series.speed, series.current])
+    if model.network is not None:
+        force, diverged = run_network(model, model.network, inputs, series.segments)
+    elif model.fuzzy is not None:
+        force, diverged = run_fuzzy(model, model.fuzzy, inputs, series.segments)
+    else:
+        force, diverged = _run_polynomial(model, series)
+    return FreeRun(force, outside_envelope(model, series), diverged)
+
+
+def _run_polynomial(model: Model, series: Series) -> tuple[F, int]:
+    terms = compile_terms(model.terms)
+    inputs = (series.position, series.speed, series.current)
+    made = constructed_values(terms.constructed, model.envelope, inputs, series.segments, series.rate_Hz)
+    powers = power_table(terms.powers, model.envelope, *inputs, made)
+    coefficients = np.array([term.coefficient for term in model.terms])
+    force, diverged = kernels.free_run(powers, series.segments, *terms.arrays, coefficients, *model.force_envelope_N)
+    return force, int(diverged)
+
+
+def outside_envelope(model: Model, series: Series) -> NDArray[np.bool_]:
+    """Return where (ticks,) an input of `series` lies outside the model's input envelope."""
+    e = model.envelope
+    out = np.zeros(len(series), bool)
+    for values, (low, high) in (
+        (series.position, e.position_m),
+        (series.speed, e.speed_m_s),
+        (series.current, e.current_A),
+    ):
+        out |= (values < low) | (values > high)
+    return out
+
+
+def sample_force(model: Model, recording: Recording) -> F:
+    """Return the force [N] at every position sample (n,), as the estimator gives it.
+
+    NaN where the estimator would withhold: unusable samples, warm-up, and from a divergence to the end of the segment
+    (where the estimator would warm up anew).
+    """
+    series = prepare(recording, model.sampling)
+    force = simulate_series(model, series).force
+    samples = usable_samples(recording, model.sampling.max_current_age_s)
+    *_, total, status, ahead, _ = track_samples(samples, model.sampling)
+    newest = total - 1
+    slope = force[newest] - force[np.maximum(newest - 1, 0)]
+    at_samples = np.clip(force[newest] + slope * ahead, *model.force_envelope_N)
+    taken = (status == kernels.STATUS_OK) | (status == kernels.STATUS_RESTART)
+    starts = series.segments[:, 0]
+    since = newest - starts[np.searchsorted(starts, newest, side="right") - 1]
+    at_samples[~taken | (since < series.warm_up)] = np.nan
+    out = np.full(len(recording.channel("position")), np.nan)
+    out[samples.index] = at_samples
+    return out
+
+
+def simulate_samples(model: Model, time_s: F, position: F, current: F) -> F:
+    """Return the force [N] for arrays (n,) of time [s], position [m] and current [A]; NaN where it is withheld."""
+    stamps = np.rint(np.asarray(time_s) * 1e9).astype(np.int64)
+    channels = {
+        "position": Channel("position", "m", stamps, np.asarray(position, np.float64)),
+        "current": Channel("current", "A", stamps, np.asarray(current, np.float64)),
+    }
+    return sample_force(model, Recording("arrays", channels))

@@ -1,0 +1,90 @@
+"""Any simulation of the damper as one kind of thing: a recording goes in, a force at each position sample comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.preparation.series import force_at, usable_samples
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulate import sample_force
+from ces_observer.errors import CesError
+from ces_observer.model import Model
+
+F = NDArray[np.float64]
+ForceFunction = Callable[[F, F, F], F]  # time_s, position_m, current_A -> force_N, all of shape (n,)
+
+
+class Simulation(Protocol):
+    """What can be asked for a force."""
+
+    def force(self, recording: Recording) -> F:
+        """Return the force [N] at every position sample of `recording`, shape (n,), NaN where it gives none."""
+
+
+@dataclass(frozen=True)
+class ModelSimulation:
+    """A model file's free run, as the estimator gives it."""
+
+    model: Model
+
+    def force(self, recording: Recording) -> F:
+        """Return the force [N] at every position sample."""
+        return sample_force(self.model, recording)
+
+
+@dataclass(frozen=True)
+class FunctionSimulation:
+    """A function of time [s], position [m] and current [A]; `name` names it in errors."""
+
+    name: str
+    function: ForceFunction
+
+    def force(self, recording: Recording) -> F:
+        """Return the force [N] at every position sample; raises CesError if the function fails or returns nonsense."""
+        samples = usable_samples(recording, 1e6)
+        time = (samples.stamps_ns - recording.channel("position").stamps_ns[0]) * 1e-9
+        try:
+            force = np.asarray(self.function(time, samples.position, samples.current), dtype=np.float64)
+        except CesError:
+            raise
+        except Exception as error:
+            raise CesError(f"{self.name}: raised {type(error).__name__}: {error}") from error
+        if force.shape != time.shape:
+            raise CesError(f"{self.name}: returned shape {force.shape}; expected {time.shape}, a force for each sample")
+        if not np.isfinite(force).all():
+            bad = int(np.argmin(np.isfinite(force)))
+            raise CesError(f"{self.name}: returned {force[bad]} at {time[bad]:.3f} s; expected finite forces")
+        out = np.full(len(recording.channel("position")), np.nan)
+        out[samples.index] = force
+        return out
+
+
+@dataclass(frozen=True)
+class RecordedSimulation:
+    """Predictions recorded in the bag itself, read as the signal `sim_force`."""
+
+    topic: str
+
+    def force(self, recording: Recording) -> F:
+        """Return the recorded prediction [N] interpolated at every position sample."""
+        if "sim_force" not in recording.channels:
+            raise CesError(f"{recording.name}: no predictions on topic {self.topic}")
+        return force_at(recording, recording.channel("position").stamps_ns, 0.05, "sim_force")
+
+
+def function_simulation(spec: str) -> FunctionSimulation:
+    """Return the simulation `module:function`; raises CesError if it cannot be imported."""
+    module, _, name = spec.partition(":")
+    try:
+        function = getattr(import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise CesError(f"{spec}: cannot be imported ({error}); expected module:function on PYTHONPATH") from None
+    if not callable(function):
+        raise CesError(f"{spec}: is a {type(function).__name__}; expected function(time_s, position_m, current_A)")
+    return FunctionSimulation(spec, function)

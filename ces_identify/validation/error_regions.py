@@ -1,0 +1,116 @@
+"""Where the error of a free run sits: its energy by speed and current, at stroke ends, zero crossings, by direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.preparation.weighting import CENTRAL, SLOW_M_S
+from ces_identify.validation.evaluate import Evaluation
+
+F = NDArray[np.float64]
+B = NDArray[np.bool_]
+
+SPEEDS, CURRENTS = 6, 3  # cells of the coarse table
+QUANTILE = 0.995  # of |speed| at which the outermost cells end; what is faster counts in them
+SAME_CURRENT = 0.01  # of the largest current: a narrower range counts as constant
+
+
+@dataclass(frozen=True)
+class ErrorShare:
+    """A region's share of the squared error and of the ticks, its RMS error [N], and its part of J [%].
+
+    The parts of J of regions that together are the whole add up in squares to J^2. `axis` names what is divided.
+    """
+
+    axis: str
+    region: str
+    energy: float
+    ticks: float
+    rms_N: float
+    cost: float
+
+
+@dataclass(frozen=True)
+class _Scored:
+    """Ticks of all evaluations, end to end: inputs, stroke from 0 to 1 over all, error, and the spread of the force."""
+
+    speed: F
+    current: F
+    stroke: F
+    error: F
+    spread: float
+
+
+def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
+    """Return the cells of speed and current that hold any tick, most error first; speed alone if current is constant.
+
+    Runs that diverged count as far as they went.
+    """
+    ticks = _scored(evaluations)
+    top = float(np.quantile(np.abs(ticks.speed), QUANTILE)) if len(ticks.speed) else 0.0
+    speeds = np.linspace(-top, top, SPEEDS + 1)
+    currents = _current_edges(ticks.current)
+    v, c = _cell(ticks.speed, speeds), _cell(ticks.current, currents)
+    cells = []
+    for a in range(SPEEDS):
+        for b in range(len(currents) - 1):
+            name = f"{speeds[a]:.2f} to {speeds[a + 1]:.2f} m/s"
+            if len(currents) > 2:
+                name += f", {currents[b]:.2f} to {currents[b + 1]:.2f} A"
+            cells.append(_share(ticks, "speed x current", name, (v == a) & (c == b)))
+    return sorted((s for s in cells if s.ticks > 0.0), key=lambda s: -s.energy)
+
+
+def error_regions(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
+    """Return direction, zero crossing and stroke as axes, each with regions that together are the whole."""
+    ticks = _scored(evaluations)
+    slow = np.abs(ticks.speed) < SLOW_M_S
+    low, high = ticks.stroke < 0.5 - CENTRAL / 2, ticks.stroke > 0.5 + CENTRAL / 2
+    masks = {
+        "direction": {"compression": ticks.speed >= 0.0, "rebound": ticks.speed < 0.0},
+        "zero crossing": {f"|speed| below {SLOW_M_S:g} m/s": slow, "faster": ~slow},
+        "stroke": {"rebound end": low, f"central {100 * CENTRAL:.0f} %": ~low & ~high, "compression end": high},
+    }
+    return [_share(ticks, axis, name, mask) for axis, regions in masks.items() for name, mask in regions.items()]
+
+
+def _scored(evaluations: Sequence[Evaluation]) -> _Scored:
+    kept = [e.series.scored & np.isfinite(e.run.force) for e in evaluations]
+    pairs = list(zip(evaluations, kept, strict=True))
+
+    def joined(signal: str) -> F:
+        return np.concatenate([np.empty(0), *(getattr(e.series, signal)[k] for e, k in pairs)])
+
+    position = joined("position")
+    low, span = (float(position.min()), float(np.ptp(position))) if len(position) else (0.0, 1.0)
+    error = [e.series.force[k] - e.run.force[k] for e, k in pairs]
+    spread = sum(float(((f - f.mean()) ** 2).sum()) for e in evaluations for f in (e.series.force[e.series.scored],))
+    stroke = (position - low) / max(span, 1e-12)
+    return _Scored(joined("speed"), joined("current"), stroke, np.concatenate([np.empty(0), *error]), spread)
+
+
+def _share(ticks: _Scored, axis: str, region: str, mask: B) -> ErrorShare:
+    squares = ticks.error[mask] ** 2
+    inside, energy = float(squares.sum()), float((ticks.error**2).sum())
+    return ErrorShare(
+        axis,
+        region,
+        inside / energy if energy > 0.0 else 0.0,
+        float(mask.mean()) if len(mask) else 0.0,
+        float(np.sqrt(squares.mean())) if len(squares) else 0.0,
+        float(100.0 * np.sqrt(inside / ticks.spread)) if ticks.spread > 0.0 else 0.0,
+    )
+
+
+def _cell(values: F, edges: F) -> NDArray[np.int64]:
+    return np.clip(np.searchsorted(edges, values, "right") - 1, 0, len(edges) - 2)
+
+
+def _current_edges(current: F) -> F:
+    low, high = (float(current.min()), float(current.max())) if len(current) else (0.0, 0.0)
+    constant = high - low <= SAME_CURRENT * max(abs(low), abs(high), 1e-9)
+    return np.linspace(low, high, 2 if constant else CURRENTS + 1)

@@ -1,0 +1,54 @@
+"""How well a model does on a recording: its free run beside the measured force, and the cost J."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.preparation.cost import require_force, series_cost
+from ces_identify.preparation.series import Series
+from ces_identify.simulations.simulate import FreeRun, simulate_series
+from ces_observer.model import Model
+
+IDENTIFICATION, VALIDATION = "identification", "validation"
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The free run of a model on one series. `role` tells whether the fit and the selection saw it."""
+
+    name: str
+    role: str
+    series: Series
+    run: FreeRun
+    cost: float
+
+    @property
+    def error(self) -> NDArray[np.float64]:
+        """Measured minus simulated force [N] on the scored ticks, shape (n,)."""
+        scored = self.series.scored
+        return np.asarray(self.series.force[scored] - self.run.force[scored])
+
+    @property
+    def rms_N(self) -> float:
+        """Root mean square of the error [N]."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+    @property
+    def clamped_share(self) -> float:
+        """Share of the scored ticks whose inputs lay outside the model's envelope."""
+        return float(self.run.clamped[self.series.scored].mean())
+
+
+def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluation]:
+    """Return the evaluation of `model` on each series; raises RecordingError where there is no force to judge by."""
+    return [_one(model, s, role) for s in series]
+
+
+def _one(model: Model, series: Series, role: str) -> Evaluation:
+    require_force(series)
+    run = simulate_series(model, series)
+    return Evaluation(series.name, role, series, run, series_cost(series, run.force))

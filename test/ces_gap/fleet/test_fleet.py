@@ -1,0 +1,242 @@
+"""A fleet is diagnosed alike here and on a real Dask cluster, streams to disk, and goes on where it was cut."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import stand_in
+from stand_in import OFFSETS_N, Offset, Options, made
+
+from ces_gap.fleet.answer import CRASHED, DONE, FAILED, answer, failure
+from ces_gap.fleet.question import Question, job_of
+from ces_gap.fleet.results import ROWS, open_fleet
+from ces_gap.fleet.workers import on_cluster, on_this_machine
+from ces_identify.campaign import workers
+from ces_identify.simulations.simulation import FunctionSimulation, function_simulation
+from ces_observer.errors import CesError
+
+ROOT = Path(__file__).parents[3]
+SPEC = "stand_in:damper"
+
+
+def question(**more):
+    given = {"simulation": FunctionSimulation(SPEC, stand_in.damper), "spec": SPEC, "reference": ()}
+    given |= {"options": Options(), "diagnose": stand_in.diagnose, "files": stand_in.files}
+    return Question(**{**given, **more})
+
+
+def jobs(folder, names=tuple(OFFSETS_N), asked=None):
+    """Jobs with their recordings; each vehicle has two."""
+    fleet = {name: [made(name, OFFSETS_N.get(name, 5.0), seed) for seed in (1, 2)] for name in names}
+    return [
+        (job_of(name, recordings, asked or question(), "", folder), recordings) for name, recordings in fleet.items()
+    ]
+
+
+def told(answers):
+    return {a.row["name"]: ({k: v for k, v in a.row.items() if k != "seconds"}, dict(a.files)) for a in answers}
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """What this process finds, one that fails and one that crashes among them; and the jobs."""
+    work = jobs(tmp_path_factory.mktemp("fleet"), (*OFFSETS_N, "refused", "broken"))
+    packed = question().packed()
+    return work, packed, told(answer(job, packed, recordings) for job, recordings in work)
+
+
+def test_a_row_says_what_was_found(expected):
+    _, _, answers = expected
+    row, files = answers["c"]
+    assert row["status"] == DONE
+    assert row["verdict"] == "named"
+    assert row["effects"] == ["stand_in_offset"]
+    assert row["gap_N"] == pytest.approx(90.0, abs=1.0)
+    assert row["shrink"] == pytest.approx(1.0 - 3.0 / 90.0, abs=0.02)
+    assert json.loads(files["gap.json"])["rms_N"] == pytest.approx(row["gap_N"], rel=1e-4)
+    assert row["recordings"] == ["c", "c"]
+    assert answers["a"][0]["verdict"] == "no_gap"
+    assert answers["refused"][0]["status"] == FAILED
+    assert answers["refused"][0]["reason"] == "refused: too short"
+    assert answers["broken"][0]["status"] == CRASHED
+    assert answers["broken"][0]["reason"] == "ZeroDivisionError: by zero"
+    json.dumps([row for row, _ in answers.values()], allow_nan=False)
+
+
+def test_processes_on_this_machine_find_the_same(expected):
+    work, packed, answers = expected
+    assert told(on_this_machine(packed, work, processes=2, threads=1)) == answers
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """The address of a scheduler with two workers, each a process of its own that does not know these tests."""
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    kept = sys.path[:]
+    sys.path[:] = [p for p in sys.path if not p.startswith(str(ROOT / "test"))]
+    try:
+        with distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+        ) as made_cluster:
+            sys.path[:] = kept
+            yield made_cluster.scheduler_address
+    finally:
+        sys.path[:] = kept
+
+
+def test_workers_of_a_dask_scheduler_find_the_same(expected, cluster):
+    work, packed, answers = expected
+    assert told(on_cluster(packed, work, cluster)) == answers
+
+
+def test_tasks_are_taken_as_workers_get_free(expected, cluster):
+    work, packed, _ = expected
+    taken = []
+
+    def lazily():
+        for job, recordings in work:
+            taken.append(job.name)
+            yield job, recordings
+
+    first = next(answers := on_cluster(packed, lazily(), cluster))
+    assert first.row["status"] in (DONE, FAILED, CRASHED)
+    assert len(taken) <= 4  # two workers, two each
+    assert len(list(answers)) == len(work) - 1
+
+
+def test_no_scheduler_is_one_line(expected, monkeypatch):
+    pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    monkeypatch.setattr(workers, "CONNECT_S", 0.5)
+    work, packed, _ = expected
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+        with pytest.raises(CesError, match=f"--dask {address}: no scheduler answered"):
+            list(on_cluster(packed, work, address))
+
+
+def test_users_own_code_travels_by_value(tmp_path, monkeypatch, cluster):
+    (tmp_path / "my_damper.py").write_text("GAIN = 1200.0\n\n\ndef force(t, x, i):\n    return GAIN * x * 0.0\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    mine = question(simulation=function_simulation("my_damper:force"), options=Options(effects=(Offset(),)))
+    work = jobs(tmp_path, ("b",), mine)
+    packed = mine.packed()
+    (found,) = on_cluster(packed, work, cluster)
+    assert found.row["status"] == DONE, found.row
+    assert told([found]) == told([answer(work[0][0], packed, work[0][1])])
+
+
+def test_keys_tell_answers_apart(tmp_path, monkeypatch):
+    (tmp_path / "coded.py").write_text("def force(t, x, i):\n    return x\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    coded = question(simulation=function_simulation("coded:force"), spec="coded:force")
+    (tmp_path / "m.json").write_text("1")
+    monkeypatch.chdir(tmp_path)
+    filed = question(spec="m.json")
+    digests = [q.digest() for q in (question(), question(options=Options(seed=2)), coded, filed)]
+    digests.append(question(options=Options(effects=(Offset(),))).digest())
+    digests.append(question(reference=(made("r", 1.0),)).digest())
+    (tmp_path / "coded.py").write_text("def force(t, x, i):\n    return 2 * x\n")
+    (tmp_path / "m.json").write_text("2")
+    digests += [coded.digest(), filed.digest()]
+    assert len(set(digests)) == len(digests)
+    assert question(options=Options(threads=9)).digest() == question().digest()
+    recordings = [made("a", 1.0)]
+    keys = [job_of("a", recordings, question(), "s", tmp_path), job_of("a", recordings, question(), "other", tmp_path)]
+    keys.append(job_of("a", [made("a", 2.0)], question(), "s", tmp_path))
+    assert len({job.key for job in keys}) == 3
+    assert job_of("a", recordings, filed, "", tmp_path).sim["spec"] == "../../m.json"
+    assert job_of("renamed", recordings, question(), "s", tmp_path).key == keys[0].key
+
+
+def test_rows_and_files_are_on_disk_as_they_come(tmp_path, expected):
+    _, packed, _ = expected
+    with open_fleet(tmp_path) as fleet:
+        for job, recordings in jobs(tmp_path, (*OFFSETS_N, "refused", "broken")):
+            fleet.add(job, answer(job, packed, recordings))
+            last = (tmp_path / ROWS).read_text().splitlines()[-1]
+            assert json.loads(last)["name"] == job.name
+        with pytest.raises(CesError, match="another run is writing"), open_fleet(tmp_path):
+            pass
+    found = {job.name: job for job, _ in jobs(tmp_path, (*OFFSETS_N, "refused", "broken"))}
+    assert (found["b"].folder / "report.html").is_file()
+    with open_fleet(tmp_path) as fleet:
+        assert {name: fleet.has(job) for name, job in found.items()} == {
+            "a": True,
+            "b": True,
+            "c": True,
+            "refused": True,
+            "broken": False,
+        }
+        (found["b"].folder / "report.html").unlink()
+        (found["b"].folder / "gap.json").unlink()
+        found["b"].folder.rmdir()
+        assert not fleet.has(found["b"])
+
+
+RUN = """
+import sys
+sys.path[:0] = [{test!r}, {root!r}]
+from pathlib import Path
+import test_fleet as t
+from ces_gap.fleet.results import open_fleet
+from ces_gap.fleet.workers import on_this_machine
+folder = Path(sys.argv[1])
+asked = t.question(options=t.Options(seed=77))
+work = t.jobs(folder, tuple("abcdefgh"), asked)
+with open_fleet(folder) as fleet:
+    for found in on_this_machine(asked.packed(), work, 2, 1):
+        fleet.add(next(job for job, _ in work if job.key == found.row["key"]), found)
+"""
+
+
+def begun(folder):
+    code = RUN.format(test=str(ROOT / "test" / "ces_gap"), root=str(ROOT))
+    return subprocess.Popen(
+        [sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+def lines_of(folder):
+    path = folder / ROWS
+    return path.read_bytes().splitlines() if path.exists() else []
+
+
+def test_a_killed_run_goes_on(tmp_path):
+    run = begun(tmp_path)
+    deadline = time.monotonic() + 60.0
+    while len(lines_of(tmp_path)) < 3:
+        assert run.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.kill(run.pid, signal.SIGKILL)
+    os.killpg(run.pid, signal.SIGTERM)  # its orphans, which would end by themselves some minutes later
+    run.communicate()
+    finished = lines_of(tmp_path)
+    assert 3 <= len(finished) < 8
+    with (tmp_path / ROWS).open("ab") as file:
+        file.write(b'{"key": "torn')
+    asked = question(options=Options(seed=77))
+    with open_fleet(tmp_path) as fleet:
+        missing = [(job, r) for job, r in jobs(tmp_path, "abcdefgh", asked) if not fleet.has(job)]
+        assert len(missing) == 8 - len(finished)
+        for job, recordings in missing:
+            fleet.add(job, answer(job, asked.packed(), recordings))
+    lines = lines_of(tmp_path)
+    assert lines[: len(finished)] == finished
+    assert sorted(json.loads(line)["name"] for line in lines) == list("abcdefgh")
+    assert all((tmp_path / json.loads(line)["folder"] / "gap.json").is_file() for line in lines)
+
+
+def test_a_failure_has_no_files(tmp_path):
+    (job, _), *_ = jobs(tmp_path)
+    with open_fleet(tmp_path) as fleet:
+        fleet.add(job, failure(job.key, job.name, FAILED, "why"))
+        assert not job.folder.exists()
+        assert fleet.rows[job.key]["reason"] == "why"

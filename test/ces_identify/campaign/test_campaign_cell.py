@@ -1,0 +1,92 @@
+"""One cell: its settings reach the search, its row tells what came of it, and nothing it does stops the others."""
+
+from dataclasses import replace
+
+import pytest
+from campaign_parts import CAMPAIGN, RULES, made
+
+from ces_identify.campaign import cell as module
+from ces_identify.campaign.cell import CRASHED, DONE, FAILED, compute
+from ces_identify.campaign.description import load_campaign
+from ces_identify.campaign.plan import jobs
+from ces_identify.preparation.series import prepare
+from ces_identify.validation.evaluate import evaluate
+from ces_observer.model import parse_model
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """The jobs of a campaign and its recordings by path."""
+    folder = tmp_path_factory.mktemp("campaign")
+    (folder / "rules.yaml").write_text(RULES)
+    text = CAMPAIGN.replace("sigmoid: {units: 2}", "sigmoid: {units: 2}\n  anfis: {rules: 2x1}") + "split: 0.8\n"
+    (folder / "c.yaml").write_text(text.replace("seeds", "rate_Hz: 200\nseeds"))
+    campaign = load_campaign(folder / "c.yaml")
+    recordings = {path: made(seed, name=path.name) for seed, path in enumerate(campaign.paths, start=1)}
+    return {(j.cell.bags, j.cell.structure): j for j in jobs(campaign, recordings, "")}, recordings
+
+
+def computed(work, bags, structure):
+    found, recordings = work
+    job = found[bags, structure]
+    return compute(job, [recordings[p] for p in job.recordings], [recordings[p] for _, p in job.validation])
+
+
+@pytest.mark.parametrize(
+    ("structure", "size"), [("polynomial", "4 terms"), ("sigmoid", "2 sigmoid units"), ("anfis", "2 rules")]
+)
+def test_a_row_tells_settings_size_and_costs(work, structure, size):
+    done = computed(work, "one", structure)
+    row, model = done.row, parse_model(done.model, "test")
+    assert (row["status"], row["bags"], row["seed"]) == (DONE, "one", 2)
+    assert row["size"].startswith(size)
+    assert model.sampling.rate_Hz == 200.0
+    assert 0.0 < row["selection_J"] < 60.0
+    assert row["gain"] == model.certificate["gain"] < 1.0
+    assert [(c["set"], c["recording"], c["role"]) for c in row["costs"]] == [
+        ("identification", "one", "identification"),
+        ("rest", "one", "validation"),
+        ("other", "two", "validation"),
+    ]
+    again = evaluate(model, [prepare(made(2, name="two"), model.sampling)], "validation")[0].cost
+    assert row["costs"][-1]["J"] == pytest.approx(again, abs=1e-5)
+
+
+def test_parameters_of_a_polynomial_are_its_terms(work):
+    done = computed(work, "both", "polynomial")
+    assert done.row["parameters"] == len(parse_model(done.model, "test").terms) == 4
+    assert [c["set"] for c in done.row["costs"]] == ["identification"] * 2 + ["rest"] * 2
+
+
+def test_data_that_hold_too_little_fail_the_cell_in_a_line(work):
+    found, recordings = work
+    short = made(1, seconds=1.0)
+    done = compute(found["one", "polynomial"], [short], list(recordings.values())[1:])
+    assert done.row["status"] == FAILED
+    assert done.row["reason"]
+    assert "\n" not in done.row["reason"]
+    assert done.model is None
+
+
+def test_an_unexpected_error_crashes_the_cell_only(work, monkeypatch):
+    def broken(*given):
+        raise ZeroDivisionError("one\ntwo")
+
+    monkeypatch.setattr(module, "identifier", lambda cell: broken)
+    done = computed(work, "one", "polynomial")
+    assert (done.row["status"], done.row["reason"]) == (CRASHED, "ZeroDivisionError: one two")
+
+
+def test_a_search_that_was_interrupted_is_no_result(work, monkeypatch):
+    identify = module.identifier
+
+    def cut(cell):
+        def run(*given):
+            result = identify(cell)(*given)
+            return replace(result, found=tuple(replace(f, ended="interrupted") for f in result.found))
+
+        return run
+
+    monkeypatch.setattr(module, "identifier", cut)
+    with pytest.raises(KeyboardInterrupt):
+        computed(work, "one", "polynomial")

@@ -1,0 +1,249 @@
+"""The exported FMU is the estimator's twin at every communication point, and keeps to FMI 2.0."""
+
+import subprocess
+import zipfile
+
+import numpy as np
+import pytest
+from fmus import UNPROVED, damper, needs_compiler
+
+from ces_identify.export.export_c import REASONS
+from ces_identify.export.export_fmu import VARIABLES, binary_path, export_fmu, find_compiler, sources
+from ces_observer.certificate import certify
+from ces_observer.errors import CesError
+from ces_observer.estimator import Estimator
+
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-O2", "-Werror"]
+REFERENCE = {variable.name: place for place, variable in enumerate(VARIABLES)}
+POSITION, CURRENT, FORCE, SPEED, VALID, CLAMPED, REASON = range(len(VARIABLES))
+CODES = {reason: code for code, reason in enumerate(REASONS.values())}
+
+
+@pytest.fixture(scope="module")
+def fmu(tmp_path_factory):
+    """Return the path of a model's FMU and its unzipped folder."""
+    path = tmp_path_factory.mktemp("fmu") / "damper.fmu"
+    path.write_bytes(export_fmu(damper(), "damper", UNPROVED, find_compiler()))
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(path.parent / "unzipped")
+    return path, path.parent / "unzipped"
+
+
+@pytest.fixture
+def slave(fmu):
+    """Return a started instance."""
+    pytest.importorskip("fmpy")
+    from fmpy import read_model_description
+    from fmpy.fmi2 import FMU2Slave
+
+    guid = read_model_description(str(fmu[0])).guid
+    made = FMU2Slave(guid=guid, modelIdentifier="damper", unzipDirectory=str(fmu[1]), instanceName="one")
+    made.instantiate()
+    start(made)
+    yield made
+    made.terminate()
+    made.freeInstance()
+
+
+def start(slave):
+    slave.setupExperiment(startTime=0.0)
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+
+
+def stroke(count=1500, seed=1, jitter_s=0.0, step_s=1e-3):
+    """Return times [s] of increasing samples, positions [m] and currents [A]."""
+    dice = np.random.default_rng(seed)
+    time = step_s * np.arange(count) + dice.uniform(0.0, jitter_s, count)
+    position = 0.012 * np.sin(25.0 * time) + 0.004 * np.sin(90.0 * time + 1.0) + dice.normal(0, 15e-6, count)
+    return time, position, 0.5 + 0.5 * np.sin(4.0 * time)
+
+
+def run(slave, time, position, current, sloped):
+    """Step from sample to sample; return rows (force, speed, valid, clamped, reason) after each step."""
+    rows = []
+    for k in range(len(time) - 1):
+        step = time[k + 1] - time[k]
+        slave.setReal([POSITION, CURRENT], [position[k], current[k]])
+        if sloped:
+            slopes = [(position[k + 1] - position[k]) / step, (current[k + 1] - current[k]) / step]
+            slave.setRealInputDerivatives([POSITION, CURRENT], [1, 1], slopes)
+        slave.doStep(time[k], step)
+        rows.append([*slave.getReal([FORCE, SPEED]), *slave.getBoolean([VALID, CLAMPED]), *slave.getInteger([REASON])])
+    return np.array(rows, float)
+
+
+def estimated(time, position, current):
+    """Return the same rows for each sample from the estimator in Python."""
+    e, rows = Estimator(damper()), []
+    for t, x, i in zip(np.rint(time * 1e9).astype(int).tolist(), position.tolist(), current.tolist(), strict=True):
+        force = e.step(t, x, i)
+        rows.append([force or 0.0, e.speed, force is not None, e.clamped, CODES[e.reason]])
+    return np.array(rows, float)
+
+
+def same(rows, expected):
+    assert expected[:, 2].any()
+    assert not expected[:, 2].all()
+    np.testing.assert_array_equal(rows[:, 2:], expected[:, 2:])
+    np.testing.assert_allclose(rows[:, :2], expected[:, :2], rtol=1e-9, atol=1e-9)
+
+
+@needs_compiler
+@pytest.mark.parametrize("how", [{}, {"jitter_s": 0.9e-3}, {"step_s": 4.1e-3}, {"step_s": 0.3e-3}], ids=str)
+def test_with_derivatives_the_force_is_that_of_the_steps_end(slave, how):
+    samples = stroke(**how)
+    same(run(slave, *samples, sloped=True), estimated(*samples)[1:])
+
+
+@needs_compiler
+def test_without_derivatives_the_force_is_that_of_the_steps_beginning(slave):
+    samples = stroke(jitter_s=0.5e-3)
+    same(run(slave, *samples, sloped=False), estimated(*samples)[:-1])
+
+
+@needs_compiler
+def test_a_wrong_derivative_is_forgotten_after_its_step(slave):
+    time, position, current = stroke()
+    slave.setReal([POSITION, CURRENT], [position[0], current[0]])
+    slave.setRealInputDerivatives([POSITION], [1], [3.0])
+    slave.doStep(time[0], time[1] - time[0])
+    rows = run(slave, time[1:], position[1:], current[1:], sloped=False)
+    same(rows, estimated(time, position, current)[1:-1])
+
+
+@needs_compiler
+def test_it_withholds_after_a_long_step_and_for_inputs_that_are_not_finite(slave):
+    time, position, current = stroke()
+    time[700:] += 0.3
+    position[900], current[950] = np.nan, np.inf
+    rows = run(slave, time, position, current, sloped=False)
+    same(rows, estimated(time, position, current)[:-1])
+    assert np.isfinite(rows[:, 0]).all()
+    assert rows[900, 4] == rows[950, 4] == CODES["position or current is not finite"]
+
+
+@needs_compiler
+def test_a_state_is_kept_restored_and_written_as_bytes(slave):
+    samples = stroke()
+    half = [column[:700] for column in samples]
+    rest = [column[700:] for column in samples]
+    run(slave, *half, sloped=True)
+    state = slave.getFMUstate()
+    once = run(slave, *rest, sloped=True)
+    slave.setFMUstate(state)
+    np.testing.assert_array_equal(run(slave, *rest, sloped=True), once)
+    saved = slave.serializeFMUstate(state)
+    slave.freeFMUstate(state)
+    slave.reset()
+    start(slave)
+    slave.setFMUstate(slave.deSerializeFMUstate(saved))
+    np.testing.assert_array_equal(run(slave, *rest, sloped=True), once)
+    with pytest.raises(Exception, match="fmi2DeSerializeFMUstate failed"):
+        slave.deSerializeFMUstate(b"x" + saved[1:])
+
+
+@needs_compiler
+def test_a_reset_brings_it_back_to_new(slave):
+    samples = stroke()
+    once = run(slave, *samples, sloped=True)
+    slave.reset()
+    start(slave)
+    np.testing.assert_array_equal(run(slave, *samples, sloped=True), once)
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("call", "function"),
+    [
+        (lambda s: s.doStep(0.0, 0.0), "fmi2DoStep"),
+        (lambda s: s.doStep(float("nan"), 1e-3), "fmi2DoStep"),
+        (lambda s: (s.doStep(0.1, 1e-3), s.doStep(0.05, 1e-3)), "fmi2DoStep"),
+        (lambda s: (s.reset(), s.doStep(0.0, 1e-3)), "fmi2DoStep"),
+        (lambda s: s.setReal([FORCE], [1.0]), "fmi2SetReal"),
+        (lambda s: s.getReal([VALID]), "fmi2GetReal"),
+        (lambda s: s.getBoolean([FORCE]), "fmi2GetBoolean"),
+        (lambda s: s.getInteger([99]), "fmi2GetInteger"),
+        (lambda s: s.setRealInputDerivatives([POSITION], [2], [1.0]), "fmi2SetRealInputDerivatives"),
+    ],
+)
+def test_what_cannot_be_done_is_an_error(slave, call, function):
+    with pytest.raises(Exception, match=f"{function} failed with status 3"):
+        call(slave)
+
+
+@needs_compiler
+def test_a_library_of_another_description_does_not_start(fmu):
+    fmi2 = pytest.importorskip("fmpy.fmi2")
+    other = fmi2.FMU2Slave(guid="{0}", modelIdentifier="damper", unzipDirectory=str(fmu[1]), instanceName="one")
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        other.instantiate()
+
+
+@needs_compiler
+def test_the_description_is_valid_and_a_simulator_runs_it(fmu):
+    fmpy = pytest.importorskip("fmpy")
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(fmu[0])) == []
+    time, position, current = stroke()
+    driven = np.array(
+        list(zip(time, position, current, strict=True)), [(n, float) for n in ("time", "position", "current")]
+    )
+    ran = fmpy.simulate_fmu(
+        str(fmu[0]), start_time=0.0, stop_time=1.4, input=driven, output_interval=1e-3, output=["force", "valid"]
+    )
+    expected = estimated(time, position, current)
+    np.testing.assert_allclose(ran["force"][1:1400], expected[:1399, 0], rtol=1e-9, atol=1e-9)
+
+
+@needs_compiler
+def test_the_sources_compile_without_a_warning_and_as_a_part_of_another_program(tmp_path):
+    for name, text in sources(damper(), "rear_left", UNPROVED).items():
+        (tmp_path / name).write_text(text, encoding="ascii")
+    both = ["rear_left.c", "fmi2_rear_left.c"]
+    subprocess.run(["cc", *STRICT, "-fPIC", "-shared", "-o", "it.so", *both, "-lm"], cwd=tmp_path, check=True)
+    prefixed = ["cc", *STRICT, "-DFMI2_FUNCTION_PREFIX=rear_left_", "-c", "fmi2_rear_left.c"]
+    subprocess.run(prefixed, cwd=tmp_path, check=True)
+    assert b"rear_left_fmi2DoStep" in (tmp_path / "fmi2_rear_left.o").read_bytes()
+
+
+@needs_compiler
+def test_the_same_model_gives_the_same_bytes_and_another_another_guid():
+    one, again = (export_fmu(damper(), "damper", UNPROVED, ["cc"]) for _ in range(2))
+    assert one == again
+    guids = {
+        sources(damper(past), "damper", UNPROVED)["fmi2_damper.c"].split('GUID[] = "')[1][:38] for past in (0.6, 0.5)
+    }
+    assert len(guids) == 2
+
+
+def test_sources_only_needs_no_compiler(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    model = damper()
+    (tmp_path / "a.fmu").write_bytes(export_fmu(model, "damper", certify(model)))
+    with zipfile.ZipFile(tmp_path / "a.fmu") as archive:
+        assert not any(name.startswith("binaries") for name in archive.namelist())
+        assert "stable for every input (proved)" in archive.read("modelDescription.xml").decode()
+    with pytest.raises(CesError, match=r"no C compiler found .*--sources-only"):
+        find_compiler()
+
+
+@needs_compiler
+def test_a_compiler_that_fails_is_one_line(tmp_path, monkeypatch):
+    bad = tmp_path / "bad"
+    bad.write_text("#!/bin/sh\necho 'x.c:1: error: no' >&2; exit 1\n")
+    bad.chmod(0o755)
+    monkeypatch.setenv("CC", str(bad))
+    with pytest.raises(CesError, match=r"bad: x\.c:1: error: no") as caught:
+        export_fmu(damper(), "damper", UNPROVED, find_compiler())
+    assert "\n" not in str(caught.value)
+    monkeypatch.setenv("CC", "nothing-of-this-name")
+    with pytest.raises(CesError, match="CC=nothing-of-this-name is not found"):
+        find_compiler()
+
+
+def test_the_library_lies_where_fmi_looks_for_it():
+    assert binary_path("damper").startswith("binaries/")
+    assert binary_path("damper").rpartition("/")[2].startswith("damper.")

@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from ces_identify.numerics.correlation import (
+    autocorrelation,
+    block_length,
+    covariance,
+    flat_top,
+    longest_memory,
+    memory,
+    runs_of,
+    whole,
+)
+
+
+def coloured(n, pole, seed):
+    noise = np.random.default_rng(seed).normal(size=n + 2000)
+    return lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], noise)[2000:]
+
+
+def remembered(x):
+    most = longest_memory(len(x), whole(len(x)))
+    return memory(autocorrelation(x, whole(len(x)), most + 5), len(x), most)
+
+
+def slow_covariance(x, y, runs, most):
+    sums, pairs = np.zeros(most + 1), np.zeros(most + 1)
+    for start, stop in runs:
+        for k in range(start, stop):
+            for lag in range(most + 1):
+                if k + lag < stop:
+                    sums[lag] += x[k] * y[k + lag]
+                    pairs[lag] += 1
+    return sums, pairs
+
+
+def test_no_product_spans_a_gap():
+    random = np.random.default_rng(1)
+    x, y = random.normal(size=(2, 60))
+    runs = np.array([[0, 25], [25, 28], [28, 60]])
+    for ours, slow in zip(covariance(x, y, runs, 10), slow_covariance(x, y, runs, 10), strict=True):
+        np.testing.assert_allclose(ours, slow, atol=1e-12)
+    assert not np.allclose(covariance(x, y, runs, 10)[0], covariance(x, y, whole(60), 10)[0])
+
+
+def test_runs_end_at_gaps_and_at_ticks_left_out():
+    kept = np.array([0, 1, 1, 0, 1, 1, 1, 1, 0, 0, 1], bool)
+    segments = np.array([[0, 6], [6, 11]])
+    np.testing.assert_array_equal(runs_of(kept, segments), [[0, 2], [2, 4], [4, 6], [6, 7]])
+
+
+def test_autocorrelation_of_a_first_order_process():
+    rho = autocorrelation(coloured(200_000, 0.8, 1), whole(200_000), 5)
+    np.testing.assert_allclose(rho, 0.8 ** np.arange(6), atol=0.02)
+
+
+def test_memory_grows_with_the_pole_and_is_nothing_for_white_noise():
+    found = [remembered(coloured(5000, pole, 3)) for pole in (0.0, 0.5, 0.9, 0.97)]
+    assert found[0] <= 1
+    assert found == sorted(found)
+    assert 20 < found[2] < 60  # 0.9^k falls below 2 sqrt(log10(n) / n) = 0.054 at k = 28
+
+
+def test_memory_of_what_never_forgets_is_bounded():
+    assert remembered(np.sin(np.arange(4000) / 10.0)) == round(2 * np.sqrt(4000))
+
+
+def test_flat_top_window():
+    np.testing.assert_allclose(flat_top(4), [1.0, 1.0, 1.0, 0.5, 0.0])
+
+
+@pytest.mark.parametrize("pole", [0.5, 0.8])
+def test_block_length_near_the_best_for_a_first_order_process(pole):
+    """For an AR(1), G = sum |k| R(k) and s(0) are known: b = (3/2 (2 rho / (1 - rho^2))^2 n)^(1/3)."""
+    n = 20_000
+    best = (1.5 * (2.0 * pole / (1.0 - pole**2)) ** 2 * n) ** (1.0 / 3.0)
+    found = np.median([block_length(coloured(n, pole, seed), whole(n)) for seed in range(15)])
+    assert found == pytest.approx(best, rel=0.2)

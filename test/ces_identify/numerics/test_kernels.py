@@ -1,0 +1,158 @@
+"""Each kernel against a slow, readable twin."""
+
+import numpy as np
+import pytest
+
+from ces_identify.numerics import kernels
+from ces_identify.polynomial.compiled import compile_terms, power_table
+from ces_observer.model import Envelope, Factor, Sampling, Term
+from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER, RESTARTED, Tracker
+
+TERMS = (
+    Term(5.0, (Factor("speed", 0, 0.5),)),
+    Term(-2.0, (Factor("speed", 7, 1.7, signed=False), Factor("current", 3, 1.0, signed=False))),
+    Term(0.3, (Factor("force", 1), Factor("speed", 2, 1.0, signed=False))),
+    Term(-0.2, (Factor("force", 4), Factor("current", 0, 2.0, signed=False))),
+    Term(1.0, (Factor("position", 1), Factor("speed", 0, 2.0), Factor("current", 5, 1.0, signed=False))),
+    Term(0.7, ()),
+)
+WIDE = Envelope((-9.0, 9.0), (-9.0, 9.0), (-9.0, 9.0))
+SEGMENTS = np.array([[0, 1500], [1500, 1503], [1503, 4000]])
+
+
+@pytest.fixture
+def inputs():
+    random = np.random.default_rng(5)
+    return random.normal(size=4000), random.normal(size=4000), random.uniform(0, 1, 4000)
+
+
+def slow_product(term, inputs, k, start):
+    value = 1.0
+    for f in term.inputs:
+        s = inputs[("position", "speed", "current").index(f.signal)][max(k - f.lag, start)]
+        value *= abs(s) ** f.power * (-1.0 if f.signed and s < 0.0 else 1.0)
+    return value
+
+
+def slow_regressor(term, inputs, past, k, start):
+    value = slow_product(term, inputs, k, start)
+    if term.output_lag:
+        value *= past[k - term.output_lag] if k - term.output_lag >= start else 0.0
+    return value
+
+
+def slow_free_run(terms, inputs, segments):
+    force = np.zeros(len(inputs[0]))
+    for start, stop in segments:
+        for k in range(start, stop):
+            force[k] = sum(t.coefficient * slow_regressor(t, inputs, force, k, start) for t in terms)
+    return force
+
+
+def tables(terms, inputs):
+    compiled = compile_terms(terms)
+    return compiled, power_table(compiled.powers, WIDE, *inputs), np.array([t.coefficient for t in terms])
+
+
+@pytest.mark.parametrize("terms", [TERMS, TERMS[:3], TERMS[:2], TERMS[-1:]])
+def test_free_run(inputs, terms):
+    compiled, powers, coefficients = tables(terms, inputs)
+    force, first = kernels.free_run(powers, SEGMENTS, *compiled.arrays, coefficients, -1e6, 1e6)
+    assert first == -1
+    np.testing.assert_allclose(force, slow_free_run(terms, inputs, SEGMENTS), rtol=1e-9, atol=1e-9)
+
+
+def test_free_run_reports_the_first_tick_out_of_bounds(inputs):
+    terms = (Term(1.1, (Factor("force", 1),)), Term(1.0, ()))
+    compiled, powers, coefficients = tables(terms, inputs)
+    force, first = kernels.free_run(powers, SEGMENTS, *compiled.arrays, coefficients, -100.0, 100.0)
+    slow, expected = 0.0, 0
+    while slow <= 100.0:
+        slow = 1.1 * slow + 1.0
+        expected += 1
+    assert first == expected - 1
+    assert np.isfinite(force[:first]).all()
+    assert np.isnan(force[first:1500]).all()
+    assert np.isfinite(force[1500:1503]).all()
+
+
+@pytest.mark.parametrize("best", [np.inf, 1e-3])
+def test_free_run_cost(inputs, best):
+    compiled, powers, coefficients = tables(TERMS, inputs)
+    slow = slow_free_run(TERMS, inputs, SEGMENTS)
+    measured = slow + np.random.default_rng(6).normal(size=4000)
+    weights = np.where(np.arange(4000) % 3 == 0, 1e-4, 0.0)
+    recordings = np.array([0, 0, 1])
+    squared = weights * (slow - measured) ** 2
+    expected = 50.0 * (np.sqrt(squared[:1503].sum()) + np.sqrt(squared[1503:].sum()))
+    room = np.empty((1 + len(TERMS), kernels.BLOCK)), np.empty(4000)
+    args = (powers, SEGMENTS, weights, measured, *compiled.arrays, coefficients, -1e6, 1e6, recordings)
+    cost = kernels.free_run_cost(*args, best, *room)
+    assert cost == (pytest.approx(expected, rel=1e-9) if best == np.inf else np.inf)
+
+
+def test_regressor_columns(inputs):
+    compiled, powers, _ = tables(TERMS, inputs)
+    measured = np.random.default_rng(7).normal(size=4000)
+    for segment, k0, k1 in ((0, 0, 40), (2, 1503, 1540), (2, 3000, 3050)):
+        fast = kernels.regressor_columns(powers, measured, SEGMENTS, *compiled.arrays, k0, k1, segment)
+        start = SEGMENTS[segment, 0]
+        slow = [[slow_regressor(t, inputs, measured, k, start) for k in range(k0, k1)] for t in TERMS]
+        np.testing.assert_allclose(fast, slow, rtol=1e-9)
+
+
+def test_solve_normal_is_least_squares():
+    random = np.random.default_rng(8)
+    columns, y = random.normal(size=(200, 5)) * [1, 1e3, 1e-3, 1, 1], random.normal(size=200)
+    full = np.column_stack([columns, y])
+    chosen = np.array([4, 0, 2])
+    solution, independent = kernels.solve_normal(full.T @ full, chosen, 1e-9)
+    assert independent
+    np.testing.assert_allclose(solution, np.linalg.lstsq(columns[:, chosen], y, rcond=None)[0], rtol=1e-8)
+
+
+def test_solve_normal_refuses_dependent_columns():
+    columns = np.random.default_rng(9).normal(size=(50, 2))
+    full = np.column_stack([columns, columns @ [1.0, 2.0], np.ones(50)])
+    assert not kernels.solve_normal(full.T @ full, np.array([0, 1, 2]), 1e-9)[1]
+
+
+def rough_samples():
+    """Stamps and positions with jitter, gaps, repeats, late and wild samples."""
+    random = np.random.default_rng(10)
+    stamps = (np.arange(3000) * 1_000_000 + random.normal(0, 80_000, 3000)).astype(np.int64)
+    stamps[1000:] += 7_300_000
+    stamps[1800:] += 90_000_000
+    stamps[500], stamps[700], stamps[2500:] = stamps[499], stamps[697], stamps[2500:] - 200_000_000
+    positions = 0.02 * np.sin(stamps * 2e-8) + random.normal(0, 1e-5, 3000)
+    positions[[50, 51, 1500]] += 0.3
+    positions[2100:] += 0.1
+    return stamps, positions
+
+
+@pytest.mark.parametrize("rate", [1000.0, 333.0, 1700.0])
+def test_track_is_the_tracker(rate):
+    stamps, positions = rough_samples()
+    sampling = Sampling(rate, 40.0, 0.004)
+    ticks, times, total, status, ahead, _ = kernels.track(stamps, positions, rate, 40.0, 50_000_000, 0.004)
+    slow = Tracker(sampling)
+    names = {OK: 0, OUT_OF_ORDER: 1, OUTLIER: 2, RESTARTED: 3}
+    at = 0
+    for i, (stamp, x) in enumerate(zip(stamps.tolist(), positions.tolist(), strict=True)):
+        assert names[slow.advance(stamp, x)] == status[i]
+        for tick in slow.ticks:
+            np.testing.assert_allclose(ticks[at], tick, rtol=1e-12, atol=1e-12)
+            at += 1
+        assert total[i] == at
+        if status[i] == kernels.STATUS_OK:
+            assert ahead[i] == slow.ahead
+    assert at == len(ticks) == len(times)
+    assert set(status.tolist()) == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize("power", [0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.1])
+@pytest.mark.parametrize("signed", [True, False])
+def test_power_row(power, signed):
+    values = np.array([-2.0, -0.3, 0.0, 0.7, 4.0])
+    slow = [abs(s) ** power * (-1.0 if signed and s < 0 else 1.0) for s in values]
+    np.testing.assert_allclose(kernels.power_row(values, power, signed), slow, rtol=1e-14)

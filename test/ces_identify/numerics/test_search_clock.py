@@ -1,0 +1,38 @@
+"""The clock of a search stands still while a kernel is compiled, and runs otherwise."""
+
+from __future__ import annotations
+
+import time
+
+import numba
+import pytest
+from numba.core import event
+
+from ces_identify.numerics import search_clock
+
+
+def test_compilation_takes_no_time() -> None:
+    inner = numba.njit(lambda x: x * x + 1.0)
+    kernel = numba.njit(lambda x: inner(x) + inner(2.0 * x))
+    began, wall = search_clock.now(), time.monotonic()
+    with event.install_timer("numba:compile", lambda _: None) as timer:
+        kernel(1.5)
+    passed, wall = search_clock.now() - began, time.monotonic() - wall
+    assert timer.duration > 0.01
+    assert wall - passed == pytest.approx(timer.duration, rel=0.1)
+
+
+def test_everything_else_does() -> None:
+    began = search_clock.now()
+    time.sleep(0.02)
+    assert search_clock.now() - began >= 0.02
+
+
+def test_it_stands_while_a_compilation_goes_on() -> None:
+    with event.trigger_event("numba:compile", data={}):
+        stood = search_clock.now()
+        with event.trigger_event("numba:compile", data={}):
+            time.sleep(0.01)
+        assert search_clock.now() == stood
+        last = time.monotonic()
+    assert 0.0 <= search_clock.now() - stood <= time.monotonic() - last

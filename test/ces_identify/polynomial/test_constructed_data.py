@@ -1,0 +1,136 @@
+"""Planted hysteresis and planted sub-models are found again; what the data cannot tell is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ces_identify.identify import Options, identify
+from ces_identify.polynomial.constructed_data import within_data
+from ces_identify.polynomial.constructed_options import with_blend, with_constructed
+from ces_identify.polynomial.limits import Limits
+from ces_identify.polynomial.regressors import load_rules, parse_rules
+from ces_identify.preparation.series import prepare
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulate import simulate_series
+from ces_observer.certificate import is_contraction
+from ces_observer.constructed import Hysteresis, hats
+from ces_observer.errors import CesError
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term, parse_model
+
+SAMPLING = Sampling(500.0, 40.0, 0.01)
+STOP = Hysteresis("hysteresis", "stop", "position", 0.001)
+SOFT, HARD = hats("by_current", "current", (0.35, 0.6))
+IN_SOFT, IN_HARD = (Factor(hat.name, 0, 1.0, True, hat) for hat in (SOFT, HARD))
+FIRST, SPEED = Factor("force", 1), Factor("speed", 0, 0.5)
+PLANTED = Model(
+    "polynomial_narx",
+    SAMPLING,
+    (
+        Term(900.0, (IN_SOFT, SPEED)),
+        Term(400.0, (IN_HARD, SPEED)),
+        Term(0.3, (FIRST, IN_SOFT)),
+        Term(0.8, (FIRST, IN_HARD)),
+        Term(2e5, (Factor("hysteresis", 0, 1.0, True, STOP),)),
+    ),
+    Envelope((-1.0, 1.0), (-5.0, 5.0), (-5.0, 5.0)),
+    (-1e5, 1e5),
+)
+RAW = {
+    "constructed": {
+        "hysteresis": {"kind": "stop", "of": "position", "half_width": 0.001},
+        "by_current": {"kind": "hats", "of": "current", "at": [0.35, 0.6]},
+    },
+    "force": {"lags": [1]},
+    "speed": {"lags": [0, 2], "powers": [0.5, 1.0], "forms": ["signed", "magnitude"]},
+    "current": {"lags": [0], "powers": [1.0], "forms": ["magnitude"]},
+    "hysteresis": {"lags": [0], "powers": [1.0, 2.0], "forms": ["signed"]},
+    "by_current": {"lags": [0]},
+    "products": [[], ["speed"], ["speed", "current"], ["force"], ["force", "current"], ["hysteresis"]],
+}
+BLENDED = [["by_current", "speed"], ["force", "by_current"], ["hysteresis", "by_current"]]
+NOISE_N = 5.0
+
+
+def planted(seed, seconds=12.0, name="planted"):
+    random = np.random.default_rng(seed)
+    t = np.arange(round(seconds * 500)) / 500.0
+    tones = zip(random.uniform(1, 8, 6), random.uniform(0, 6, 6), strict=True)
+    x = sum(0.004 * np.sin(2 * np.pi * f * t + p) for f, p in tones)
+    i = 0.5 + 0.25 * np.sin(2 * np.pi * 1.3 * t + seed)
+    stamps = (t * 1e9).round().astype(np.int64)
+    channels = {"position": Channel("position", "m", stamps, x), "current": Channel("current", "A", stamps, i)}
+    bare = Recording(name, channels)
+    force = simulate_series(PLANTED, prepare(bare, SAMPLING)).force + random.normal(0, NOISE_N, len(t))
+    return replace(bare, channels={**channels, "force": Channel("force", "N", stamps, force)})
+
+
+def identified(rules, terms=7):
+    limits = Limits(terms, 20.0, 0.0, 2, 1, 2)
+    options = Options(split=1.0, rules=rules, limits=limits, bandwidth_Hz=40.0)
+    return identify([planted(1), planted(2)], [planted(3, name="fresh")], options)
+
+
+def fresh_cost(result):
+    return next(e for e in result.evaluations if e.name == "fresh").cost
+
+
+@pytest.fixture(scope="module")
+def blended():
+    return identified(parse_rules({**RAW, "products": [*RAW["products"], *BLENDED]}, "test"))
+
+
+def test_planted_sub_models_and_hysteresis_are_found_to_within_the_noise(blended):
+    """As they are, or as what both sub-models share and what one has more of: then by what they come to."""
+    model = blended.model
+    stop = [t.coefficient for t in model.terms if any(f.signal == "hysteresis" for f in t.factors)]
+    assert sum(stop) == pytest.approx(2e5, rel=0.05)
+    floor = 100.0 * NOISE_N / np.std(blended.evaluations[-1].series.force[1000:])
+    assert fresh_cost(blended) == pytest.approx(floor, rel=0.1)
+
+
+def test_the_blend_is_proved_stable_and_survives_its_file(blended):
+    assert blended.model.certificate["gain"] == pytest.approx(0.8, abs=0.03)
+    again = parse_model(blended.model.to_json(), "m.json")
+    assert again == blended.model
+    assert is_contraction(again)
+
+
+def test_without_blend_and_hysteresis_the_same_number_of_terms_does_worse(blended):
+    plain = {key: value for key, value in RAW.items() if key not in RAW["constructed"] and key != "constructed"}
+    plain["products"] = [p for p in RAW["products"] if "hysteresis" not in p]
+    assert fresh_cost(identified(parse_rules(plain, "test"))) > 1.5 * fresh_cost(blended)
+
+
+SERIES = [prepare(planted(1), SAMPLING)]
+
+
+def test_the_range_of_a_frequency_is_narrowed_to_the_data():
+    rules = with_blend(with_constructed(load_rules(None), "frequency"), "frequency:3,5")
+    told = within_data(rules, SERIES).constructed
+    low, high = told["frequency"][0].range_Hz
+    assert 1.5 < low < 3.0
+    assert 5.0 < high < 8.0
+    assert {hat.base for hat in told["by_frequency"]} == {told["frequency"][0]}
+
+
+@pytest.mark.parametrize(
+    ("make", "asked", "message"),
+    [
+        (with_blend, "current:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
+        (with_blend, "valve:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
+        (with_constructed, "hysteresis:0.03", "hysteresis_1: half width 0.03 spans all of the data's position"),
+        (with_constructed, "remanence:0.3", "remanence_1: half width 0.3 spans all of the data's current"),
+    ],
+)
+def test_what_the_data_do_not_reach_is_refused(make, asked, message):
+    with pytest.raises(CesError, match=message):
+        within_data(make(load_rules(None), asked), SERIES)
+
+
+def test_memberships_of_a_lag_may_be_where_its_signal_goes_until_its_time_constant_is_known():
+    rules = with_blend(load_rules(None), "valve:0.27,0.6")
+    assert within_data(rules, SERIES) == rules
+    slow = rules.with_time_constant("valve", 1.0)
+    with pytest.raises(CesError, match=r"by_valve_1: peaks at valve 0\.27, outside the data's 0\.[34]"):
+        within_data(slow, SERIES)

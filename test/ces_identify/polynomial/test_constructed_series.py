@@ -1,0 +1,109 @@
+"""Constructed inputs over whole arrays are those of the vehicle, tick by tick; so is a model made of all of them."""
+
+import numpy as np
+import pytest
+from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, PLAY, SHORT, STOP, constructed_damper
+
+from ces_identify.polynomial.compiled import compile_terms, power_table
+from ces_identify.polynomial.constructed_series import constructed_values, membership
+from ces_identify.polynomial.problem import probe
+from ces_identify.preparation.series import held_current
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulate import sample_force
+from ces_observer.constructed import Construction
+from ces_observer.estimator import Estimator
+from ces_observer.model import Factor, Term
+
+ALL = (STOP, PLAY, LAG, FREQUENCY, LOW, MID, HIGH, SHORT, LONG)
+SEGMENTS = np.array([[0, 700], [700, 701], [705, 2000]])
+
+
+def rough(n=2000, seed=5):
+    """Position, speed and current that leave the envelope now and then."""
+    random = np.random.default_rng(seed)
+    t = np.arange(n) * 1e-3
+    x = 0.04 * np.sin(7 * t) + 0.02 * np.sin(50 * t) + random.normal(0, 1e-4, n)
+    return np.stack([x, random.normal(0, 1.0, n), 0.7 + random.normal(0, 0.5, n)])
+
+
+def stepped(inputs):
+    run, out = Construction(ALL, 1000.0), np.zeros((len(ALL), inputs.shape[1]))
+    for start, stop in SEGMENTS:
+        run.reset()
+        for k in range(start, stop):
+            bounds = (ENVELOPE.position_m, ENVELOPE.speed_m_s, ENVELOPE.current_A)
+            row = [min(max(v, low), high) for v, (low, high) in zip(inputs[:, k].tolist(), bounds, strict=True)]
+            out[:, k] = run.arrive(row)[3:]
+    return out
+
+
+def test_batch_and_step_by_step_are_the_same_to_the_last_digit():
+    inputs = rough()
+    made = constructed_values(ALL, ENVELOPE, inputs, SEGMENTS, 1000.0)
+    assert list(made) == [one.name for one in ALL]
+    expected = stepped(inputs)
+    inside = np.concatenate([np.arange(*segment) for segment in SEGMENTS])
+    for one, row in zip(ALL, expected, strict=True):
+        np.testing.assert_array_equal(made[one.name][inside], row[inside], one.name)
+        low, high = one.range(ENVELOPE.by_signal)
+        assert low <= row[inside].min() < row[inside].max() <= high
+
+
+def test_memberships_of_arrays_are_those_of_numbers():
+    values = np.linspace(-0.5, 2.0, 401)
+    for hat in (LOW, MID, HIGH):
+        np.testing.assert_array_equal(membership(hat, values), [hat.at(float(v)) for v in values])
+
+
+def test_the_power_table_holds_their_powers():
+    compiled = compile_terms(constructed_damper().terms)
+    assert [one.name for one in compiled.constructed][:3] == ["frequency", "hysteresis", "remanence"]
+    inputs = rough()
+    made = constructed_values(compiled.constructed, ENVELOPE, inputs, SEGMENTS, 1000.0)
+    table = power_table(compiled.powers, ENVELOPE, inputs[0], inputs[1], inputs[2], made)
+    row = table[compiled.powers.index(("hysteresis", 0.5, True))]
+    np.testing.assert_allclose(row, np.sign(made["hysteresis"]) * np.sqrt(np.abs(made["hysteresis"])), rtol=1e-15)
+
+
+def test_probes_take_a_membership_for_what_it_is_and_go_through_its_kinks():
+    """Of three blended gains of 0.9 at most one counts at a time; a probe misses none of their peaks."""
+    terms = [Term(1.0, (Factor("force", 1), Factor(hat.name, 8, 1.0, False, hat))) for hat in (LOW, MID, HIGH)]
+    terms.append(Term(1.0, (Factor("force", 1), Factor("current", 8, 1.0, False))))
+    probes = probe(compile_terms(terms), ENVELOPE)
+    np.testing.assert_allclose(probes[:3].sum(axis=0), 1.0, rtol=1e-14)
+    np.testing.assert_allclose(probes[:3].max(axis=1), 1.0)
+    np.testing.assert_allclose(probes[0], membership(LOW, probes[3]))
+
+
+def recording(jitter_ns, gaps=(), rate=1000.0):
+    random = np.random.default_rng(3)
+    n = round(4 * rate)
+    stamps = (np.arange(n) * 1e9 / rate + random.normal(0, jitter_ns, n)).astype(np.int64) + 10**18
+    for at, length in gaps:
+        stamps[at:] += length
+    t = (stamps - stamps[0]) * 1e-9
+    x = 0.03 * np.sin(18 * t) + 0.025 * np.sin(7 * t) + random.normal(0, 1e-5, n)
+    x[[777, 778]] = np.nan, 0.5
+    channels = {"position": Channel("position", "m", stamps, x)}
+    return Recording("rough", {**channels, "current": Channel("current", "A", stamps, 0.7 + 0.9 * np.sin(5 * t))})
+
+
+@pytest.mark.parametrize(
+    ("model", "rough"),
+    [
+        (constructed_damper(), recording(0)),
+        (constructed_damper(), recording(60_000, gaps=((1500, 30_000_000), (2500, 80_000_000)))),
+        (constructed_damper(rate_Hz=400.0), recording(20_000)),
+    ],
+    ids=["steady", "jitter and gaps", "slower model"],
+)
+def test_estimator_and_batch_agree(model, rough):
+    estimator, position = Estimator(model), rough.channel("position")
+    current = held_current(rough, position.stamps_ns, model.sampling.max_current_age_s)
+    rows = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
+    steps = np.array([np.nan if (f := estimator.step(*row)) is None else f for row in rows])
+    batch = sample_force(model, rough)
+    assert np.isfinite(batch).sum() > 3000
+    assert np.nanstd(batch) > 500.0
+    np.testing.assert_array_equal(np.isfinite(batch), np.isfinite(steps))
+    np.testing.assert_allclose(batch, steps, rtol=1e-9, atol=1e-9 * np.nanmax(np.abs(steps)))

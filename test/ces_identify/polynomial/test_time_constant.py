@@ -1,0 +1,109 @@
+"""A time constant left open is found from data whose force follows a lagged current."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ces_identify.identify import Options, identify
+from ces_identify.polynomial.limits import GAUSS_NEWTON, Limits
+from ces_identify.polynomial.regressors import parse_rules
+from ces_identify.polynomial.time_constant import GRID_S, settled
+from ces_identify.preparation.series import prepare
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulate import simulate_series
+from ces_observer.constructed import Hat, Lag, hats
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+
+SAMPLING = Sampling(500.0, 40.0, 0.01)
+NOISE_N = 5.0
+RULES = parse_rules(
+    {
+        "constructed": {"valve": {"kind": "lag", "of": "current", "time_constant_s": "auto"}},
+        "force": {"lags": [1]},
+        "speed": {"lags_ms": [0, 2], "powers": [0.5, 1.0]},
+        "valve": {"lags_ms": [0], "forms": ["magnitude"]},
+        "products": [["speed"], ["valve"], ["speed", "valve"], ["force"], ["force", "valve"]],
+    },
+    "test",
+).at_rate(SAMPLING.rate_Hz)
+LIMITS = Limits(most_terms=5, seconds=60.0, threads=2, method=GAUSS_NEWTON)
+
+
+FIRST, SPEED = Factor("force", 1), Factor("speed", 0, 0.5)
+
+
+def straight(time_constant_s):
+    """A force that is linear in the lagged current."""
+    valve = Factor("valve", 0, 1.0, False, Lag("valve", "current", time_constant_s))
+    return Term(300.0, (SPEED,)), Term(900.0, (SPEED, valve)), Term(0.6, (FIRST,))
+
+
+def blended(time_constant_s):
+    """Two sub-models over the lagged current."""
+    both = hats("by_valve", "valve", (0.4, 0.9), Lag("valve", "current", time_constant_s))
+    low, high = (Factor(hat.name, 0, 1.0, True, hat) for hat in both)
+    return Term(600.0, (SPEED, low)), Term(1300.0, (SPEED, high)), Term(0.3, (FIRST, low)), Term(0.6, (FIRST, high))
+
+
+def planted(terms, seed, seconds=8.0):
+    """A damper under a current that jumps ten times a second; with noise."""
+    model = Model("polynomial_narx", SAMPLING, terms, Envelope((-1, 1), (-5, 5), (-5, 5)), (-1e5, 1e5))
+    random = np.random.default_rng(seed)
+    t = np.arange(round(seconds * 500)) / 500.0
+    x = sum(0.004 * np.sin(2 * np.pi * f * t + p) for f, p in random.uniform(1, 6, (6, 2)))
+    i = np.repeat(random.uniform(0.2, 1.2, len(t) // 50), 50)
+    stamps = (t * 1e9).round().astype(np.int64)
+    channels = {"position": Channel("position", "m", stamps, x), "current": Channel("current", "A", stamps, i)}
+    bare = Recording(f"planted {seed}", channels)
+    force = simulate_series(model, prepare(bare, SAMPLING)).force + random.normal(0, NOISE_N, len(t))
+    return replace(bare, channels={**channels, "force": Channel("force", "N", stamps, force)})
+
+
+def found(rules, time_constant_s):
+    rules = settled(rules, [prepare(planted(straight(time_constant_s), 1), SAMPLING)], LIMITS, stable=True)
+    assert rules.open_lags == ()
+    return rules.constructed["valve"][0].time_constant_s
+
+
+@pytest.mark.parametrize("time_constant_s", [0.003, 0.01, 0.03])
+def test_a_planted_time_constant_is_found(time_constant_s):
+    assert time_constant_s in GRID_S
+    assert found(RULES, time_constant_s) == pytest.approx(time_constant_s, rel=1e-9)
+
+
+@pytest.mark.parametrize("time_constant_s", [0.0035, 0.0094, 0.0155, 0.035])
+def test_what_is_found_is_near_wherever_it_was_planted(time_constant_s):
+    assert 1 / 1.3 < found(RULES, time_constant_s) / time_constant_s < 1.3
+
+
+def test_rules_without_an_open_lag_are_left_as_they_are():
+    rules = RULES.with_time_constant("valve", 0.02)
+    assert settled(rules, [], LIMITS, stable=True) is rules
+
+
+def test_a_model_is_identified_with_the_lag_found_and_hats_over_it_read_the_same():
+    raw = {
+        "constructed": {
+            "valve": {"kind": "lag", "of": "current", "time_constant_s": "auto"},
+            "by_valve": {"kind": "hats", "of": "valve", "at": [0.4, 0.9]},
+        },
+        "force": {"lags": [1]},
+        "speed": {"lags_ms": [0], "powers": [0.5]},
+        "by_valve": {"lags_ms": [0]},
+        "products": [["speed", "by_valve"], ["force"], ["force", "by_valve"]],
+    }
+    options = Options(1.0, parse_rules(raw, "test"), LIMITS, bandwidth_Hz=40.0)
+    result = identify([planted(blended(0.01), 1)], [planted(blended(0.01), 2)], options)
+    assert {f.definition.base for t in result.model.terms for f in t.factors if isinstance(f.definition, Hat)} == {
+        Lag("valve", "current", 0.01)
+    }
+    assert result.model.certificate["gain"] < 1.0
+
+
+def test_a_current_that_never_changes_needs_no_time_constant():
+    still = planted(straight(0.01), 1)
+    current = replace(still.channel("current"), values=np.full(len(still.channel("current").values), 0.5))
+    options = Options(1.0, RULES, LIMITS, bandwidth_Hz=40.0)
+    result = identify([replace(still, channels={**still.channels, "current": current})], [], options)
+    assert {f.signal for t in result.model.terms for f in t.factors} <= {"force", "speed"}

@@ -1,0 +1,104 @@
+import numpy as np
+import pytest
+
+from ces_identify.preparation.series import held_current, prepare
+from ces_identify.recordings.recording import Channel, Recording
+from ces_observer.errors import RecordingError
+from ces_observer.model import Sampling
+
+SAMPLING = Sampling(1000.0, 60.0, 0.005)
+MS = 1_000_000
+
+
+def recording(n=3000, gap_at=None, force_rate=1, spoil=None):
+    stamps = np.arange(n) * MS
+    if gap_at is not None:
+        stamps[gap_at:] += 200 * MS
+    x = 0.01 * np.sin(2 * np.pi * 3e-9 * stamps)
+    if spoil is not None:
+        x[spoil[0]] = spoil[1]
+    force = Channel("force", "N", stamps[::force_rate] + 300_000, 1e3 * np.cos(3e-9 * stamps[::force_rate]))
+    return Recording(
+        "made",
+        {
+            "position": Channel("position", "m", stamps, x),
+            "current": Channel("current", "A", stamps[::5], np.arange(len(stamps[::5])) * 1.0),
+            "force": force,
+        },
+    )
+
+
+def test_one_tick_per_sample_and_the_warm_up_unscored():
+    series = prepare(recording(), SAMPLING)
+    assert len(series) == 3000
+    np.testing.assert_allclose(series.time_s, np.arange(3000) * 1e-3, atol=1e-9)
+    assert not series.scored[:500].any()
+    assert series.scored[500:-1].all()
+    speed = 0.01 * 6 * np.pi * np.cos(6 * np.pi * series.time_s)
+    assert np.abs(series.speed - speed)[500:].max() < 0.01 * np.abs(speed).max()
+
+
+def test_force_is_interpolated_to_the_ticks():
+    series = prepare(recording(), SAMPLING)
+    expected = 1e3 * np.cos(3.0 * (series.time_s - 0.3e-3))
+    np.testing.assert_allclose(series.force[1:-1], expected[1:-1], atol=0.01)
+    assert np.isnan(series.force[0])
+
+
+def test_current_is_the_newest_at_or_before_each_sample():
+    series = prepare(recording(), SAMPLING)
+    np.testing.assert_array_equal(series.current[:12], [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2])
+
+
+def test_an_old_current_is_no_current():
+    channel = Channel("current", "A", np.array([0, 10 * MS]), np.array([1.0, np.nan]))
+    held = held_current(Recording("r", {"current": channel}), np.array([-1, 0, 50 * MS, 101 * MS]), 0.1)
+    np.testing.assert_array_equal(held, [np.nan, 1.0, 1.0, np.nan])
+
+
+def test_no_finite_current_is_no_current():
+    channel = Channel("current", "A", np.array([0]), np.array([np.nan]))
+    assert np.isnan(held_current(Recording("r", {"current": channel}), np.array([5]), 1.0)).all()
+
+
+def test_a_constant_current_needs_no_channel():
+    made = recording()
+    passive = Recording("p", {"position": made.channel("position")}, constants={"current": 0.0})
+    assert (prepare(passive, SAMPLING).current == 0.0).all()
+
+
+def test_a_gap_splits_and_warms_up_anew():
+    series = prepare(recording(gap_at=1500), SAMPLING)
+    np.testing.assert_array_equal(series.segments, [[0, 1500], [1500, 3000]])
+    assert series.scored[1499]
+    assert not series.scored[1500:2000].any()
+    assert series.scored[2000]
+    assert np.isnan(series.force[1500])
+
+
+def test_bad_samples_are_left_out_and_counted():
+    series = prepare(recording(spoil=([700, 701, 900], [np.nan, np.inf, 0.3])), SAMPLING)
+    assert len(series) == 3000
+    assert series.dropped["position not finite"] == 2
+    assert series.dropped["outlier"] == 1
+    assert np.abs(series.position).max() < 0.011
+
+
+def test_a_part_warms_up_anew():
+    part = prepare(recording(), SAMPLING).part(0.5, 1.0)
+    assert len(part) == 1500
+    np.testing.assert_array_equal(part.segments, [[0, 1500]])
+    assert not part.scored[:500].any()
+    assert part.scored[500:-1].all()
+
+
+def test_too_short_a_stretch_is_refused():
+    with pytest.raises(RecordingError, match=r"made: longest stretch without a gap is 400 ticks"):
+        prepare(recording(n=400), SAMPLING)
+
+
+def test_no_current_at_all_is_refused():
+    made = recording()
+    late = Channel("current", "A", made.channel("position").stamps_ns + 10**12, np.ones(3000))
+    with pytest.raises(RecordingError, match="no position sample with a current"):
+        prepare(Recording("made", {**made.channels, "current": late}), SAMPLING)

@@ -1,0 +1,154 @@
+import numpy as np
+import pytest
+
+from ces_identify.recordings.checks import Finding, findings, missing_stretches, rate_of, require_usable
+from ces_identify.recordings.recording import Channel, Recording
+from ces_observer.errors import RecordingError
+
+MS = 1_000_000
+START = 7_000_000_000
+
+
+def channel(name, n=10_000, period_ms=1.0, start_ms=0.0, values=None):
+    stamps = START + ((start_ms + period_ms * np.arange(n)) * MS).astype(np.int64)
+    return Channel(name, "", stamps, 0.02 * np.sin(np.arange(n)) if values is None else values)
+
+
+def recording(*channels, **constants):
+    return Recording("run", {c.name: c for c in channels}, constants, "bags/run")
+
+
+def with_values(n, at, value):
+    values = 0.02 * np.sin(np.arange(n))
+    values[at] = value
+    return values
+
+
+def only(rec):
+    found = findings(rec)
+    assert len(found) == 1
+    return found[0]
+
+
+def test_sound_recording_has_no_findings():
+    sound = recording(channel("position"), channel("current", 500, 20.0), channel("force"))
+    assert findings(sound) == ()
+    assert require_usable(sound) == ()
+    assert findings(recording(channel("position"), current=0.0)) == ()
+
+
+def test_constant_position():
+    found = only(recording(channel("position", values=np.full(10_000, 0.02)), channel("current")))
+    assert found == Finding("error", "position: constant at 0.02 m; expected a stroke (is it the right field?)")
+
+
+def test_position_given_as_a_constant():
+    assert "position: is a constant in the signals" in only(recording(channel("current"), position=0.1)).text
+
+
+def test_empty_channel():
+    found = only(recording(channel("position"), channel("current", 0)))
+    assert found == Finding("error", "current: the channel is empty; expected samples")
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_few_bad_samples_are_a_warning_many_an_error(bad):
+    few = recording(channel("position"), channel("current", values=with_values(10_000, slice(500, 600), bad)))
+    assert only(few) == Finding(
+        "warning", "current: 100 of 10000 samples are NaN or infinite, the first at 0.500 s; they are left out"
+    )
+    assert require_usable(few) == findings(few)
+    many = recording(channel("position"), channel("current", values=with_values(10_000, slice(500, 601), bad)))
+    with pytest.raises(RecordingError, match=r"bags/run: current: 101 of 10000 .* at 0\.500 s; expected at most 1%"):
+        require_usable(many)
+
+
+def test_time_running_backwards_says_where():
+    stamps = START + np.arange(10_000) * MS
+    stamps[4000:] -= 250 * MS
+    back = Channel("force", "N", stamps, np.zeros(10_000))
+    found = only(recording(channel("position"), channel("current"), back))
+    assert found.severity == "error"
+    assert found.text.startswith("force: time runs backwards 1 times, first at 3.999 s by 0.249000 s")
+
+
+def test_repeated_stamps_are_no_backward_time():
+    stamps = np.repeat(START + np.arange(5000) * MS, 2)
+    assert findings(recording(Channel("position", "m", stamps, 0.02 * np.sin(stamps)), channel("current", 5000))) == ()
+
+
+@pytest.mark.parametrize(("period_ms", "wrong"), [(99.0, False), (101.0, True)])
+def test_rates_a_hundred_times_apart(period_ms, wrong):
+    n = int(10_000 / period_ms)
+    found = findings(recording(channel("position"), channel("current", n, period_ms)))
+    assert [f.severity for f in found] == ["error"] * wrong
+    if wrong:
+        assert found[0].text == "current at 9.901 Hz and position at 1000 Hz: rates more than 100 times apart"
+
+
+def test_temperature_may_be_slow():
+    assert findings(recording(channel("position"), channel("current"), channel("temperature", 10, 1000.0))) == ()
+
+
+def missing(*pieces, n=10_000):
+    """Position for n ms, current in the pieces (from, to) [ms]."""
+    times = np.concatenate([np.arange(a, b) for a, b in pieces])
+    current = Channel("current", "A", START + times * MS, np.ones(len(times)))
+    return findings(recording(channel("position", n), current))
+
+
+@pytest.mark.parametrize(
+    ("pieces", "told"),
+    [
+        ([(0, 4000), (7000, 10_000)], "absent from 3.999 s to 7.000 s, 30.0% of the time"),
+        ([(0, 5000)], "absent from 4.999 s to 9.999 s, 50.0% of the time"),
+        ([(3000, 10_000)], "absent from 0.000 s to 3.000 s, 30.0% of the time"),
+        (
+            [(0, 2000), (3000, 5000), (8000, 10_000)],
+            "absent from 4.999 s to 8.000 s and 1 times more, 40.0% of the time",
+        ),
+        ([(11_000, 12_000)], "absent from 0.000 s to 9.999 s, 100.0% of the time"),
+    ],
+)
+def test_current_absent_for_part_of_the_time(pieces, told):
+    (found,) = missing(*pieces)
+    assert found.severity == "error"
+    assert told in found.text
+
+
+def test_short_absence_is_a_warning_and_late_start_is_none():
+    assert [f.severity for f in missing((0, 50_000), (50_600, 100_000), n=100_000)] == ["warning"]
+    assert missing((800, 9500)) == ()
+
+
+def test_slow_current_is_not_taken_for_absent():
+    assert missing_stretches(np.arange(0, 10**11, 10**7), np.arange(0, 10**11, 10**9)) == []
+
+
+def test_errors_come_before_warnings():
+    position = channel("position", values=with_values(10_000, 7, np.nan))
+    found = findings(recording(position, channel("current", 0)))
+    assert [f.severity for f in found] == ["error", "warning"]
+
+
+def test_rate():
+    assert rate_of(channel("force", 1001, 2.0)) == 500.0
+    assert rate_of(channel("force", 1)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("position", "current", "expected"),
+    [
+        (1000.0, 1.0, "position: spans 39.98 m; if it is in mm, give it scale: 0.001 in the signals file"),
+        (1.0, 50_000.0, "current: reaches 999.5 A; if it is in mA, give it scale: 0.001 in the signals file"),
+    ],
+)
+def test_a_stroke_or_current_beyond_any_damper_puts_its_unit_in_doubt(position, current, expected):
+    both = [channel(name).values * scale for name, scale in (("position", position), ("current", current))]
+    found = only(recording(channel("position", values=both[0]), channel("current", values=both[1])))
+    assert found == Finding("warning", expected)
+
+
+def test_wild_samples_put_no_unit_in_doubt():
+    wild = channel("position", values=with_values(10_000, slice(0, 10_000, 200), 900.0))
+    assert findings(recording(wild, channel("current", values=with_values(10_000, slice(0, 10_000, 200), 900.0)))) == ()

@@ -1,0 +1,433 @@
+import math
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ces_identify.polynomial.problem import envelope_of
+from ces_identify.preparation.cost import weighted_cost
+from ces_identify.preparation.series import Series, prepare
+from ces_identify.preparation.weighting import parse_weighting
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.report import write_report
+from ces_identify.report.drawing import Axis, panel
+from ces_identify.report.grid import make_grid
+from ces_identify.report.marks import band, line, shade
+from ces_identify.report.terms import coefficient_unit, contributions, term_forces, typeset
+from ces_identify.report.window import choose_window
+from ces_identify.simulations.simulate import simulate_series
+from ces_identify.validation.cost_interval import pooled_cost
+from ces_identify.validation.error_regions import error_cells
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
+from ces_identify.validation.residuals import residual_tests, verdicts
+from ces_observer.errors import CesError
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+
+SAMPLING = Sampling(rate_Hz=500.0, bandwidth_Hz=60.0, outlier_m=0.01)
+WIDE = Envelope((-0.1, 0.1), (-3.0, 3.0), (0.0, 2.0))
+XHTML = "{http://www.w3.org/1999/xhtml}"
+SVG = "{http://www.w3.org/2000/svg}"
+TERMS = (
+    Term(0.8, (Factor("force", 1),)),
+    Term(240.0, (Factor("speed", 0, 0.5), Factor("current", 5, 2.0, signed=False))),
+    Term(90.0, (Factor("speed", 2, 1.0),)),
+    Term(-60.0, (Factor("speed", 0, 1.5, signed=False),)),
+    Term(0.02, (Factor("current", 0, 1.0, signed=False), Factor("force", 1))),
+    Term(-4.5, ()),
+)
+FACTS = {"Date": "2025-03-14", "Command": "ces identify bags/sine --out model.json"}
+
+
+def damper(name: str, ticks: int = 3000, current_A: float | None = None, gaps: int = 0, seed: int = 1) -> Series:
+    """A damper of the same structure as the model, with one more effect and noise, stroked by two sines."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(ticks) / SAMPLING.rate_Hz
+    position = 0.02 * np.sin(2 * np.pi * 3.0 * time) + 0.004 * np.sin(2 * np.pi * 7.3 * time + seed)
+    current = 0.5 + 0.2 * np.sin(2 * np.pi * 0.4 * time + seed) if current_A is None else np.full(ticks, current_A)
+    stamps = np.rint(time * 1e9).astype(np.int64)
+    kept = np.ones(ticks, bool)
+    for start in np.linspace(0, ticks, gaps + 2, dtype=int)[1:-1]:
+        kept[start : start + 150] = False
+    values = {"position": position, "current": current, "force": np.zeros(ticks)}
+    units = {"position": "m", "current": "A", "force": "N"}
+    channels = {key: Channel(key, units[key], stamps[kept], v[kept]) for key, v in values.items()}
+    series = prepare(Recording(name, channels), SAMPLING)
+    force = simulate_series(model(), series).force + 30.0 * np.tanh(series.speed / 0.05)
+    return replace(series, force=force + 5.0 * rng.normal(size=len(series)))
+
+
+def model(**changes: object) -> Model:
+    first = Model("polynomial_narx", SAMPLING, TERMS, WIDE, (-9000.0, 9000.0), None, {"tool": "ces_observer"})
+    return replace(first, **changes)
+
+
+def unstable() -> Model:
+    return model(terms=(Term(1.01, (Factor("force", 1),)), *TERMS[1:]), force_envelope_N=(-2000.0, 2000.0))
+
+
+def page(
+    folder: Path, evaluations: list[Evaluation], used: Model | None = None, title: str = "A model"
+) -> tuple[str, ET.Element]:
+    path = folder / "report.html"
+    write_report(path, title, used or model(), evaluations, FACTS)
+    text = path.read_text(encoding="utf-8")
+    return text, ET.fromstring(text)
+
+
+def words(element: ET.Element) -> str:
+    return " ".join("".join(element.itertext()).split())
+
+
+def section(root: ET.Element, ident: str) -> ET.Element:
+    return next(e for e in root.iter(f"{XHTML}section") if e.get("id") == ident)
+
+
+def cost_cells(root: ET.Element) -> list[list[str]]:
+    rows = section(root, "costs").iter(f"{XHTML}tr")
+    return [[words(cell) for cell in row.iter(f"{XHTML}td")] for row in list(rows)[1:]]
+
+
+@pytest.fixture(scope="module")
+def both() -> list[Evaluation]:
+    first = evaluate(model(), [damper("sine", seed=1)], IDENTIFICATION)
+    return first + evaluate(model(), [damper("road", seed=2, gaps=1)], VALIDATION)
+
+
+def test_page_loads_nothing_and_runs_nothing(tmp_path: Path, both: list[Evaluation]) -> None:
+    text, root = page(tmp_path, both)
+    for element in root.iter():
+        for name, value in element.attrib.items():
+            assert name.split("}")[-1] not in ("src", "srcset", "data", "action") and not name.startswith("on")
+            if name.endswith("href"):
+                assert value.startswith("#")
+    tags = {element.tag.split("}")[-1] for element in root.iter()}
+    assert not tags & {"script", "link", "iframe", "object", "embed", "img", "use"}
+    assert not re.search(r"url\(|@import|@font-face", text)
+    assert set(re.findall(r"\b(\w+)=.https?:", text)) == {"xmlns"}
+
+
+def test_ids_are_unique_and_every_figure_has_an_accessible_name(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    idents = [e.get("id") for e in root.iter() if e.get("id")]
+    assert len(idents) == len(set(idents))
+    figures = list(root.iter(f"{SVG}svg"))
+    assert len(figures) == 3 * len(both) + 2
+    for figure in figures:
+        assert figure.get("role") == "img"
+        assert set((figure.get("aria-labelledby") or "").split()) <= set(idents)
+        assert (figure[0].tag, figure[1].tag) == (f"{SVG}title", f"{SVG}desc")
+        assert words(figure[0])
+    targets = {a.get("href", "")[1:] for a in root.iter(f"{XHTML}a")}
+    assert targets <= set(idents) and len(targets) == len(both)
+
+
+def test_html_parser_sees_balanced_tags(tmp_path: Path, both: list[Evaluation]) -> None:
+    class Balance(HTMLParser):
+        stack: list[str]
+
+        def handle_starttag(self, tag: str, attrs: object) -> None:
+            self.stack.append(tag)
+
+        def handle_startendtag(self, tag: str, attrs: object) -> None:
+            pass
+
+        def handle_endtag(self, tag: str) -> None:
+            assert self.stack.pop() == tag
+
+    text, _ = page(tmp_path, both)
+    parser = Balance()
+    parser.stack = []
+    parser.feed(text)
+    parser.close()
+    assert parser.stack == []
+
+
+def test_cost_table_tells_each_recording_validation_first(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    rows = cost_cells(root)
+    assert [row[:2] for row in rows] == [["road", VALIDATION], ["sine", IDENTIFICATION]]
+    for row, e in zip(rows, reversed(both), strict=True):
+        error = e.series.force[e.series.scored] - e.run.force[e.series.scored]
+        assert float(row[3]) == pytest.approx(e.series.scored.sum() / 500.0, abs=0.05)
+        assert float(row[4]) == pytest.approx(e.cost, rel=6e-3)
+        low, high = map(float, row[5].split(" to "))
+        assert low < e.cost < high
+        assert float(row[6]) == pytest.approx(np.sqrt(np.mean(error**2)), rel=6e-3)
+    assert rows[0][8].startswith("0 / 1") and rows[1][8] == "0 / 0"
+    head = next(e for e in root.iter(f"{XHTML}p") if e.get("class") == "headline")
+    assert words(head) == f"Validation: cost J = {rows[0][4]} % (road)."
+
+
+def test_headline_spans_best_to_worst(tmp_path: Path, both: list[Evaluation]) -> None:
+    scored = [replace(both[0], role=VALIDATION, name=n, cost=c) for n, c in (("a", 12.3), ("b", 6.91), ("c", 140.2))]
+    text, _ = page(tmp_path, scored)
+    assert "cost J from 6.91 % (b) to 140 % (c), 3 recordings" in text
+
+
+def test_every_term_is_listed_with_its_coefficient(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    rows = [[words(c) for c in r.iter(f"{XHTML}td")] for r in section(root, "terms").iter(f"{XHTML}tr")][1:]
+    assert {row[0] for row in rows} == {words(ET.fromstring(f"<t>{typeset(t, WIDE)}</t>")) for t in TERMS}
+    assert sorted(float(row[1].replace("−", "-")) for row in rows) == sorted(t.coefficient for t in TERMS)
+    assert rows[0][0] == "F(k−1)"
+    shares = [float(re.match(r"[\d.]+", row[4])[0]) for row in rows]
+    assert shares == sorted(shares, reverse=True)
+
+
+def test_term_forces_add_up_to_the_free_run(both: list[Evaluation]) -> None:
+    for e in both:
+        total = np.zeros(len(e.series))
+        for start, values in term_forces(model(), e):
+            total[start : start + values.shape[1]] += values.sum(axis=0)
+        np.testing.assert_allclose(total, e.run.force, rtol=1e-9, atol=1e-9)
+
+
+def test_contribution_is_the_rms_of_the_term_on_scored_ticks(both: list[Evaluation]) -> None:
+    rms, whole = contributions(model(), both)
+    speed = np.concatenate([np.roll(e.series.speed, 2)[e.series.scored] for e in both])
+    force = np.concatenate([e.run.force[e.series.scored] for e in both])
+    assert rms[2] == pytest.approx(90.0 * np.sqrt(np.mean(speed**2)), rel=1e-9)
+    assert rms[5] == pytest.approx(4.5, rel=1e-12)
+    assert whole == pytest.approx(np.sqrt(np.mean(force**2)), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("term", "formula", "unit"),
+    [
+        (TERMS[0], "F(k−1)", "1"),
+        (TERMS[1], "sgn v(k) · |v(k)|^0.5 · i(k−5)^2", "N (m/s)^−0.5 A^−2"),
+        (TERMS[2], "v(k−2)", "N (m/s)^−1"),
+        (TERMS[3], "|v(k)|^1.5", "N (m/s)^−1.5"),
+        (TERMS[4], "i(k) · F(k−1)", "A^−1"),
+        (TERMS[5], "1", "N"),
+        (Term(1.0, (Factor("speed", 3, 0.0),)), "sgn v(k−3)", "N"),
+        (Term(1.0, (Factor("position", 0, 3.0),)), "x(k)^3", "N m^−3"),
+        (Term(1.0, (Factor("position", 0, 2.0),)), "sgn x(k) · |x(k)|^2", "N m^−2"),
+        (Term(1.0, (Factor("position", 0, 2.0, signed=False),)), "x(k)^2", "N m^−2"),
+    ],
+)
+def test_typesetting(term: Term, formula: str, unit: str) -> None:
+    def plain(html: str) -> str:
+        return words(ET.fromstring(f"<t>{html.replace('<sup>', '^')}</t>".replace("</sup>", "")))
+
+    assert plain(typeset(term, WIDE)) == formula
+    assert plain(coefficient_unit(term)) == unit
+
+
+def test_names_are_escaped(tmp_path: Path, both: list[Evaluation]) -> None:
+    evil = "<script>alert('x')</script>&\"" + "very_long_" * 40
+    text, root = page(tmp_path, [replace(both[1], name=evil)], title=evil)
+    assert "<script" not in text
+    assert cost_cells(root)[0][0] == evil
+    assert words(next(root.iter(f"{XHTML}h1"))) == evil
+
+
+def test_a_name_that_is_not_unicode_is_shown_with_a_replacement(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, [replace(both[1], name="d\udce4mpfer")])
+    assert cost_cells(root)[0][0] == "d?mpfer"
+
+
+def test_diverged_run_is_warned_of_and_drawn(tmp_path: Path, both: list[Evaluation]) -> None:
+    lost = evaluate(unstable(), [both[1].series], VALIDATION)
+    assert lost[0].run.diverged >= 0 and math.isinf(lost[0].cost)
+    text, root = page(tmp_path, lost + both[:1], unstable())
+    assert cost_cells(root)[0][4:7] == ["∞", "–", "–"]
+    warning = next(words(e) for e in root.iter(f"{XHTML}p") if e.get("class") == "warning")
+    assert warning.startswith("Diverged") and f"{lost[0].series.time_s[lost[0].run.diverged]:.2f} s" in warning
+    assert "the free run diverged on every recording" in text
+    assert not re.search(r'="[^"]*\b(nan|inf)\b', text)
+
+
+def test_part_diverged_leaves_the_costs_of_the_others_in_the_headline(tmp_path: Path, both: list[Evaluation]) -> None:
+    lost = evaluate(unstable(), [both[1].series], VALIDATION)
+    text, _ = page(tmp_path, [*lost, replace(both[0], role=VALIDATION)])
+    assert re.search(r"Validation: cost J = [\d.]+ % \(sine\); the free run diverged on 1 more\.", text)
+
+
+def test_constant_current_gives_a_histogram_over_speed(tmp_path: Path) -> None:
+    ran = evaluate(model(), [damper("passive", current_A=0.5)], IDENTIFICATION)
+    _, root = page(tmp_path, ran + evaluate(model(), [damper("held out", current_A=0.5, seed=4)], VALIDATION))
+    figures = list(section(root, "coverage").iter(f"{SVG}svg"))
+    assert [words(f[0]) for f in figures] == ["Share of time over speed", "RMS error over speed"]
+    assert all(len(list(f.iter(f"{SVG}rect"))) > 5 for f in figures)
+
+
+def test_without_validation_the_page_says_so(tmp_path: Path, both: list[Evaluation]) -> None:
+    text, root = page(tmp_path, both[:1])
+    assert "Not validated: fit and selection have seen every recording below." in text
+    assert "RMS error on the identification recordings" in words(section(root, "coverage"))
+
+
+def test_no_recording_at_all_still_shows_the_model(tmp_path: Path) -> None:
+    _, root = page(tmp_path, [])
+    assert len(list(section(root, "terms").iter(f"{XHTML}tr"))) == len(TERMS) + 1
+
+
+def test_tiny_recording(tmp_path: Path) -> None:
+    ran = evaluate(model(), [damper("tiny", ticks=305)], VALIDATION)
+    text, _ = page(tmp_path, ran)
+    assert "the whole run" in text
+    assert not re.search(r"\bnan\b", text)
+
+
+def test_twelve_long_recordings_stay_small(tmp_path: Path) -> None:
+    ran = [evaluate(model(), [damper("long", ticks=30_000, seed=s)], VALIDATION)[0] for s in (1, 2)]
+    four, _ = page(tmp_path, ran * 2)
+    twelve, root = page(tmp_path, ran * 6)
+    assert len(four) < 1_000_000
+    assert len(twelve) < 3_000_000
+    assert len(cost_cells(root)) == 12 + 1  # all together
+
+
+def test_grey_marks_what_is_outside_the_envelope(tmp_path: Path, both: list[Evaluation]) -> None:
+    narrow = model(envelope=replace(WIDE, speed_m_s=(-3.0, 0.1)))
+    outside, _ = page(tmp_path, evaluate(narrow, [both[1].series], VALIDATION), narrow)
+    inside, _ = page(tmp_path, both)
+    assert 'class="outside"' in outside and "Inputs outside the model" in outside
+    assert 'class="outside"' not in inside and 'class="warning"' not in inside
+
+
+def test_window_is_typical() -> None:
+    e = evaluate(model(), [damper("long", ticks=10_000, gaps=1)], VALIDATION)[0]
+    force = e.series.force.copy()
+    force[600:700] += 2000.0  # a burst that no typical window holds
+    burst = replace(e, series=replace(e.series, force=force))
+    window = choose_window(burst)
+    assert window.stop - window.start == 750
+    assert window.start >= 700 or window.stop <= 600
+    assert window.why.startswith("typical")
+
+
+def test_window_spans_no_gap_and_no_warm_up() -> None:
+    e = evaluate(model(), [damper("broken", ticks=10_000, gaps=7)], VALIDATION)[0]
+    window = choose_window(e)
+    assert window.stop - window.start == 750
+    assert e.series.scored[window.start : window.stop].all()
+    assert np.diff(e.series.time_s[window.start : window.stop]).max() < 0.003
+
+
+def test_window_of_a_diverged_run_holds_the_divergence(both: list[Evaluation]) -> None:
+    e = evaluate(unstable(), [both[0].series], VALIDATION)[0]
+    window = choose_window(e)
+    assert window.start <= e.run.diverged < window.stop
+
+
+def test_grid_shares_add_up_and_its_errors_are_the_errors(both: list[Evaluation]) -> None:
+    envelope = envelope_of([e.series for e in both])
+    grid = make_grid(both, envelope)
+    assert grid.share(both).sum() == pytest.approx(100.0)
+    rms, e = grid.rms(both[:1]), both[0]
+    a, b = np.unravel_index(np.nanargmax(rms), rms.shape)
+    s = e.series
+    inside = (s.speed >= grid.speed[a]) & (s.speed < grid.speed[a + 1]) & s.scored
+    inside &= (s.current >= grid.current[b]) & (s.current < grid.current[b + 1])
+    assert rms[a, b] == pytest.approx(np.sqrt(np.mean((s.force - e.run.force)[inside] ** 2)), rel=1e-6)
+
+
+def test_cells_with_few_ticks_tell_no_error(both: list[Evaluation]) -> None:
+    grid = make_grid(both, envelope_of([e.series for e in both]))
+    ticks = grid.share(both[:1]) / 100.0 * both[0].series.scored.sum()
+    np.testing.assert_array_equal(np.isnan(grid.rms(both[:1])), ticks < 9.5)
+    assert ((ticks > 0.5) & (ticks < 9.5)).any()
+
+
+def test_one_wild_sample_among_many_is_still_drawn() -> None:
+    x, y = np.arange(30_000.0), np.zeros(30_000)
+    y[12_345] = 7.0
+    p = panel((0.0, 30_000.0), (-10.0, 10.0), (0.0, 0.0, 600.0, 200.0))
+    heights = [float(v) for v in re.findall(r",(-?[\d.]+)", line(p, x, y, "error"))]
+    assert min(heights) == pytest.approx(30.0 - 0.5, abs=0.06)
+    assert len(heights) < 3000
+
+
+def test_band_is_open_where_nothing_was_logged() -> None:
+    x = np.concatenate([np.arange(0.0, 10_000.0), np.arange(20_000.0, 30_000.0)])
+    p = panel((0.0, 30_000.0), (-1.0, 1.0), (0.0, 0.0, 600.0, 100.0))
+    path = band(p, x, np.zeros(len(x)), "error")
+    assert path.count("M") == 2
+    drawn = [float(v) for v in re.findall(r"[ML](-?[\d.]+),", path)]
+    assert not [v for v in drawn if 201.0 < v < 399.0]
+
+
+def test_shade_covers_the_marked_stretch() -> None:
+    x = np.linspace(0.0, 1.0, 5000)
+    p = panel((0.0, 1.0), (0.0, 1.0), (50.0, 0.0, 400.0, 100.0))
+    found = re.findall(r' x="([\d.]+)" width="([\d.]+)"', shade(p, x, (x > 0.25) & (x < 0.5), "outside"))
+    assert len(found) == 1
+    left, width = map(float, found[0])
+    assert left == pytest.approx(150.0, abs=1.0) and left + width == pytest.approx(250.0, abs=1.0)
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.integers(3, 9))
+def test_ticks_are_inside_evenly_spaced_and_read_back(low: float, span: float, most: int) -> None:
+    axis = Axis(low, low + span, 0.0, 100.0)
+    ticks = axis.ticks(most)
+    values = np.array([v for v, _ in ticks])
+    slack = 1e-6 * (abs(low) + span)
+    assert 1 <= len(ticks) <= most + 1
+    assert values.min() >= low - slack and values.max() <= low + span + slack
+    assert np.ptp(np.diff(values)) <= slack if len(values) > 2 else True
+    assert [float(text.replace("−", "-")) for _, text in ticks] == pytest.approx(list(values), abs=slack)
+
+
+def test_a_folder_that_is_not_there_is_named_in_one_line(tmp_path: Path, both: list[Evaluation]) -> None:
+    with pytest.raises(CesError, match=r"nowhere/report\.html: cannot be written"):
+        write_report(tmp_path / "nowhere" / "report.html", "A model", model(), both, FACTS)
+
+
+def test_correlations_are_drawn_with_their_bands_and_told(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    for number, e in enumerate(reversed(both)):
+        tests = residual_tests(e)
+        article = next(a for a in root.iter(f"{XHTML}article") if a.get("id") == f"recording-{number}")
+        figure = next(f for f in article.iter(f"{SVG}svg") if f[0].get("id") == f"rc{number}-t")
+        bands = [r for r in figure.iter(f"{SVG}rect") if r.get("class") == "chance"]
+        stems = [p for p in figure.iter(f"{SVG}path") if "stems" in (p.get("class") or "")]
+        plots = (tests.whiteness, *tests.inputs)
+        assert len(bands) == len(stems) == len(plots)
+        assert [("simulated" in s.get("class")) for s in stems] == [not c.passed for c in plots]
+        heights = [float(b.get("height")) / c.band for b, c in zip(bands, plots, strict=True)][1:]
+        assert heights == pytest.approx([heights[0]] * len(heights), rel=0.02)  # one scale for all inputs
+        assert verdicts(tests)[1] in words(article)
+
+
+def test_a_run_that_diverged_has_no_correlations(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, evaluate(unstable(), [both[1].series], VALIDATION), unstable())
+    assert not [t for t in root.iter(f"{SVG}title") if words(t).startswith("Correlations")]
+
+
+def test_where_the_error_sits_is_a_table(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    cells, regions = (
+        [[words(c) for c in row.iter(f"{XHTML}td")] for row in table.iter(f"{XHTML}tr")][1:]
+        for table in section(root, "coverage").iter(f"{XHTML}table")
+    )
+    worst = error_cells(both[1:])[0]
+    assert cells[0][0].replace("−", "-") == worst.region
+    assert cells[0][1:3] == [f"{100 * worst.energy:.0f}", f"{100 * worst.ticks:.0f}"]
+    assert sum(int(row[1]) for row in regions if row[0] in ("compression", "rebound")) == pytest.approx(100, abs=1)
+
+
+def test_weighted_cost_has_a_column_if_asked_for(tmp_path: Path, both: list[Evaluation]) -> None:
+    path, weighting = tmp_path / "w.html", parse_weighting(["zero_crossing=3"])
+    write_report(path, "A model", model(), both, FACTS, weighting)
+    root = ET.fromstring(path.read_text(encoding="utf-8"))
+    scored = both[1].series.scored
+    expected = weighted_cost(
+        both[1].series.force[scored], both[1].run.force[scored], weighting.of(both[1].series)[scored]
+    )
+    assert float(cost_cells(root)[0][6]) == pytest.approx(expected, rel=6e-3)
+    assert "zero_crossing=3" in words(section(root, "costs"))
+
+
+def test_several_validation_recordings_are_told_together(tmp_path: Path, both: list[Evaluation]) -> None:
+    held_out = [replace(e, role=VALIDATION) for e in both]
+    _, root = page(tmp_path, held_out)
+    last = cost_cells(root)[-1]
+    assert float(last[2]) == pytest.approx(pooled_cost(held_out), rel=6e-3)

@@ -1,0 +1,48 @@
+import re
+import xml.etree.ElementTree as ET
+
+import pytest
+from planted import FUZZY, NETWORK, SAMPLING, planted
+
+from ces_identify.preparation.series import prepare
+from ces_identify.report import write_report
+from ces_identify.report.parameters import parameter_table
+from ces_identify.validation.evaluate import VALIDATION, evaluate
+from ces_observer.model import Model, Term
+
+
+def plain(markup):
+    return re.sub(r"<[^>]*>", "", str(markup))
+
+
+def test_a_network_shows_each_regressor_in_newtons():
+    table = parameter_table(NETWORK)
+    assert [plain(row[0]) for row in table.rows] == ["F(k−1)", "v(k)", "v(k−1)", "i(k−3)"]
+    assert [plain(cell) for cell in table.rows[1][1:]] == [
+        "0",
+        "0.3",
+        "50",
+        f"{500 * 0.25 * (1.2 * 2.0 + 0.7 * 1.5):.4g}",
+    ]
+
+
+def test_rules_are_named_by_their_memberships():
+    table = parameter_table(FUZZY)
+    assert [plain(row[0]) for row in table.rows] == ["v(k) = −0.4 m/s", "v(k) = 0.4 m/s"]
+    assert [plain(cell) for cell in table.rows[0][1:]] == ["−200", "400", "50", "25", "−25"]
+
+
+def test_a_polynomial_has_no_such_table():
+    assert parameter_table(Model("polynomial_narx", SAMPLING, (Term(1.0, ()),), NETWORK.envelope, (-1, 1))) is None
+
+
+@pytest.mark.parametrize(("model", "rows"), [(NETWORK, 4), (FUZZY, 2)])
+def test_the_page_is_whole_and_shows_the_table_in_place_of_terms(model, rows, tmp_path):
+    write_report(
+        tmp_path / "r.html", "A model", model, evaluate(model, [prepare(planted(model, 1), SAMPLING)], VALIDATION), {}
+    )
+    root = ET.fromstring((tmp_path / "r.html").read_text(encoding="utf-8"))
+    sections = {s.get("id"): s for s in root.iter("{http://www.w3.org/1999/xhtml}section")}
+    assert "terms" not in sections
+    assert len(list(sections["parameters"].iter("{http://www.w3.org/1999/xhtml}tr"))) == rows + 1
+    assert model.size in " ".join(root.itertext())

@@ -1,0 +1,109 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from residual_series import RATE, coloured, series
+
+from ces_identify.preparation.cost import cost
+from ces_identify.preparation.sampling import choose_sampling
+from ces_identify.preparation.series import prepare
+from ces_identify.recordings.recording import Channel
+from ces_identify.validation.cycle_noise import CycleNoise, NoCycles, cycle_noise, find_period, whole_ticks
+from ces_rig.experiment import load_experiment, measure, packaged, truth
+
+
+def cycles(frequency=4.0, noise=10.0, drift=0.0, seconds=20.0, seed=1, current=None, **more):
+    """A stroke and a current that repeat, a force that bends sharply, drifts, and is noisy; the truth beside it."""
+    n = round(seconds * RATE)
+    t = np.arange(n) / RATE
+    phase = 2 * np.pi * frequency * t
+    random = np.random.default_rng(seed)
+    force = 1500.0 * np.tanh(3.0 * np.cos(phase)) * (1.0 + 0.2 * np.sin(phase)) * (1.0 - drift * t / seconds)
+    current = 0.5 + 0.15 * np.sin(phase) + 0.001 * random.normal(size=n) if current is None else current
+    position = 0.02 * np.sin(phase) + 1e-5 * random.normal(size=n)
+    speed = 0.02 * 2 * np.pi * frequency * np.cos(phase)
+    noisy = force + noise * random.normal(size=n)
+    return series(n, position=position, speed=speed, current=current, force=noisy, **more), force
+
+
+@pytest.mark.parametrize("frequency", [4.0, 12.0, 3.1, 1.0])
+def test_the_noise_of_repeated_cycles_is_found(frequency):
+    one, clean = cycles(frequency)
+    found = cycle_noise(one)
+    assert isinstance(found, CycleNoise)
+    assert found.period_s == pytest.approx(1.0 / frequency, rel=1e-3)
+    assert found.noise_N == pytest.approx(10.0, rel=0.04)
+    assert found.floor == pytest.approx(cost(one.force, clean), rel=0.05)
+
+
+def test_a_drift_between_cycles_is_no_noise():
+    """A fade by a fifth over the record moves the force 300 N; its cycles differ by 4 N each."""
+    found = cycle_noise(cycles(drift=0.2)[0])
+    assert isinstance(found, CycleNoise)
+    assert found.noise_N == pytest.approx(10.0, rel=0.04)
+
+
+def test_cycles_across_a_gap_are_not_compared():
+    one, _ = cycles()
+    shifted = one.force.copy()
+    shifted[5000:] += 800.0
+    found = cycle_noise(replace(one, force=shifted, segments=np.array([[0, 5000], [5000, 10_000]])))
+    assert isinstance(found, CycleNoise)
+    assert found.noise_N == pytest.approx(10.0, rel=0.05)
+
+
+def test_cycles_that_differ_are_left_out():
+    one, _ = cycles()
+    position, force = one.position.copy(), one.force.copy()
+    position[6000:6100] *= 0.2
+    force[6000:6100] += 500.0
+    found = cycle_noise(replace(one, position=position, force=force))
+    assert isinstance(found, CycleNoise)
+    assert found.noise_N == pytest.approx(10.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("made", "reason"),
+    [
+        (series, "the stroke does not repeat"),
+        (lambda: series(position=np.full(10_000, 0.01)), "the stroke does not repeat"),
+        (lambda: cycles(current=0.5 + 0.1 * coloured(10_000, 0.999, 3))[0], "from cycle to cycle the current differs"),
+        (lambda: cycles(seconds=2.2)[0], "cycles alike"),
+    ],
+)
+def test_no_floor_without_cycles(made, reason):
+    found = cycle_noise(made())
+    assert isinstance(found, NoCycles)
+    assert reason in found.reason
+
+
+def test_a_sweep_does_not_repeat():
+    t = np.arange(15_000) / RATE
+    sweep = 0.018 * np.sin(2 * np.pi * (2.0 * t + 7.0 * t**2 / 30.0))
+    assert isinstance(cycle_noise(series(15_000, position=sweep)), NoCycles)
+
+
+def test_the_period_of_several_sines_is_their_common_one():
+    t = np.arange(15_000) / RATE
+    x = np.sin(2 * np.pi * 3.0 * t) + 0.8 * np.sin(2 * np.pi * 7.5 * t + 1.0)
+    assert find_period(x, 10.0) == pytest.approx(RATE / 1.5, rel=1e-4)
+
+
+def test_periods_are_taken_together_until_they_are_whole_ticks():
+    assert [whole_ticks(p) for p in (125.0, 83.333, 41.6667, 161.29)] == [125, 250, 125, 1129]
+
+
+def test_the_floor_of_the_rig_is_its_known_noise():
+    """Against the noise-free force of the same ticks: what a sensor adds, as it is scored."""
+    experiment = load_experiment(packaged()["sine_4hz"])
+    true = truth(experiment)
+    recording = measure(experiment, true)
+    force = recording.channel("force")
+    _, clean = experiment.sensors.force.sampled(true.time_s, true.force_N)
+    sampling = choose_sampling([recording], None, None)
+    one = prepare(recording, sampling)
+    bare = replace(recording, channels={**recording.channels, "force": Channel("force", "N", force.stamps_ns, clean)})
+    known = cost(one.force[one.scored], prepare(bare, sampling).force[one.scored])
+    found = cycle_noise(one)
+    assert isinstance(found, CycleNoise)
+    assert found.floor == pytest.approx(known, rel=0.05)

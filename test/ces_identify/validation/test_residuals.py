@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+from residual_series import coloured, evaluation, series
+from scipy.stats import chi2
+
+from ces_identify.numerics.correlation import whole
+from ces_identify.validation.residuals import bartlett, cross_correlation, residual_tests, sequence, verdicts, whiteness
+
+
+def correlated(first, second):
+    runs = whole(len(first))
+    pair = sequence("input", first, runs), sequence("residual", second, runs)
+    return cross_correlation(*pair, runs, 50, 500.0)
+
+
+def fails(first, second):
+    return not correlated(first, second).passed
+
+
+def test_ljung_box_is_the_formula():
+    x = coloured(300, 0.2, 1)
+    c = x - x.mean()
+    r = np.array([(c[k:] * c[: len(c) - k]).sum() for k in range(11)]) / (c**2).sum()
+    expected = 300 * 302 * sum(r[k] ** 2 / (300 - k) for k in range(1, 11))
+    found, statistic = whiteness(x, whole(300), 10, 500.0)
+    assert statistic == pytest.approx(expected)
+    assert found.p_value == pytest.approx(chi2.sf(expected, 10))
+    np.testing.assert_allclose(found.values, r, atol=1e-12)
+
+
+def test_white_residuals_pass_and_coloured_ones_do_not():
+    p_values = [whiteness(coloured(4000, 0.0, seed), whole(4000), 50, 500.0)[0].p_value for seed in range(100)]
+    assert np.mean(np.array(p_values) < 0.1) == pytest.approx(0.1, abs=0.09)
+    assert whiteness(coloured(4000, 0.2, 1), whole(4000), 50, 500.0)[0].p_value < 1e-6
+
+
+@pytest.mark.parametrize("poles", [(0.95, 0.95), (0.98, 0.6)])
+def test_bands_hold_for_independent_autocorrelated_sequences(poles):
+    pairs = [(coloured(8000, poles[0], s), coloured(8000, poles[1], s + 1000)) for s in range(100)]
+    found = [correlated(a, b) for a, b in pairs]
+    assert np.mean([np.abs(c.values) > c.band for c in found]) < 0.03
+    assert np.mean([not c.passed for c in found]) <= 0.02
+    white = 2.576 / np.sqrt(8000)  # the band that ignores autocorrelation is wrong most of the time
+    assert np.mean([np.abs(c.values).max() > white for c in found]) > 0.5
+
+
+def test_bartlett_variance_of_first_order_sequences():
+    """For two AR(1) the sum of rho_u rho_e over lags is (1 + ab) / (1 - ab)."""
+    a, b = coloured(60_000, 0.9, 1), coloured(60_000, 0.8, 2)
+    first, second = (sequence("", x, whole(60_000)) for x in (a, b))
+    assert bartlett(first, second) == pytest.approx((1 + 0.72) / (1 - 0.72), rel=0.2)
+
+
+def test_what_depends_on_a_past_input_is_found_at_its_lag():
+    u, e = coloured(10_000, 0.9, 1), coloured(10_000, 0.9, 2)
+    found = correlated(u, e + 0.3 * np.roll(u, 7))
+    assert not found.passed
+    assert found.lags_s[found.worst] == pytest.approx(7 / 500.0)
+    assert found.share == pytest.approx(0.09 / 1.09, rel=0.4)
+    assert not fails(u, e)
+
+
+def test_squares_find_what_the_linear_test_cannot():
+    """An even function of the input is uncorrelated with it (Billings & Voon 1986)."""
+    one = series(20_000)
+    even = one.speed**2 - np.mean(one.speed**2)
+    tests = residual_tests(evaluation(one, 5.0 * coloured(20_000, 0.5, 9) + 10.0 * even))
+    failed = {(c.first, c.second) for c in tests.inputs if not c.passed}
+    assert ("speed²", "residual") in failed
+    assert ("speed", "residual") not in failed
+    assert not any(first.startswith(("position", "current")) and second == "residual" for first, second in failed)
+
+
+def test_spread_that_follows_an_input_is_found_by_the_squares_of_both():
+    one = series(20_000)
+    tests = residual_tests(evaluation(one, 10.0 * np.abs(one.speed) * coloured(20_000, 0.0, 9)))
+    failed = {(c.first, c.second) for c in tests.inputs if not c.passed}
+    assert failed == {("speed²", "residual²")}
+
+
+def test_a_constant_input_is_left_out():
+    one = series(current=np.full(10_000, 0.5))
+    tests = residual_tests(evaluation(one, coloured(10_000, 0.5, 9)))
+    assert tests.still == ("current",)
+    assert len(tests.inputs) == 6
+
+
+def test_verdicts_say_what_is_left_and_where():
+    one = series(20_000)
+    clean, left = (evaluation(one, 5.0 * coloured(20_000, 0.0, 9) + gain * one.speed) for gain in (0.0, 10.0))
+    assert verdicts(residual_tests(clean))[0].startswith("white")
+    assert verdicts(residual_tests(clean))[1].startswith("nothing left that goes with speed, position, current")
+    white, inputs = verdicts(residual_tests(left))
+    assert white.startswith("not white")
+    assert "with speed 0 ms before" in inputs
+
+
+def test_none_for_a_run_that_diverged_or_is_too_short():
+    assert residual_tests(evaluation(series(), np.full(10_000, np.nan))) is None
+    assert residual_tests(evaluation(series(150), coloured(150, 0.0, 1))) is None
+
+
+def test_a_residual_or_an_input_of_constant_size_is_no_failure():
+    one = series(speed=0.3 * np.sign(np.sin(np.arange(10_000) / 40.0 + 0.1)))
+    tests = residual_tests(evaluation(one, 5.0 * np.sign(coloured(10_000, 0.0, 4))))
+    assert all(np.isfinite(c.values).all() for c in tests.inputs)
+    assert not any("residual²" in c.second or c.first == "speed²" for c in tests.inputs)
