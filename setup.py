@@ -47,7 +47,7 @@ setup(
     packages=find_packages(include=["ces_*"]),
     package_data={
         "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js"],
-        "ces_rig": ["*.yaml", "experiments/*.yaml"],
+        "ces_rig": ["**/*.yaml"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
     },
     data_files=[

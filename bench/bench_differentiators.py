@@ -36,8 +36,8 @@ from ces_identify.preparation.sampling import best_differentiator, choose_sampli
 from ces_identify.preparation.series import Series, prepare, usable_samples
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.model import Sampling
+from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
 from ces_rig.experiment import GRID_S, Experiment, Truth, find_experiment, load_experiment, measure, truth
-from ces_rig.stepper import rest_force, simulate
 
 RIG = ("sine_4hz", "sine_12hz", "sweep", "noise", "road")
 RATE = 1000.0

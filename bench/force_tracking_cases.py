@@ -10,13 +10,13 @@ import numpy as np
 from ces_identify.identify import Options, identify
 from ces_identify.polynomial.limits import Limits
 from ces_observer.model import Model
-from ces_rig.damper import Damper
+from ces_rig.dampers.effects import Withheld
+from ces_rig.dampers.hydraulic.effects import Hydraulic
+from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.experiment import GRID_S, load_experiment, measured, packaged
 from ces_rig.live.rig import Settings
 from ces_rig.live.script import Script
 from ces_rig.withheld import plants
-from ces_rig.withheld.effects import Withheld
-from ces_rig.withheld.hydraulic import Hydraulic
 from ces_rig.withheld.scaling import scale_to
 
 GAP_N = 150.0  # RMS on SCALING_S of noise stroke: some 12 % of the force

@@ -21,9 +21,9 @@ from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.model import Model
 from ces_observer.nodes.controller_table import CURVE
+from ces_rig.dampers.hydraulic.stepper import Stepper, rest_force, spline_speed
 from ces_rig.live.rig import LiveRig, Sample, Settings
 from ces_rig.live.vehicle import FORCE, STROKE
-from ces_rig.stepper import Stepper, rest_force, spline_speed
 
 F = NDArray[np.float64]
 

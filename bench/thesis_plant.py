@@ -20,8 +20,8 @@ from scipy.signal import lfilter
 
 from ces_identify.preparation.cost import series_cost
 from ces_identify.preparation.series import Series
+from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
 from ces_rig.experiment import Experiment
-from ces_rig.stepper import rest_force, simulate
 
 F = NDArray[np.float64]
 

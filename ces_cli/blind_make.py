@@ -9,7 +9,7 @@ from ces_cli.blind_progress import CasesProgress
 from ces_observer.errors import CesError
 from ces_rig.blind.make import make_cases
 from ces_rig.blind.plan import GAPS, KINDS, Case, Levels, grid, sample, spare
-from ces_rig.withheld.effects import EFFECTS, OUTSIDE
+from ces_rig.dampers.effects import EFFECTS, OUTSIDE
 from ces_rig.withheld.plants import PLANTS
 
 CALIBRATION = "calibration"  # a plant kept for calibrating probabilities: not drawn unless it is asked for

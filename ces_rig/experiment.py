@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.recordings.recording import Channel, Recording
-from ces_rig.currents import Current, make_current
-from ces_rig.damper import Damper, damper_from, load_damper
+from ces_rig.dampers.hydraulic.parameters import Damper, damper_from, load_damper
+from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
 from ces_rig.descriptions import build, filled, quantity, read_yaml
+from ces_rig.drive.currents import Current, make_current
+from ces_rig.drive.strokes import Stroke, make_stroke
 from ces_rig.errors import RigError
 from ces_rig.sensors import Sensors
-from ces_rig.stepper import rest_force, simulate
-from ces_rig.strokes import Stroke, make_stroke
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ import numpy as np
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from ces_rig.characteristic import current_step, cycle, rise_time, steady_force
-from ces_rig.damper import Damper
+from ces_rig.dampers.hydraulic.characteristic import current_step, cycle, rise_time, steady_force
+from ces_rig.dampers.hydraulic.parameters import Damper
+from ces_rig.dampers.hydraulic.stepper import rest_force
 from ces_rig.experiment import Truth, load_experiment, packaged, truth
-from ces_rig.stepper import rest_force
 
 CURRENTS = (0.29, 0.40, 0.50, 0.60, 0.70)  # [A]
 STYLE: Any = {

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from ces_rig.bouc_wen import BoucWen
-from ces_rig.damper import Damper, damper_from
+from ces_rig.dampers.bouc_wen.parameters import BoucWen
+from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
+from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
+from ces_rig.dampers.polyviscous.parameters import Polyviscous
 from ces_rig.descriptions import build, read_yaml
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, experiment_from
-from ces_rig.polyviscous import Polyviscous
-from ces_rig.stepper import rest_force, simulate
 
 Array = NDArray[np.float64]
 RigForce = Callable[[Array, Array, Array], Array]

@@ -22,12 +22,12 @@ from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_rig.blind.draw import HELD_OUT, NOISE_N, REAL, REFERENCE, Drawn, Seen, rms
-from ces_rig.currents import ConstantCurrent
-from ces_rig.damper import Damper
+from ces_rig.dampers.hydraulic.parameters import Damper
+from ces_rig.drive.currents import ConstantCurrent
+from ces_rig.drive.strokes import Common, Rest, Stroke
 from ces_rig.experiment import EPOCH_NS, Experiment, Settings, Truth, measure
 from ces_rig.sensors import Sensor, Sensors
 from ces_rig.simulation import load_rig
-from ces_rig.strokes import Common, Rest, Stroke
 from ces_rig.withheld.plants import description, physical
 
 Array = NDArray[np.float64]

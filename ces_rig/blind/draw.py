@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from ces_rig.blind.excitation import Commands, draw_drive
 from ces_rig.blind.plan import Case
+from ces_rig.dampers.effects import Withheld, scaled
 from ces_rig.errors import RigError
 from ces_rig.experiment import Truth
 from ces_rig.sensors import Sensors
-from ces_rig.withheld.effects import Withheld, scaled
 from ces_rig.withheld.plants import Plant, available, draw, draw_plant, expected, signals
 from ces_rig.withheld.scaling import perturb_to, scale_to, search
 

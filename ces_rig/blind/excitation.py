@@ -14,8 +14,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from ces_rig.currents import Binary, ConstantCurrent, Current, FilteredNoise, Prbs, Reg1
-from ces_rig.strokes import FrequencyModulated, Noise, Road, Shape, fade
+from ces_rig.drive.currents import Binary, ConstantCurrent, Current, FilteredNoise, Prbs, Reg1
+from ces_rig.drive.strokes import FrequencyModulated, Noise, Road, Shape, fade
 
 Array = NDArray[np.float64]
 Parts = tuple[tuple[Shape, ...], Current]

@@ -10,17 +10,17 @@ from typing import Any
 
 import yaml
 
-from ces_rig.damper import Damper, damper_from
+from ces_rig.dampers.effects import Spread, Withheld
+from ces_rig.dampers.hydraulic.effects import Hydraulic
+from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
+from ces_rig.dampers.hydraulic.stepper import rest_force
+from ces_rig.dampers.lumped import Lumped
 from ces_rig.descriptions import build, read_yaml
 from ces_rig.errors import RigError
 from ces_rig.experiment import Experiment, experiment_from
 from ces_rig.sensors import Sensors
 from ces_rig.simulation import LUMPED
-from ces_rig.stepper import rest_force
 from ces_rig.withheld import plants, sensing
-from ces_rig.withheld.effects import Spread, Withheld
-from ces_rig.withheld.hydraulic import Hydraulic
-from ces_rig.withheld.lumped import Lumped
 
 HYDRAULIC = "hydraulic"
 LUMPED_REACH_M = 0.06  # [m] the stroke the lumped dampers' gas is made for

@@ -16,12 +16,12 @@ from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
-from ces_rig import bouc_wen_kernel as bw
-from ces_rig import hydraulics as hy
-from ces_rig import polyviscous_kernel as pv
-from ces_rig.bouc_wen import Numbers as BoucWenNumbers
+from ces_rig.dampers.bouc_wen import kernel as bw
+from ces_rig.dampers.bouc_wen.parameters import Numbers as BoucWenNumbers
+from ces_rig.dampers.hydraulic import kernel as hy
+from ces_rig.dampers.polyviscous import kernel as pv
+from ces_rig.dampers.polyviscous.parameters import Numbers as PolyviscousNumbers
 from ces_rig.live.vehicle import FORCE, STROKE, STROKE_SPEED, VehicleNumbers, vehicle_step
-from ces_rig.polyviscous import Numbers as PolyviscousNumbers
 
 Array = NDArray[np.float64]
 

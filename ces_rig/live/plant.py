@@ -13,11 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_rig import bouc_wen, bouc_wen_kernel, hydraulics, polyviscous, polyviscous_kernel, stepper
-from ces_rig.coefficients import coefficients
+from ces_rig.dampers.bouc_wen import kernel as bouc_wen_kernel
+from ces_rig.dampers.bouc_wen import parameters as bouc_wen
+from ces_rig.dampers.hydraulic import kernel as hydraulics
+from ces_rig.dampers.hydraulic import stepper
+from ces_rig.dampers.hydraulic.coefficients import coefficients
+from ces_rig.dampers.hydraulic.effects import Hydraulic
+from ces_rig.dampers.polyviscous import kernel as polyviscous_kernel
+from ces_rig.dampers.polyviscous import parameters as polyviscous
 from ces_rig.live import kernels
 from ces_rig.live.description import HYDRAULIC, Description
-from ces_rig.withheld.hydraulic import Hydraulic
 
 Array = NDArray[np.float64]
 STROKE, SPEED, CURRENT, LATE, ROWS = 0, 1, 2, 3, 4

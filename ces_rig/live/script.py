@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from ces_rig.dampers.hydraulic.stepper import spline_speed
 from ces_rig.descriptions import choice, quantity
+from ces_rig.drive.strokes import Common, Noise, Rest, Sine, Stroke, Sweep, Triangle
 from ces_rig.errors import RigError
 from ces_rig.experiment import STREAMS, Experiment
-from ces_rig.stepper import spline_speed
-from ces_rig.strokes import Common, Noise, Rest, Sine, Stroke, Sweep, Triangle
 
 Array = NDArray[np.float64]
 

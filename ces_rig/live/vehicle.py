@@ -14,9 +14,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ces_rig.descriptions import choice, quantity
+from ces_rig.drive.quarter_vehicle import QuarterVehicle
 from ces_rig.errors import RigError
 from ces_rig.live.road import CLASSES
-from ces_rig.quarter_vehicle import QuarterVehicle
 
 Array = NDArray[np.float64]
 

@@ -18,10 +18,13 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from ces_rig.dampers.bouc_wen import effects as bouc_wen
+from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Proportions, Withheld
+from ces_rig.dampers.hydraulic import effects as hydraulic
+from ces_rig.dampers.polyviscous import effects as calibration
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, Truth
-from ces_rig.withheld import bouc_wen, calibration, hydraulic, sensing
-from ces_rig.withheld.effects import EFFECTS, OUTSIDE, Proportions, Withheld
+from ces_rig.withheld import sensing
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from math import exp, inf, log
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_rig.dampers.effects import Withheld, scaled
 from ces_rig.errors import RigError
-from ces_rig.withheld.effects import Withheld, scaled
 from ces_rig.withheld.plants import Plant, gap_from, perturbed, signals
 
 Array = NDArray[np.float64]

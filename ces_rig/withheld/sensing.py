@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
+from ces_rig.dampers.effects import Proportions, Withheld, either_sign, even, log_spread
 from ces_rig.experiment import Truth
-from ces_rig.withheld.effects import Proportions, Withheld, either_sign, even, log_spread
 
 Array = NDArray[np.float64]
 Numbers = Mapping[str, float]

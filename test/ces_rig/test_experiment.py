@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ces_rig.damper import damper_from
+from ces_rig.dampers.hydraulic.parameters import damper_from
 from ces_rig.errors import RigError
 from ces_rig.experiment import (
     EPOCH_NS,

@@ -1,0 +1,268 @@
+"""The hydraulic CES damper as a plant for blind tests: its effect-free design, and what each effect does inside it.
+
+Every effect changes parameters of the differential equations in `ces_rig.dampers.hydraulic.kernel`; none adds a force
+from outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from math import exp
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_rig.dampers.effects import Proportions, Withheld, even, log_spread
+from ces_rig.dampers.hydraulic import kernel as hy
+from ces_rig.dampers.hydraulic.parameters import Damper
+from ces_rig.dampers.hydraulic.stepper import STEP_S, Run, Stepper, rest_force, simulate, spline_speed
+from ces_rig.dampers.lumped import grown
+from ces_rig.parts import paths, put, value
+
+Array = NDArray[np.float64]
+Change = Callable[[Damper, float, Mapping[str, float]], dict[str, float]]
+
+CURRENT_A = (0.29, 0.70)
+MOST_AIR = 0.25
+RELEASE_PA = 8.5e4  # [Pa] at which oil full of dissolved gas lets it go
+FOAM_EVERY_S = 5e-3  # [s] between updates of a growing air content
+DESIGN: Mapping[str, float] = {
+    "body.moving_mass_kg": 0.35, "body.bump_clearance_m": 0.055, "body.bump_stiffness_N_m": 2e5,
+    "oil.air_fraction": 0.0006, "oil.bulk_modulus_Pa": 1.6e9, "piston.blow_off_Pa": 3e7, "piston.leakage_m3_sPa": 8e-13,
+    "ces_valve.hysteresis_A": 0.001, "ces_valve.pilot_rise_s": 6e-3, "ces_valve.pilot_fall_s": 4.5e-3,
+    "reservoir.pressure_Pa": 1.6e5, "reservoir.gas_m3": 8e-5, "seal.coulomb_N": 4.0, "seal.static_N": 5.0,
+    "seal.pressure_1_Pa": 5e-8, "seal.viscous_Ns_m": 20.0, "mount.stiffness_N_m": 2e7, "mount.damping_Ns_m": 3e3,
+    "heat.capacity_J_K": 4000.0, "top_checks.compression.area_m2": 9e-5, "top_checks.compression.cracking_Pa": 4e3,
+    "top_checks.compression.full_open_Pa": 2.5e4,
+}  # fmt: skip
+VARIED: Mapping[str, float] = {
+    "piston.compression.area_m2": 0.2, "piston.compression.full_open_Pa": 0.2, "piston.bleed_area_m2": 0.2,
+    "ces_valve.area_m2": 0.2, "ces_valve.band_Pa": 0.2, "ces_valve.pilot_area_m2": 0.2,
+    "ces_valve.cracking_low_Pa": 0.15, "ces_valve.cracking_high_Pa": 0.15, "ces_valve.pilot_rise_s": 0.2,
+    "ces_valve.pilot_fall_s": 0.2, "reservoir.pressure_Pa": 0.15, "reservoir.gas_m3": 0.15, "oil.air_fraction": 0.2,
+    "seal.viscous_Ns_m": 0.3, "body.rebound_dead_m3": 0.2, "body.compression_dead_m3": 0.2,
+}  # fmt: skip
+"""What differs from one damper to the next, with the standard deviation of its logarithm."""
+WRONG: Mapping[tuple[str, ...], float] = {
+    ("piston.compression.area_m2",): 0.2, ("piston.compression.cracking_Pa",): 0.3,
+    ("piston.compression.full_open_Pa",): 0.2, ("piston.bleed_area_m2",): 0.2, ("ces_valve.area_m2",): 0.2,
+    ("ces_valve.band_Pa",): 0.2, ("ces_valve.pilot_area_m2",): 0.2, ("ces_valve.cracking_low_Pa",): 0.2,
+    ("ces_valve.cracking_high_Pa",): 0.1, ("ces_valve.saturation_A",): 0.3, ("ces_valve.pilot_rise_s",): 0.15,
+    ("ces_valve.pilot_fall_s",): 0.15, ("reservoir.pressure_Pa",): 0.1, ("reservoir.gas_m3",): 0.1,
+    ("oil.air_fraction",): 0.1, ("seal.viscous_Ns_m",): 0.4, ("seal.coulomb_N", "seal.static_N"): 0.3,
+    ("mount.stiffness_N_m",): 0.2,
+}  # fmt: skip
+"""What a simulation has wrong (what is in one key, by one factor), and the logarithm's standard deviation at size 1."""
+
+SPREADS: Mapping[str, Proportions] = {
+    "friction": {
+        "coulomb_N": log_spread(25.0, 60.0), "static": even(1.05, 1.8), "stribeck_m_s": log_spread(0.006, 0.04),
+        "bristle_N_m": log_spread(1.5e5, 1.5e6), "pressure_1_Pa": even(0.0, 1.5e-7),
+    },
+    "compressibility": {"compliance_1_Pa": log_spread(2e-10, 1e-9), "air": log_spread(5e-4, 5e-3)},
+    "mount_compliance": {"compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4)},
+    "backlash": {"play_m": log_spread(2e-4, 6e-4)},
+    "inertia": {"mass_kg": log_spread(1.5, 4.0)},
+    "gas_spring": {"pressure": even(1.0, 4.0), "volume": log_spread(0.5, 2.0), "exponent": even(1.05, 1.4)},
+    "cavitation": {
+        "choke": log_spread(0.04, 0.25), "gas_loss": log_spread(0.05, 0.25), "release": log_spread(0.5, 2.0),
+    },
+    "temperature_fade": {
+        "discharge_1_K": log_spread(0.003, 0.008), "viscosity_1_K": even(0.0, 0.01),
+        "capacity_J_K": log_spread(40.0, 150.0), "warm_K": even(0.0, 6.0),
+    },
+    "leakage": {
+        "ring_m3_sPa": log_spread(2e-12, 8e-12), "bleed_m2": even(0.0, 2e-7), "seat_m2": even(0.0, 6e-8),
+    },
+    "blow_off": {
+        "weakness": log_spread(5.0, 9.0), "area_m2": log_spread(8e-6, 2.5e-5), "band_Pa": log_spread(6e5, 3e6),
+    },
+    "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "progression_1_m": even(0.0, 120.0)},
+    "valve_lag": {"rise_s": log_spread(5e-3, 2e-2), "fall_s": log_spread(4e-3, 1.5e-2)},
+    "current_hysteresis": {"width_A": log_spread(0.012, 0.04)},
+    "groove": {"area_m2": log_spread(2e-7, 6e-7), "at_m": even(-0.012, 0.012), "width_m": log_spread(0.004, 0.01)},
+    "foaming": {"growth_1_J": log_spread(1e-6, 5e-6)},
+    "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": even(-0.01, 0.01)},
+    "sticking_check": {"adhesion_Pa": log_spread(1.5e5, 4e5)},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Hydraulic:
+    """The damper, with coefficients that no description has, and how its air content grows per joule."""
+
+    damper: Damper
+    extras: Mapping[str, float] = field(default_factory=dict)
+    foaming_1_J: float = 0.0
+
+    def run(self, interval_s: float, stroke_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
+        """Return force [N], tared at mid-stroke, coil current [A] and oil temperature [°C], each (n,)."""
+        if self.foaming_1_J > 0.0:
+            run = foamed(self, interval_s, stroke_m, current_A)
+        else:
+            run = simulate(self.damper, interval_s, stroke_m, current_A, extras=self.extras)
+        return run.force_N - rest_force(self.damper), run.state("coil_A"), run.state("oil_degC")
+
+    def without_coil(self) -> Hydraulic:
+        """Return the damper as driven with a measured coil current."""
+        return Hydraulic(put(self.damper, {"ces_valve.solenoid_s": 0.0}), self.extras, self.foaming_1_J)
+
+    def changed(self, numbers: Mapping[str, float]) -> Hydraulic:
+        """Return the damper with other numbers: by path, `extras.name`, or `foaming_1_J`."""
+        extras = {k.removeprefix("extras."): v for k, v in numbers.items() if k.startswith("extras.")}
+        paths = {k: v for k, v in numbers.items() if k in PATHS}
+        foaming = numbers.get("foaming_1_J", self.foaming_1_J)
+        return Hydraulic(put(self.damper, paths), {**self.extras, **extras}, foaming)
+
+    def number(self, path: str) -> float:
+        """Return the number at a path."""
+        return value(self.damper, path)
+
+    def description(self) -> dict[str, object]:
+        """Return what a damper's YAML file holds."""
+        return {"kind": "hydraulic", **asdict(self.damper)}
+
+
+PATHS = frozenset(paths(Damper()))
+
+
+def base(rng: np.random.Generator) -> Hydraulic:
+    """Return a drawn damper that has next to none of any effect."""
+    plain = put(Damper(), DESIGN)
+    drawn = {path: value(plain, path) * float(np.exp(s * rng.standard_normal())) for path, s in VARIED.items()}
+    return Hydraulic(put(plain, drawn))
+
+
+def foamed(plant: Hydraulic, interval_s: float, stroke_m: Array, current_A: Array) -> Run:
+    """Run a damper whose air content grows with the energy it has taken up (foam; gas coming out of solution)."""
+    stepper = Stepper(plant.damper, interval_s, STEP_S, plant.extras)
+    every = max(1, round(FOAM_EVERY_S / interval_s))
+    time = np.arange(len(stroke_m), dtype=np.float64) * interval_s
+    speed = spline_speed(time, stroke_m)
+    force, states = np.empty(len(time)), np.empty((len(time), hy.STATE_SIZE))
+    force[0] = stepper.reset(stroke_m[0], speed[0], current_A[0])
+    states[0] = stepper.state
+    air, taken_J = stepper.coefficients.air, 0.0
+    for start in range(1, len(time), every):
+        part = slice(start, start + every)
+        force[part] = stepper.advance_with_states(stroke_m[part], speed[part], current_A[part], states[part])
+        taken_J += abs(float(np.dot(force[part], speed[part]))) * interval_s
+        stepper.coefficients = stepper.coefficients._replace(air=min(air + plant.foaming_1_J * taken_J, MOST_AIR))
+    return Run(time, force, states)
+
+
+def _friction(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    seal, more = d.seal, s * p["coulomb_N"]
+    share = more / (more + seal.coulomb_N)
+    return {
+        "seal.coulomb_N": seal.coulomb_N + more,
+        "seal.static_N": seal.static_N + more * p["static"],
+        "seal.stribeck_m_s": grown(seal.stribeck_m_s, p["stribeck_m_s"], share),
+        "seal.bristle_N_m": grown(seal.bristle_N_m, p["bristle_N_m"], share),
+        "seal.pressure_1_Pa": seal.pressure_1_Pa + share * p["pressure_1_Pa"],
+    }
+
+
+def _compressibility(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    return {
+        "oil.bulk_modulus_Pa": 1.0 / (1.0 / d.oil.bulk_modulus_Pa + s * p["compliance_1_Pa"]),
+        "oil.air_fraction": d.oil.air_fraction + s * p["air"],
+    }
+
+
+def _mount_compliance(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    stiffness = 1.0 / (1.0 / d.mount.stiffness_N_m + s * p["compliance_m_N"])
+    share = 1.0 - stiffness / d.mount.stiffness_N_m
+    relaxation = grown(d.mount.damping_Ns_m / d.mount.stiffness_N_m, p["relaxation_s"], share)
+    return {"mount.stiffness_N_m": stiffness, "mount.damping_Ns_m": relaxation * stiffness}
+
+
+def _gas_spring(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    gas, least = d.reservoir, 1.1 * d.rod_area_m2 * d.body.half_stroke_m
+    return {
+        "reservoir.pressure_Pa": gas.pressure_Pa * (1.0 + s * p["pressure"]),
+        "reservoir.gas_m3": least + (gas.gas_m3 - least) / (1.0 + s * p["volume"]),
+        "reservoir.exponent": grown(gas.exponent, p["exponent"], s / (1.0 + s)),
+    }
+
+
+def _cavitation(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    return {
+        "top_checks.compression.area_m2": d.top_checks.compression.area_m2 / (1.0 + s * p["choke"]),
+        "reservoir.pressure_Pa": d.reservoir.pressure_Pa / (1.0 + s * p["gas_loss"]),
+        "oil.vapour_pressure_Pa": RELEASE_PA + (d.oil.vapour_pressure_Pa - RELEASE_PA) * exp(-s * p["release"]),
+    }
+
+
+def _temperature_fade(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    share = s / (0.1 + s)
+    return {
+        "oil.discharge_rise_1_K": d.oil.discharge_rise_1_K + s * p["discharge_1_K"],
+        "oil.viscosity_fall_1_K": d.oil.viscosity_fall_1_K + share * p["viscosity_1_K"],
+        "heat.capacity_J_K": grown(d.heat.capacity_J_K, p["capacity_J_K"], share),
+        "heat.start_degC": d.heat.start_degC + share * p["warm_K"],
+    }
+
+
+def _leakage(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    return {
+        "piston.leakage_m3_sPa": d.piston.leakage_m3_sPa + s * p["ring_m3_sPa"],
+        "piston.bleed_area_m2": d.piston.bleed_area_m2 + s * p["bleed_m2"],
+        "ces_valve.pilot_area_m2": d.ces_valve.pilot_area_m2 + s * p["seat_m2"],
+    }
+
+
+def _blow_off(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    return {
+        "piston.blow_off_Pa": d.piston.blow_off_Pa / (1.0 + s * p["weakness"]),
+        "piston.blow_off_area_m2": p["area_m2"],
+        "piston.blow_off_band_Pa": p["band_Pa"],
+    }
+
+
+def _bump_stop(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    return {
+        "body.bump_clearance_m": d.body.bump_clearance_m / (1.0 + s),
+        "body.bump_stiffness_N_m": p["stiffness_N_m"],
+        "body.bump_progression_1_m": p["progression_1_m"],
+    }
+
+
+def _valve_lag(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    return {
+        "ces_valve.pilot_rise_s": d.ces_valve.pilot_rise_s + s * p["rise_s"],
+        "ces_valve.pilot_fall_s": d.ces_valve.pilot_fall_s + s * p["fall_s"],
+    }
+
+
+def _groove(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    return {
+        "extras.groove_area": s * p["area_m2"], "extras.groove_at": p["at_m"], "extras.groove_width": p["width_m"],
+    }  # fmt: skip
+
+
+CHANGES: Mapping[str, Change] = {
+    "friction": _friction,
+    "compressibility": _compressibility,
+    "mount_compliance": _mount_compliance,
+    "backlash": lambda d, s, p: {"mount.play_m": d.mount.play_m + s * p["play_m"]},
+    "inertia": lambda d, s, p: {"body.moving_mass_kg": d.body.moving_mass_kg + s * p["mass_kg"]},
+    "gas_spring": _gas_spring,
+    "cavitation": _cavitation,
+    "temperature_fade": _temperature_fade,
+    "leakage": _leakage,
+    "blow_off": _blow_off,
+    "bump_stop": _bump_stop,
+    "valve_lag": _valve_lag,
+    "current_hysteresis": lambda d, s, p: {"ces_valve.hysteresis_A": d.ces_valve.hysteresis_A + s * p["width_A"]},
+    "groove": _groove,
+    "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_1_J"]},
+    "side_load": lambda _d, s, p: {"extras.side_load": s * p["slope_N_m"], "extras.side_at": p["at_m"]},
+    "sticking_check": lambda _d, s, p: {"extras.check_stick": s * p["adhesion_Pa"]},
+}
+
+
+def numbers(plant: Hydraulic, withheld: Withheld) -> dict[str, float]:
+    """Return the plant's physical numbers under the effect, by path."""
+    return CHANGES[withheld.name](plant.damper, withheld.severity, withheld.proportions)

@@ -1,0 +1,187 @@
+"""Valve currents for the rig: each kind is a frozen dataclass whose `samples` gives the commanded current [A].
+
+`reg1` follows the stroke; the others only need the time. `make_current` reads one from a description.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import exp, pi
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.signal import butter, lfilter, max_len_seq, sosfilt
+
+from ces_rig.descriptions import REQUIRED, build, quantity
+from ces_rig.drive.strokes import take_kind
+from ces_rig.errors import RigError
+
+Array = NDArray[np.float64]
+
+
+class Current(Protocol):
+    """A kind of current."""
+
+    def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
+        """Return the commanded current [A] at the uniform times, shape (n,)."""
+        ...
+
+
+def _current(default: Any, what: str) -> Any:
+    return quantity(default, "A", what, 0.0, 10.0)
+
+
+LOW, HIGH = 0.29, 0.70  # [A] the range of the CES valve in the thesis
+
+
+@dataclass(frozen=True)
+class ConstantCurrent:
+    """One value."""
+
+    current_A: float = _current(REQUIRED, "the current")
+
+    def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
+        """Return it everywhere."""
+        return np.full_like(time_s, self.current_A)
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A straight line from start to end."""
+
+    from_A: float = _current(LOW, "current at the start")
+    to_A: float = _current(HIGH, "current at the end")
+
+    def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
+        """Return the line."""
+        return np.linspace(self.from_A, self.to_A, len(time_s))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Levels one after the other, each held, over and over."""
+
+    levels_A: tuple[float, ...] = _current(REQUIRED, "the levels")
+    hold_s: float = quantity(1.0, "s", "how long each is held", 1e-3, 1e4)
+
+    def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
+        """Return the stairs."""
+        step = np.floor((time_s - time_s[0]) / self.hold_s + 1e-9).astype(int)
+        levels = np.asarray(self.levels_A)
+        return np.asarray(levels[step % len(levels)])
+
+
+@dataclass(frozen=True)
+class Prbs:
+    """Pseudo-random binary sequence between two levels, from a seeded start in a maximum-length sequence."""
+
+    low_A: float = _current(LOW, "lower level")
+    high_A: float = _current(HIGH, "upper level")
+    hold_s: float = quantity(0.1, "s", "shortest time between switches", 1e-3, 1e3)
+
+    def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
+        """Return the sequence (order 15: repeats after 32,767 holds)."""
+        sequence = max_len_seq(15)[0].astype(bool)
+        place = np.floor((time_s - time_s[0]) / self.hold_s + 1e-9).astype(int) + int(rng.integers(len(sequence)))
+        return np.where(sequence[place % len(sequence)], self.high_A, self.low_A)
+
+
+@dataclass(frozen=True)
+class Binary:
+    """Two levels, switched after random times (exponential beyond the shortest)."""
+
+    low_A: float = _current(LOW, "lower level")
+    high_A: float = _current(HIGH, "upper level")
+    shortest_s: float = quantity(0.05, "s", "shortest time between switches", 1e-3, 1e3)
+    mean_s: float = quantity(0.3, "s", "mean time between switches", 1e-3, 1e3)
+
+    def __post_init__(self) -> None:
+        if self.mean_s <= self.shortest_s:
+            raise RigError(f"current: mean_s {self.mean_s:g} is not above shortest_s {self.shortest_s:g}")
+
+    def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
+        """Return the switched current."""
+        count = int((time_s[-1] - time_s[0]) / self.shortest_s) + 2
+        gaps = self.shortest_s + rng.exponential(self.mean_s - self.shortest_s, count)
+        switched = np.searchsorted(np.cumsum(gaps), time_s - time_s[0])
+        return np.where(switched % 2 == 1, self.high_A, self.low_A)
+
+
+@dataclass(frozen=True)
+class FilteredNoise:
+    """Low-passed white noise, softly held inside a range."""
+
+    low_A: float = _current(LOW, "lower end")
+    high_A: float = _current(HIGH, "upper end")
+    cutoff_Hz: float = quantity(3.0, "Hz", "cutoff of the 4th-order Butterworth filter", 0.0, 100.0, above=True)
+    spread: float = quantity(0.6, "1", "standard deviation before the soft ends, over the half range", 0.0, 10.0)
+
+    def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
+        """Return the noise; the filter runs in for 3 s before."""
+        rate = 1.0 / (time_s[1] - time_s[0])
+        lead = round(3.0 * rate)
+        low_passed = sosfilt(butter(4, self.cutoff_Hz, fs=rate, output="sos"), rng.standard_normal(lead + len(time_s)))[
+            lead:
+        ]
+        middle, half = (self.high_A + self.low_A) / 2, (self.high_A - self.low_A) / 2
+        return np.asarray(middle + half * np.tanh(self.spread * low_passed / low_passed.std()))
+
+
+@dataclass(frozen=True)
+class Reg1:
+    """A controller that follows the stroke: more current in compression, less in extension, inside a range.
+
+    current = middle + half range · tanh(s), s the stroke over `stroke_m` behind a first-order lag.
+    """
+
+    low_A: float = _current(LOW, "lower end")
+    high_A: float = _current(HIGH, "upper end")
+    stroke_m: float = quantity(0.012, "m", "stroke that takes the current 76 % towards an end", 1e-4, 1.0)
+    lag_s: float = quantity(0.010, "s", "time constant of the controller's filter", 0.0, 10.0)
+
+    def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
+        """Return the controller's command."""
+        step = time_s[1] - time_s[0]
+        pole = exp(-step / self.lag_s) if self.lag_s > 0.0 else 0.0
+        start = np.asarray([pole * stroke_m[0]])
+        followed, _ = lfilter([1.0 - pole], [1.0, -pole], stroke_m, zi=start)
+        middle, half = (self.high_A + self.low_A) / 2, (self.high_A - self.low_A) / 2
+        return np.asarray(middle + half * np.tanh(followed / self.stroke_m))
+
+
+@dataclass(frozen=True)
+class SineCurrent:
+    """A sine inside a range."""
+
+    low_A: float = _current(LOW, "lower end")
+    high_A: float = _current(HIGH, "upper end")
+    frequency_Hz: float = quantity(1.0, "Hz", "frequency", 0.0, 100.0, above=True)
+
+    def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
+        """Return the sine, starting in the middle."""
+        middle, half = (self.high_A + self.low_A) / 2, (self.high_A - self.low_A) / 2
+        return np.asarray(middle + half * np.sin(2 * pi * self.frequency_Hz * time_s))
+
+
+KINDS: Mapping[str, type[Any]] = {
+    "constant": ConstantCurrent,
+    "ramp": Ramp,
+    "steps": Steps,
+    "prbs": Prbs,
+    "binary": Binary,
+    "filtered_noise": FilteredNoise,
+    "sine": SineCurrent,
+    "reg1": Reg1,
+}
+
+
+def make_current(given: object, where: str) -> Current:
+    """Return the current described by `{kind: …, its parameters}`; raises RigError."""
+    kind, settings = take_kind(given, KINDS, where)
+    made: Current = build(KINDS[kind], settings, where)
+    if getattr(made, "high_A", 1.0) <= getattr(made, "low_A", 0.0):
+        raise RigError(f"{where}: high_A is not above low_A")
+    return made

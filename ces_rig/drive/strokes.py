@@ -1,0 +1,223 @@
+"""Strokes for the rig: each kind is a frozen dataclass whose `samples` gives the position [m] on a uniform time grid.
+
+All are smooth or band-limited well below the sample rate, so that the cubic spline through the samples is the stroke.
+`make_stroke` reads one from a description; fading in and out and the offset are common to all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import pi
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
+
+from ces_rig.descriptions import REQUIRED, build, choice, quantity
+from ces_rig.drive.quarter_vehicle import road_stroke
+from ces_rig.errors import RigError
+
+Array = NDArray[np.float64]
+
+
+class Shape(Protocol):
+    """A kind of stroke."""
+
+    def samples(self, time_s: Array, rng: Generator) -> Array:
+        """Return the position [m] at the uniform times, shape (n,), before fading and offset."""
+        ...
+
+
+def _amplitude(default: Any = REQUIRED) -> Any:
+    return quantity(default, "m", "amplitude", 0.0, 0.5, above=True)
+
+
+def _frequency(default: Any = REQUIRED, what: str = "frequency") -> Any:
+    return quantity(default, "Hz", what, 0.0, 100.0, above=True)
+
+
+@dataclass(frozen=True)
+class Rest:
+    """No movement."""
+
+    def samples(self, time_s: Array, rng: Generator) -> Array:
+        """Return zeros."""
+        return np.zeros_like(time_s)
+
+
+@dataclass(frozen=True)
+class Sine:
+    """One sine."""
+
+    amplitude_m: float = _amplitude()
+    frequency_Hz: float = _frequency()
+
+    def samples(self, time_s: Array, rng: Generator) -> Array:
+        """Return the sine."""
+        return self.amplitude_m * np.sin(2 * pi * self.frequency_Hz * time_s)
+
+
+@dataclass(frozen=True)
+class SumOfSines:
+    """Several sines with seeded random phases."""
+
+    amplitudes_m: tuple[float, ...] = _amplitude()
+    frequencies_Hz: tuple[float, ...] = _frequency()
+
+    def __post_init__(self) -> None:
+        if len(self.amplitudes_m) != len(self.frequencies_Hz):
+            raise RigError(
+                f"stroke: {len(self.amplitudes_m)} amplitudes_m and {len(self.frequencies_Hz)} frequencies_Hz; "
+                "expected equal lengths"
+            )
+
+    def samples(self, time_s: Array, rng: Generator) -> Array:
+        """Return the sum."""
+        total = np.zeros_like(time_s)
+        for amplitude, frequency in zip(self.amplitudes_m, self.frequencies_Hz, strict=True):
+            total += amplitude * np.sin(2 * pi * (frequency * time_s + rng.random()))
+        return total
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Linear chirp over the whole duration; where the speed limit binds the amplitude falls as 1/frequency."""
+
+    from_Hz: float = _frequency(2.0, "frequency at the start")
+    to_Hz: float = _frequency(16.0, "frequency at the end")
+    amplitude_m: float = _amplitude(0.018)
+    speed_m_s: float = quantity(0.45, "m/s", "limit of the peak speed", 0.0, 10.0, above=True)
+
+    def samples(self, time_s: Array, rng: Generator) -> Array:
+        """Return the chirp; its phase is the integral of a frequency that grows linearly."""
+        length = time_s[-1] - time_s[0]
+        t = time_s - time_s[0]
+        frequency = self.from_Hz + (self.to_Hz - self.from_Hz) * t / length
+        phase = 2 * pi * (self.from_Hz * t + (self.to_Hz - self.from_Hz) * t**2 / (2 * length))
+        limit = self.speed_m_s / (2 * pi * frequency)
+        return np.asarray((self.amplitude_m**-4 + limit**-4) ** -0.25 * np.sin(phase))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise through a 10th-order Butterworth low-pass (thesis), scaled to its peak-to-peak value."""
+
+    peak_to_peak_m: float = quantity(0.050, "m", "largest less smallest position", 0.0, 1.0, above=True)
+    cutoff_Hz: float = _frequency(15.0, "cutoff")
+    order: int = quantity(10, "1", "order of the Butterworth filter", 1, 16)
+
+    def samples(self, time_s: Array, rng: Generator) -> Array:
+        """Return the filtered noise, centred between its extremes; the filter runs in for 2 s before."""
+        lead = round(2.0 / (time_s[1] - time_s[0]))
+        sos = butter(self.order, self.cutoff_Hz, fs=1.0 / (time_s[1] - time_s[0]), output="sos")
+        x = sosfilt(sos, rng.standard_normal(lead + len(time_s)))[lead:]
+        return np.asarray((x - (x.max() + x.min()) / 2) * self.peak_to_peak_m / np.ptp(x))
+
+
+@dataclass(frozen=True)
+class Road:
+    """Suspension stroke of a quarter vehicle on an ISO 8608 road (quarter_vehicle.py)."""
+
+    road_class: str = choice("C", "ISO 8608 road class", ("A", "B", "C", "D"))
+    vehicle_m_s: float = quantity(16.7, "m/s", "driving speed", 1.0, 60.0)
+
+    def samples(self, time_s: Array, rng: Generator) -> Array:
+        """Return the stroke, positive in compression."""
+        return road_stroke(self.road_class, self.vehicle_m_s, time_s, rng)
+
+
+@dataclass(frozen=True)
+class FrequencyModulated:
+    """A sine whose frequency swings between two values."""
+
+    amplitude_m: float = _amplitude(0.012)
+    low_Hz: float = _frequency(1.5, "lowest frequency")
+    high_Hz: float = _frequency(8.0, "highest frequency")
+    modulation_Hz: float = _frequency(0.2, "how often the frequency swings")
+
+    def samples(self, time_s: Array, rng: Generator) -> Array:
+        """Return the sine of the integrated frequency."""
+        centre, swing = (self.high_Hz + self.low_Hz) / 2, (self.high_Hz - self.low_Hz) / 2
+        modulation = 2 * pi * self.modulation_Hz
+        phase = 2 * pi * (centre * time_s - swing / modulation * np.sin(modulation * time_s))
+        return np.asarray(self.amplitude_m * np.sin(phase))
+
+
+@dataclass(frozen=True)
+class Triangle:
+    """Constant speed to and fro, with rounded corners."""
+
+    amplitude_m: float = _amplitude()
+    speed_m_s: float = quantity(REQUIRED, "m/s", "speed between the corners", 0.0, 10.0, above=True)
+    corner_s: float = quantity(0.02, "s", "duration of a corner", 1e-3, 1.0)
+
+    def samples(self, time_s: Array, rng: Generator) -> Array:
+        """Return the triangle, starting upwards from 0, smoothed by a raised-cosine window."""
+        step = time_s[1] - time_s[0]
+        half = max(1, round(self.corner_s / step / 2))
+        t = np.arange(-half, len(time_s) + half) * step + time_s[0]
+        turn = 4 * self.amplitude_m / self.speed_m_s
+        triangle = self.amplitude_m * (4 * np.abs((t / turn - 0.25) % 1.0 - 0.5) - 1.0)
+        window = np.hanning(2 * half + 3)[1:-1]
+        return np.convolve(triangle, window / window.sum(), mode="valid")
+
+
+KINDS: Mapping[str, type[Any]] = {
+    "rest": Rest,
+    "sine": Sine,
+    "sum_of_sines": SumOfSines,
+    "sweep": Sweep,
+    "noise": Noise,
+    "road": Road,
+    "frequency_modulated": FrequencyModulated,
+    "triangle": Triangle,
+}
+
+
+@dataclass(frozen=True)
+class Common:
+    """What every stroke has besides its kind."""
+
+    offset_m: float = quantity(0.0, "m", "position around which the stroke moves", -0.5, 0.5)
+    fade_s: float = quantity(0.5, "s", "duration of the smooth fade at either end", 0.0, 60.0)
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A shape with its common settings."""
+
+    shape: Shape
+    common: Common
+
+    def samples(self, time_s: Array, rng: Generator) -> Array:
+        """Return the position [m] at the uniform times, shape (n,)."""
+        faded = self.shape.samples(time_s, rng) * fade(time_s, self.common.fade_s)
+        return self.common.offset_m + faded
+
+
+def make_stroke(given: object, where: str) -> Stroke:
+    """Return the stroke described by `{kind: …, its parameters, offset_m, fade_s}`; raises RigError."""
+    kind, settings = take_kind(given, KINDS, where)
+    common = {key: settings.pop(key) for key in ("offset_m", "fade_s") if key in settings}
+    return Stroke(build(KINDS[kind], settings, where), build(Common, common, where))
+
+
+def take_kind(given: object, kinds: Mapping[str, object], where: str) -> tuple[str, dict[str, Any]]:
+    """Split a description into its `kind`, one of `kinds`, and the other settings; raises RigError."""
+    if not isinstance(given, Mapping) or given.get("kind") not in kinds:
+        found = repr(given.get("kind")) if isinstance(given, Mapping) else repr(given)
+        raise RigError(f"{where}: kind is {found}; expected one of {', '.join(kinds)}")
+    settings = dict(given)
+    return settings.pop("kind"), settings
+
+
+def fade(time_s: Array, fade_s: float) -> Array:
+    """Return a factor that rises from 0 to 1 within `fade_s` and falls back at the end, twice differentiable."""
+    if fade_s == 0.0:
+        return np.ones_like(time_s)
+    distance = np.minimum(time_s - time_s[0], time_s[-1] - time_s)
+    u = np.clip(distance / fade_s, 0.0, 1.0)
+    return np.asarray(u**3 * (10.0 + u * (6.0 * u - 15.0)))

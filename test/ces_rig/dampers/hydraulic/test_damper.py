@@ -1,0 +1,97 @@
+"""Damper descriptions: the packaged file holds the defaults, parts may be given alone, mistakes cost one clear line."""
+
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from ces_rig.dampers.hydraulic.coefficients import coefficients
+from ces_rig.dampers.hydraulic.parameter_table import as_markdown, as_yaml, number, rows
+from ces_rig.dampers.hydraulic.parameters import Damper, damper_from, load_damper
+from ces_rig.errors import RigError
+
+PACKAGED = Path(str(files("ces_rig.dampers.hydraulic"))) / "damper.yaml"
+
+
+def test_the_packaged_file_is_the_default_damper():
+    assert load_damper(PACKAGED) == Damper()
+    assert PACKAGED.read_text(encoding="utf-8") == as_yaml()
+
+
+def test_one_key_of_a_check_valve_may_be_given_alone():
+    damper = damper_from({"top_checks": {"compression": {"closing_s": 0.004}}}, "x")
+    assert damper.top_checks.compression.closing_s == 0.004
+    assert damper.top_checks.compression.area_m2 == Damper().top_checks.compression.area_m2
+    assert damper.piston == Damper().piston
+
+
+def test_every_parameter_reaches_the_kernel():
+    base = coefficients(Damper())
+    special = {"half_stroke_m", "start_degC"}  # start: in the state; half stroke: below
+    for row in rows():
+        if row.path[-1] in special:
+            continue
+        value = row.value * 1.01 if row.value else 0.5 * row.high
+        mapping = value
+        for key in reversed(row.path):
+            mapping = {key: mapping}
+        assert coefficients(damper_from(mapping, "x")) != base, row.path
+    assert coefficients(damper_from({"body": {"half_stroke_m": 0.05}}, "x")) != base
+
+
+def test_every_parameter_has_a_unit_and_lies_inside_its_range():
+    for row in rows():
+        assert row.unit and row.what and row.low <= row.value <= row.high, row.path
+        assert f"`{'.'.join(row.path)}` | {row.value:g} | {row.unit}" in as_markdown()
+
+
+@pytest.mark.parametrize("value", [1e6, 0.5, 3e-5, 12.0, -4.0])
+def test_numbers_survive_yaml(value):
+    import yaml
+
+    assert yaml.safe_load(number(value)) == value
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"cylinder": {}}, "unknown key 'cylinder'; known are body"),
+        ({"seal": {"coulomb": 3}}, "seal: unknown key 'coulomb'; known are coulomb_N"),
+        ({"reservoir": {"gas_m3": -1e-5}}, r"reservoir: gas_m3 is -1e-05; expected a number from 1e-06 to 0.01 m³"),
+        ({"oil": {"density_kg_m3": "thick"}}, "oil: density_kg_m3 is 'thick'; expected a number from 500"),
+        ({"oil": {"air_fraction": float("nan")}}, "air_fraction is nan"),
+        ({"oil": {"air_fraction": True}}, "air_fraction is True"),
+        ({"body": 3}, "body: expected a mapping"),
+        ({"body": {"rod_m": 0.05}}, "rod_m 0.05 is not smaller than bore_m 0.036"),
+        ({"reservoir": {"gas_m3": 1e-5}}, "cannot take up the rod's volume"),
+        ({"ces_valve": {"current_high_A": 0.2}}, "current_high_A is not above"),
+        ({"ces_valve": {"cracking_high_Pa": 1e5}}, "cracking_high_Pa is below"),
+        ({"seal": {"static_N": 5.0}}, "static_N 5 is below coulomb_N 28"),
+        ({"piston": {"compression": {"full_open_Pa": 2e4}}}, "piston: compression: full_open_Pa 20000 is not above"),
+    ],
+)
+def test_mistakes_are_one_line(given, says):
+    with pytest.raises(RigError, match=says) as caught:
+        damper_from(given, "d.yaml")
+    assert str(caught.value).startswith("d.yaml: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_words_that_are_numbers_are_taken(tmp_path):
+    path = tmp_path / "d.yaml"
+    path.write_text("reservoir: {pressure_Pa: 8e5}\n")  # YAML 1.1 reads 8e5 as a word
+    assert load_damper(path).reservoir.pressure_Pa == 8e5
+
+
+@pytest.mark.parametrize("text", ["- 1\n", "a: [", "\tx: 1", ""])
+def test_files_that_are_no_mapping(tmp_path, text):
+    path = tmp_path / "d.yaml"
+    path.write_text(text)
+    with pytest.raises(RigError, match=r"d\.yaml: ") as caught:
+        load_damper(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_documentation_has_the_table():
+    page = Path(__file__).parents[4] / "docs" / "rig.md"
+    assert as_markdown() in page.read_text(encoding="utf-8")

@@ -1,0 +1,99 @@
+"""Currents stay inside their ranges, keep their times, and reg1 follows the stroke."""
+
+import numpy as np
+import pytest
+
+from ces_rig.drive.currents import KINDS, make_current
+from ces_rig.errors import RigError
+
+STEP = 1e-3
+TIME = np.arange(0, 20, STEP)
+STROKE = 0.018 * np.sin(2 * np.pi * 2 * TIME)
+EXAMPLES = [
+    {"kind": "constant", "current_A": 0.5},
+    {"kind": "ramp"},
+    {"kind": "steps", "levels_A": [0.29, 0.5, 0.7]},
+    {"kind": "prbs"},
+    {"kind": "binary"},
+    {"kind": "filtered_noise"},
+    {"kind": "sine"},
+    {"kind": "reg1"},
+]
+
+
+def samples(given, seed=1):
+    return make_current(given, "x.yaml: current").samples(TIME, STROKE, np.random.default_rng(seed))
+
+
+def test_examples_cover_every_kind():
+    assert {e["kind"] for e in EXAMPLES} == set(KINDS)
+
+
+@pytest.mark.parametrize("given", EXAMPLES, ids=lambda e: e["kind"])
+def test_every_kind_is_seeded_and_inside_the_range(given):
+    current = samples(given)
+    assert current.shape == TIME.shape
+    assert np.array_equal(current, samples(given))
+    assert 0.29 <= current.min() <= current.max() <= 0.70
+
+
+@pytest.mark.parametrize("kind", ["prbs", "binary", "filtered_noise"])
+def test_random_kinds_differ_by_seed(kind):
+    assert not np.array_equal(samples({"kind": kind}, 1), samples({"kind": kind}, 2))
+
+
+def test_steps_are_held():
+    current = samples({"kind": "steps", "levels_A": [0.3, 0.6], "hold_s": 2.0})
+    assert current[TIME < 1.999] == pytest.approx(0.3)
+    assert current[(TIME > 2.001) & (TIME < 3.999)] == pytest.approx(0.6)
+    assert current[(TIME > 4.001) & (TIME < 5.999)] == pytest.approx(0.3)
+
+
+def switch_gaps(current):
+    return np.diff(TIME[1:][np.diff(current) != 0])
+
+
+def test_prbs_switches_at_multiples_of_its_hold():
+    gaps = switch_gaps(samples({"kind": "prbs", "hold_s": 0.1}))
+    assert len(gaps) > 50
+    assert gaps / 0.1 == pytest.approx(np.round(gaps / 0.1), abs=0.03)
+
+
+def test_binary_holds_at_least_its_shortest_time():
+    gaps = switch_gaps(samples({"kind": "binary", "shortest_s": 0.05, "mean_s": 0.2}))
+    assert gaps.min() >= 0.05 - 2 * STEP
+    assert gaps.mean() == pytest.approx(0.2, rel=0.25)
+
+
+def test_filtered_noise_uses_its_range_and_its_band():
+    current = samples({"kind": "filtered_noise", "cutoff_Hz": 2.0})
+    assert np.ptp(current) > 0.25
+    power = np.abs(np.fft.rfft(current - current.mean())) ** 2
+    frequency = np.fft.rfftfreq(len(TIME), STEP)
+    assert power[frequency > 6].sum() < 0.01 * power.sum()
+
+
+def test_reg1_follows_the_stroke_with_a_small_lag():
+    current = samples({"kind": "reg1", "lag_s": 0.01})
+    lags = np.arange(0, 100)
+    steady = slice(1000, -1000)
+    likeness = [np.corrcoef(np.roll(STROKE, lag)[steady], current[steady])[0, 1] for lag in lags]
+    assert max(likeness) > 0.98
+    assert lags[int(np.argmax(likeness))] == pytest.approx(10, abs=3)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"kind": "reg2"}, "kind is 'reg2'; expected one of constant"),
+        ({"kind": "constant"}, "'current_A' is missing"),
+        ({"kind": "constant", "current_A": -0.1}, "current_A is -0.1; expected a number from 0 to 10 A"),
+        ({"kind": "binary", "low_A": 0.7, "high_A": 0.3}, "high_A is not above low_A"),
+        ({"kind": "binary", "mean_s": 0.01}, "mean_s 0.01 is not above shortest_s"),
+        ({"kind": "steps", "levels_A": []}, "expected a list of numbers"),
+        ({"kind": "steps", "levels_A": [0.3, "x"]}, "levels_A is 'x'"),
+    ],
+)
+def test_mistakes_are_one_line(given, says):
+    with pytest.raises(RigError, match=says):
+        make_current(given, "x.yaml: current")

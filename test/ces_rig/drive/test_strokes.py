@@ -1,0 +1,119 @@
+"""Strokes: amplitudes, frequencies and spectra are what the description says; all are smooth and seeded."""
+
+import numpy as np
+import pytest
+from scipy.signal import hilbert, welch
+
+from ces_rig.drive.strokes import KINDS, fade, make_stroke
+from ces_rig.errors import RigError
+
+STEP = 0.5e-3
+TIME = np.arange(0, 30 + STEP / 2, STEP)
+EXAMPLES = [
+    {"kind": "rest"},
+    {"kind": "sine", "amplitude_m": 0.01, "frequency_Hz": 4},
+    {"kind": "sum_of_sines", "amplitudes_m": [0.01, 0.002], "frequencies_Hz": [1, 11.5]},
+    {"kind": "sweep"},
+    {"kind": "noise"},
+    {"kind": "road"},
+    {"kind": "frequency_modulated"},
+    {"kind": "triangle", "amplitude_m": 0.02, "speed_m_s": 0.1},
+]
+
+
+def samples(given, seed=1, time=TIME):
+    return make_stroke(given, "x.yaml: stroke").samples(time, np.random.default_rng(seed))
+
+
+def test_examples_cover_every_kind():
+    assert {e["kind"] for e in EXAMPLES} == set(KINDS)
+
+
+@pytest.mark.parametrize("given", EXAMPLES, ids=lambda e: e["kind"])
+def test_every_kind_is_seeded_smooth_and_starts_at_rest(given):
+    x = samples({**given, "offset_m": 0.003})
+    assert np.array_equal(x, samples({**given, "offset_m": 0.003}))
+    assert abs(x[0] - 0.003) < 1e-12
+    assert abs(x[-1] - 0.003) < 1e-12
+    assert abs(x[1] - x[0]) / STEP < 1e-3
+    coarse = np.interp(TIME, TIME[::2], x[::2])  # nothing between the samples of a 1 kHz sensor
+    assert np.abs(coarse - x).max() < 20e-6
+
+
+@pytest.mark.parametrize("kind", ["sum_of_sines", "noise", "road"])
+def test_random_kinds_differ_by_seed(kind):
+    given = next(e for e in EXAMPLES if e["kind"] == kind)
+    assert not np.allclose(samples(given, 1), samples(given, 2))
+
+
+def test_sine():
+    x = samples({"kind": "sine", "amplitude_m": 0.018, "frequency_Hz": 4, "fade_s": 0})
+    assert x == pytest.approx(0.018 * np.sin(8 * np.pi * TIME))
+
+
+def test_sweep_runs_through_its_frequencies_within_its_speed():
+    x = samples({"kind": "sweep", "from_Hz": 2, "to_Hz": 16, "amplitude_m": 0.018, "speed_m_s": 0.45, "fade_s": 0})
+    frequency = np.gradient(np.unwrap(np.angle(hilbert(x)))) / (2 * np.pi * STEP)
+    for at, expected in ((5.0, 2 + 14 / 6), (15.0, 9.0), (25.0, 2 + 14 * 25 / 30)):
+        near = np.abs(TIME - at) < 0.25
+        assert frequency[near].mean() == pytest.approx(expected, rel=0.01)
+    assert np.abs(np.gradient(x, STEP)).max() < 0.46
+    early, late = np.abs(x[TIME < 2]).max(), np.abs(x[TIME > 28]).max()
+    assert 0.016 < early < 0.018
+    assert late == pytest.approx(0.45 / (2 * np.pi * 16), rel=0.08)
+
+
+def test_noise_has_its_span_and_the_spectrum_of_its_filter():
+    x = samples({"kind": "noise", "peak_to_peak_m": 0.050, "cutoff_Hz": 15, "order": 10, "fade_s": 0})
+    assert np.ptp(x) == pytest.approx(0.050)
+    frequency, density = welch(x, 1 / STEP, nperseg=4000)
+    level = density[(frequency > 2) & (frequency < 12)].mean()
+    filtered = 1 / (1 + (22.0 / 15.0) ** 20)  # Butterworth's own law
+    assert np.interp(15.0, frequency, density) == pytest.approx(level / 2, rel=0.35)
+    assert np.interp(22.0, frequency, density) < 5 * level * filtered
+    assert density[frequency > 30].max() < 1e-4 * level
+
+
+def test_triangle_has_constant_speed_between_rounded_corners():
+    x = samples({"kind": "triangle", "amplitude_m": 0.02, "speed_m_s": 0.1, "fade_s": 0})
+    speed = np.gradient(x, STEP)
+    assert (np.abs(np.abs(speed) - 0.1) < 1e-6).mean() > 0.9
+    assert np.abs(np.gradient(speed, STEP)).max() < 2 * 0.2 / 0.02
+    assert 0.019 < x.max() < 0.02
+
+
+def test_frequency_modulation_swings_between_its_frequencies():
+    x = samples({"kind": "frequency_modulated", "low_Hz": 1.5, "high_Hz": 8, "modulation_Hz": 0.2, "fade_s": 0})
+    frequency = np.gradient(np.unwrap(np.angle(hilbert(x))))[2000:-2000] / (2 * np.pi * STEP)
+    assert np.percentile(frequency, 2) == pytest.approx(1.5, abs=0.3)
+    assert np.percentile(frequency, 98) == pytest.approx(8.0, abs=0.3)
+
+
+def test_fade_is_twice_differentiable():
+    factor = fade(TIME, 0.5)
+    assert factor[0] == factor[-1] == 0.0
+    assert factor[len(factor) // 2] == 1.0
+    acceleration = np.gradient(np.gradient(factor, STEP), STEP)
+    assert np.abs(np.diff(acceleration)).max() < 0.02 * np.abs(acceleration).max()
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"kind": "sinus"}, "kind is 'sinus'; expected one of rest, sine"),
+        ({}, "kind is None"),
+        ("sine", "kind is 'sine'; expected one of"),
+        ({"kind": "sine", "amplitude_m": 0.01}, "'frequency_Hz' is missing; expected a number above 0 to 100 Hz"),
+        ({"kind": "sine", "amplitude_m": 0, "frequency_Hz": 4}, "amplitude_m is 0; expected a number above 0"),
+        ({"kind": "sine", "amplitude_m": 0.01, "frequency_Hz": 4, "phase": 1}, "unknown key 'phase'"),
+        ({"kind": "road", "road_class": "E"}, "road_class is 'E'; expected one of A, B, C, D"),
+        ({"kind": "noise", "order": 2.5}, "order is 2.5; expected a whole number"),
+        ({"kind": "noise", "fade_s": -1}, "fade_s is -1"),
+        ({"kind": "sum_of_sines", "amplitudes_m": [0.01], "frequencies_Hz": [1, 2]}, "expected equal lengths"),
+        ({"kind": "sum_of_sines", "amplitudes_m": 0.01, "frequencies_Hz": [1]}, "expected a list of numbers"),
+    ],
+)
+def test_mistakes_are_one_line(given, says):
+    with pytest.raises(RigError, match=says) as caught:
+        make_stroke(given, "x.yaml: stroke")
+    assert "\n" not in str(caught.value)

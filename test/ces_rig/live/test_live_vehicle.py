@@ -1,0 +1,122 @@
+"""The quarter vehicle obeys its equations with a real damper in it, and survives roads no damper was made for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ces_rig.dampers.bouc_wen.parameters import BoucWen
+from ces_rig.dampers.lumped import Lumped
+from ces_rig.drive.quarter_vehicle import QuarterVehicle
+from ces_rig.errors import RigError
+from ces_rig.live import vehicle as qv
+from ces_rig.live.description import Description
+from ces_rig.live.plant import LivePlant
+from ces_rig.live.rig import LiveRig, Settings
+from ces_rig.live.vehicle import Vehicle
+
+GRID = 0.5e-3
+WEIGHT_N = (145.0 + 17.0) * 9.81
+
+
+def ridden(plant: LivePlant, heights: np.ndarray, current: float) -> np.ndarray:
+    """Return the motion after each grid interval, shape (n, MOTION_SIZE)."""
+    motion, numbers = np.zeros(qv.MOTION_SIZE), qv.numbers_of(Vehicle(), 0.06)
+    plant.settle(0.0, 0.0, current)
+    out = []
+    for height in heights:
+        plant.ride(numbers, motion, np.array([height]), current)
+        out.append(motion.copy())
+    return np.array(out)
+
+
+def wavy(seconds: float) -> np.ndarray:
+    time = np.arange(0, seconds, GRID) + GRID
+    return 0.012 * np.clip(time, 0, 1) ** 2 * (np.sin(2 * np.pi * 1.3 * time) + 0.5 * np.sin(2 * np.pi * 9 * time))
+
+
+@pytest.mark.parametrize("kind", ["hydraulic", "bouc_wen", "calibration"])
+def test_at_rest_it_stays_at_rest(tmp_path, kind):
+    (tmp_path / "rig.yaml").write_text(f"kind: {kind}")
+    settings = Settings(drive="vehicle", damper=str(tmp_path / "rig.yaml"), vehicle=Vehicle(speed_m_s=0.0), noise=0.0)
+    rig = LiveRig(settings)
+    samples = [rig.tick() for _ in range(1000)]
+    assert max(abs(s.position_m) for s in samples) < 1e-4
+    assert max(abs(s.force_N) for s in samples) < 2.0
+    assert max(abs(s.body_m_s2) for s in samples) < 0.02
+    assert samples[-1].tyre_N == pytest.approx(WEIGHT_N, abs=5.0)
+
+
+def test_with_a_linear_damper_it_moves_as_the_linear_vehicle():
+    """An MR damper without yield on stiff fluid is a dashpot; its stroke is then the linear response to the road."""
+    dashpot = BoucWen(
+        yield_N=0.0, yield_N_A=0.0, viscous_Ns_m=1400.0, viscous_Ns_mA=0.0, series_Ns_m=1e8, inner_N_m=0.0,
+        fluid_N_m=1e8, seal_N=0.0, rod_m2=1e-6, gas_Pa=1.1e5, mount_N_m=1e8, mount_Ns_m=1e4, mass_kg=0.05,
+    )  # fmt: skip
+    plant = LivePlant(Description("bouc_wen", Lumped("bouc_wen", dashpot)), GRID, 1, 5e-5)
+    time = np.arange(0, 4, GRID) + GRID
+    for frequency in (1.5, 4.0, 12.0):
+        amplitude = 0.004
+        stroke = ridden(plant, amplitude * np.sin(2 * np.pi * frequency * time), 0.0)[:, qv.STROKE]
+        response = QuarterVehicle().stroke_response(np.array([frequency]))[0]
+        expected = amplitude * np.imag(response * np.exp(2j * np.pi * frequency * time))
+        late = time > 3.0
+        assert stroke[late] == pytest.approx(expected[late], abs=0.02 * np.abs(expected[late]).max())
+
+
+@pytest.mark.parametrize("step_s", [1e-4, 5e-5])
+def test_finer_steps_change_little(step_s):
+    fine, rough = (ridden(LivePlant(Description(), GRID, 1, step), wavy(3.0), 0.5) for step in (step_s / 2, step_s))
+    for which in (qv.STROKE, qv.FORCE, qv.TYRE):
+        error = np.sqrt(np.mean((rough[:, which] - fine[:, which]) ** 2))
+        assert 0.0 < error < 0.01 * fine[:, which].std()
+
+
+def test_energy_that_the_road_puts_in_warms_the_damper():
+    """What body and wheel have lost at the end is what dampers took: nothing comes from nowhere."""
+    plant = LivePlant(Description(), GRID, 1)
+    heights = wavy(6.0)
+    motion = ridden(plant, heights, 0.5)
+    rate = np.diff(heights, prepend=0.0) / GRID
+    tyre = motion[:, qv.TYRE] - WEIGHT_N
+    put_in = np.sum(tyre * rate) * GRID
+    damper = np.sum(motion[:, qv.FORCE] * motion[:, qv.STROKE_SPEED]) * GRID
+    in_tyre = 250.0 * np.sum((rate - motion[:, qv.WHEEL_SPEED]) ** 2) * GRID
+    assert damper > 50.0
+    assert damper + in_tyre == pytest.approx(put_in, rel=0.1)
+
+
+def test_a_firmer_valve_strokes_less():
+    soft, firm = (ridden(LivePlant(Description(), GRID, 1), wavy(4.0), current) for current in (0.29, 0.7))
+    assert firm[:, qv.STROKE].std() < 0.8 * soft[:, qv.STROKE].std()
+
+
+@pytest.mark.parametrize("rate_hz", [200, 2000])
+def test_the_worst_road_stays_between_the_dampers_ends(rate_hz):
+    rig = LiveRig(
+        Settings(drive="vehicle", vehicle=Vehicle(road_class="H", speed_m_s=60.0), noise=0.0, rate_hz=rate_hz)
+    )
+    samples = [rig.tick() for _ in range(5 * rate_hz)]
+    stroke = np.array([s.position_m for s in samples])
+    assert np.isfinite([(s.force_N, s.body_m_s2, s.tyre_N) for s in samples]).all()
+    assert np.abs(stroke).max() == pytest.approx(0.059, abs=1e-9)
+    assert rig.motion[qv.BLOWS] > 0
+    assert min(s.tyre_N for s in samples) == 0.0  # the wheel leaves the road, and is never pulled down
+
+
+def test_a_blow_keeps_momentum_and_takes_energy():
+    b = qv.VehicleNumbers(*qv.numbers_of(Vehicle(), 0.06))
+    motion = np.zeros(qv.MOTION_SIZE)
+    motion[qv.WHEEL], motion[qv.BODY_SPEED], motion[qv.WHEEL_SPEED] = 0.0605, -1.0, 3.0
+    before = 145.0 * -1.0 + 17.0 * 3.0
+    centre = 17.0 * 0.0605 / 162.0
+    qv.end_of_stroke(b, motion)
+    assert 145.0 * motion[qv.BODY_SPEED] + 17.0 * motion[qv.WHEEL_SPEED] == pytest.approx(before)
+    assert motion[qv.WHEEL_SPEED] == motion[qv.BODY_SPEED]
+    assert motion[qv.WHEEL] - motion[qv.BODY] == pytest.approx(0.059)
+    assert (145.0 * motion[qv.BODY] + 17.0 * motion[qv.WHEEL]) / 162.0 == pytest.approx(centre)
+
+
+def test_a_stop_beyond_the_damper_is_refused():
+    with pytest.raises(RigError, match=r"stop_clearance_m 0\.06 is not below"):
+        LiveRig(Settings(vehicle=replace(Vehicle(), stop_clearance_m=0.06)))

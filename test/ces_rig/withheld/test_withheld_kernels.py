@@ -1,0 +1,115 @@
+"""The MR and the ER damper's kernels: they agree with their slow twins, converge, and remember what they should."""
+
+from dataclasses import replace
+
+import lumped_twins
+import numpy as np
+import pytest
+
+from ces_rig.dampers.bouc_wen import parameters as bouc_wen
+from ces_rig.dampers.bouc_wen.parameters import BoucWen
+from ces_rig.dampers.polyviscous import parameters as polyviscous
+from ces_rig.dampers.polyviscous.parameters import Polyviscous
+from ces_rig.errors import RigError
+
+GRID = 0.5e-3
+KINDS = [BoucWen, Polyviscous]
+
+
+def drive(high_A, seconds=1.0, amplitude=0.02, frequency=3.0):
+    time = np.arange(0, seconds, GRID)
+    rise = np.clip(time / 0.1, 0, 1)
+    stroke = amplitude * rise**2 * (3 - 2 * rise) * np.sin(2 * np.pi * frequency * time)
+    return time, stroke, high_A * (0.5 + 0.4 * np.sin(2 * np.pi * 4.3 * time))
+
+
+def relative_rms(a, b):
+    return np.sqrt(np.mean((a - b) ** 2)) / np.std(b)
+
+
+MR = (
+    {},
+    {"fluid_N_m": 2e6, "fluid_rebound": 1.5, "bypass_m_Ns": 5e-5},
+    {"seal_N": 60.0, "mass_kg": 4.0, "mount_N_m": 2e6},
+    {"stop_clearance_m": 0.015, "stop_progression_1_m": 80.0, "fade_yield_1_K": 0.01, "heat_J_K": 20.0},
+)
+ER = (
+    {},
+    {"oil_N_m": 2e6, "air_m": 2e-4, "bypass_m_sN": 1e-3},
+    {"seal_N": 60.0, "mass_kg": 4.0, "mount_N_m": 3e6, "mount_stiffening": 1.0},
+    {"relief_N": 500.0, "fade_1_K": 0.01, "heat_J_K": 20.0, "gas_s": 0.2},
+)
+
+
+@pytest.mark.parametrize("changes", MR)
+def test_the_mr_damper_agrees_with_its_twin(changes):
+    damper = BoucWen(**changes)
+    _, stroke, current = drive(1.6, 0.25)
+    force = damper.run(GRID, stroke, current)[0]
+    assert relative_rms(force[1:], lumped_twins.bouc_wen(damper, stroke, current, GRID)) < 0.01
+
+
+@pytest.mark.parametrize("changes", ER)
+def test_the_er_damper_agrees_with_its_twin(changes):
+    damper = Polyviscous(**changes)
+    _, stroke, current = drive(4.0, 0.25)
+    force = damper.run(GRID, stroke, current)[0]
+    assert relative_rms(force[1:], lumped_twins.polyviscous(damper, stroke, current, GRID)) < 0.01
+
+
+@pytest.mark.parametrize(("module", "kind", "high"), [(bouc_wen, BoucWen, 1.6), (polyviscous, Polyviscous, 4.0)])
+def test_half_the_step_gives_the_same_force(module, kind, high, monkeypatch):
+    _, stroke, current = drive(high)
+    force = kind().run(GRID, stroke, current)[0]
+    monkeypatch.setattr(module, "STEP_S", 0.5 * module.STEP_S)
+    assert 0.0 < relative_rms(force, kind().run(GRID, stroke, current)[0]) < 0.01
+
+
+@pytest.mark.parametrize(("kind", "high"), [(BoucWen, 1.6), (Polyviscous, 4.0)])
+def test_more_field_damps_more_and_at_rest_nothing_but_gas_pushes(kind, high):
+    _, stroke, _ = drive(high)
+    energy = [
+        float(np.dot(kind().run(GRID, stroke, np.full_like(stroke, share * high))[0], np.gradient(stroke)))
+        for share in (0.1, 0.5, 1.0)
+    ]
+    assert 0 < energy[0] < 0.8 * energy[1] < 0.8 * energy[2]
+    still = np.full(2000, 0.01)
+    force = kind().run(GRID, still, np.full(2000, high))[0]
+    assert force[-1] > 0 and force[-1] == pytest.approx(force[1000], abs=1.0)
+
+
+def test_the_mr_dampers_coil_lags_and_can_be_left_out():
+    _, stroke, current = drive(1.6)
+    coil = BoucWen(coil_s=5e-3).run(GRID, stroke, current)[1]
+    assert relative_rms(coil, current) > 0.05
+    bare = BoucWen(coil_s=5e-3).without_coil().run(GRID, stroke, current)[1]
+    assert np.abs(bare - current).max() < 2e-3  # half a step of the integrator
+
+
+def test_remanence_keeps_the_field_behind_the_current_both_ways():
+    time = np.arange(0, 4, GRID)
+    stroke = 0.01 * np.sin(2 * np.pi * 5 * time)
+    ramp = 0.4 + 0.6 * (1 - np.abs(time - 2) / 2)  # up, then down
+    slow = replace(BoucWen(), field_s=0.0, coil_s=0.0)
+    looped = replace(slow, remanence_A=0.1)
+    gap = np.abs(looped.run(GRID, stroke, ramp)[0]) - np.abs(slow.run(GRID, stroke, ramp)[0])
+    up, down = (time > 0.8) & (time < 1.9), (time > 2.8) & (time < 3.9)
+    assert gap[up].mean() < -15 < 15 < gap[down].mean()
+
+
+def test_a_starved_foot_valve_delays_compression_after_fast_rebound():
+    time = np.arange(0, 1.0, GRID)
+    stroke = 0.03 * np.cos(2 * np.pi * 3 * np.maximum(time - 0.2, 0))  # rebound first, compression from 0.367 s on
+    current = np.full_like(time, 2.0)
+    full = Polyviscous().run(GRID, stroke, current)[0]
+    starved = Polyviscous(foot_m_s=0.3).run(GRID, stroke, current)[0]
+    rebound, turned, later = (time > 0.22) & (time < 0.36), (time > 0.37) & (time < 0.38), (time > 0.44) & (time < 0.5)
+    assert np.abs(starved - full)[rebound].max() < 1.0
+    assert (full - starved)[turned].min() > 100
+    assert np.abs(starved - full)[later].max() < 1.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_gas_too_small_is_refused(kind):
+    with pytest.raises(RigError, match="cannot take up the rod's volume"):
+        kind(gas_m3=1e-6)

@@ -1,0 +1,182 @@
+"""What withheld effects do is what their physics says, on each plant that has them."""
+
+import numpy as np
+import pytest
+
+from ces_rig.dampers.effects import scaled
+from ces_rig.dampers.hydraulic.stepper import simulate
+from ces_rig.experiment import GRID_S
+from ces_rig.withheld.plants import KINDS, PLANTS, draw, draw_plant, gap_N, physical, signals
+from ces_rig.withheld.scaling import scale_to
+
+FREQUENCY = 2.0
+
+
+def sine(amplitude=0.02, frequency=FREQUENCY, seconds=1.5, share=0.5, kind="bouc_wen"):
+    time = np.arange(round(seconds / GRID_S)) * GRID_S
+    rise = np.clip(time / 0.25, 0, 1)
+    low, high = plant_of(kind).current_A
+    stroke = amplitude * rise**2 * (3 - 2 * rise) * np.sin(2 * np.pi * frequency * time)
+    return time, stroke, np.full_like(time, low + share * (high - low))
+
+
+def plant_of(kind):
+    return draw_plant(kind, np.random.default_rng(3))
+
+
+def added(kind, name, severity, inputs, seed=1):
+    """Force [N] with the effect less that without, after the start."""
+    plant = plant_of(kind)
+    effect = scaled(draw(kind, name, np.random.default_rng(seed)), severity)
+    return (signals(plant, [effect], *inputs).force_N - signals(plant, (), *inputs).force_N), physical(plant, effect)
+
+
+def projected(values, part):
+    return float(np.dot(values, part) / np.dot(part, part))
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_a_mass_adds_mass_times_acceleration(kind):
+    inputs = sine(kind=kind)
+    force, numbers = added(kind, "inertia", 1.0, inputs)
+    acceleration = np.gradient(np.gradient(inputs[1], GRID_S), GRID_S)
+    mass = next(value for name, value in numbers.items() if "mass" in name)
+    settled = inputs[0] > 0.5
+    extra = mass - plant_of(kind).model.number("body.moving_mass_kg" if kind == "hydraulic" else "mass_kg")
+    assert projected(force[settled], acceleration[settled]) == pytest.approx(extra, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_friction_opposes_the_motion_and_a_leak_yields_to_it(kind):
+    inputs = sine(kind=kind)
+    settled = inputs[0] > 0.5
+    speed = np.gradient(inputs[1], GRID_S)
+    moving = settled & (np.abs(speed) > 0.1)
+    force, _ = added(kind, "friction", 1.0, inputs)
+    assert 15 < (force * np.sign(speed))[moving].mean() < 120
+    force, _ = added(kind, "leakage", 1.0, inputs)
+    assert (force * np.sign(speed))[moving].mean() < -10
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_play_lets_the_force_dwell_at_nothing_after_each_reversal(kind):
+    inputs = sine(amplitude=0.01, kind=kind)
+    plant = plant_of(kind)
+    play = scaled(draw(kind, "backlash", np.random.default_rng(1)), 3.0)
+    with_play, without = (signals(plant, effects, *inputs).force_N for effects in ([play], ()))
+    number = plant.model.number
+    area = plant.model.damper.rod_area_m2 if kind == "hydraulic" else number("rod_m2")
+    gas = area * (number("reservoir.pressure_Pa" if kind == "hydraulic" else "gas_Pa") - 101_325)  # tared away
+    settled = inputs[0] > 0.5
+    dwell = [np.mean(np.abs(force[settled] + gas) < 6.0) for force in (with_play, without)]
+    assert dwell[0] > 2 * dwell[1] + 0.01
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_a_stiffer_gas_pushes_in_proportion_to_the_stroke(kind):
+    inputs = sine(frequency=0.5, seconds=4.0, kind=kind)
+    force, _ = added(kind, "gas_spring", 1.0, inputs)
+    settled = inputs[0] > 0.5
+    stroke, speed = inputs[1][settled], np.gradient(inputs[1], GRID_S)[settled]
+    assert projected(force[settled], stroke) > 100  # [N/m]
+    assert np.std(projected(force[settled], stroke) * stroke) > 2 * np.std(projected(force[settled], speed) * speed)
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_springs_in_series_turn_the_force_towards_the_stroke(kind):
+    inputs = sine(amplitude=0.01, frequency=5.0, kind=kind)
+    settled = inputs[0] >= 0.5
+    speed = np.gradient(inputs[1], GRID_S)[settled]
+    for name in ("compressibility", "mount_compliance"):
+        force, _ = added(kind, name, 3.0, inputs)
+        assert projected(force[settled], inputs[1][settled]) > 0, name
+        assert projected(force[settled], speed) < 0, name
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_blow_off_takes_only_from_large_forces(kind):
+    inputs = sine(amplitude=0.03, kind=kind, share=0.9)
+    plant = plant_of(kind)
+    effect = scale_to(plant, draw(kind, "blow_off", np.random.default_rng(1)), 30.0, *inputs)
+    free = signals(plant, (), *inputs).force_N
+    change = signals(plant, [effect], *inputs).force_N - free
+    large = np.abs(free) > 0.8 * np.abs(free).max()
+    assert (change * np.sign(free))[large].mean() < -20
+    small = np.abs(free) < 0.2 * np.abs(free).max()
+    assert np.abs(change[small]).mean() < 0.4 * np.abs(change[large]).mean()
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_the_bump_stop_acts_near_the_ends_alone(kind):
+    inputs = sine(amplitude=0.03, kind=kind)
+    effect = scale_to(plant_of(kind), draw(kind, "bump_stop", np.random.default_rng(1)), 30.0, *inputs)
+    force, numbers = added(kind, "bump_stop", effect.severity, inputs)
+    clearance = next(value for name, value in numbers.items() if "clearance" in name)
+    assert 0.015 < clearance < 0.03
+    inside = np.abs(inputs[1]) < 0.4 * clearance
+    outside = np.abs(inputs[1]) > clearance
+    assert np.sqrt(np.mean(force[outside] ** 2)) > 10 * np.sqrt(np.mean(force[inside] ** 2))
+    assert (force * inputs[1])[outside].sum() > 0
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_heat_fades_the_damping_with_time(kind):
+    inputs = sine(amplitude=0.03, seconds=6.0, kind=kind)
+    plant = plant_of(kind)
+    effect = scaled(draw(kind, "temperature_fade", np.random.default_rng(1)), 3.0)
+    hot, cold = signals(plant, [effect], *inputs), signals(plant, (), *inputs)
+    assert hot.oil_degC[-1] > cold.oil_degC[-1] + 5
+    early, late = (slice(round(a / GRID_S), round((a + 0.5) / GRID_S)) for a in (0.5, 5.5))
+    ratio = [np.std(hot.force_N[part]) / np.std(cold.force_N[part]) for part in (early, late)]
+    assert ratio[1] < ratio[0] - 0.01
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_a_slower_valve_is_late_both_ways_and_hysteresis_stays(kind):
+    time, stroke, _ = sine(amplitude=0.03, frequency=1.0, seconds=1.0, kind=kind)
+    low, high = plant_of(kind).current_A
+    command = np.where((time > 0.4) & (time < 0.55), high, low)  # in rebound
+    up, down = (time > 0.405) & (time < 0.415), (time > 0.555) & (time < 0.565)
+    lag, _ = added(kind, "valve_lag", 1.0, (time, stroke, command))
+    free = signals(plant_of(kind), (), time, stroke, command).force_N
+    assert (lag * np.sign(free))[up].mean() < -5 < 5 < (lag * np.sign(free))[down].mean()
+    assert np.abs(lag[(time > 0.53) & (time < 0.55)]).max() < 40
+    middle = 0.5 * (low + high)
+    ramps = [np.interp(time, [0, 0.2, 0.3], [start, start, middle]) for start in (low, high)]
+    rows = [added(kind, "current_hysteresis", 2.0, (time, stroke, ramp))[0] for ramp in ramps]
+    held = (time > 0.38) & (time < 0.45)
+    assert -rows[0][held].mean() < -rows[1][held].mean() - 5  # the force is negative in rebound
+
+
+def test_oil_boils_before_cavitation_costs_8_newtons():
+    plant = plant_of("hydraulic")
+    inputs = sine(amplitude=0.03, frequency=3.0, kind="hydraulic")
+    for seed in range(3):
+        effect = scale_to(plant, draw("hydraulic", "cavitation", np.random.default_rng(seed)), 8.0, *inputs)
+        damper = plant.model.changed(KINDS["hydraulic"].numbers(plant.model, effect)).damper
+        below = damper.oil.vapour_pressure_Pa + 2e3
+        chamber = simulate(damper, GRID_S, *inputs[1:]).state("p_compression_Pa")
+        assert np.mean(chamber < below) > 0.005
+        assert simulate(plant.model.damper, GRID_S, *inputs[1:]).state("p_compression_Pa").min() > 5e4
+
+
+def test_foam_builds_up_and_a_groove_has_its_place():
+    inputs = sine(amplitude=0.03, seconds=4.0, kind="hydraulic")
+    force, _ = added("hydraulic", "foaming", 1.0, inputs)
+    early, late = force[round(0.5 / GRID_S) : round(1.0 / GRID_S)], force[round(3.5 / GRID_S) :]
+    assert np.std(late) > 1.3 * np.std(early)
+    for kind in PLANTS:
+        inputs = sine(amplitude=0.03, kind=kind)
+        effect = scale_to(plant_of(kind), draw(kind, "groove", np.random.default_rng(1)), 30.0, *inputs)
+        force, numbers = added(kind, "groove", effect.severity, inputs)
+        at = numbers.get("groove_at_m", numbers.get("extras.groove_at"))
+        near, far = np.abs(inputs[1] - at) < 0.005, np.abs(inputs[1] - at) > 0.025
+        assert np.std(force[near]) > 2 * np.std(force[far])
+
+
+@pytest.mark.parametrize("name", ["ring_tilt", "side_load", "sticking_check", "cell_resonance", "mains_hum"])
+def test_effects_outside_the_library_act_on_a_real_recording(name):
+    inputs = sine(amplitude=0.03, frequency=3.0, kind="hydraulic")
+    plant = plant_of("hydraulic")
+    effect = scale_to(plant, draw("hydraulic", name, np.random.default_rng(1)), 24.0, *inputs)
+    assert gap_N(plant, [effect], *inputs) == pytest.approx(24.0, rel=0.031)

@@ -1,0 +1,110 @@
+"""The MR and the ER damper's equations once more, slowly and readably, by tiny explicit steps: the kernels' twins."""
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from ces_rig.dampers.hydraulic.stepper import spline_speed
+
+STEP = 1e-5
+
+
+def driven(stroke, current, interval):
+    """Yield stroke [m], speed [m/s] and current [A] at every tiny step, and True where a sample ends."""
+    time = np.arange(len(stroke)) * interval
+    fine = np.arange(1, round(time[-1] / STEP) + 1) * STEP
+    spline = CubicHermiteSpline(time, stroke, spline_speed(time, stroke))
+    each = round(interval / STEP)
+    for n, values in enumerate(zip(spline(fine), spline(fine, 1), np.interp(fine, time, current), strict=True), 1):
+        yield *values, n % each == 0
+
+
+def lag(target, value, seconds):
+    return value + STEP / seconds * (target - value) if seconds > 0 else target
+
+
+def bouc_wen(d, stroke, current, interval):
+    """Force [N] at the samples after the first, by Spencer's equations; no play, no hysteresis of the current."""
+    zero = d.rod_m2 * (d.gas_Pa - 101_325)
+    x, v, e, z, bristle, warm = stroke[0] - zero / d.mount_N_m, 0.0, 0.0, 0.0, 0.0, 0.0
+    y = x
+    coil = field = current[0]
+    forces = []
+    for s, ds, i, sample in driven(stroke, current, interval):
+        coil = lag(i, coil, d.coil_s)
+        field = lag(coil, field, d.field_s)
+        yielding = d.yield_N + d.yield_N_A * d.saturation_A * np.tanh(field / d.saturation_A)
+        yielding *= np.exp(-d.fade_yield_1_K * warm)
+        c0 = (d.viscous_Ns_m + d.viscous_Ns_mA * field) * np.exp(-d.fade_viscous_1_K * warm)
+        fluid = d.fluid_N_m * (e if e > 0 else d.fluid_rebound * e)
+        flow = (fluid - yielding * z - d.inner_N_m * (x - e - y)) / c0  # d(x_in - y)/dt
+        gamma, beta = d.unloading, 1 - d.unloading
+        dz = (
+            flow - gamma * abs(flow) * z * abs(z) ** (d.sharpness - 1) - beta * flow * abs(z) ** d.sharpness
+        ) / d.yield_m
+        level = d.seal_N * (1 + (d.seal_static - 1) * np.exp(-((v / d.stribeck_m_s) ** 2)))
+        dbristle = v - d.bristle_N_m * abs(v) / level * bristle
+        seal = d.bristle_N_m * bristle + d.bristle_Ns_m * dbristle
+        gas = d.rod_m2 * (d.gas_Pa * (d.gas_m3 / (d.gas_m3 - d.rod_m2 * x)) ** d.gas_exponent - 101_325)
+        into = max(abs(x) - d.stop_clearance_m, 0.0)
+        stop = np.sign(x) * d.stop_N_m * into * (1 + d.stop_progression_1_m * into)
+        mount = d.mount_N_m * (s - x) + d.mount_Ns_m * (ds - v)
+        through = flow + fluid / d.series_Ns_m
+        past = d.bypass_m_Ns * fluid + np.sign(fluid) * max(abs(fluid) - d.relief_N, 0.0) / d.relief_Ns_m
+        v += STEP * (mount - fluid - seal - gas - stop) / d.mass_kg
+        x += STEP * v
+        e += STEP * (v - through - past)
+        y += STEP * fluid / d.series_Ns_m
+        z += STEP * dz
+        bristle += STEP * dbristle
+        warm += (
+            STEP * (fluid * (through + past) + abs(d.bristle_N_m * bristle * v) - d.heat_loss_W_K * warm) / d.heat_J_K
+        )
+        if sample:
+            forces.append(mount - zero)
+    return np.array(forces)
+
+
+def polyviscous(d, stroke, current, interval):
+    """Force [N] at the samples after the first; no play, no dead time, no loop of the voltage, no void."""
+    zero = d.rod_m2 * (d.gas_Pa - 101_325)
+    v, e, warm, lift, heat, before, relaxed = 0.0, 0.0, 0.0, 0.0, 0.0, None, zero / d.mount_N_m
+    x = stroke[0] - relaxed
+    coil = first = second = current[0]
+    travels = d.seal_m * np.array([0.25, 0.75, 1.25, 1.75])
+    slipped = np.zeros(4)
+    forces = []
+    for s, ds, i, sample in driven(stroke, current, interval):
+        coil = lag(i, coil, d.coil_s)
+        first = lag(coil, first, d.field_s)
+        second = lag(first, second, d.field_s)
+        bend = abs(e)  # e = F/k + air·F/(F + air_N), solved for F
+        b = d.oil_N_m * (bend - d.air_m) - d.air_N
+        size = (b + np.sqrt(b * b + 4 * d.oil_N_m * bend * d.air_N)) / 2
+        thin = 1 + d.fade_1_K * warm
+        knee = (d.knee_N + d.knee_N_A2 * second**2) / thin * (d.knee_rebound if e < 0 else 1)
+        beyond = d.beyond_Ns_m / thin * (d.beyond_rebound if e < 0 else 1)
+        passed = thin * d.thinning_N / d.bleed_Ns_m * np.sinh(size / d.thinning_N)
+        width = d.knee_width_N
+        passed += width * (np.logaddexp(0, (size - knee) / width) - np.logaddexp(0, -knee / width)) / beyond
+        passed += d.bypass_m_sN * size / (size**2 + 25) ** 0.25 + lift * size / d.relief_Ns_m
+        passed *= np.sign(e)
+        oil = size * np.sign(e)
+        lift = lag(np.tanh(max(size - d.relief_N, 0.0) / (0.2 * d.relief_N)), lift, d.relief_s)
+        level = d.seal_N * (1 + d.seal_rise * np.exp(-abs(v) / d.seal_m_s))
+        seal = level * np.mean(slipped / travels)
+        gas = d.rod_m2 * (d.gas_Pa * d.gas_m3 / (d.gas_m3 - d.rod_m2 * x) - 101_325)
+        heat = lag(0.0, heat + 0.4 * (gas - (gas if before is None else before)), d.gas_s)
+        before = gas
+        give = s - x
+        spring = d.mount_N_m * give * (1 + d.mount_stiffening * (1e3 * give) ** 2)
+        spring += d.mount_N_m * d.mount_relaxing * (give - relaxed)
+        mount = spring + d.mount_Ns_m * (ds - v)
+        relaxed = lag(give, relaxed, d.mount_s)
+        v += STEP * (mount - oil - seal - gas - heat) / d.mass_kg
+        x += STEP * v
+        e += STEP * (v - passed)
+        slipped = np.clip(slipped + STEP * v, -travels, travels)
+        warm += STEP * (oil * passed + abs(seal * v) - d.heat_loss_W_K * warm) / d.heat_J_K
+        if sample:
+            forces.append(mount - zero)
+    return np.array(forces)
