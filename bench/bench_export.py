@@ -21,9 +21,9 @@ from bench_free_run import median_seconds, ten_terms
 from numpy.typing import NDArray
 
 from ces_identify.export.export_c import export_c
-from ces_observer.certificate import certify
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.proof.certificate import certify
 
 N = 30_000
 TARGET_US = 0.1

@@ -20,7 +20,7 @@ from ces_identify.numerics.kernels import free_run
 from ces_identify.polynomial.compiled import compile_terms, power_table
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
-from ces_observer.polynomial import Polynomial
+from ces_observer.structures.polynomial import Polynomial
 
 N = 30_000
 

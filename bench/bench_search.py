@@ -35,7 +35,7 @@ from ces_identify.polynomial.regressors import load_rules
 from ces_identify.polynomial.selection import search
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.predictors import predictor
+from ces_observer.structures.predictors import predictor
 
 TERMS, TICKS = 12, 30_000
 ENDLESS = 1_000_000  # rounds: a start ends when its time is up

@@ -9,10 +9,10 @@ from pathlib import Path
 from ces_cli import terminal
 from ces_identify.export.export_c import export_c, identifier, require_exportable
 from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
-from ces_observer.certificate import Certificate, certify
 from ces_observer.checked import write_beside, write_together
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
+from ces_observer.proof.certificate import Certificate, certify
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ces_observer.certificate import Certificate, certify
 from ces_observer.model import Model
+from ces_observer.proof.certificate import Certificate, certify
 
 UNPROVED = 1  # exit status
 ROUNDING = 1e-9  # relative

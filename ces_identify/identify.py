@@ -27,9 +27,9 @@ from ces_identify.recordings.recording import Recording
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.validation.usage import RULE, usage
 from ces_observer import __version__
-from ces_observer.certificate import certify, is_contraction
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling, Term
+from ces_observer.proof.certificate import certify, is_contraction
 
 LEAST_SCORED = 50  # ticks of a held-out part worth judging
 LEAST_SHARE = 0.5  # of the time that is left to the search, however long posing took
@@ -40,7 +40,7 @@ class Options:
     """What to identify and how: share of each recording to identify on, rules, limits, and numbers given by hand.
 
     `weighting` tells which ticks matter more in fit and selection. With `certify`, only models whose stability is
-    proved (ces_observer.certificate) are considered.
+    proved (ces_observer.proof.certificate) are considered.
     """
 
     split: float = 0.75

@@ -20,10 +20,10 @@ from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
 from ces_identify.trained.network_fit import NetworkFit
 from ces_identify.trained.simulation_error import Family, train
 from ces_identify.trained.training import SIGNALS, Training, training
-from ces_observer.certificate import certify
 from ces_observer.errors import CesError
-from ces_observer.lagged import Regressor
 from ces_observer.model import Model
+from ces_observer.proof.certificate import certify
+from ces_observer.structures.lagged import Regressor
 
 NETWORK, ANFIS = "sigmoid", "anfis"
 LEAST_CHANGE = 1e-3  # of a signal, relative: less is a constant, and no regressor

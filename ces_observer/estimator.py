@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import inf, isfinite
 
 from ces_observer.model import Model
-from ces_observer.predictors import predictor
+from ces_observer.structures.predictors import predictor
 from ces_observer.tracker import NOT_FINITE, OK, RESTARTED, UNSETTLED, Tracker
 
 WARMING_UP = "warming up"

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from ces_observer.checked import Checked, write_beside
-from ces_observer.constructed import Constructed, Hat
-from ces_observer.constructed_file import MOST_CONSTRUCTED, constructed_from
 from ces_observer.errors import ModelError
-from ces_observer.fuzzy import Fuzzy, fuzzy_from
 from ces_observer.json_text import parse_json, read_bounded
-from ces_observer.network import Network, network_from
+from ces_observer.structures.constructed import Constructed, Hat
+from ces_observer.structures.constructed_file import MOST_CONSTRUCTED, constructed_from
+from ces_observer.structures.fuzzy import Fuzzy, fuzzy_from
+from ces_observer.structures.network import Network, network_from
 
 SCHEMA = "ces-model/1"
 STRUCTURES = ("polynomial_narx", "sigmoid_narx", "anfis")

@@ -12,13 +12,13 @@ from pathlib import Path
 from unittest.mock import patch
 
 from ces_identify.recordings.signals_file import load_signals
-from ces_observer import certificate
-from ces_observer.certificate import is_contraction
 from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model, parse_model
+from ces_observer.proof import certificate
+from ces_observer.proof.certificate import is_contraction
 from ces_observer.tracker import OK
 
 REFUSED, READ, WITHHELD, FORCE = "refused", "read", "withheld", "force"

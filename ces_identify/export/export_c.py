@@ -17,10 +17,10 @@ from math import ceil, isfinite, pi, sqrt
 from jinja2 import Environment, StrictUndefined
 
 from ces_observer import __version__, estimator, tracker
-from ces_observer.certificate import Certificate
-from ces_observer.constructed import Constructed, Frequency, Hat, Lag
 from ces_observer.errors import ModelError
 from ces_observer.model import Factor, Model, Term
+from ces_observer.proof.certificate import Certificate
+from ces_observer.structures.constructed import Constructed, Frequency, Hat, Lag
 
 REASONS: Mapping[str, str] = {
     "OK": tracker.OK,
@@ -228,7 +228,7 @@ def _rings(factors: Iterable[Factor]) -> list[Ring]:
 
 
 def _place(term: Term) -> int:
-    """Sort terms by shape as `ces_observer.polynomial` sums them, so that roundings agree, too."""
+    """Sort terms by shape as `ces_observer.structures.polynomial` sums them, so that roundings agree, too."""
     shapes = {(False, 1): 0, (False, 2): 1, (True, 1): 2, (True, 2): 3}
     return shapes.get((term.output_lag > 0, len(term.inputs)), 4)
 

@@ -27,9 +27,9 @@ from jinja2 import Environment, StrictUndefined
 
 from ces_identify.export.export_c import REASONS, export_c, number
 from ces_observer import __version__
-from ces_observer.certificate import Certificate
 from ces_observer.errors import CesError
 from ces_observer.model import Model
+from ces_observer.proof.certificate import Certificate
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-fPIC", "-shared")
 COMPILE_S = 300.0  # [s] after which a compiler is taken to hang

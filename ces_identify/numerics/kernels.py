@@ -3,7 +3,7 @@
 A set of terms reaches the kernels as arrays: `columns[t, f]` and `lags[t, f]` name factor f of term t as a row of the
 power table `powers` (shape (rows, ticks)) and a lag in ticks; `counts[t]` is the number of factors and `outputs[t]`
 the lag of the past force, 0 if there is none. `segments[s] = (start, stop)` are ticks without a gap; before a
-segment's start inputs count as its first ones and forces as zero, exactly as in `ces_observer.polynomial`.
+segment's start inputs count as its first ones and forces as zero, exactly as in `ces_observer.structures.polynomial`.
 """
 
 from __future__ import annotations

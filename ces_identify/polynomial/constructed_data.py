@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_identify.polynomial.regressors import Rules
 from ces_identify.preparation.series import Series
-from ces_observer.constructed import Constructed, Frequency, Hat, Hysteresis, Lag
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope
+from ces_observer.structures.constructed import Constructed, Frequency, Hat, Hysteresis, Lag
 
 F = NDArray[np.float64]
 

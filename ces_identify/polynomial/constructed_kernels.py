@@ -1,4 +1,4 @@
-"""Constructed inputs over whole arrays: twins of ces_observer.constructed_runs, operation by operation.
+"""Constructed inputs over whole arrays: twins of ces_observer.structures.constructed_runs, operation by operation.
 
 Each takes the values of its signals (ticks,), clamped to the envelope, and `segments` (s, 2), ticks without a gap at
 whose starts the past is forgotten; and returns the constructed input (ticks,).

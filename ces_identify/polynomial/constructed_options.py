@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from ces_identify.polynomial.constructed_rules import AUTO, constructions_from, without_auto
 from ces_identify.polynomial.regressors import Rules, SignalRule
-from ces_observer.constructed import BASE, Hat
 from ces_observer.errors import CesError
+from ces_observer.structures.constructed import BASE, Hat
 
 HYSTERESIS, REMANENCE, LAG, FREQUENCY = "hysteresis", "remanence", "lag", "frequency"
 CURRENT, VALVE = "current", "valve"  # products that name the current take the valve's, where rules know it

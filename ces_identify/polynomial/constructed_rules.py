@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from itertools import pairwise
 
 from ces_observer.checked import Checked
-from ces_observer.constructed import BASE, Constructed, hats
-from ces_observer.constructed_file import constructed_from, require_name
 from ces_observer.errors import CesError
+from ces_observer.structures.constructed import BASE, Constructed, hats
+from ces_observer.structures.constructed_file import constructed_from, require_name
 
 Constructions = Mapping[str, tuple[Constructed, ...]]  # by the name rules and products know them by
 

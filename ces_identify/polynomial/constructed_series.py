@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.polynomial import constructed_kernels as kernels
-from ces_observer.constructed import Constructed, Frequency, Hat, Hysteresis, Lag
 from ces_observer.model import Envelope
+from ces_observer.structures.constructed import Constructed, Frequency, Hat, Hysteresis, Lag
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
@@ -22,7 +22,7 @@ def constructed_values(
     segments: I,
     rate_Hz: float,
 ) -> dict[str, F]:
-    """Return each constructed input (ticks,) by name, as `ces_observer.constructed.Construction` makes it.
+    """Return each constructed input (ticks,) by name, as `ces_observer.structures.constructed.Construction` makes it.
 
     `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; they are clamped to `envelope`. Of `constructed`,
     each comes after those it is made of.

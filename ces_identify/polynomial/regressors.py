@@ -15,9 +15,9 @@ from typing import Any
 import yaml
 
 from ces_identify.polynomial.constructed_rules import Constructions, constructions_from, without_auto
-from ces_observer.constructed import Constructed, Hat, Lag
 from ces_observer.errors import CesError
 from ces_observer.model import MAX_LAG, MAX_POWER, Factor, Term
+from ces_observer.structures.constructed import Constructed, Hat, Lag
 
 MOST_CANDIDATES = 6000
 MOST_LAG_MS = 200.0
@@ -60,9 +60,9 @@ class Rules:
     """Rules by signal, and the products of signals that make a term; () is the constant term.
 
     `beside_force` holds other rules for the signals that multiply a past force. Few different lags there keep the proof
-    of stability short (ces_observer.certificate). `constructed` defines the signals that are made of others; where a
-    name stands for several (hats), each of them makes terms of its own. The time constants of `open_lags` are to be
-    found from the data (ces_identify.polynomial.time_constant).
+    of stability short (ces_observer.proof.certificate). `constructed` defines the signals that are made of others;
+    where a name stands for several (hats), each of them makes terms of its own. The time constants of `open_lags` are
+    to be found from the data (ces_identify.polynomial.time_constant).
     """
 
     signals: Mapping[str, SignalRule]

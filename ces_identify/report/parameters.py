@@ -8,9 +8,9 @@ from markupsafe import Markup
 
 from ces_identify.report.drawing import minus
 from ces_identify.report.terms import SYMBOLS, UNITS
-from ces_observer.fuzzy import Fuzzy, Rule
 from ces_observer.model import Model
-from ces_observer.network import Network
+from ces_observer.structures.fuzzy import Fuzzy, Rule
+from ces_observer.structures.network import Network
 
 
 @dataclass(frozen=True)

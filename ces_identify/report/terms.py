@@ -14,8 +14,8 @@ from ces_identify.polynomial.compiled import compile_terms, power_table
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_identify.report.drawing import minus
 from ces_identify.validation.evaluate import Evaluation
-from ces_observer.constructed import Hat, Hysteresis, Lag
 from ces_observer.model import Envelope, Factor, Model, Term
+from ces_observer.structures.constructed import Hat, Hysteresis, Lag
 
 F = NDArray[np.float64]
 

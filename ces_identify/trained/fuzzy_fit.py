@@ -17,9 +17,9 @@ from ces_identify.numerics.levenberg import Evaluate, damped_step
 from ces_identify.trained.fuzzy_kernels import fuzzy_free_run, fuzzy_normal_equations
 from ces_identify.trained.lagged_table import Table, delayed, regressor_table
 from ces_identify.trained.training import SIGNALS, Training
-from ces_observer.fuzzy import Bell, Fuzzy, Premise, Rule
-from ces_observer.lagged import Regressor
 from ces_observer.model import Model, Sampling
+from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
+from ces_observer.structures.lagged import Regressor
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741

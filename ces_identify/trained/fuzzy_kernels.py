@@ -4,7 +4,7 @@
 centre, logarithm of the width and logarithm of the slope of each membership; `owner` (memberships,) the premise (a
 column of `premises`, (ticks, premises)) it is of; `rules` (rules, premises) the membership of each premise. A parameter
 vector is `consequents`, then `bells`, row by row. The rest is as in network_kernels.py. Slow readable twin:
-`ces_observer.fuzzy.FuzzyRun`.
+`ces_observer.structures.fuzzy.FuzzyRun`.
 """
 
 from __future__ import annotations

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from ces_identify.trained.fuzzy_kernels import fuzzy_free_run
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.network_kernels import network_free_run
-from ces_observer.fuzzy import Fuzzy
-from ces_observer.lagged import Regressor
 from ces_observer.model import Model
-from ces_observer.network import Network
+from ces_observer.structures.fuzzy import Fuzzy
+from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.network import Network
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_observer.lagged import COLUMNS, Regressor
 from ces_observer.model import Envelope
+from ces_observer.structures.lagged import COLUMNS, Regressor
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741

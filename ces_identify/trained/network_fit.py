@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ces_identify.trained.lagged_table import Table, regressor_table
 from ces_identify.trained.network_kernels import network_free_run, network_normal_equations
 from ces_identify.trained.training import Training
-from ces_observer.lagged import Regressor
 from ces_observer.model import Model, Sampling
-from ces_observer.network import Network, Unit
+from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.network import Network, Unit
 
 F = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ class NetworkFit:
     def gains(self, params: F) -> tuple[F, F]:
         """Return a bound (1,) on the gain of past forces and its gradient (1, parameters).
 
-        It is that of ces_observer.network_bounds with the kinks rounded off, upward.
+        It is that of ces_observer.structures.network_bounds with the kinks rounded off, upward.
         """
         r = len(self.regressors)
         units = params[1 + r :].reshape(self.units, 2 + r)

@@ -2,7 +2,7 @@
 
 Parameters of a network of R regressors: constant, linear (R), then for each unit its weight, bias and slopes (R).
 Regressors come as the arrays of `lagged_table.Table`; `segments[s] = (start, stop)` are ticks without a gap, before
-which forces count as zero. Slow readable twin: `ces_observer.network.NetworkRun`.
+which forces count as zero. Slow readable twin: `ces_observer.structures.network.NetworkRun`.
 """
 
 from __future__ import annotations

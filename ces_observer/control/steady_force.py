@@ -11,7 +11,7 @@ from math import copysign, isfinite
 from ces_observer.control.inverse_map import InverseMap
 from ces_observer.errors import ModelError
 from ces_observer.model import Model
-from ces_observer.predictors import Predictor, predictor
+from ces_observer.structures.predictors import Predictor, predictor
 
 SPEEDS = 24  # of the grid, on each side of zero; denser towards zero, where the force is steep
 CURRENTS = 17

@@ -11,10 +11,10 @@ import os
 import resource
 import sys
 
-from ces_observer.certificate import is_contraction
 from ces_observer.control.model_inverse import ModelInverse
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import MAX_BYTES, Model, parse_model
+from ces_observer.proof.certificate import is_contraction
 
 PROVE, INVERT = "prove", "invert"  # what is to be done with the model
 USER_ERROR = 2

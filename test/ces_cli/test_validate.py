@@ -14,8 +14,8 @@ from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
-from ces_observer.certificate import certify
 from ces_observer.model import load_model
+from ces_observer.proof.certificate import certify
 from ces_observer.signals import Signals
 
 DEFAULT = Signals.from_mapping({}, "defaults")

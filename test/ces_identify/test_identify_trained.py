@@ -14,9 +14,9 @@ from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Channel
 from ces_identify.trained.simulation_error import MOST_GAIN
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
-from ces_observer.certificate import is_contraction
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
+from ces_observer.proof.certificate import is_contraction
 
 LAGS = Lags((1,), (0.0, 1 / RATE_HZ), (3 / RATE_HZ,))
 KINDS = {

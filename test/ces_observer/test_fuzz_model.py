@@ -20,12 +20,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "fuzz"))
 from fuzz_mutations import spoilt_model
 from fuzz_targets import READ, REFUSED, try_model
 
-from ces_observer import certificate
 from ces_observer.errors import ModelError
-from ces_observer.interval_sums import Sums
 from ces_observer.model import MAX_BYTES, load_model, parse_model
-from ces_observer.polynomial import IN_REACH, Polynomial
-from ces_observer.tick_source import tick_source
+from ces_observer.proof import certificate
+from ces_observer.proof.interval_sums import Sums
+from ces_observer.structures.polynomial import IN_REACH, Polynomial
+from ces_observer.structures.tick_source import tick_source
 
 FUZZ = Path(__file__).resolve().parents[2] / "bench" / "fuzz"
 SEEDS = {path.stem: path.read_bytes() for path in sorted((FUZZ / "seeds" / "model").iterdir())}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 99)  # away from whatever else runs on this computer
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "ces_observer"))  # for damper_models
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "support"))
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 NUMBERS = count()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ces_observer.constructed import Frequency, Hysteresis, Lag, hats
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.structures.constructed import Frequency, Hysteresis, Lag, hats
 
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)
 PLAY = Hysteresis("remanence", "play", "current", 0.05)

@@ -7,8 +7,8 @@ import zipfile
 import pytest
 
 from ces_identify.export.export_fmu import binary_path, export_fmu
-from ces_observer.certificate import Certificate
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.proof.certificate import Certificate
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) on this machine")
 UNPROVED = Certificate(2.0, 1.0, 1)

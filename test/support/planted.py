@@ -9,10 +9,10 @@ import numpy as np
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
-from ces_observer.fuzzy import Bell, Fuzzy, Premise, Rule
-from ces_observer.lagged import Regressor
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.network import Network, Unit
+from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
+from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.network import Network, Unit
 
 RATE_HZ = 400.0
 SAMPLING = Sampling(RATE_HZ, 40.0, 0.01)

@@ -13,11 +13,11 @@ import pytest
 from constructed_models import TERMS as CONSTRUCTED
 
 from ces_identify.export.export_c import LONGEST_NAME, NAME_ENDING, REASONS, export_c, identifier, number
-from ces_observer.certificate import Certificate, certify
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
-from ces_observer.polynomial import Polynomial
+from ces_observer.proof.certificate import Certificate, certify
+from ces_observer.structures.polynomial import Polynomial
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-O2", "-Werror"]
 CODES = {reason: code for code, reason in enumerate(REASONS.values())}

@@ -9,9 +9,9 @@ from fmus import UNPROVED, damper, needs_compiler
 
 from ces_identify.export.export_c import REASONS
 from ces_identify.export.export_fmu import VARIABLES, binary_path, export_fmu, find_compiler, sources
-from ces_observer.certificate import certify
 from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator
+from ces_observer.proof.certificate import certify
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-O2", "-Werror"]
 REFERENCE = {variable.name: place for place, variable in enumerate(VARIABLES)}

@@ -13,10 +13,10 @@ from ces_identify.polynomial.regressors import load_rules, parse_rules
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
-from ces_observer.certificate import is_contraction
-from ces_observer.constructed import Hysteresis, hats
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term, parse_model
+from ces_observer.proof.certificate import is_contraction
+from ces_observer.structures.constructed import Hysteresis, hats
 
 SAMPLING = Sampling(500.0, 40.0, 0.01)
 STOP = Hysteresis("hysteresis", "stop", "position", 0.001)

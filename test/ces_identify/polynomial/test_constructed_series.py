@@ -10,9 +10,9 @@ from ces_identify.polynomial.problem import probe
 from ces_identify.preparation.series import held_current
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force
-from ces_observer.constructed import Construction
 from ces_observer.estimator import Estimator
 from ces_observer.model import Factor, Term
+from ces_observer.structures.constructed import Construction
 
 ALL = (STOP, PLAY, LAG, FREQUENCY, LOW, MID, HIGH, SHORT, LONG)
 SEGMENTS = np.array([[0, 700], [700, 701], [705, 2000]])

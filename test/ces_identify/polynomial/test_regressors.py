@@ -1,8 +1,8 @@
 import pytest
 
 from ces_identify.polynomial.regressors import DEFAULT_RULES, MOST_CANDIDATES, load_rules, parse_rules
-from ces_observer.constructed import Lag
 from ces_observer.errors import CesError
+from ces_observer.structures.constructed import Lag
 
 SMALL = {
     "force": {"lags": [1, 3]},

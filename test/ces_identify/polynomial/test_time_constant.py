@@ -12,8 +12,8 @@ from ces_identify.polynomial.time_constant import GRID_S, settled
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
-from ces_observer.constructed import Hat, Lag, hats
 from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.structures.constructed import Hat, Lag, hats
 
 SAMPLING = Sampling(500.0, 40.0, 0.01)
 NOISE_N = 5.0

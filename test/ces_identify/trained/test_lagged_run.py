@@ -11,7 +11,7 @@ from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force, simulate_series
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, parse_model
-from ces_observer.predictors import predictor
+from ces_observer.structures.predictors import predictor
 
 TIGHT = Envelope((-0.01, 0.012), (-0.3, 0.3), (0.35, 0.6))
 MODELS = [pytest.param(NETWORK, id="network"), pytest.param(FUZZY, id="fuzzy")]

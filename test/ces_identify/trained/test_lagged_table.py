@@ -1,8 +1,8 @@
 import numpy as np
 
 from ces_identify.trained.lagged_table import delayed, regressor_table
-from ces_observer.lagged import Regressor
 from ces_observer.model import Envelope
+from ces_observer.structures.lagged import Regressor
 
 
 def test_delays_do_not_cross_segments():

@@ -11,8 +11,8 @@ from ces_identify.preparation.series import prepare
 from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
 from ces_identify.trained.network_fit import KINK, NetworkFit
 from ces_identify.trained.training import training
-from ces_observer.certificate import certify
-from ces_observer.predictors import predictor
+from ces_observer.proof.certificate import certify
+from ces_observer.structures.predictors import predictor
 
 
 def data(seconds=5.0):

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 import yaml
 
-from ces_observer.certificate import is_contraction
 from ces_observer.control.controller_tuning import Tuning
 from ces_observer.model import load_model
 from ces_observer.nodes.controller_table import ALL, CURVE, TUNING
+from ces_observer.proof.certificate import is_contraction
 
-CONFIG = Path(__file__).resolve().parents[2] / "config"
+CONFIG = Path(__file__).resolve().parents[3] / "config"
 NOT_IN_THE_FILE = {"model"}
 
 

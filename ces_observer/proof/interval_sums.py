@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import copysign, inf, prod
 
-from ces_observer.constructed import Hat
-from ces_observer.intervals import Interval, down, product, up
 from ces_observer.model import Envelope, Factor, Term
+from ces_observer.proof.intervals import Interval, down, product, up
+from ces_observer.structures.constructed import Hat
 
 Box = tuple[Interval, ...]  # a range of each variable
 Row = tuple[float, tuple[int, ...]]  # coefficient and factors of a term

@@ -15,7 +15,7 @@ from typing import Any
 
 from ces_observer.checked import Checked
 from ces_observer.errors import ModelError
-from ces_observer.lagged import (
+from ces_observer.structures.lagged import (
     LEAST_SPREAD,
     MOST_LAG,
     MOST_NUMBER,

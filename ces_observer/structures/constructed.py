@@ -8,7 +8,7 @@ how fast the damper moves to and fro. `hat` is a triangular membership: hats ove
 that terms times hats are sub-models blended over a signal, and hats over a stop are a look-up table of it. All are made
 of inputs clamped to the model's envelope, so that their ranges are certain.
 
-ces_observer.constructed_runs runs them; ces_observer.constructed_file reads them.
+ces_observer.structures.constructed_runs runs them; ces_observer.structures.constructed_file reads them.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from math import exp
 from typing import Any
 
-from ces_observer.constructed_runs import FrequencyRun, HatRun, LagRun, PlayRun, Run, StopRun
-from ces_observer.intervals import Interval, down, up
+from ces_observer.proof.intervals import Interval, down, up
+from ces_observer.structures.constructed_runs import FrequencyRun, HatRun, LagRun, PlayRun, Run, StopRun
 
 BASE = ("position", "speed", "current")
 

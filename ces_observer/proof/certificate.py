@@ -4,9 +4,9 @@ The terms are affine in past forces, so the free run is y(k) = sum_j a_j(u) y(k 
 before, each clamped to the envelope. If sum_j |a_j(u)| <= g < 1 for every u in the envelope, the recursion is a
 contraction: two runs from different pasts approach each other as g^(k / longest output lag), and from a past of zeros
 |y| <= max |b| / (1 - g) for ever. Both maxima are bounded by interval arithmetic with outward rounding
-(ces_observer.interval_sums): boxes of inputs are halved, the worst first, until bound and an actual value meet. Nothing
-is sampled; every lagged input is free to be anything in its range. Sub-models blended by memberships are bounded
-together: a membership is a function of its signal, and boxes are cut where it bends.
+(ces_observer.proof.interval_sums): boxes of inputs are halved, the worst first, until bound and an actual value meet.
+Nothing is sampled; every lagged input is free to be anything in its range. Sub-models blended by memberships are
+bounded together: a membership is a function of its signal, and boxes are cut where it bends.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 
-from ces_observer import fuzzy_bounds, network_bounds
-from ces_observer.interval_sums import Box, Sums
-from ces_observer.intervals import down, up
 from ces_observer.model import Envelope, Model, Term
+from ces_observer.proof.interval_sums import Box, Sums
+from ces_observer.proof.intervals import down, up
+from ces_observer.structures import fuzzy_bounds, network_bounds
 
 MOST_BOXES = 40_000
 MOST_WORK = 4_000_000  # interval products: a few seconds, whatever a file asks for

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_model import make_model
 
-from ces_observer.constructed import Hat, Hysteresis
-from ces_observer.constructed_file import RESERVED
 from ces_observer.errors import ModelError
 from ces_observer.model import Envelope, Factor, Term
-from ces_observer.polynomial import Polynomial
-from ces_observer.tick_source import tick_source
+from ces_observer.structures.constructed import Hat, Hysteresis
+from ces_observer.structures.constructed_file import RESERVED
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.tick_source import tick_source
 
 WORDS = {"def", "if", "else", "and", "not", "return", "make", "tick", "run", "clamped", "arrive", "forces", "force"}
 WORDS |= {

@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 from trained_models import ENVELOPE, FUZZY, NETWORK, REGRESSORS, fuzzy_model, network_model
 
-from ces_observer import fuzzy_bounds, network_bounds
-from ces_observer.certificate import certify, is_contraction
-from ces_observer.fuzzy import Fuzzy, Premise, Rule
 from ces_observer.model import Factor, Term
-from ces_observer.network import Network, Unit
-from ces_observer.predictors import predictor
+from ces_observer.proof.certificate import certify, is_contraction
+from ces_observer.structures import fuzzy_bounds, network_bounds
+from ces_observer.structures.fuzzy import Fuzzy, Premise, Rule
+from ces_observer.structures.network import Network, Unit
+from ces_observer.structures.predictors import predictor
 
 BOUNDS = ENVELOPE.by_signal
 

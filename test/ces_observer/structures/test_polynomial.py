@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_model import make_model
 
-from ces_observer.constructed import BASE, Construction, Frequency, Hysteresis, Lag, hats
 from ces_observer.model import Envelope, Factor, Term
-from ces_observer.polynomial import Polynomial
+from ces_observer.structures.constructed import BASE, Construction, Frequency, Hysteresis, Lag, hats
+from ces_observer.structures.polynomial import Polynomial
 
 ENVELOPE = Envelope((-0.05, 0.04), (-1.5, 2.0), (-0.2, 1.5))
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)

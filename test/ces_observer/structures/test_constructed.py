@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_model import make_model
 
-from ces_observer.certificate import certify, is_contraction
-from ces_observer.constructed import Construction, Frequency, Hat, Hysteresis, Lag, hats
 from ces_observer.errors import ModelError
 from ces_observer.model import Envelope, Factor, Term, parse_model
-from ces_observer.polynomial import Polynomial
+from ces_observer.proof.certificate import certify, is_contraction
+from ces_observer.structures.constructed import Construction, Frequency, Hat, Hysteresis, Lag, hats
+from ces_observer.structures.polynomial import Polynomial
 
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)
 PLAY = Hysteresis("slack", "play", "position", 0.002)

@@ -6,10 +6,10 @@ import pytest
 from trained_models import NETWORK, REGRESSORS, network_model
 
 from ces_observer.errors import ModelError
-from ces_observer.lagged import Regressor
 from ces_observer.model import load_model, parse_model
-from ces_observer.network import Network, NetworkRun, Unit
-from ces_observer.predictors import predictor
+from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.network import Network, NetworkRun, Unit
+from ces_observer.structures.predictors import predictor
 
 BOUNDS = {"position": (-0.1, 0.1), "speed": (-1.0, 1.0), "current": (0.0, 1.0)}
 

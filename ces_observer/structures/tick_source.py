@@ -1,7 +1,7 @@
 """The source text of a polynomial model's tick: a model goes in, a function written for it alone comes out as text.
 
-`ces_observer.polynomial` compiles it, as `dataclasses` and `namedtuple` compile theirs: a tick without loops or
-look-ups is more than three times as fast. Nothing a file says reaches the text but numbers, and these only as the
+`ces_observer.structures.polynomial` compiles it, as `dataclasses` and `namedtuple` compile theirs: a tick without loops
+or look-ups is more than three times as fast. Nothing a file says reaches the text but numbers, and these only as the
 `repr` of a checked `float` or `int`; every name in it is one of those below with a count behind it. A constructed
 input is `made0`, `made1`, ... whatever its model calls it. In the text of a tick
 
@@ -16,9 +16,9 @@ from collections.abc import Iterable, Mapping
 from math import isfinite
 from operator import index
 
-from ces_observer.constructed import BASE
 from ces_observer.errors import ModelError
 from ces_observer.model import Envelope, Factor, Model, Range, Term
+from ces_observer.structures.constructed import BASE
 
 FORMS = {0.0: "1.0", 0.5: "sqrt({0})", 1.0: "{0}", 1.5: "{0} * sqrt({0})", 2.0: "{0} * {0}"}
 

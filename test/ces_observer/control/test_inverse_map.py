@@ -15,9 +15,9 @@ from ces_observer.control.inverse_map import InverseMap
 from ces_observer.control.steady_force import current_lag_s, inverse_map, steady_force
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Envelope, Factor, Model, Term, load_model
-from ces_observer.predictors import predictor
+from ces_observer.structures.predictors import predictor
 
-MODELS = Path(__file__).resolve().parents[2] / "config" / "models"
+MODELS = Path(__file__).resolve().parents[3] / "config" / "models"
 SPEEDS = st.floats(-3.0, 3.0)
 CURRENTS = st.floats(0.0, 2.0)
 PLAIN = inverse_map(plain_damper())

@@ -61,7 +61,8 @@ def number_from(node: Checked, key: str) -> float:
 class Lagged:
     """The past of a free run; `clamped` tells whether the last tick's inputs were outside the envelope.
 
-    Forces before the first tick count as zero, inputs before it as the first ones, as in `ces_observer.polynomial`.
+    Forces before the first tick count as zero, inputs before it as the first ones, as in
+    `ces_observer.structures.polynomial`.
     """
 
     __slots__ = ("_bounds", "_depth", "_forces", "_limits", "_rows", "clamped")

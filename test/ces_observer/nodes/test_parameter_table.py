@@ -12,7 +12,7 @@ from ces_observer.nodes.parameter_table import DAMPERS, NAME, OF_A_DAMPER, OF_TH
 from ces_observer.signals import NAMES, Signals
 
 SPECS = {spec.name: spec for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)}
-SHIPPED = Path(__file__).parents[2] / "config" / "observer.yaml"
+SHIPPED = Path(__file__).parents[3] / "config" / "observer.yaml"
 
 
 def shipped() -> dict[str, object]:

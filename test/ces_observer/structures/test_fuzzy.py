@@ -5,10 +5,10 @@ import pytest
 from trained_models import FUZZY, fuzzy_model
 
 from ces_observer.errors import ModelError
-from ces_observer.fuzzy import Bell, Fuzzy, FuzzyRun, Premise, Rule, least_firing
-from ces_observer.lagged import Regressor
 from ces_observer.model import load_model, parse_model
-from ces_observer.predictors import predictor
+from ces_observer.structures.fuzzy import Bell, Fuzzy, FuzzyRun, Premise, Rule, least_firing
+from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.predictors import predictor
 
 BOUNDS = {"position": (-0.1, 0.1), "speed": (-1.0, 1.0), "current": (0.0, 1.0)}
 

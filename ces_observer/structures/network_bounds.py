@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ces_observer.intervals import Interval, added, down, largest, product, up
-from ces_observer.lagged import Range, Regressor
-from ces_observer.network import Network, sigmoid
+from ces_observer.proof.intervals import Interval, added, down, largest, product, up
+from ces_observer.structures.lagged import Range, Regressor
+from ces_observer.structures.network import Network, sigmoid
 
 CLAIM = (
     "sum_j |dF/dF(k-j)| <= gain < 1 for any past and inputs; "

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ces_observer.fuzzy import Fuzzy, Rule
-from ces_observer.intervals import largest, up
-from ces_observer.lagged import Range
-from ces_observer.network_bounds import affine, regressor_interval
+from ces_observer.proof.intervals import largest, up
+from ces_observer.structures.fuzzy import Fuzzy, Rule
+from ces_observer.structures.lagged import Range
+from ces_observer.structures.network_bounds import affine, regressor_interval
 
 CLAIM = "sum_j |a_j| <= gain < 1 in every rule, so in every blend; |b| <= drive_N for every input in the input envelope"
 METHOD = "convex blend of the rules; interval arithmetic, outward rounding"

@@ -4,11 +4,11 @@ import random
 import pytest
 from test_model import make_model
 
-from ces_observer.certificate import certify, is_contraction
-from ces_observer.interval_sums import power_interval, slope_interval
-from ces_observer.intervals import product
 from ces_observer.model import Envelope, Factor, Term
-from ces_observer.polynomial import Polynomial
+from ces_observer.proof.certificate import certify, is_contraction
+from ces_observer.proof.interval_sums import power_interval, slope_interval
+from ces_observer.proof.intervals import product
+from ces_observer.structures.polynomial import Polynomial
 
 ENVELOPE = Envelope((-0.1, 0.1), (-1.2, 0.9), (0.29, 0.7))
 I8 = Factor("current", 8, 2.0, signed=False)

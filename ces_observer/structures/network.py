@@ -13,7 +13,15 @@ from operator import mul
 from typing import Any
 
 from ces_observer.checked import Checked
-from ces_observer.lagged import LEAST_SPREAD, MOST_NUMBER, Lagged, Range, Regressor, number_from, regressors_from
+from ces_observer.structures.lagged import (
+    LEAST_SPREAD,
+    MOST_NUMBER,
+    Lagged,
+    Range,
+    Regressor,
+    number_from,
+    regressors_from,
+)
 
 MOST_UNITS = 200
 STEEPEST = 700.0  # e^x overflows beyond

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from math import copysign, inf, sqrt
 from typing import Any, Protocol
 
-from ces_observer.constructed import Construction
 from ces_observer.model import Model
-from ces_observer.tick_source import tick_source
+from ces_observer.structures.constructed import Construction
+from ces_observer.structures.tick_source import tick_source
 
 IN_REACH = {"abs": abs, "min": min, "max": max, "sqrt": sqrt, "copysign": copysign, "inf": inf, "deque": deque}
 
@@ -24,8 +24,8 @@ class Tick(Protocol):
 class Polynomial:
     """The free run of a model; `clamped` tells whether the last tick's inputs were outside the envelope.
 
-    `tick` is a function written for the model's terms, `ces_observer.tick_source` tells how; it keeps what the lags
-    need and nothing more. Raises ModelError for a model with a number that is not finite.
+    `tick` is a function written for the model's terms, `ces_observer.structures.tick_source` tells how; it keeps what
+    the lags need and nothing more. Raises ModelError for a model with a number that is not finite.
     """
 
     __slots__ = ("_construction", "_forces", "_pasts", "clamped", "tick")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ces_observer.fuzzy import Bell, Fuzzy, Premise, Rule
-from ces_observer.lagged import Regressor
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.network import Network, Unit
+from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
+from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.network import Network, Unit
 
 SAMPLING = Sampling(1000.0, 60.0, 0.005)
 ENVELOPE = Envelope((-0.1, 0.1), (-1.0, 1.0), (0.0, 1.0))

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Mapping
 
 from ces_observer.checked import Checked
-from ces_observer.constructed import BASE, Constructed, Frequency, Hat, Hysteresis, Lag
 from ces_observer.errors import ModelError
+from ces_observer.structures.constructed import BASE, Constructed, Frequency, Hat, Hysteresis, Lag
 
 RESERVED = (*BASE, "force", "products", "constructed")
 NAME = re.compile(r"(?!.*_(abs|p\d|lag\d))[a-z][a-z0-9_]{0,39}")

@@ -1,4 +1,4 @@
-"""The constructed inputs at work, tick by tick; ces_observer.constructed tells what they are.
+"""The constructed inputs at work, tick by tick; ces_observer.structures.constructed tells what they are.
 
 `ces_identify.polynomial.constructed_kernels` holds their twins over whole arrays, operation by operation.
 """

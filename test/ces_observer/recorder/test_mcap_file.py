@@ -94,7 +94,7 @@ def test_the_file_alone_tells_its_types(tmp_path: Path) -> None:
 def test_metadata_has_the_fields_of_jazzy(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "run", drive(START, 0.1))
     metadata = yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-    example = yaml.safe_load((Path(__file__).parents[2] / "bags/sine_4hz/metadata.yaml").read_text())
+    example = yaml.safe_load((Path(__file__).parents[3] / "bags/sine_4hz/metadata.yaml").read_text())
     expected = example["rosbag2_bagfile_information"]
     assert metadata.keys() == expected.keys()
     assert (metadata["version"], metadata["storage_identifier"]) == (9, "mcap")

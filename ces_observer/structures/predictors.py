@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from ces_observer.fuzzy import FuzzyRun
 from ces_observer.model import Model
-from ces_observer.network import NetworkRun
-from ces_observer.polynomial import Polynomial
+from ces_observer.structures.fuzzy import FuzzyRun
+from ces_observer.structures.network import NetworkRun
+from ces_observer.structures.polynomial import Polynomial
 
 
 class Predictor(Protocol):
