@@ -24,7 +24,7 @@ from measuring import say
 from real_gaps_effects import CHANGES, Change
 from real_gaps_simulations import BandBrake, StaticMap
 
-from ces_cli import import_
+from ces_cli.bags import import_
 from ces_gap.diagnose import Options, diagnose
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis, Estimate
 from ces_identify.identify import Options as IdentifyOptions

@@ -25,7 +25,18 @@ PROGRAMS = {
     "diagnose": "find where a simulation and reality disagree, which effect causes it, what it buys",
     "blind": "make, run and score blind tests of the diagnosis (synthetic data)",
 }
-MODULES = {"import": "import_"}
+MODULES = {
+    "info": "bags.info",
+    "import": "bags.import_",
+    "rig": "rig.program",
+    "identify": "identify.program",
+    "validate": "identify.validate",
+    "replay": "bags.replay",
+    "simulate": "bags.simulate",
+    "export": "identify.export",
+    "diagnose": "diagnose.program",
+    "blind": "blind.program",
+}
 ROS_ARGS = "--ros-args"
 
 
@@ -63,9 +74,9 @@ def _run(name: str, words: Sequence[str]) -> int:
         print(f"ces {name}: error: {line}", file=sys.stderr)
         return 2
     _quit_at_ctrl_c()
-    from ces_cli.terminal import run
+    from ces_cli.terminal.terminal import run
 
-    return run(name, import_module(f"ces_cli.{MODULES.get(name, name)}").main, words)
+    return run(name, import_module(f"ces_cli.{MODULES[name]}").main, words)
 
 
 def _quit_at_ctrl_c() -> None:

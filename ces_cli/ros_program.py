@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ces_cli import main as ces
 
-NODES = {"identify": "ces_cli.identify_node", "rig": "ces_rig.live.node"}
+NODES = {"identify": "ces_cli.identify.node", "rig": "ces_rig.live.node"}
 
 
 def main() -> int:

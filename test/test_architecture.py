@@ -51,7 +51,7 @@ NODE_MODULES = {
     "ces_rig.live.node_parameters",
     "ces_rig.live.patched_message",
     "ces_rig.live.topics",
-    "ces_cli.identify_node",
+    "ces_cli.identify.node",
 }
 BAG_MODULES = {
     "ces_identify.recordings.bag_reader",

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ces_cli import terminal
+from ces_cli.identify.search_progress import SearchProgress
 from ces_cli.main import main
-from ces_cli.search_progress import SearchProgress
+from ces_cli.terminal import terminal
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.checked import write_together
@@ -173,7 +173,7 @@ def interrupt(*_, **__):
 @pytest.mark.parametrize(
     "moment",
     [
-        "ces_cli.terminal.read_recording",
+        "ces_cli.terminal.terminal.read_recording",
         "ces_identify.identify.choose_sampling",
         "ces_identify.identify.pose",
         "ces_identify.identify.evaluate",

@@ -59,7 +59,7 @@ def begin(namespace: str, tmp_path: Path) -> Iterator[Begin]:
 
     def begin_node(**parameters: object) -> NodeProcess:
         words = ros_args(namespace, {**QUICK, "out": tmp_path / "model.json", **parameters})
-        begun.append(NodeProcess([sys.executable, "-m", "ces_cli.identify_node", *words]))
+        begun.append(NodeProcess([sys.executable, "-m", "ces_cli.identify.node", *words]))
         return begun[-1]
 
     yield begin_node

@@ -31,7 +31,7 @@ NODES = {
         ("ces_observer.nodes.controller", {**SIMULATED, "feedback": "measured", "model_topic": "identify/model"})
     ],
     "rig": [("ces_rig.live.node", {**SIMULATED, "drive": "vehicle", "publish_clock": True})],
-    "identify": [("ces_cli.identify_node", {**SIMULATED, "bags": f"[{ROOT / 'bags' / 'noise'}]", "seconds": 60.0})],
+    "identify": [("ces_cli.identify.node", {**SIMULATED, "bags": f"[{ROOT / 'bags' / 'noise'}]", "seconds": 60.0})],
 }
 
 
@@ -113,6 +113,6 @@ def test_a_node_is_granted_what_it_has_and_nothing_else(
 
 
 def given(module: str, parameters: dict[str, object], model: Path, folder: Path) -> dict[str, object]:
-    if module == "ces_cli.identify_node":
+    if module == "ces_cli.identify.node":
         return {**parameters, "out": folder / "model.json"}
     return {**parameters, "model": model} if module.startswith("ces_observer") else parameters

@@ -13,7 +13,7 @@ from raw_messages import CURRENT, MS, SECOND, TOPICS, channels, drive
 from rosbags.rosbag2 import Reader
 
 from ces_cli import main
-from ces_cli.simulations import open_simulation, with_predictions
+from ces_cli.terminal.simulations import open_simulation, with_predictions
 from ces_identify.recordings.bag_reader import read_recording
 from ces_observer.recorder import record_folder
 from ces_observer.recorder.black_box import OVERHEAD_BYTES, BlackBox

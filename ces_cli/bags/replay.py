@@ -1,0 +1,83 @@
+"""`ces replay`: the estimator over a recording, sample by sample as the observer node would run it, into a new bag."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_cli.terminal import terminal
+from ces_identify.preparation.series import held_current
+from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
+from ces_identify.recordings.recording import Recording
+from ces_observer.estimator import Estimator
+from ces_observer.model import Model, load_model
+from ces_observer.signals import Signal, Signals
+
+ESTIMATE_TOPIC = "/observer/estimate"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit status."""
+    options = _parser().parse_args(argv)
+    signals = terminal.signals_of(options)
+    model = load_model(options.model)
+    recording = terminal.read_one(options.bag, signals)
+    with terminal.err.status(f"replaying {recording.name}"):
+        rows, reasons = replayed(model, recording)
+        topics = (*recording_topics(recording, signals), _estimate_topic(rows, signals))
+        write_bag(options.out, topics, overwrite=options.overwrite, notes={"model_sha256": model.digest()})
+    print(f"{len(rows)} forces estimated of {len(recording.channel('position'))} position samples")
+    for reason, count in reasons.most_common():
+        print(f"  withheld {count}: {reason}")
+    print(f"bag: {options.out}")
+    return 0
+
+
+def replayed(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Counter[str]]:
+    """Return rows (n, 4) of stamp index, position, speed and force where one was given, and the reasons where not."""
+    estimator = Estimator(model)
+    position = recording.channel("position")
+    current = held_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
+    rows: list[tuple[int, float, float, float]] = []
+    reasons: Counter[str] = Counter()
+    samples = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
+    for stamp, x, c in samples:
+        force = estimator.step(stamp, x, c)
+        if force is None:
+            reasons[estimator.reason] += 1
+        else:
+            rows.append((stamp, estimator.position, estimator.speed, force))
+    return np.array(rows, dtype=object).reshape(-1, 4), reasons
+
+
+def _estimate_topic(rows: NDArray[np.float64], signals: Signals) -> TopicData:
+    joint = _joint(signals)
+    names = (f"position[{joint}]", f"velocity[{joint}]", f"effort[{joint}]")
+    columns = {name: rows[:, i + 1].astype(np.float64) for i, name in enumerate(names)}
+    return TopicData(ESTIMATE_TOPIC, "sensor_msgs/msg/JointState", rows[:, 0].astype(np.int64), columns)
+
+
+def _joint(signals: Signals) -> str:
+    """Return the joint's name in the position signal's field path, `damper` if it has none."""
+    position = signals["position"]
+    steps = position.field.steps if isinstance(position, Signal) else ()
+    return next((element for _, element in steps if isinstance(element, str)), "damper")
+
+
+def _parser() -> terminal.Parser:
+    p = terminal.parser(
+        "replay",
+        "Run the estimator over a recording as the observer node would, and write its inputs and estimates as a bag "
+        f"(topic {ESTIMATE_TOPIC}: position, speed used, estimated force as effort).",
+        "ces replay model.json bags/road --out out/road_replayed",
+    )
+    p.add_argument("model", type=Path, metavar="MODEL.json")
+    p.add_argument("bag", type=Path, metavar="BAG")
+    terminal.add_signals(p)
+    p.add_argument("--out", type=Path, required=True, metavar="BAG2", help="bag folder to write")
+    p.add_argument("--overwrite", action="store_true", help="replace BAG2 if it is there")
+    return p

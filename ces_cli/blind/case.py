@@ -1,0 +1,115 @@
+"""One blind case in a process of its own: its recordings are diagnosed, what was found is replayed on the fresh one.
+
+Into the results go `gap.json`, `augmented.json`, `decision.json` (the figures behind the verdict), `replay.npz` with
+forces [N] at the position samples of the fresh recordings (`NAME_augmented_N` replayed from the file,
+`NAME_corrected_N` without the effects), and last `row.json`.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_cli.terminal.simulations import open_simulation, with_predictions
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.recording import Recording
+from ces_identify.recordings.signals_file import load_signals
+from ces_identify.simulations.simulation import Simulation
+from ces_observer.checked import write_beside
+from ces_observer.errors import CesError
+
+if TYPE_CHECKING:
+    from ces_gap.diagnosis import Diagnosis
+
+ROW, GAP, AUGMENTED, REPLAY, DECISION = "row.json", "gap.json", "augmented.json", "replay.npz", "decision.json"
+
+
+@dataclass(frozen=True)
+class Mode:
+    """`predictions`: the simulation is known by what it predicted only; `reference`: use the reference recordings."""
+
+    predictions: bool = False
+    reference: bool = True
+
+
+def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
+    """Diagnose the case, write its results and return a row: what was found or why it failed, and the seconds."""
+    start = time.perf_counter()
+    out.mkdir(parents=True, exist_ok=True)
+    row: dict[str, Any] = {"case": case.name, "status": "done"}
+    try:
+        row["summary"] = _diagnosed(case, out, mode)
+    except CesError as error:
+        row |= {"status": "failed", "reason": str(error)}
+    except Exception as error:  # a fault of the diagnosis is its result for this case; the others go on
+        row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
+    row["seconds"] = round(time.perf_counter() - start, 2)
+    write_beside(out / ROW, json.dumps(row) + "\n")
+    return row
+
+
+def _diagnosed(case: Path, out: Path, mode: Mode) -> str:
+    from ces_gap.diagnose import Options, diagnose
+    from ces_gap.report.gap_json import write_gap
+
+    described = json.loads((case / "case.json").read_text(encoding="utf-8"))
+    spec = described["predictions"] if mode.predictions else str(case / described["simulation"])
+    simulation = open_simulation(spec)
+    real, held_out = (_read(simulation, case, described[role]) for role in ("real", "held_out"))
+    reference = _read(simulation, case, described["reference"]) if mode.reference else []
+    diagnosis = diagnose(simulation, spec, real, held_out, reference, Options(threads=1, experiment=False))
+    write_gap(out / GAP, diagnosis)
+    _save_augmented(out / AUGMENTED, spec, diagnosis)
+    _save_decision(out / DECISION, diagnosis)
+    _replay(out, held_out)
+    return _summary(json.loads((out / GAP).read_text(encoding="utf-8")))
+
+
+def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Recording]:
+    signals = load_signals()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the current's message has no header stamp; said of every case
+        bags = [(case / name, read_recording(case / name, signals, ("position", "current", "force"))) for name in names]
+        return [with_predictions(simulation, path, recording, signals) for path, recording in bags]
+
+
+def _save_augmented(path: Path, spec: str, diagnosis: Diagnosis) -> None:
+    from ces_gap.augmented.augmented_file import save_augmented
+
+    save_augmented(path, spec, diagnosis.composition.composition, diagnosis.correction, diagnosis.surrogate)
+
+
+def _save_decision(path: Path, diagnosis: Diagnosis) -> None:
+    """Write what the verdict was decided by, and what simpler ways of choosing would have named."""
+    figures = None if diagnosis.figures is None else asdict(diagnosis.figures)
+    write_beside(path, json.dumps({"baselines": diagnosis.baselines, "figures": figures}, indent=1) + "\n")
+
+
+def _replay(out: Path, held_out: Sequence[Recording]) -> None:
+    """Run the augmented simulation, opened from its file, over the fresh recordings: as it is, and without effects."""
+    from ces_gap.augmented.augmented_file import load_augmented
+    from ces_gap.effects.effect import Composition
+
+    augmented = load_augmented(out / AUGMENTED, open_simulation)
+    corrected = replace(augmented, composition=Composition())
+    arrays: dict[str, NDArray[np.float32]] = {}
+    for recording in held_out:
+        arrays[f"{recording.name}_augmented_N"] = augmented.force(recording).astype(np.float32)
+        arrays[f"{recording.name}_corrected_N"] = corrected.force(recording).astype(np.float32)
+    part = out / f".part.{REPLAY}"
+    np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
+    part.replace(out / REPLAY)
+
+
+def _summary(gap: dict[str, Any]) -> str:
+    effects = " + ".join(gap["composition"]["effects"]) or "nothing"
+    before, after = gap["gap"]["rms_N"], gap["composition"]["gap_after_N"]
+    return f"{gap['verdict']}, {effects}; gap {before or 0.0:.1f} N, left {after or 0.0:.1f} N"

@@ -1,0 +1,106 @@
+"""`ces blind run`: the diagnosis of every case from its recordings alone, in processes; a cut run resumes.
+
+Nothing here opens the seal: a folder with a copy of `cases/` is enough.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ces_cli.blind.case import ROW, Mode, diagnose_case
+from ces_cli.blind.progress import CasesProgress
+from ces_cli.terminal import terminal
+from ces_identify.campaign.workers import broken
+from ces_observer.checked import write_beside
+from ces_observer.errors import CesError
+
+SETTINGS = "run.json"
+
+
+@dataclass(frozen=True)
+class Todo:
+    """Folders of cases and of their results."""
+
+    cases: tuple[Path, ...]
+    results: Path
+
+    def missing(self) -> list[Path]:
+        """Return the cases without a finished diagnosis; one that failed is tried again."""
+        return [case for case in self.cases if not _is_done(self.results / case.name / ROW)]
+
+
+def run(options: argparse.Namespace) -> int:
+    """Diagnose the cases that are not there yet; returns the exit status. Raises CesError."""
+    mode = Mode(options.predictions, not options.no_reference)
+    todo = Todo(_cases(options.cases, options.limit), options.out)
+    _keep_apart(
+        options.out, {"predictions": mode.predictions, "reference": mode.reference, "seal": _seal(options.cases)}
+    )
+    missing = todo.missing()
+    failed = _diagnose(missing, todo, mode, options.jobs)
+    print(f"{options.out}: {len(todo.cases) - len(failed)} of {len(todo.cases)} cases diagnosed")
+    for case, reason in failed:
+        terminal.note(f"case {case}: {reason}")
+    if failed and len(failed) == len(todo.cases):
+        raise CesError(f"{options.cases}: none of the cases could be diagnosed, for the reasons above")
+    return 0
+
+
+def _diagnose(missing: Sequence[Path], todo: Todo, mode: Mode, processes: int) -> list[tuple[str, str]]:
+    """Diagnose the missing cases and return those that failed, with the reason."""
+    failed = []
+    with CasesProgress(len(todo.cases), len(todo.cases) - len(missing)) as progress:
+        for row in _in_processes(missing, todo.results, mode, processes):
+            progress.hear(_told(row))
+            if row["status"] != "done":
+                failed.append((row["case"], row["reason"]))
+    return failed
+
+
+def _in_processes(cases: Sequence[Path], results: Path, mode: Mode, processes: int) -> Iterator[dict[str, Any]]:
+    """Yield a row for each case as it ends: so many processes with one thread each."""
+    import joblib  # type: ignore[import-untyped]
+
+    tasks = (joblib.delayed(diagnose_case)(case, results / case.name, mode) for case in cases)
+    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+        pool = joblib.Parallel(n_jobs=processes, batch_size=1, pre_dispatch=processes, return_as="generator")
+        try:
+            yield from pool(tasks)
+        except BrokenProcessPool as error:
+            raise broken(error) from None
+
+
+def _cases(folder: Path, limit: int | None) -> tuple[Path, ...]:
+    found = sorted(path.parent for path in folder.glob("cases/*/case.json"))
+    if not found:
+        raise CesError(f"{folder}: holds no cases/NNNN/case.json; expected what 'ces blind make' wrote")
+    return tuple(found[:limit])
+
+
+def _seal(folder: Path) -> str:
+    """Return the published hash, by which results and cases are known to belong together."""
+    path = folder / "cases" / "seal.sha256"
+    return path.read_text(encoding="utf-8").strip() if path.is_file() else ""
+
+
+def _keep_apart(results: Path, settings: dict[str, Any]) -> None:
+    """Write the run's settings beside the results; raises CesError if there are results of other settings."""
+    path = results / SETTINGS
+    if path.is_file() and json.loads(path.read_text(encoding="utf-8")) != settings:
+        raise CesError(f"{results}: holds results of other cases or options; choose another folder for --out")
+    results.mkdir(parents=True, exist_ok=True)
+    write_beside(path, json.dumps(settings) + "\n")
+
+
+def _is_done(row: Path) -> bool:
+    return row.is_file() and json.loads(row.read_text(encoding="utf-8"))["status"] == "done"
+
+
+def _told(row: dict[str, Any]) -> str:
+    return f"case {row['case']}: {row['summary'] if row['status'] == 'done' else row['reason']}, {row['seconds']:.1f} s"

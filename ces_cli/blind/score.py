@@ -1,0 +1,145 @@
+"""`ces blind score`: the seal is opened, its hashes checked, and what was diagnosed compared with what was withheld."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.progress import track
+
+from ces_cli.blind.case import DECISION, GAP, REPLAY, ROW
+from ces_cli.blind.closure import closure, where_error
+from ces_cli.blind.outcome import Outcome, outcome
+from ces_cli.blind.run import SETTINGS
+from ces_cli.blind.tables import case_rows, compared, confusions, headline, others, sliced
+from ces_cli.terminal import terminal
+from ces_observer.checked import write_beside
+from ces_observer.errors import CesError
+from ces_rig.blind.draw import HELD_OUT, REAL
+from ces_rig.blind.seal import open_arrays, open_seal
+
+TARGET_GAP = 3.0  # the targets are set for this gap-to-noise
+NOTHING: Mapping[str, Any] = {
+    "verdict": "failed",
+    "causes": [],
+    "composition": {"effects": [], "shrink": None},
+    "probabilities": {"none": 0.0, "unknown": 0.0},
+    "indistinguishable": [],
+}
+"""What a diagnosis that failed has said."""
+
+
+def score(options: argparse.Namespace) -> int:
+    """Score results against the seal, print the tables and write them; returns the exit status. Raises CesError."""
+    about, labels = open_seal(options.cases)
+    settings = _settings(options.results, options.cases)
+    outcomes, failed = _outcomes(options.cases, options.results, labels, settings["reference"])
+    if not outcomes:
+        raise CesError(f"{options.results}: no case of {options.cases} is diagnosed there; run 'ces blind run' first")
+    text = report(outcomes, failed, len(labels), settings["predictions"], settings["reference"], about)
+    print(text)
+    if options.out is not None:
+        write_beside(options.out, text + "\n")
+    if options.rows is not None:
+        write_beside(options.rows, case_rows(outcomes))
+    return 0
+
+
+def report(
+    cases: Sequence[Outcome],
+    failed: Mapping[str, str],
+    sealed: int,
+    predictions: bool,
+    reference: bool,
+    about: Mapping[str, Any],
+) -> str:
+    """Return the report as Markdown: the cell that the targets are for, then everything, by each level."""
+    target = [case for case in cases if case.gap_to_noise == TARGET_GAP]
+    parts = [_opening(cases, failed, sealed, predictions, reference, about)]
+    if target:
+        parts += [f"### Gap-to-noise {TARGET_GAP:g}", headline(target, predictions), compared(target)]
+    parts += ["### All cases", headline(cases, predictions), compared(cases)]
+    parts += [
+        sliced(cases, "gap-to-noise", lambda case: case.gap_to_noise),
+        sliced(cases, "simulation's error / gap", lambda case: case.baseline_ratio),
+        sliced(cases, "excitation", lambda case: case.excitation),
+        sliced(cases, "plant", lambda case: case.plant),
+        "### By effect",
+        confusions(cases),
+        others(cases),
+    ]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _opening(
+    cases: Sequence[Outcome],
+    failed: Mapping[str, str],
+    sealed: int,
+    predictions: bool,
+    reference: bool,
+    about: Mapping[str, Any],
+) -> str:
+    simulation = "known by its recorded predictions only" if predictions else "run by the diagnosis"
+    lines = [
+        f"Seed {about['seed']}: {len(cases)} of {sealed} sealed cases, {about['seconds']:g} s a recording, simulation "
+        f"{simulation}, {'with' if reference else 'without'} reference recordings; "
+        f"{np.median([case.seconds for case in cases]):.1f} s a case (median, one thread)."
+    ]
+    lines += [f"Case {case} could not be diagnosed: {reason}" for case, reason in failed.items()]
+    return "  \n".join(lines)
+
+
+def _outcomes(
+    folder: Path, results: Path, labels: Sequence[dict[str, Any]], corrected: bool
+) -> tuple[list[Outcome], dict[str, str]]:
+    """Return the outcomes of the cases that were run, and why some failed: those count as wrong in every figure."""
+    outcomes, failed = [], {}
+    for label in track(labels, "scoring", console=terminal.err, transient=True, disable=not terminal.err.is_terminal):
+        mine = results / label["case"]
+        if not (mine / ROW).is_file():
+            continue
+        row = _json(mine / ROW)
+        if row["status"] == "done":
+            outcomes.append(_outcome(folder, mine, label, row["seconds"], corrected))
+        else:
+            outcomes.append(outcome(label, NOTHING, {}, {}, row["seconds"]))
+            failed[label["case"]] = row["reason"]
+    return outcomes, failed
+
+
+def _outcome(folder: Path, results: Path, label: dict[str, Any], seconds: float, corrected: bool) -> Outcome:
+    gap = _json(results / GAP)
+    truth = open_arrays(folder, label)
+    figures = closure(truth, _replayed(results / REPLAY), HELD_OUT[0])
+    claimed = gap["composition"]["shrink"]
+    if figures and claimed is not None:
+        figures["shrink_error"] = abs(claimed - figures["closure"])
+    misplaced = where_error(truth, gap["where"], (*REAL, *HELD_OUT), corrected)
+    baselines = _json(results / DECISION)["baselines"]
+    return outcome(label, gap, {**figures, **misplaced}, baselines, seconds)
+
+
+def _replayed(path: Path) -> dict[str, NDArray[np.float64]]:
+    with np.load(path, allow_pickle=False) as replay:
+        return {name: replay[name].astype(np.float64) for name in replay.files}
+
+
+def _settings(results: Path, cases: Path) -> dict[str, Any]:
+    """Return the settings of the run; raises CesError if the results are of other cases."""
+    settings = _json(results / SETTINGS)
+    published = (cases / "cases" / "seal.sha256").read_text(encoding="utf-8").strip()
+    if settings.get("seal") not in ("", published):
+        raise CesError(f"{results}: holds results of other cases than {cases}")
+    return settings
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:
+        raise CesError(f"{path}: cannot be read ({error}); expected what 'ces blind run' wrote") from None

@@ -1,0 +1,147 @@
+"""A campaign as a picture: selection cost against parameters, a panel for each set of bags, with its front."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ces_cli.campaign.tables import Summary, mean_cost
+from ces_cli.terminal.coverage_picture import put_picture
+from ces_identify.campaign.cell import DONE, Row
+from ces_identify.campaign.front import front, recommended
+from ces_identify.campaign.plan import ANFIS, POLYNOMIAL, SIGMOID
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LOOK = {POLYNOMIAL: ("#3b6ea5", "o"), SIGMOID: ("#d9722e", "s"), ANFIS: ("#4f8a4c", "^")}
+INK, PALE = "#333333", "#8a8a8a"
+WIDEST = 3  # panels in a row
+SPREAD = 8.0  # ratio of largest to smallest from which an axis is logarithmic
+
+
+def save_pareto_picture(summary: Summary, path: Path) -> None:
+    """Draw the picture into a file, which appears under its name only when it is complete."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    names = [name for name in summary.bags if any(row["status"] == DONE for row in summary.of_bags(name))]
+    columns = min(WIDEST, len(names))
+    lines = -(-len(names) // columns)
+    size = (max(7.2, 4.6 * columns), 3.7 * lines + 0.9)
+    with mpl.rc_context({"svg.hashsalt": "ces", "svg.fonttype": "path"}):
+        figure, axes = plt.subplots(
+            lines, columns, figsize=size, squeeze=False, layout="constrained", sharey=True, facecolor="white"
+        )
+        for axis, name in zip(axes.flat, names, strict=False):
+            _panel(axis, name, summary)
+        for axis in list(axes.flat)[len(names) :]:
+            axis.set_visible(False)
+        _scale(axes[0, 0], summary)
+        _legend(figure, summary)
+        put_picture(figure, path)
+
+
+def _panel(axis: Axes, name: str, summary: Summary) -> None:
+    rows = [row for row in summary.of_bags(name) if row["status"] == DONE and row["selection_J"] is not None]
+    best = front(rows)
+    on_front = {row["key"] for row in best}
+    x, y = [row["parameters"] for row in best], [row["selection_J"] for row in best]
+    axis.plot(x, y, drawstyle="steps-post", color=INK, lw=1.1, zorder=2)
+    for row in rows:
+        _mark(axis, row, row["key"] in on_front)
+    for row in best:
+        _validation(axis, row, summary)
+    _recommend(axis, name, recommended(rows))
+    axis.set_xlabel("terms" if _only_polynomials(summary) else "parameters (of a polynomial: terms)", fontsize=9)
+    axis.set_ylabel("cost J [%]", fontsize=9)
+    _axis_scale(axis, "x", [row["parameters"] for row in rows])
+    axis.grid(alpha=0.25, lw=0.6)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.tick_params(labelsize=8, labelleft=True)
+
+
+def _mark(axis: Axes, row: Row, on_front: bool) -> None:
+    color, marker = LOOK[row["structure"]]
+    face = color if row["gain"] is not None else "white"
+    axis.plot(
+        row["parameters"],
+        row["selection_J"],
+        marker,
+        ms=7.0 if on_front else 5.5,
+        color=color,
+        markerfacecolor=face,
+        alpha=1.0 if on_front else 0.4,
+        zorder=4 if on_front else 3,
+    )
+
+
+def _validation(axis: Axes, row: Row, summary: Summary) -> None:
+    """Draw the mean validation cost of a model on the front, tied to its selection cost."""
+    costs = [cost for name in summary.sets if (cost := mean_cost(row, name)) is not None]
+    if costs:
+        mean = sum(costs) / len(costs)
+        axis.plot([row["parameters"]] * 2, [row["selection_J"], mean], color=PALE, lw=0.8, ls=(0, (2, 2)), zorder=1)
+        axis.plot(row["parameters"], mean, "_", ms=10, mew=1.8, color=PALE, zorder=2)
+
+
+def _recommend(axis: Axes, name: str, chosen: Row | None) -> None:
+    """Ring the recommended model and name it in the title, where no mark is in the way."""
+    words = ""
+    if chosen is not None:
+        axis.plot(chosen["parameters"], chosen["selection_J"], "o", ms=14, mew=1.3, color=INK, mfc="none", zorder=5)
+        words = f"\nrecommended: {chosen['size']}, J = {chosen['selection_J']:.2f} %"
+    axis.set_title(f"identified on {name}{words}", loc="left", fontsize=9.5)
+
+
+def _scale(axis: Axes, summary: Summary) -> None:
+    """Choose the scale of the costs, which all panels share, from 0 or with room below for the words."""
+    rows = [row for row in summary.rows if row["status"] == DONE and row["selection_J"] is not None]
+    shown = [cost for row in rows for name in summary.sets if (cost := mean_cost(row, name)) is not None]
+    _axis_scale(axis, "y", [row["selection_J"] for row in rows] + shown)
+    low, high = axis.get_ylim()
+    axis.set_ylim(low / (high / low) ** 0.12 if axis.get_yscale() == "log" else 0.0, high)
+
+
+def _axis_scale(axis: Axes, which: str, values: list[float]) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+    it = getattr(axis, f"{which}axis")
+    if values and min(values) > 0.0 and max(values) > SPREAD * min(values):
+        axis.set(**{f"{which}scale": "log"})
+        it.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        it.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        it.set_minor_formatter(NullFormatter())
+    else:
+        it.set_major_locator(MaxNLocator(integer=which == "x", nbins=8))
+        it.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _legend(figure: Figure, summary: Summary) -> None:
+    from matplotlib.lines import Line2D
+
+    done = [row for row in summary.rows if row["status"] == DONE]
+    handles = [
+        Line2D([], [], color=color, marker=marker, ls="none", label=structure)
+        for structure, (color, marker) in LOOK.items()
+        if any(row["structure"] == structure for row in done)
+    ]
+    if any(row["gain"] is None for row in done):
+        handles.append(
+            Line2D([], [], color=INK, marker="o", markerfacecolor="white", ls="none", label="stability not proved")
+        )
+    handles.append(Line2D([], [], color=INK, lw=1.1, label="front, by selection cost"))
+    handles.append(Line2D([], [], color=INK, marker="o", ms=11, markerfacecolor="none", ls="none", label="recommended"))
+    if summary.sets:
+        label = "validation cost (mean), never used to choose"
+        handles.append(Line2D([], [], color=PALE, marker="_", ms=10, mew=1.8, ls="none", label=label))
+    figure.legend(
+        handles=handles, loc="outside upper left", ncols=3 if len(handles) > 4 else 5, frameon=False, fontsize=8.5
+    )
+
+
+def _only_polynomials(summary: Summary) -> bool:
+    return all(row["structure"] == POLYNOMIAL for row in summary.rows)

@@ -1,0 +1,145 @@
+"""`ces diagnose --each`: one diagnosis for each recording or vehicle, a row for each; a cut run resumes."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import warnings
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+
+from ces_cli.campaign.progress import CampaignProgress
+from ces_cli.diagnose.fleet_page import write_page
+from ces_cli.diagnose.fleet_tables import fleet_table, told, write_csv
+from ces_cli.diagnose.program import FORCE, made_options, read_beside
+from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import Unit, bags_of, units_of
+from ces_cli.terminal.simulations import open_simulation, with_predictions
+from ces_gap.diagnose import diagnose
+from ces_gap.fleet.answer import DONE, FAILED, Answer, failure
+from ces_gap.fleet.question import Job, Question, job_of
+from ces_gap.fleet.results import Fleet, open_fleet
+from ces_gap.fleet.workers import Task, on_cluster, on_this_machine
+from ces_gap.report.result_files import result_files
+from ces_identify.jobs.row_log import Row
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.checks import require_usable
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulation import Simulation
+from ces_observer.errors import CesError
+from ces_observer.signals import Signals
+
+ONE_THREAD = 1  # for each of many diagnoses at once
+
+
+def run_fleet(options: argparse.Namespace) -> int:
+    """Diagnose every unit of --real; returns the exit status."""
+    _require_own_options(options)
+    signals, question = terminal.signals_of(options), _question(options)
+    units = units_of(options.real, options.each)
+    with open_fleet(options.out) as fleet:
+        jobs, unread = _jobs(units, question, signals, options.out)
+        missing = {job: unit for job, unit in jobs.items() if not fleet.has(job)}
+        finished = _compute(fleet, missing, question, signals, options, len(units))
+        rows = [fleet.rows[job.key] for job in jobs if job.key in fleet.rows] + unread
+        _tell(rows, options.out)
+    return _status(rows, len(units), finished)
+
+
+def _require_own_options(options: argparse.Namespace) -> None:
+    if options.held_out:
+        raise CesError("--held-out has no effect with --each: a part of each recording or vehicle is set aside")
+    if options.dask is not None and options.jobs is not None:
+        raise CesError("--jobs is about this machine; with --dask the cluster's workers are what there is")
+
+
+def _question(options: argparse.Namespace) -> Question:
+    signals, simulation = terminal.signals_of(options), open_simulation(options.sim)
+    reference = tuple(read_beside(simulation, path, signals) for path in bags_of(options.reference))
+    return Question(simulation, options.sim, reference, made_options(options, ONE_THREAD), diagnose, result_files)
+
+
+def _jobs(
+    units: Sequence[Unit], question: Question, signals: Signals, folder: Path
+) -> tuple[dict[Job, Unit], list[Row]]:
+    """Return a job for each unit that can be read, and a row for each that cannot; recordings are not kept."""
+    described = repr(sorted(signals.by_name.items()))
+    jobs: dict[str, tuple[Job, Unit]] = {}
+    unread = []
+    for number, unit in enumerate(units, start=1):
+        with terminal.err.status(f"reading {unit.name} ({number} of {len(units)})"):
+            try:
+                recordings = _read(question.simulation, unit, signals)
+                job = job_of(unit.name, recordings, question, described, folder)
+                if job.key in jobs:
+                    raise CesError(f"the same recordings as {jobs[job.key][0].name}")
+                jobs[job.key] = (job, unit)
+            except CesError as error:
+                unread.append(failure("", unit.name, FAILED, str(error)).row)
+    return dict(jobs.values()), unread
+
+
+def _read(simulation: Simulation, unit: Unit, signals: Signals) -> list[Recording]:
+    """Read and check the recordings of a unit without a word on the terminal."""
+    recordings = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for path in unit.paths:
+            recording = with_predictions(simulation, path, read_recording(path, signals, FORCE), signals)
+            require_usable(recording)
+            recordings.append(recording)
+    return recordings
+
+
+def _compute(
+    fleet: Fleet,
+    missing: Mapping[Job, Unit],
+    question: Question,
+    signals: Signals,
+    options: argparse.Namespace,
+    total: int,
+) -> bool:
+    """Diagnose what is not there yet; returns False if Ctrl-C ended it before the last."""
+    if not missing:
+        return True
+    by_key = {job.key: job for job in missing}
+    tasks = ((job, _read(question.simulation, unit, signals)) for job, unit in missing.items())
+    progress = CampaignProgress(total, total - len(missing), "diagnoses", told)
+    try:
+        with progress, closing(_crew(question, tasks, options)) as answers:
+            for answer in answers:
+                fleet.add(by_key[answer.row["key"]], answer)
+                progress.listen(answer.row)
+    except KeyboardInterrupt:
+        fleet.refresh()
+        return False
+    return True
+
+
+def _crew(question: Question, tasks: Iterable[Task], options: argparse.Namespace) -> Generator[Answer, None, None]:
+    if options.dask is not None:
+        return on_cluster(question.packed(), tasks, options.dask)
+    processes = options.jobs or os.cpu_count() or 1
+    return on_this_machine(question.packed(), tasks, processes, question.options.threads)
+
+
+def _tell(rows: Sequence[Row], folder: Path) -> None:
+    """Write the tables, and print the one for the terminal."""
+    write_csv(rows, folder / "fleet.csv")
+    write_page(rows, folder / "fleet.html")
+    if any(row["status"] == DONE for row in rows):
+        terminal.out.print(fleet_table(rows))
+    print(f"written: {folder}/fleet.html, fleet.csv, fleet.jsonl, units/")
+
+
+def _status(rows: Sequence[Row], planned: int, finished: bool) -> int:
+    if not finished:
+        terminal.note(f"interrupted with {len(rows)} of {planned} diagnoses; the same command goes on from there")
+        return terminal.INTERRUPTED
+    failed = [row for row in rows if row["status"] != DONE]
+    for row in failed:
+        terminal.note(f"{row['name']}: {row['reason']}")
+    if len(failed) == len(rows):
+        raise CesError(f"none of the {len(rows)} could be diagnosed, for the reasons above")
+    return 0

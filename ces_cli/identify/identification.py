@@ -1,0 +1,121 @@
+"""One identification, as `ces identify` and the node `identify` both carry it out: options in, model and report out."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from ces_cli.identify.candidates import candidate_rules
+from ces_cli.identify.distillation import with_teacher
+from ces_cli.identify.structures import identifier
+from ces_cli.terminal import terminal
+from ces_cli.terminal.simulations import open_simulation, taught
+from ces_identify.identify import Identified, Options
+from ces_identify.polynomial.limits import Found, Limits
+from ces_identify.preparation.weighting import parse_weighting
+from ces_identify.recordings.recording import Recording
+from ces_observer.errors import CesError
+
+FORCE = ("position", "current", "force")
+
+
+class Progress(Protocol):
+    """What hears of the search while it lasts; `listen` is called from any thread."""
+
+    def listen(self, found: Found) -> None:
+        """Hear of an improvement or of the end of a start."""
+
+
+Shown = Callable[[Limits], AbstractContextManager[Progress]]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What is identified from what: recordings with the force to learn, those to judge on, all as logged, and how."""
+
+    options: argparse.Namespace
+    bags: Sequence[Recording]
+    validation: Sequence[Recording]
+    measured: Sequence[Recording]
+    how: Options
+
+    def run(self, shown: Shown) -> Identified:
+        """Search while `shown` shows it, write the model and return it; raises CesError.
+
+        Ctrl-C ends the search with the best model so far.
+        """
+        with shown(self.how.limits) as progress:
+            result = identifier(self.options)(self.bags, self.validation, self.how, progress.listen)
+        if self.options.teacher is not None:
+            result = with_teacher(result, self.options.teacher, self.measured)
+        result.model.save(self.options.out)
+        return result
+
+
+def prepared(options: argparse.Namespace) -> Identification:
+    """Read and check all that `options` name; raises CesError, before the long work."""
+    if not options.bags:
+        raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
+    _require_writable(options.out, options.report, options.picture)
+    rules = candidate_rules(options)
+    weighting = parse_weighting(options.weight)
+    measured = _measured(options)
+    bags, validation = _taught(options, options.bags, measured), _taught(options, options.validate, measured)
+    terminal.compare([*bags, *validation])
+    split = options.split if options.split is not None else 1.0 if validation else 0.75
+    how = Options(
+        split, rules, _limits(options), options.rate, options.bandwidth, not options.no_certificate, weighting
+    )
+    return Identification(options, bags, validation, tuple(measured.values()), how)
+
+
+def write_report_page(result: Identified, options: argparse.Namespace, command: str) -> None:
+    """Write the report to options.report; raises CesError if that cannot be written."""
+    from ces_identify.report import write_report
+
+    best = result.found[0]
+    facts = {
+        "command": command,
+        "selection": f"{len(result.found)} starts, best seed {best.seed}, {sum(f.trials for f in result.found)} trials",
+        "end of search": best.ended,
+    }
+    write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
+
+
+def _limits(options: argparse.Namespace) -> Limits:
+    return Limits(
+        options.terms,
+        options.time,
+        options.target,
+        options.starts,
+        options.seed,
+        options.threads,
+        method=options.method,
+    )
+
+
+def _measured(options: argparse.Namespace) -> dict[Path, Recording]:
+    """Return the recordings as logged; with a teacher, the force may be missing."""
+    paths, signals = [*options.bags, *options.validate], terminal.signals_of(options)
+    need = FORCE if options.teacher is None else FORCE[:2]
+    return dict(zip(paths, terminal.read_all(paths, signals, need), strict=True))
+
+
+def _taught(options: argparse.Namespace, paths: Sequence[Path], measured: Mapping[Path, Recording]) -> list[Recording]:
+    """Return the recordings with the force to learn."""
+    if options.teacher is None:
+        return [measured[path] for path in paths]
+    teacher, signals = open_simulation(options.teacher), terminal.signals_of(options)
+    return [taught(teacher, path, measured[path], signals) for path in paths]
+
+
+def _require_writable(*paths: Path | None) -> None:
+    """Raise CesError before the long work if a result could not be written after it."""
+    for path in paths:
+        if path is not None and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+            raise CesError(f"{path}: its folder does not exist or cannot be written; choose another")

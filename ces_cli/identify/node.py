@@ -1,0 +1,212 @@
+"""The node `identify`: what `ces identify` does, told on topics, and the model latched for running observers to load.
+
+The search runs in a process of its own; a timer hears it. The first Ctrl-C or SIGTERM ends the search with the best
+model so far, which is written and published, and then the node; a later one ends the node at once.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from time import monotonic
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from std_msgs.msg import String
+
+from ces_cli.identify.options import PARAMETERS, Parameter, Value, words
+from ces_cli.identify.process import EXIT_STATUS, WARNING, IdentifyProcess
+from ces_cli.identify.progress import DONE, SEARCHING, WRITING, SearchState
+from ces_observer.nodes.executors import START_ERRORS, USER_ERROR
+from ces_observer.nodes.node_parameters import TableNode
+from ces_observer.nodes.qos import LATCHED
+
+LOOK_S = 0.1
+TELL_S = 1.0  # period of ~/progress while nothing happens
+LOG_S = 5.0
+ONE_SIGNAL_S = 2.0  # a terminal and ros2 launch each pass the same Ctrl-C on
+LAST_WORDS = Duration(seconds=1)
+EXIT_WHEN_DONE = "exit_when_done"
+_OTHERS = ("qos_overrides.", "use_sim_time", "start_type_description_service", "position", "current", "force")
+
+
+class Stop:
+    """Counts the wishes to stop, each a signal that comes some time after the last."""
+
+    def __init__(self) -> None:
+        self.wishes = 0
+        self._last_s = float("-inf")
+
+    def __call__(self, number: int, frame: object) -> None:
+        """Hear of a signal."""
+        now = monotonic()
+        self.wishes += now - self._last_s > ONE_SIGNAL_S
+        self._last_s = now
+
+
+class IdentifyNode(TableNode):
+    """The node; `status` is the future exit status. Raises what START_ERRORS lists if it cannot be built."""
+
+    def __init__(self, stop: Stop) -> None:
+        super().__init__("identify")
+        values = {parameter.name: _declared(self, parameter) for parameter in PARAMETERS}
+        self._exits = _declared(self, Parameter(EXIT_WHEN_DONE, False, "end when the model is published"))
+        _warn_of_unknown(self)
+        self.status: Future = Future()
+        self._stop, self._obeyed = stop, 0
+        self._progress = self.create_publisher(DiagnosticArray, "~/progress", LATCHED)
+        self._result = self.create_publisher(DiagnosticArray, "~/result", LATCHED)
+        self._model = self.create_publisher(String, "~/model", LATCHED)
+        self._state = SearchState()
+        self._told_s = self._logged_s = float("-inf")
+        self.create_timer(LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._process: IdentifyProcess | None = IdentifyProcess(words(values))
+
+    def end(self) -> None:
+        """End the search, if it goes on, and let those who listen have the last messages."""
+        if self._process is not None:
+            self._process.end()
+        self._model.wait_for_all_acked(LAST_WORDS)
+
+    def _look(self) -> None:
+        """Pass on what the search told and what the user wishes."""
+        if self._process is not None:
+            for message in self._process.heard():
+                self._hear(message)
+        if self._stop.wishes > self._obeyed:
+            self._obeyed = self._stop.wishes
+            self._obey()
+        if self._state.changed or (self._process is not None and monotonic() - self._told_s >= TELL_S):
+            self._tell()
+
+    def _hear(self, message: dict[str, Any]) -> None:
+        if WARNING in message:
+            self.get_logger().warning(message[WARNING])
+        elif "result" in message:
+            self._publish(message["result"])
+        elif EXIT_STATUS in message:
+            self._process = None
+            self._end_of_process(message[EXIT_STATUS])
+        else:
+            self._state.hear(message)
+
+    def _obey(self) -> None:
+        if self._process is None:
+            self._finish(0)
+        elif self._obeyed > 1 or self._state.stage not in (SEARCHING, WRITING):
+            self.get_logger().warning("stopped without a model; nothing was written")
+            self._finish(0)
+        else:
+            self.get_logger().info("stopping with the best model so far; a second Ctrl-C stops without")
+            if self._state.stage == SEARCHING:
+                self._process.interrupt()
+
+    def _tell(self) -> None:
+        """Publish the progress; log a new stage at once, the search's costs from time to time."""
+        now = monotonic()
+        message = DiagnosticArray(status=[_status(f"{self.get_fully_qualified_name()}: progress", *self._state.told())])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._progress.publish(message)
+        if self._state.changed_stage or now - self._logged_s >= LOG_S:
+            self.get_logger().info(message.status[0].message)
+            self._logged_s = now
+        self._told_s = now
+        self._state.was_told()
+
+    def _publish(self, result: dict[str, Any]) -> None:
+        """Publish costs and model, and log where they are."""
+        name = self.get_fully_qualified_name()
+        message = DiagnosticArray(status=[_status(f"{name}: model", "identified", result["facts"])])
+        for cost in result["costs"]:
+            line = f"J = {cost['J [%]']} %, {cost['role']}"
+            message.status.append(_status(f"{name}: {cost['recording']}", line, cost))
+            self.get_logger().info(f"{cost['recording']}: {line}")
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._result.publish(message)
+        self._model.publish(String(data=result["text"]))
+        self.get_logger().info(f"model: {result['facts']['model']}, latched on {self._model.topic_name}")
+        self._state.hear({"stage": DONE})
+
+    def _end_of_process(self, status: int) -> None:
+        if self._state.stage == DONE:
+            if self._exits or self._obeyed:
+                self._finish(0)
+        elif self._obeyed:
+            self.get_logger().warning(
+                f"stopped without a model: {self._state.error or 'the search had found none yet'}"
+            )
+            self._finish(0)
+        else:
+            self.get_logger().fatal(self._state.error or f"the search's process ended with status {status}; see above")
+            self._finish(USER_ERROR)
+
+    def _finish(self, status: int) -> None:
+        if not self.status.done():
+            self.status.set_result(status)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node; returns 0 when stopped by a signal or done, 2 if a parameter or a recording cannot be used."""
+    stop = Stop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    try:
+        # With rclpy's own handlers the context would be gone before the model found so far could be published.
+        rclpy.init(args=None if argv is None else list(argv), signal_handler_options=SignalHandlerOptions.NO)
+        return _run(stop)
+    except START_ERRORS as error:
+        get_logger("identify").fatal(str(error).splitlines()[0])
+        return USER_ERROR
+    finally:
+        rclpy.try_shutdown()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _run(stop: Stop) -> int:
+    node = IdentifyNode(stop)
+    try:
+        rclpy.spin_until_future_complete(node, node.status)
+        return int(node.status.result())
+    finally:
+        node.end()
+
+
+def _declared(node: Node, parameter: Parameter) -> Value:
+    """Declare a parameter anew with its description, as all given ones are first declared without, and return it."""
+    descriptor = ParameterDescriptor(description=parameter.meaning, read_only=True)
+    low, high = parameter.lowest, parameter.highest
+    if low is not None and high is not None and isinstance(parameter.default, float):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
+    elif low is not None and high is not None:
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    if parameter.one_of:
+        descriptor.additional_constraints = f"one of {', '.join(parameter.one_of)}"
+    if node.has_parameter(parameter.name):
+        node.undeclare_parameter(parameter.name)
+    value: Value = node.declare_parameter(parameter.name, parameter.default, descriptor).value
+    return value
+
+
+def _warn_of_unknown(node: Node) -> None:
+    known = (*(parameter.name for parameter in PARAMETERS), EXIT_WHEN_DONE)
+    for name in node.get_parameters_by_prefix(""):
+        if name not in known and not name.startswith(_OTHERS):
+            node.get_logger().warning(f"parameter '{name}' is unknown and ignored; known are {', '.join(known)}")
+
+
+def _status(name: str, message: str, values: dict[str, str]) -> DiagnosticStatus:
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    return DiagnosticStatus(level=DiagnosticStatus.OK, name=name, message=message, values=pairs)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

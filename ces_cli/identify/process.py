@@ -1,0 +1,71 @@
+"""The worker process of the node `identify`, seen from the node: start it, hear it without waiting, stop it."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from queue import Empty, SimpleQueue
+from typing import IO, Any
+
+WORKER = "ces_cli.identify.worker"
+WARNING, EXIT_STATUS = "warning", "exit_status"
+END_S = 5.0  # longest wait for a process that was killed
+
+
+class IdentifyProcess:
+    """An identification in a process of its own. It is in a session of its own, out of reach of a terminal's Ctrl-C.
+
+    The node's end, however it comes, ends it: it reads from a pipe that closes then.
+    """
+
+    def __init__(self, words: Sequence[str]) -> None:
+        self._heard: SimpleQueue[dict[str, Any]] = SimpleQueue()
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", WORKER, *words],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            start_new_session=True,
+        )
+        assert self._process.stdout is not None and self._process.stderr is not None
+        self._warnings = threading.Thread(target=self._hear_warnings, args=(self._process.stderr,), daemon=True)
+        self._warnings.start()
+        threading.Thread(target=self._hear, args=(self._process.stdout,), daemon=True).start()
+
+    def heard(self) -> Iterator[dict[str, Any]]:
+        """Yield what arrived since last time, as ces_cli.identify.worker sends it.
+
+        `warning` is a line of standard error, and `exit_status` comes last.
+        """
+        while True:
+            try:
+                yield self._heard.get_nowait()
+            except Empty:
+                return
+
+    def interrupt(self) -> None:
+        """Let it end the search with the best model so far."""
+        self._process.send_signal(signal.SIGINT)
+
+    def end(self) -> None:
+        """End it at once, whatever it does, and wait for that."""
+        self._process.kill()
+        self._process.wait(END_S)
+
+    def _hear(self, stream: IO[str]) -> None:
+        for line in stream:
+            self._heard.put(json.loads(line))
+        self._warnings.join()
+        self._heard.put({EXIT_STATUS: self._process.wait()})
+
+    def _hear_warnings(self, stream: IO[str]) -> None:
+        for line in stream:
+            if line.strip():
+                self._heard.put({WARNING: line.rstrip().removeprefix("warning: ")})

@@ -1,0 +1,125 @@
+"""`ces validate`: a model's free run judged on recordings."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ces_cli.identify.reproof import reprove
+from ces_cli.terminal import terminal
+from ces_cli.terminal.cost_picture import save_cost_picture
+from ces_cli.terminal.coverage_picture import require_picture_name
+from ces_cli.terminal.tables import cost_table
+from ces_identify.preparation.series import prepare
+from ces_identify.preparation.weighting import FORMS, Weighting, parse_weighting
+from ces_identify.validation.error_regions import error_cells
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
+from ces_identify.validation.residuals import residual_tests, verdicts
+from ces_observer.errors import CesError
+from ces_observer.model import Model, load_model
+
+WORST_CELLS = 3
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit status."""
+    options = _parser().parse_intermixed_args(argv)  # bags may follow options
+    if options.picture is not None:
+        require_picture_name(options.picture)
+    model, weighting = load_model(options.model), parse_weighting(options.weight)
+    if options.certificate and (status := reprove(model, str(options.model))):
+        return status
+    if not options.bags:
+        if options.certificate:
+            return 0
+        raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
+    evaluations = _evaluations(model, options)
+    weighting = weighting.over([e.series for e in evaluations])
+    terminal.out.print(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
+    _tell(evaluations, weighting)
+    if options.picture is not None:
+        save_cost_picture(evaluations, options.picture)
+    if options.report is not None:
+        from ces_identify.report import write_report
+
+        facts = {"command": shlex.join(["ces", "validate", *(sys.argv[2:] if argv is None else argv)])}
+        write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts, weighting)
+        print(f"report: {options.report}")
+    return 0
+
+
+def _evaluations(model: Model, options: argparse.Namespace) -> list[Evaluation]:
+    recordings = terminal.read_all(options.bags, terminal.signals_of(options), ("position", "current", "force"))
+    shares = _seen(model.provenance)
+    evaluations = []
+    for recording in recordings:
+        seen = _overlap(shares.get(recording.sha256, (0.0, 0.0)), options.part)
+        if seen:
+            terminal.note(f"{recording.name}: the model was identified on part of this")
+        series = prepare(recording, model.sampling).part(*options.part)
+        evaluations += evaluate(model, [series], IDENTIFICATION if seen else VALIDATION)
+    return evaluations
+
+
+def _tell(evaluations: Sequence[Evaluation], weighting: Weighting) -> None:
+    """Print what the table has no room for: the weights, the residuals of each recording, where the error sits."""
+    if weighting:
+        print(f"weights: {weighting}")
+    for e in evaluations:
+        tests = residual_tests(e)
+        for line in verdicts(tests) if tests else ("none to test: the free run diverged or is too short",):
+            print(f"residual of {e.name}: {line}")
+    for cell in error_cells(evaluations)[:WORST_CELLS]:
+        print(
+            f"error: {100 * cell.energy:.0f} % of its energy in {100 * cell.ticks:.0f} % of the time at {cell.region} "
+            f"(RMS {cell.rms_N:.0f} N, {cell.cost:.2f} of J)"
+        )
+
+
+def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return max(one[0], other[0]) < min(one[1], other[1])
+
+
+def _seen(provenance: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Return the shares of the recordings the model was identified on, by hash."""
+    rows = provenance.get("identification")
+    shares = {}
+    for row in rows if isinstance(rows, list) else []:
+        match row:
+            case {"sha256": str(digest), "share": [int() | float() as first, int() | float() as last]} if digest:
+                shares[digest] = (float(first), float(last))
+    return shares
+
+
+def _parser() -> terminal.Parser:
+    p = terminal.parser(
+        "validate",
+        "Judge a model by the cost J of its free run on recordings with a measured force: with its interval, the noise "
+        "floor where cycles repeat, what the residuals still hold, and where the error sits. Or prove it stable again.",
+        "ces validate model.json bags/road --weight zero_crossing=3 --report validation.html\n"
+        "  ces validate model.json --certificate",
+    )
+    p.add_argument("model", type=Path, metavar="MODEL.json")
+    p.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings with a measured force")
+    terminal.add_signals(p)
+    terminal.add_part(p)
+    p.add_argument(
+        "--weight",
+        action="append",
+        default=[],
+        metavar="REGION=W",
+        help=f"show J with this region's ticks counted W times, too; may be repeated: {FORMS} "
+        "[m/s, share of the stroke, A, m]",
+    )
+    p.add_argument(
+        "--certificate",
+        action="store_true",
+        help="prove the model stable again and compare with the file; exit status 1 if it cannot be proved",
+    )
+    p.add_argument("--report", type=Path, metavar="FILE", help="write a report page (HTML)")
+    p.add_argument("--picture", type=Path, metavar="FILE", help="draw speed-force and time plots (.png, .svg, .pdf)")
+    return p

@@ -1,0 +1,160 @@
+"""The process in which the node `identify` has its model identified, so that the search cannot hold up its executor.
+
+The command line of `ces identify` comes in; one JSON object a line goes out on standard output, and warnings as
+text on standard error. The end of standard input, which is the node's end, ends the process. SIGINT does here what
+Ctrl-C does to the program: it ends the search with the best model so far, and anything else without a model.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import shlex
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr
+from types import TracebackType
+from typing import Any
+
+from ces_cli.identify.identification import prepared, write_report_page
+from ces_cli.identify.program import parser
+from ces_cli.identify.progress import READING, SEARCHING, WRITING
+from ces_cli.terminal import terminal
+from ces_identify.identify import Identified
+from ces_identify.polynomial.limits import Found, Limits
+from ces_identify.validation.evaluate import Evaluation
+from ces_observer.errors import CesError
+
+TOLD_EVERY_S = 0.2
+
+Send = Callable[[dict[str, Any]], None]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Identify a model; returns 0, 2 after a mistake of the user, or 130 if there was no model yet at SIGINT."""
+    send = _standard_output()
+    threading.Thread(target=_end_with_the_node, daemon=True).start()
+    try:
+        terminal.interrupt_as_exception()
+        send({"result": _identified(list(sys.argv[1:] if argv is None else argv), send)})
+    except CesError as error:
+        send({"error": str(error)})
+        return terminal.USER_ERROR
+    except OSError as error:
+        send({"error": f"{error.filename}: {error.strerror}" if error.filename else str(error)})
+        return terminal.USER_ERROR
+    except KeyboardInterrupt:
+        return terminal.INTERRUPTED
+    return 0
+
+
+def _identified(words: list[str], send: Send) -> dict[str, Any]:
+    """Identify, write model and report, and return what the node tells of them."""
+    options = _options(words)
+    send({"stage": READING})
+    work = prepared(options)
+    result = work.run(lambda limits: TellsOfSearch(limits, send))
+    if options.report is not None:
+        write_report_page(result, options, shlex.join(["ces", "identify", *words]))
+    return told(result, options)
+
+
+def told(result: Identified, options: argparse.Namespace) -> dict[str, Any]:
+    """Return the model's text, where it is, and its costs, as JSON has them."""
+    best, model = result.found[0], result.model
+    return {
+        "text": model.to_json(),
+        "facts": {
+            "model": str(options.out.absolute()),
+            "model sha256": model.digest(),
+            "report": "" if options.report is None else str(options.report.absolute()),
+            "structure": model.structure,
+            "size": str(model.size),
+            "rate [Hz]": f"{model.sampling.rate_Hz:g}",
+            "best seed": str(best.seed),
+            "search ended": best.ended,
+            "proved stable": "no" if model.certificate is None else "yes",
+        },
+        "costs": [_cost(evaluation) for evaluation in result.evaluations],
+    }
+
+
+class TellsOfSearch:
+    """Sends the best cost so far, at most five times a second; `listen` may be called from any thread."""
+
+    def __init__(self, limits: Limits, send: Send) -> None:
+        self._limits, self._send = limits, send
+        self._lock = threading.Lock()
+        self._best: dict[int, Found] = {}
+        self._began = self._told = time.monotonic()
+
+    def __enter__(self) -> TellsOfSearch:
+        self._send({"stage": SEARCHING, "seconds": self._limits.seconds, "starts": self._limits.starts})
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
+        if kind is None:
+            self._tell()
+            self._send({"stage": WRITING})
+
+    def listen(self, found: Found) -> None:
+        """Hear of an improvement or of the end of a start."""
+        with self._lock:
+            self._best[found.seed] = found
+            if time.monotonic() - self._told >= TOLD_EVERY_S:
+                self._tell()
+
+    def _tell(self) -> None:
+        self._told = time.monotonic()
+        best = min(self._best.values(), key=lambda found: found.cost, default=None)
+        if best is None:
+            return
+        ended = sum(found.ended != "running" for found in self._best.values())
+        self._send({"cost": best.cost, "size": len(best.chosen), "ended": ended})
+
+
+def _cost(evaluation: Evaluation) -> dict[str, str]:
+    return {
+        "recording": evaluation.name,
+        "role": evaluation.role,
+        "J [%]": f"{evaluation.cost:.4f}",
+        "rms [N]": f"{evaluation.rms_N:.2f}",
+    }
+
+
+def _options(words: list[str]) -> argparse.Namespace:
+    """Return the options; raises CesError with what the parser would have printed."""
+    complaint = io.StringIO()
+    try:
+        with redirect_stderr(complaint):
+            return parser().parse_args(words)
+    except SystemExit:
+        text = complaint.getvalue().strip().removeprefix("ces identify: error: ").partition("; see ")[0]
+        raise CesError(text.replace("argument --", "parameter ", 1)) from None
+
+
+def _standard_output() -> Send:
+    """Return who writes lines to standard output, and send what anybody else prints to standard error."""
+    stream = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    lock = threading.Lock()
+
+    def send(message: dict[str, Any]) -> None:
+        with lock:
+            stream.write(json.dumps(message) + "\n")
+            stream.flush()
+
+    return send
+
+
+def _end_with_the_node() -> None:
+    os.read(sys.stdin.fileno(), 1)  # not sys.stdin.read(), whose lock would be held when the interpreter ends
+    os._exit(terminal.INTERRUPTED)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

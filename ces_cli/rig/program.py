@@ -1,0 +1,77 @@
+"""`ces rig`: run an experiment on the virtual rig and write what its sensors logged as a bag."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from ces_cli.terminal import terminal
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.recording import Recording
+from ces_rig.errors import RigError
+from ces_rig.experiment import Experiment, find_experiment, load_experiment, packaged, reseeded, run
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit status."""
+    parser = _parser()
+    options = parser.parse_args(argv)
+    if options.list:
+        return _list()
+    if options.experiment is None or options.out is None:
+        parser.error("EXPERIMENT and --out BAG are needed (or --list)")
+    _record(_experiment(options), options)
+    return 0
+
+
+def _parser() -> terminal.Parser:
+    p = terminal.parser(
+        "rig",
+        "Run an experiment on the virtual dyno rig and write a bag with position, current and force (synthetic data).",
+        "ces rig sine_4hz --out sine_4hz",
+    )
+    p.add_argument(
+        "experiment", nargs="?", metavar="EXPERIMENT", help="experiment file (YAML) or the name of a packaged one"
+    )
+    p.add_argument("--out", type=Path, metavar="BAG", help="bag folder to write")
+    p.add_argument(
+        "--seed",
+        type=terminal.whole(0, 2**31),
+        metavar="N",
+        help="seed of everything random (default: the experiment's own)",
+    )
+    terminal.add_signals(p)
+    p.add_argument("--overwrite", action="store_true", help="replace BAG if it exists")
+    p.add_argument("--list", action="store_true", help="list the packaged experiments and leave")
+    return p
+
+
+def _list() -> int:
+    for name, path in packaged().items():
+        settings = load_experiment(path).settings
+        print(f"{name:<12}{settings.duration_s:4.0f} s  {settings.description}")
+    return 0
+
+
+def _experiment(options: argparse.Namespace) -> Experiment:
+    experiment = load_experiment(find_experiment(options.experiment))
+    return experiment if options.seed is None else reseeded(experiment, options.seed)
+
+
+def _record(experiment: Experiment, options: argparse.Namespace) -> None:
+    signals = terminal.signals_of(options)
+    with terminal.err.status(f"running {experiment.settings.name}"):
+        recording = run(experiment)
+    topics = recording_topics(recording, signals)
+    if not topics:
+        raise RigError(f"{signals.source}: describes none of what the rig records: {', '.join(recording.channels)}")
+    notes = {"ces_rig": f"synthetic: experiment {recording.name}, seed {experiment.settings.seed}"}
+    write_bag(options.out, topics, overwrite=options.overwrite, notes=notes)
+    print(_summary(recording, options.out))
+
+
+def _summary(recording: Recording, out: Path) -> str:
+    samples = ", ".join(f"{len(channel)} {name}" for name, channel in recording.channels.items())
+    force = recording.channel("force").values
+    return f"{out}: {samples} samples; force {force.min():.0f} to {force.max():.0f} N"

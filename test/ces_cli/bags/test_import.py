@@ -1,0 +1,117 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ces_cli.bags import import_
+from ces_cli.terminal import terminal
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.signals_file import load_signals
+
+ROOT = Path(__file__).parents[3]
+DATA = Path(os.environ.get("CES_DATA", ROOT.parent / "shared" / "data"))
+MAPPING = "rate: 100\nposition: {column: x, scale: 0.001}\ncurrent: {constant: 0.2}\nforce: {column: F}\n"
+pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
+
+
+@pytest.fixture
+def files(tmp_path):
+    (tmp_path / "map.yaml").write_text(MAPPING)
+    for name, top in (("a", 5), ("b", 7)):
+        (tmp_path / f"{name}.csv").write_text("x,F\n" + "".join(f"{i},{-i}\n" for i in range(top)))
+    return tmp_path
+
+
+def run(*words):
+    return terminal.run("import", import_.main, [str(word) for word in words])
+
+
+def errors(capsys):
+    return capsys.readouterr().err.splitlines()
+
+
+def test_one_file_becomes_the_bag_named(files, capsys):
+    assert run(files / "a.csv", "--mapping", files / "map.yaml", "--out", files / "deep" / "bag") == 0
+    recording = read_recording(files / "deep" / "bag", load_signals())
+    np.testing.assert_array_equal(recording.channel("position").values, 0.001 * np.arange(5))
+    np.testing.assert_array_equal(recording.channel("current").values, 0.2)
+    np.testing.assert_array_equal(recording.channel("force").stamps_ns, np.arange(5) * 10_000_000)
+    assert "5 samples of position, current, force at 100.0 Hz" in capsys.readouterr().out
+
+
+def test_several_files_become_a_bag_each(files):
+    assert run(files / "a.csv", files / "b.csv", "--mapping", files / "map.yaml", "--out", files / "bags") == 0
+    assert sorted(p.name for p in (files / "bags").iterdir()) == ["a", "b"]
+    assert len(read_recording(files / "bags" / "b", load_signals()).channel("position")) == 7
+
+
+def test_topics_are_those_of_the_signals_file(files):
+    (files / "s.yaml").write_text("force: {topic: load, type: std_msgs/msg/Float32, field: data, scale: -2.0}\n")
+    words = ("--mapping", files / "map.yaml", "--out", files / "bag", "--signals", files / "s.yaml")
+    assert run(files / "a.csv", *words) == 0
+    recording = read_recording(files / "bag", load_signals(files / "s.yaml"))
+    np.testing.assert_array_equal(recording.channel("force").values, -np.arange(5.0))
+
+
+def test_no_bag_is_written_unless_all_files_could_be_read(files, capsys):
+    (files / "b.csv").write_text("x,F\n1,2\n3,oops\n")
+    assert run(files / "a.csv", files / "b.csv", "--mapping", files / "map.yaml", "--out", files / "bags") == 2
+    assert errors(capsys) == [f"ces import: error: {files / 'b.csv'}:3: column 'F' is 'oops'; expected a number"]
+    assert not (files / "bags").exists()
+
+
+def test_existing_bag_needs_overwrite(files, capsys):
+    words = (files / "a.csv", "--mapping", files / "map.yaml", "--out", files / "bag")
+    assert run(*words) == 0
+    assert run(*words) == 2
+    assert "exists already; choose another name" in errors(capsys)[-1]
+    assert run(*words, "--overwrite") == 0
+
+
+def test_files_of_the_same_name(files, capsys):
+    (files / "sub").mkdir()
+    (files / "a.csv").rename(files / "sub" / "b.csv")
+    words = ("--mapping", files / "map.yaml", "--out", files / "bags")
+    assert run(files / "b.csv", files / "sub" / "b.csv", *words) == 2
+    assert "2 files are called 'b'" in errors(capsys)[0]
+
+
+def test_recording_that_cannot_be_identified_is_imported_with_a_warning(files, capsys):
+    (files / "a.csv").write_text("x,F\n1,2\n1,3\n")
+    assert run(files / "a.csv", "--mapping", files / "map.yaml", "--out", files / "bag") == 0
+    assert "position: constant at 0.001 m" in errors(capsys)[0]
+
+
+def test_template_makes_a_mapping(files, capsys):
+    assert run("--template") == 0
+    (files / "mine.yaml").write_text(capsys.readouterr().out)
+    (files / "log.csv").write_text("t_s,x_mm,current_A,F_N\n0,1,2,3\n1,2,2,3\n")
+    assert run(files / "log.csv", "--mapping", files / "mine.yaml", "--out", files / "bag") == 0
+
+
+def test_missing_options_are_one_line(files, capsys):
+    for words in ([], [files / "a.csv"], [files / "a.csv", "--out", files / "bag"]):
+        with pytest.raises(SystemExit) as caught:
+            run(*words)
+        assert caught.value.code == 2
+        assert len(errors(capsys)) == 1
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"measured recordings are not in {DATA} (set CES_DATA)")
+@pytest.mark.parametrize(
+    ("name", "pattern", "count"),
+    [("dyke_mr", "ranran_50.csv", 1), ("utfsm_mr", "sine_5mm*.csv", 5), ("brfd_backlash", "1Hz*.json", 1)],
+)
+def test_measured_logs_become_bags_without_loss(tmp_path, name, pattern, count):
+    logs = sorted((DATA / name).glob(pattern))
+    assert len(logs) == count
+    mapping = ROOT / "config" / "import" / f"{name}.yaml"
+    assert run(*logs, "--mapping", mapping, "--out", tmp_path / "bags") == 0
+    bags = sorted((tmp_path / "bags").iterdir()) if count > 1 else [tmp_path / "bags"]
+    for log, bag in zip(logs, bags, strict=True):
+        wanted = import_.import_log(log, import_.load_dyno_mapping(mapping))
+        found = read_recording(bag, load_signals())
+        for signal, channel in wanted.channels.items():
+            np.testing.assert_array_equal(found.channel(signal).values, channel.values)
+            np.testing.assert_array_equal(found.channel(signal).stamps_ns, channel.stamps_ns)

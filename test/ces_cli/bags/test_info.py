@@ -1,0 +1,133 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ces_cli.bags import info
+from ces_cli.terminal import terminal
+from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
+from ces_identify.recordings.recording import Channel, Recording
+from ces_observer.errors import CesError
+from ces_observer.signals import Signals
+
+DEFAULT = Signals.from_mapping({}, "defaults")
+N = 4000
+
+
+@pytest.fixture(autouse=True)
+def wide_terminal(monkeypatch):
+    monkeypatch.setattr(terminal.out, "width", 120)
+
+
+def bag(path, more=(), **changed):
+    t = np.arange(N) / 1000
+    values = {"position": 0.02 * np.sin(6 * t), "current": 0.3 + 0.1 * (t > 2), "force": np.cos(6 * t)}
+    stamps = 10**9 + np.arange(N) * 1_000_000
+    channels = {k: Channel(k, "", stamps, v) for k, v in {**values, **changed}.items()}
+    write_bag(path, [*recording_topics(Recording("run", channels), DEFAULT), *more])
+    return str(path)
+
+
+def test_report_tells_what_is_in_the_bag(tmp_path, capsys):
+    extra = TopicData("/imu_count", "std_msgs/msg/Int32", np.arange(1, 6), {"data": np.zeros(5)})
+    assert info.main([bag(tmp_path / "run", [extra])]) == 0
+    told = capsys.readouterr().out
+    assert "position: /joint_states position[rear_damper] (sensor_msgs/msg/JointState)" in told
+    assert "other topics: /imu_count (std_msgs/msg/Int32, 5)" in told
+    rows = {line.split()[0]: line.split() for line in told.splitlines() if line.split()[1:2] in (["m"], ["A"], ["N"])}
+    assert rows["position"] == ["position", "m", "4000", "4.00", "1000.0", "0.000", "1.000", "0", "-0.02", "0.02"]
+    assert rows["current"][-2:] == ["0.3", "0.4"]
+    assert "warning: current: std_msgs/msg/Float64 on /valve_current has no header" in told
+    assert "non-causal" in told
+
+
+def test_map_shows_both_currents_and_the_range_of_speed(tmp_path, capsys):
+    info.main([bag(tmp_path / "run")])
+    lines = capsys.readouterr().out.splitlines()
+    filled = [line.split()[0] for line in lines if "┤" in line and line.partition("┤")[2].strip()]
+    assert filled == ["0.394", "0.306"]
+    assert any("-0.12" in line and "+0.12 m/s" in line for line in lines)
+
+
+def test_json_for_other_programs(tmp_path, capsys):
+    info.main([bag(tmp_path / "a"), bag(tmp_path / "b", current=np.zeros(N)), "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert told["schema"] == "ces-info/1"
+    first = told["recordings"][0]
+    assert (first["name"], len(first["sha256"])) == ("a", 64)
+    assert first["channels"]["position"]["rate_Hz"] == pytest.approx(1000.0)
+    assert first["findings"][0]["severity"] == "warning"
+    assert np.sum(told["coverage"]["share"]) == pytest.approx(1.0)
+
+
+def test_constant_signal_and_own_signals_file(tmp_path, capsys):
+    (tmp_path / "signals.yaml").write_text("current: {constant: 0.5}\nposition: {scale: 2.0}\n")
+    assert info.main([bag(tmp_path / "run"), "--signals", str(tmp_path / "signals.yaml")]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["current", "A", "0.5", "0.5"] in rows
+    assert any(row[:2] == ["position", "m"] and row[-2:] == ["-0.04", "0.04"] for row in rows)
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml")])
+def test_picture(tmp_path, suffix, magic):
+    path = tmp_path / f"coverage{suffix}"
+    assert info.main([bag(tmp_path / "run"), "--picture", str(path)]) == 0
+    assert path.read_bytes().startswith(magic)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [path.name, "run"]
+
+
+def outcome(capsys, *words):
+    """Run as the program does; return exit status and the lines on stderr."""
+    status = terminal.run("info", info.main, [str(word) for word in words])
+    return status, capsys.readouterr().err.splitlines()
+
+
+def test_picture_of_unknown_kind_or_in_no_folder(tmp_path, capsys):
+    run = bag(tmp_path / "run")
+    assert outcome(capsys, run, "--picture", "x.bmp") == (
+        2,
+        ["ces info: error: x.bmp: cannot draw a '.bmp' picture; use one of .png, .svg, .pdf"],
+    )
+    status, lines = outcome(capsys, run, "--picture", tmp_path / "none" / "x.png")
+    assert status == 2
+    assert "No such file or directory" in lines[-1]
+
+
+BAD = {
+    "constant position": ({"position": np.full(N, 0.1)}, "position: constant at 0.1 m"),
+    "NaN": ({"force": np.where(np.arange(N) < 200, np.nan, 1.0)}, "force: 200 of 4000 samples are NaN or infinite"),
+    "infinite": ({"current": np.where(np.arange(N) < 200, np.inf, 1.0)}, "current: 200 of 4000 samples are NaN"),
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_unusable_bag_is_shown_and_ends_with_one_line_and_status_2(tmp_path, capsys, bad):
+    changed, told = BAD[bad]
+    status, lines = outcome(capsys, bag(tmp_path / "run", **changed))
+    assert status == 2
+    assert len(lines) == 1
+    assert lines[0].startswith(f"ces info: error: {tmp_path / 'run'}: {told}")
+
+
+def test_all_positions_missing_is_still_shown(tmp_path, capsys):
+    status, lines = outcome(capsys, bag(tmp_path / "run", position=np.full(N, np.nan)), "--json")
+    assert status == 2
+    assert "position: 4000 of 4000 samples are NaN" in lines[0]
+
+
+def test_bags_that_cannot_be_read(tmp_path, capsys):
+    status, lines = outcome(capsys, tmp_path / "none")
+    assert (status, len(lines)) == (2, 1)
+    run = Path(bag(tmp_path / "run"))
+    file = run / "run.mcap"
+    file.write_bytes(file.read_bytes()[:5000])
+    status, lines = outcome(capsys, run)
+    assert (status, len(lines)) == (2, 1)
+    assert "the file ends early" in lines[0]
+    write_bag(tmp_path / "odd", [TopicData("x", "std_msgs/msg/Float64", np.arange(3), {"data": np.zeros(3)})])
+    status, lines = outcome(capsys, tmp_path / "odd")
+    told = "no topic 'joint_states' for position; the bag has /x (std_msgs/msg/Float64)"
+    assert lines == [f"ces info: error: {tmp_path / 'odd'}: {told}"]
+    with pytest.raises(CesError):
+        info.main([str(tmp_path / "none")])

@@ -1,0 +1,108 @@
+"""What is counted of a blind test: known values of each statistic, and what counts as right."""
+
+from dataclasses import replace
+from math import isnan
+
+import numpy as np
+import pytest
+
+from ces_cli.blind.closure import closure, where_error
+from ces_cli.blind.figures import BY_NAME, baselines, candidates
+from ces_cli.blind.outcome import Outcome
+from ces_cli.blind.statistics import brier, calibration_error, quantile, rate
+from ces_cli.blind.tables import case_rows, confusions
+
+RIGHT = Outcome(
+    case="0001", kind="effect", truth=("friction",), gap_to_noise=3.0, baseline_ratio=0.0, excitation="rich", plant="a",
+    verdict="named", ranked=("friction", "leakage", "inertia"), probability={"friction": 0.95, "none": 0.05},
+    found=("friction",), alike=(),
+)  # fmt: skip
+WRONG = replace(RIGHT, truth=("inertia",))
+PAIR = replace(RIGHT, kind="pair", truth=("friction", "leakage"), found=("leakage", "friction"))
+
+
+def test_wilson_interval():
+    assert rate([True] * 9 + [False]).interval() == pytest.approx((0.5958, 0.9821), abs=1e-4)
+    assert rate([False] * 20).interval() == pytest.approx((0.0, 0.1611), abs=1e-4)
+    assert isnan(rate([]).value)
+
+
+def test_bootstrap_interval_of_a_median_is_as_wide_as_theory_says():
+    values = np.random.default_rng(1).standard_normal(400)
+    low, high = quantile(values, 0.5).interval()
+    assert high - low == pytest.approx(2 * 1.96 * np.sqrt(np.pi / 2) / 20.0, rel=0.25)
+
+
+def test_calibration_error_and_brier():
+    p = np.array([0.9] * 10 + [0.25] * 4)
+    assert calibration_error(p, np.array([1.0] * 9 + [0.0] + [1.0, 0.0, 0.0, 0.0])) == pytest.approx(0.0)
+    assert calibration_error(p, np.zeros(14)) == pytest.approx(10.0 / 14.0)
+    assert brier(np.array([[0.8, 0.2], [0.0, 1.0]]), np.array([[1.0, 0.0], [0.0, 1.0]])) == pytest.approx(0.04)
+
+
+def test_what_is_right():
+    assert RIGHT.in_top(1)
+    assert RIGHT.named()
+    assert not RIGHT.confidently_wrong()
+    assert not WRONG.in_top(1)
+    assert WRONG.in_top(3)
+    assert WRONG.confidently_wrong()
+    assert not replace(WRONG, probability={"friction": 0.8}).confidently_wrong()
+    assert replace(WRONG, alike=(frozenset({"friction", "inertia"}),)).first_by_class()
+    assert not replace(WRONG, alike=(frozenset({"friction", "backlash"}),)).first_by_class()
+
+
+def test_both_of_a_pair():
+    assert PAIR.both()
+    assert not replace(PAIR, found=("friction",)).both()
+    twin = replace(PAIR, found=("friction", "blow_off"), alike=(frozenset({"leakage", "blow_off"}),))
+    assert not twin.both()
+    assert twin.both_by_class()
+    once = replace(PAIR, found=("friction", "backlash"), alike=(frozenset({"friction", "leakage"}),))
+    assert not once.both_by_class()
+
+
+def test_candidates_have_a_place_for_an_answer_that_was_never_one():
+    said, right = candidates([RIGHT, replace(RIGHT, kind="outside", truth=("hum",)), PAIR])
+    assert said.shape == right.shape == (2, 3)  # friction, none, unknown
+    assert right.sum(axis=1).tolist() == [1.0, 1.0]
+    assert right[1].tolist() == [0.0, 0.0, 1.0]
+
+
+def test_figures_count_the_cases_they_are_about():
+    cases = [RIGHT, WRONG, PAIR, replace(RIGHT, kind="none", truth=(), verdict="ambiguous")]
+    figures = {name: BY_NAME[name].count(cases) for name in ("top-1", "false alarms", "both of a pair")}
+    assert {name: (f.value, f.count) for name, f in figures.items()} == {
+        "top-1": (0.5, 2), "false alarms": (1.0, 1), "both of a pair": (1.0, 1)
+    }  # fmt: skip
+    assert baselines([replace(RIGHT, baselines={"bic": "friction"}), WRONG])["bic"].value == 1.0
+    assert "| `inertia` | 1 | 0.0 % | 0.0 % | 100.0 % | named 1 | friction 1 |" in confusions(cases)
+    row = case_rows([RIGHT]).splitlines()[1]
+    assert row.startswith("0001,effect,a,rich,3,0,friction,named,friction,friction 0.950")
+
+
+def test_closure_and_its_oracles():
+    rng = np.random.default_rng(2)
+    force, effect, error = rng.normal(0.0, [[900.0], [24.0], [18.0]], (3, 20_000))
+    truth = {"h1_force_N": force, "h1_effect_N": effect, "h1_baseline_N": force - effect - error}
+    replay = {"h1_corrected_N": force - effect - 0.1 * error, "h1_augmented_N": force - 0.5 * effect - 0.1 * error}
+    got = closure(truth, replay, "h1")
+    assert got["gap_N"] == pytest.approx(30.0, rel=0.02)
+    assert got["oracle"] == pytest.approx(1.0 - 1.8 / 30.0, abs=0.003)
+    assert got["plain_oracle"] == pytest.approx(1.0 - 18.0 / 30.0, abs=0.01)
+    assert got["closure"] == pytest.approx(1.0 - np.hypot(12.0, 1.8) / 30.0, abs=0.01)
+    assert closure(truth, {name: values[1:] for name, values in replay.items()}, "h1") == {}
+
+
+def test_misplaced_energy():
+    speed = np.tile([-1.0, 1.0], 5000)
+    truth = {"h1_speed_m_s": speed, "h1_effect_N": np.where(speed > 0.0, 10.0, 0.0), "h1_force_N": speed}
+    truth["h1_baseline_N"] = truth["h1_force_N"] - 3.0
+
+    def regions(rebound, compression):
+        shares = ((-1.0, 0.0, rebound), (0.0, 1.0, compression))
+        return [{"axis": "direction", "from": a, "to": b, "share_of_energy": s} for a, b, s in shares]
+
+    assert where_error(truth, regions(0.0, 1.0), ("h1",), True) == {"where_direction": pytest.approx(0.0, abs=1e-9)}
+    assert where_error(truth, regions(0.5, 0.5), ("h1",), True) == {"where_direction": pytest.approx(0.5)}
+    assert where_error(truth, regions(0.5, 0.5), ("h1",), False) == {"where_direction": pytest.approx(0.0, abs=1e-9)}

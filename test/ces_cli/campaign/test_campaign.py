@@ -1,0 +1,182 @@
+"""`ces identify --campaign` from end to end: tables and plot, a killed and an interrupted run, mistakes of the user."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from ces_cli.main import main
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+
+ROOT = Path(__file__).parents[3]
+from campaign_parts import CAMPAIGN, DEFAULT, furnish, made  # noqa: E402
+
+CELLS = 12
+FILES = ("results.jsonl", "results.csv", "results.md", "pareto.svg", "pareto.png")
+
+
+def ces(*words):
+    return main([str(word) for word in words])
+
+
+def complaint(capsys, *words):
+    """Run a campaign that must fail; return its one line."""
+    capsys.readouterr()
+    assert ces("identify", *words) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
+    assert len(lines) == 1, lines
+    return lines[0]
+
+
+def lines_of(folder):
+    path = folder / "results.jsonl"
+    return path.read_bytes().splitlines(keepends=True) if path.exists() else []
+
+
+def told(folder):
+    """What a run found, but for the time it took: rows and models by key."""
+    rows = [json.loads(line) for line in lines_of(folder)]
+    models = {path.stem: path.read_text() for path in (folder / "models").glob("*.json")}
+    return {row["key"]: {k: v for k, v in row.items() if k != "seconds"} for row in rows}, models
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A folder with bags, a campaign, and its results from a run without any trouble."""
+    folder = tmp_path_factory.mktemp("campaign")
+    assert ces("identify", "--campaign", furnish(folder), "--out", folder / "whole", "--jobs", 2) == 0
+    return folder
+
+
+def begun(work, out):
+    """Start a run of the campaign in a process group of its own."""
+    words = ["identify", "--campaign", "campaign.yaml", "--out", out, "--jobs", "1"]
+    code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    code += f"from ces_cli.main import main; sys.exit(main({words!r}))"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=work,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_for_lines(run, folder, count):
+    began = time.monotonic()
+    while len(lines_of(folder)) < count:
+        assert run.poll() is None, run.communicate()[1]
+        assert time.monotonic() - began < 60.0
+        time.sleep(0.01)
+
+
+def test_everything_is_written(work):
+    assert all((work / "whole" / name).stat().st_size > 0 for name in FILES)
+    rows, models = told(work / "whole")
+    assert len(rows) == len(models) == len(lines_of(work / "whole")) == CELLS
+    assert {row["status"] for row in rows.values()} == {"done"}
+    assert (work / "whole" / "pareto.png").read_bytes().startswith(b"\x89PNG")
+    assert "validation costs beside it chose nothing" in (work / "whole" / "results.md").read_text()
+
+
+def test_the_table_has_a_line_for_each_cell(work):
+    rows, _ = told(work / "whole")
+    table = list(csv.DictReader((work / "whole" / "results.csv").open()))
+    assert {row["key"] for row in table} == set(rows)
+    assert [row["mark"] for row in table if row["bags"] == "one"].count("recommended") == 1
+    for row in table:
+        judged = {c["recording"]: c["J"] for c in rows[row["key"]]["costs"] if c["set"] == "other"}
+        assert row["J other: two"] == str(judged.get("two", ""))
+        assert bool(judged) == (row["bags"] == "one")
+    assert len([line for line in (work / "whole" / "results.md").read_text().splitlines() if "seed" in line]) >= CELLS
+
+
+def test_a_run_that_has_everything_computes_nothing(work, capsys, monkeypatch):
+    monkeypatch.setattr("ces_cli.campaign.program._crew", lambda options: pytest.fail)
+    before = lines_of(work / "whole")
+    assert ces("identify", "--campaign", work / "campaign.yaml", "--out", work / "whole") == 0
+    assert lines_of(work / "whole") == before
+    assert "identified on both" in capsys.readouterr().out
+
+
+def test_a_killed_run_goes_on_and_ends_as_one_that_was_not(work, capsys):
+    folder = work / "killed"
+    run = begun(work, "killed")
+    wait_for_lines(run, folder, 3)
+    os.kill(run.pid, signal.SIGKILL)
+    os.killpg(run.pid, signal.SIGTERM)  # its orphans, which would end by themselves some minutes later
+    run.communicate()
+    finished = lines_of(folder)
+    assert 3 <= len(finished) < CELLS
+    with (folder / "results.jsonl").open("ab") as file:
+        file.write(b'{"key": "torn')
+    capsys.readouterr()
+    assert ces("identify", "--campaign", work / "campaign.yaml", "--out", folder, "--jobs", 2) == 0
+    assert f"{len(finished)} of {CELLS} cells are there from an earlier run" in capsys.readouterr().err
+    lines = lines_of(folder)
+    assert lines[: len(finished)] == finished
+    assert len(lines) == len({json.loads(line)["key"] for line in lines}) == CELLS
+    assert told(folder) == told(work / "whole")
+
+
+def test_ctrl_c_ends_with_what_is_there(work):
+    folder = work / "interrupted"
+    run = begun(work, "interrupted")
+    wait_for_lines(run, folder, 2)
+    os.killpg(run.pid, signal.SIGINT)
+    _, complaints = run.communicate(timeout=30)
+    assert run.returncode == 130
+    assert "Traceback" not in complaints
+    assert f"of {CELLS} cells; the same command goes on from there" in complaints
+    rows, models = told(folder)
+    assert 2 <= len(rows) < CELLS
+    whole = told(work / "whole")
+    assert all(rows[key] == whole[0][key] and models[key] == whole[1][key] for key in rows)
+    assert len(list(csv.DictReader((folder / "results.csv").open()))) == len(rows)
+
+
+def test_cells_that_fail_are_told_and_not_tried_again(work, tmp_path, capsys):
+    write_bag(work / "short", recording_topics(made(3, seconds=1.0, name="short"), DEFAULT))
+    (work / "some.yaml").write_text(CAMPAIGN.replace("both: [one, two]", "short: short").replace("seeds: [1, 2]", ""))
+    for _ in range(2):
+        assert ces("identify", "--campaign", work / "some.yaml", "--out", tmp_path / "out", "--jobs", 2) == 0
+        assert capsys.readouterr().err.count("warning: short, polynomial, terms 2: ") == 1
+    assert [json.loads(line)["status"] for line in lines_of(tmp_path / "out")].count("failed") == 3
+    assert len(lines_of(tmp_path / "out")) == 6
+    (work / "none.yaml").write_text((work / "some.yaml").read_text().replace("  one: [one]\n", ""))
+    assert ces("identify", "--campaign", work / "none.yaml", "--out", tmp_path / "none", "--jobs", 2) == 2
+    assert "none of the 3 cells gave a model" in capsys.readouterr().err.splitlines()[-1]
+    assert not (tmp_path / "none" / "results.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("--out", "o", "--terms", 9), "--terms has no effect with --campaign; say it in"),
+        (("one", "--out", "o"), "BAG has no effect with --campaign"),
+        ((), "give --out DIR"),
+        (("--out", "o", "--dask", "here:1", "--jobs", 2), "--jobs is about this machine"),
+        (("--out", "campaign.yaml"), "campaign.yaml: cannot be written"),
+    ],
+)
+def test_wrong_words(work, monkeypatch, capsys, words, expected):
+    monkeypatch.chdir(work)
+    assert expected in complaint(capsys, "--campaign", "campaign.yaml", *words)
+
+
+def test_options_of_campaigns_need_one(capsys):
+    assert "give --campaign FILE.yaml" in complaint(capsys, "one", "--jobs", 2)
+
+
+def test_a_missing_bag_is_named_before_anything_is_computed(work, tmp_path, capsys):
+    (work / "missing.yaml").write_text(CAMPAIGN.replace("other: two", "other: nowhere"))
+    assert "nowhere: no such file" in complaint(capsys, "--campaign", work / "missing.yaml", "--out", tmp_path / "o")
+    assert not (tmp_path / "o").exists()

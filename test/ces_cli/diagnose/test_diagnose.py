@@ -1,0 +1,344 @@
+"""`ces diagnose`: words in, files and a summary out; bad input is one line; a fleet is a row for each."""
+
+import csv
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ces_cli.main import main
+from ces_cli.terminal.bag_paths import bags_of, units_of
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_observer.errors import CesError
+from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.signals import Signals
+
+ROOT = Path(__file__).parents[3]
+import diagnoses  # noqa: E402
+import stand_in  # noqa: E402
+
+DEFAULT = Signals.from_mapping({}, "defaults")
+SIM = "diagnosed_damper:force"
+MODULE = """\
+import numpy as np
+
+from ces_gap.effects.effect import Effect, Parameter
+
+
+def force(time_s, position_m, current_A):
+    return 1200.0 * np.gradient(position_m, time_s) * (0.5 + current_A)
+
+
+def turned(time_s, position_m, current_A):
+    return -force(time_s, position_m, current_A)
+
+
+def raises(time_s, position_m, current_A):
+    raise RuntimeError("no licence")
+
+
+def nothing(time_s, position_m, current_A):
+    return force(time_s, position_m, current_A) * np.nan
+
+
+def short(time_s, position_m, current_A):
+    return force(time_s, position_m, current_A)[:-1]
+
+
+class Own(Effect):
+    name, form = "own", "constant"
+    parameters = (Parameter("offset_N", -1e3, 1e3, (10.0,), "of the force", magnitude=True),)
+
+    def respond(self, trace, inputs, force, values):
+        return force + values[0]
+"""
+
+
+def ces(*words):
+    return main([str(word) for word in words])
+
+
+def bag(path, offset_N=0.0, seed=1, seconds=3.0, **more):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    recording = stand_in.made(path.name, offset_N, seed, seconds)
+    write_bag(path, (*recording_topics(recording, DEFAULT), *more.get("topics", ())))
+    return path
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A folder with a fleet of three vehicles, references, and a simulation as a function."""
+    folder = tmp_path_factory.mktemp("diagnosed")
+    (folder / "diagnosed_damper.py").write_text(MODULE)
+    for vehicle, offset in (("red", 0.0), ("green", 40.0), ("blue", 90.0)):
+        for seed, name in enumerate(("town", "road"), start=1):
+            bag(folder / "fleet" / vehicle / name, offset, seed)
+    bag(folder / "reference", 0.0, 9)
+    return folder
+
+
+@pytest.fixture
+def here(work, monkeypatch):
+    monkeypatch.chdir(work)
+    monkeypatch.setattr(sys, "path", [str(work), *sys.path])
+    return work
+
+
+@pytest.fixture
+def quick(here, monkeypatch):
+    """The stand-in diagnosis."""
+    import ces_cli.diagnose.fleet  # noqa: F401
+
+    for place in ("ces_gap.diagnose", "ces_cli.diagnose.fleet"):
+        monkeypatch.setattr(f"{place}.diagnose", stand_in.diagnose)
+    for place in ("ces_gap.report.result_files", "ces_cli.diagnose.fleet"):
+        monkeypatch.setattr(f"{place}.result_files", stand_in.files)
+    return here
+
+
+def complaint(capsys, *words):
+    """Run a diagnosis that must fail; return its one line."""
+    capsys.readouterr()
+    try:
+        status = ces("diagnose", *words)
+    except SystemExit as stop:
+        status = stop.code
+    assert status == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("ces diagnose: error: ")
+    return lines[0]
+
+
+# words ---------------------------------------------------------------------------------------------------------------
+
+
+def test_bags_folders_and_globs_name_recordings(here):
+    names = [str(path) for path in bags_of(["fleet/red", "fleet/*/road", "reference"])]
+    assert names == [
+        "fleet/red/road", "fleet/red/town", "fleet/blue/road", "fleet/green/road", "reference",
+    ]  # fmt: skip
+    assert len(bags_of(["fleet"])) == 6
+    assert len(bags_of(["fleet/**"])) == 6
+    assert bags_of(["fleet/red/road/road.mcap"]) == [Path("fleet/red/road/road.mcap")]
+    assert bags_of(["nowhere"]) == [Path("nowhere")]  # reading it tells what is wrong
+
+
+@pytest.mark.parametrize(("word", "says"), [("fleet/*/none", "no bag matches"), (".", "no bag in this folder")])
+def test_words_that_name_no_bag(tmp_path, monkeypatch, word, says):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(CesError, match=says):
+        bags_of([word])
+
+
+def test_units_of_a_fleet_have_names_of_their_own(here):
+    assert [(u.name, len(u.paths)) for u in units_of(["fleet"], "vehicle")] == [("blue", 2), ("green", 2), ("red", 2)]
+    recordings = units_of(["fleet"], "recording")
+    assert [u.name for u in recordings[:3]] == ["blue_road", "blue_town", "green_road"]
+    assert [u.name for u in units_of(["fleet/red", "reference"], "recording")] == ["road", "town", "reference"]
+
+
+# one diagnosis -------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_found_is_told_and_written(quick, capsys):
+    words = ("--real", "fleet/blue", "--reference", "reference", "--out", "one", "--effects", "diagnosed_damper:Own")
+    assert ces("diagnose", "--sim", SIM, *words) == 0
+    told = capsys.readouterr().out
+    assert "NAMED: the gap is 89.9 N" in told
+    assert "left, the gap shrinks by 97 % [87, 107]" in told
+    assert json.loads((quick / "one" / "gap.json").read_text())["rms_N"] == pytest.approx(90.0, abs=1.0)
+    assert (
+        "'real': ['road', 'town'], 'held_out': [], 'reference': ['reference']"
+        in (quick / "one" / "report.html").read_text()
+    )
+
+
+def test_the_next_experiment_of_an_earlier_run_does_not_stay(quick):
+    (quick / "stale").mkdir()
+    for name in ("next_experiment.yaml", "next_experiment.csv", "mine.txt"):
+        (quick / "stale" / name).write_text("old")
+    assert ces("diagnose", "--sim", SIM, "--real", "fleet/red", "--out", "stale") == 0
+    assert sorted(path.name for path in (quick / "stale").iterdir()) == ["gap.json", "mine.txt", "report.html"]
+
+
+@pytest.mark.parametrize(
+    ("made", "says"),
+    [
+        (diagnoses.named, ["NAMED: The simulation lacks seal friction", "friction (coulomb)", "speed 0.1 to 0.3 m/s",
+                           "cannot be seen: bump_stop", "ces rig gap/next_experiment.yaml", "--teacher gap"]),
+        (diagnoses.ambiguous, ["AMBIGUOUS: Valve lag or current hysteresis", "not told apart by these recordings: va",
+                               "not separable from a calibration", "surrogate of J = 2.70 %"]),
+        (diagnoses.unknown, ["UNKNOWN: None of the known effects", "unexplained: ", "at its bound", "0.92"]),
+        (diagnoses.no_gap, ["NO GAP: No gap", "gap: 2.1 N RMS [0.0, 3.4]"]),
+    ],
+)  # fmt: skip
+def test_every_verdict_is_told(made, says, capsys, monkeypatch):
+    from ces_cli.diagnose.diagnosis_tables import tell
+
+    monkeypatch.setattr("ces_cli.terminal.terminal.out.width", 120)
+    tell(made(), Path("gap"), ("gap.json", "report.html"))
+    told = capsys.readouterr().out
+    assert [text for text in says if text not in told] == []
+    assert told.splitlines()[-1] == "written: gap/gap.json, report.html"
+    assert ("--teacher" in told) == (made in (diagnoses.named, diagnoses.ambiguous))
+
+
+# bad input -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--sim", SIM, "--real", "nowhere"), "nowhere: no such file"),
+        (("--sim", SIM, "--real", "fleet/x*"), "fleet/x*: no bag matches"),
+        (("--sim", "nowhere.json", "--real", "reference"), "nowhere.json: no such model file"),
+        (("--sim", "what", "--real", "reference"), "--sim 'what': expected MODEL.json, AUGMENTED.json"),
+        (("--sim", SIM, "--real", "fleet/red", "--held-out", "fleet/red/road"), "what is judged on must not have been"),
+        (("--sim", SIM, "--real", "fleet/red", "--reference", "fleet/red/town"), "references are recordings free of"),
+        (("--sim", SIM, "--real", "reference", "--effects", "diagnosed_damper:force"), "is no effect"),
+        (("--sim", SIM, "--real", "reference", "--effects", "nowhere:Own"), "cannot be imported"),
+        (("--sim", SIM, "--real", "reference", "--jobs", 2), "--jobs and --dask are of fleets"),
+        (("--sim", SIM, "--real", "reference", "--each", "recording", "--held-out", "x"), "--held-out has no effect"),
+        (("--sim", SIM, "--real", "reference", "--each", "recording", "--jobs", 2, "--dask", "x:1"), "--jobs is about"),
+        (("--sim", SIM, "--real", "reference", "--seed", "-1"), "outside 0 to"),
+        (("--sim", "topic:/none", "--real", "reference"), "no topic /none; it has /joint_states"),
+        (("--sim", "broken.fmu", "--real", "reference"), "broken.fmu: "),
+        (("--sim", f"{SIM}", "--real", "reference", "--out", "diagnosed_damper.py"), "cannot be made"),
+    ],
+)
+def test_wrong_words(quick, capsys, words, says):
+    (quick / "broken.fmu").write_text("PK")
+    out = () if "--out" in words else ("--out", "wrong")
+    assert says in complaint(capsys, *words, *out)
+
+
+@pytest.mark.parametrize(
+    ("function", "says"),
+    [
+        ("raises", "diagnosed_damper:raises: raised RuntimeError: no licence"),
+        ("nothing", "diagnosed_damper:nothing: returned nan at 0.000 s; expected finite forces"),
+        ("short", "diagnosed_damper:short: returned shape (599,); expected (600,), a force for each sample"),
+    ],
+)
+def test_a_function_that_fails(quick, capsys, function, says):
+    words = ("--real", "reference", "--out", "failed")
+    assert says in complaint(capsys, "--sim", f"diagnosed_damper:{function}", *words)
+    assert not (quick / "failed" / "gap.json").exists()
+
+
+def narrow(path):
+    """A model identified on far less current than the recordings have."""
+    envelope = Envelope((-0.05, 0.05), (-2.0, 2.0), (1.5, 2.0))
+    terms = (Term(1200.0, (Factor("speed", 0),)),)
+    Model("polynomial_narx", Sampling(200.0, 30.0, 0.02), terms, envelope, (-3e4, 3e4)).save(path)
+    return path
+
+
+def spoiled(path, change, seconds=8.0):
+    """A bag whose force is changed."""
+    recording = stand_in.made(path.name, 30.0, 4, seconds)
+    force = recording.channel("force")
+    channels = {**recording.channels, "force": replace(force, values=change(force.values))}
+    write_bag(path, recording_topics(replace(recording, channels=channels), DEFAULT), overwrite=True)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("sim", "words", "says"),
+    [
+        ("diagnosed_damper:turned", ("long",), "goes against the measured one (measured over simulated is -1"),
+        (SIM, ("kilo",), "the measured force is in kN"),
+        (SIM, ("long", "--reference", "kilo"), "expected one unit: is one of them in kN?"),
+        (SIM, ("flat",), "the force channel saturates"),
+        (SIM, ("still",), "the measured force is constant"),
+        (SIM, ("tiny",), "80 position samples; expected at least 100"),
+        (SIM, ("brief",), "0.40 s with position, current, force and a simulated force together"),
+        (SIM, ("reference",), "s are left to fit on; expected at least 4 s"),
+        ("narrow.json", ("long",), "narrow.json: outside the range it was identified on for 100% of the time"),
+    ],
+)
+def test_what_cannot_be_diagnosed_is_one_line(here, capsys, sim, words, says):
+    """The diagnosis itself: all of this is found before anything is fitted."""
+    narrow(here / "narrow.json")
+    spoiled(here / "long", lambda force: force)
+    spoiled(here / "kilo", lambda force: force / 1000.0)
+    spoiled(here / "flat", lambda force: np.clip(force, -60.0, 60.0))
+    spoiled(here / "still", lambda force: 0.0 * force + 7.0)
+    spoiled(here / "tiny", lambda force: force, 0.4)
+    spoiled(here / "brief", lambda force: force, 0.6)
+    assert says in complaint(capsys, "--sim", sim, "--real", *words, "--out", "wrong")
+
+
+# fleet ---------------------------------------------------------------------------------------------------------------
+
+
+def rows_of(folder):
+    return {row["name"]: row for row in csv.DictReader((folder / "fleet.csv").open())}
+
+
+def test_a_fleet_has_a_row_for_each_vehicle(quick, capsys):
+    words = ("diagnose", "--sim", SIM, "--real", "fleet/*", "--each", "vehicle", "--out", "fleet_gap", "--jobs", 2)
+    assert ces(*words) == 0
+    told = capsys.readouterr()
+    assert "3 of 3 diagnosed" in told.out
+    rows = rows_of(quick / "fleet_gap")
+    assert list(rows) == ["blue", "green", "red"]  # the largest gap first
+    assert rows["red"]["verdict"] == "no_gap"
+    assert float(rows["green"]["gap_N"]) == pytest.approx(40.0, abs=1.0)
+    assert rows["blue"]["recordings"] == "road + town"
+    page = (quick / "fleet_gap" / "fleet.html").read_text()
+    assert all(f'href="{row["folder"]}/report.html"' in page for row in rows.values())
+    assert all((quick / "fleet_gap" / row["folder"] / "report.html").is_file() for row in rows.values())
+    lines = (quick / "fleet_gap" / "fleet.jsonl").read_bytes()
+    assert ces(*words) == 0  # everything is there
+    assert (quick / "fleet_gap" / "fleet.jsonl").read_bytes() == lines
+
+
+def test_what_cannot_be_diagnosed_does_not_cost_the_others(quick, capsys, tmp_path):
+    bag(tmp_path / "spoiled" / "good", 40.0, 5), bag(tmp_path / "spoiled" / "refused", 10.0, 6)
+    bag(tmp_path / "spoiled" / "twin", 40.0, 5)
+    (tmp_path / "spoiled" / "torn").mkdir()
+    (tmp_path / "spoiled" / "torn" / "metadata.yaml").write_text("no: bag\n")
+    words = (
+        "--sim",
+        SIM,
+        "--real",
+        tmp_path / "spoiled",
+        "--each",
+        "recording",
+        "--out",
+        tmp_path / "out",
+        "--jobs",
+        2,
+    )
+    for _ in range(2):
+        assert ces("diagnose", *words) == 0
+        told = capsys.readouterr()
+        assert "1 of 4 diagnosed" in told.out or "2 of 4 diagnosed" in told.out
+        assert "warning: refused: refused: too short" in told.err
+        assert "torn: cannot be opened as a bag" in told.err
+    assert {row["status"] for row in rows_of(tmp_path / "out").values()} == {"done", "failed"}
+
+
+def test_a_fleet_of_which_nothing_can_be_diagnosed(quick, capsys, tmp_path):
+    bag(tmp_path / "refused", 10.0, 6)
+    words = ("--sim", SIM, "--real", tmp_path / "refused", "--each", "recording", "--out", tmp_path / "out")
+    assert ces("diagnose", *words) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert "warning: refused: refused: too short" in told
+    assert told[-1] == "ces diagnose: error: none of the 1 could be diagnosed, for the reasons above"
+
+
+def test_a_dask_scheduler_does_the_work(quick, capsys):
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        words = ("--each", "recording", "--out", "dask_gap", "--dask", cluster.scheduler_address)
+        assert ces("diagnose", "--sim", SIM, "--real", "fleet", *words) == 0
+    assert "6 of 6 diagnosed" in capsys.readouterr().out
+    assert {row["status"] for row in rows_of(quick / "dask_gap").values()} == {"done"}

@@ -1,0 +1,90 @@
+"""The node's parameters are the program's options: names, defaults, ranges, and the command line made of them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ces_cli.identify.options import LEFT_OUT, NONE, PARAMETERS, words
+from ces_cli.identify.program import parser
+from ces_observer.errors import CesError
+
+CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
+BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
+DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
+RANGED = [p for p in PARAMETERS if p.lowest is not None]
+ACTIONS = {action.dest: action for action in parser()._actions}
+
+
+def options(**values):
+    return vars(parser().parse_args(words({**DEFAULTS, "bags": ["one"], **values})))
+
+
+def test_every_option_is_a_parameter_or_left_out_on_purpose():
+    assert set(BY_NAME) | LEFT_OUT == set(ACTIONS)
+    assert not set(BY_NAME) & LEFT_OUT
+
+
+def test_defaults_are_the_programs():
+    assert options() == vars(parser().parse_args(["one"]))
+    for name, default in DEFAULTS.items():
+        if ACTIONS[name].default not in (None, [], os.cpu_count()):
+            assert str(default) == str(ACTIONS[name].default) or name == "rules", name
+
+
+@pytest.mark.parametrize("parameter", RANGED, ids=lambda p: p.name)
+def test_ranges_are_the_programs(parameter):
+    whole = isinstance(parameter.default, int)
+    lowest, highest = (int(x) if whole else float(x) for x in (parameter.lowest, parameter.highest))
+    assert options(**{parameter.name: highest})[parameter.name] == highest
+    with pytest.raises(SystemExit):
+        options(**{parameter.name: highest + 1})
+    if parameter.unset is None:
+        assert options(**{parameter.name: lowest})[parameter.name] == lowest
+        with pytest.raises(SystemExit):
+            options(**{parameter.name: lowest - 1})
+    else:
+        assert options(**{parameter.name: parameter.unset})[parameter.name] == ACTIONS[parameter.name].default
+
+
+def test_choices_are_the_programs():
+    assert {p.name: p.one_of for p in PARAMETERS if p.one_of} == {
+        name: tuple(action.choices) for name, action in ACTIONS.items() if action.choices and name in BY_NAME
+    }
+
+
+def test_values_arrive_as_given(monkeypatch):
+    monkeypatch.setenv("HOME", "/home/somebody")
+    found = options(
+        bags=["~/one", "", "two"],
+        validate=["three"],
+        report="~/report.html",
+        blend=["speed:-0.3,0.3", "current:0.5,1"],
+        no_certificate=True,
+        time=0.30000000000000004,
+    )
+    assert [str(path) for path in found["bags"]] == ["/home/somebody/one", "two"]
+    assert (str(found["validate"][0]), str(found["report"])) == ("three", "/home/somebody/report.html")
+    assert (found["blend"], found["no_certificate"]) == (["speed:-0.3,0.3", "current:0.5,1"], True)
+    assert found["time"] == 0.30000000000000004
+
+
+def test_a_value_with_a_dash_is_no_option():
+    assert options(bags=["-x"], teacher="--out=elsewhere")["teacher"] == "--out=elsewhere"
+
+
+def test_no_recording_and_a_wrong_word_are_named():
+    with pytest.raises(CesError, match="parameter 'bags' is not set; give the recordings' paths"):
+        words(DEFAULTS)
+    with pytest.raises(CesError, match="parameter 'method' is 'best'; expected one of both, random, gauss-newton"):
+        words({**DEFAULTS, "bags": ["one"], "method": "best"})
+
+
+def test_the_shipped_file_says_every_parameter_with_its_default():
+    said = yaml.safe_load(CONFIG.read_text())["/**"]["ros__parameters"]
+    assert said.pop("exit_when_done") is False
+    assert {**said, "bags": NONE} == DEFAULTS
+    assert "bags" not in said

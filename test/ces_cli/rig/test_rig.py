@@ -1,0 +1,82 @@
+"""`ces rig`: writes a bag that reads back as what was run, lists, and tells mistakes in one line."""
+
+import numpy as np
+import pytest
+
+from ces_cli.rig.program import main
+from ces_cli.terminal.terminal import run as run_program
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.signals_file import load_signals
+from ces_rig.experiment import load_experiment, packaged, run
+
+SHORT = """\
+duration_s: 1.0
+stroke: {kind: sine, amplitude_m: 0.01, frequency_Hz: 4}
+current: {kind: reg1}
+"""
+
+
+@pytest.fixture
+def experiment(tmp_path):
+    path = tmp_path / "short.yaml"
+    path.write_text(SHORT)
+    return path
+
+
+def test_the_bag_holds_the_run(experiment, tmp_path, capsys):
+    bag = tmp_path / "bag"
+    assert main([str(experiment), "--out", str(bag)]) == 0
+    assert "1000 position, 501 current, 1000 force samples" in capsys.readouterr().out
+    read, made = read_recording(bag, load_signals()), run(load_experiment(experiment))
+    for name in ("position", "current", "force"):
+        assert np.array_equal(read.channel(name).values, made.channel(name).values)
+        assert np.array_equal(read.channel(name).stamps_ns, made.channel(name).stamps_ns)
+
+
+def test_seed_and_overwrite(experiment, tmp_path):
+    bag = str(tmp_path / "bag")
+    main([str(experiment), "--out", bag])
+    assert run_program("rig", main, [str(experiment), "--out", bag]) == 2
+    first = read_recording(tmp_path / "bag", load_signals()).channel("force").values
+    assert main([str(experiment), "--out", bag, "--overwrite", "--seed", "9"]) == 0
+    assert not np.array_equal(read_recording(tmp_path / "bag", load_signals()).channel("force").values, first)
+
+
+def test_signals_say_where_things_go(experiment, tmp_path):
+    signals = tmp_path / "signals.yaml"
+    signals.write_text(
+        "current: {topic: amps, type: std_msgs/msg/Float32, field: data, scale: 0.001}\n"
+        "position: {topic: pot, type: std_msgs/msg/Float64, field: data, scale: -1.0, offset: 0.1}\n"
+    )
+    main([str(experiment), "--out", str(tmp_path / "bag"), "--signals", str(signals)])
+    read, made = read_recording(tmp_path / "bag", load_signals(signals)), run(load_experiment(experiment))
+    assert read.channel("current").values == pytest.approx(made.channel("current").values, abs=1e-6)
+    assert read.channel("position").values == pytest.approx(made.channel("position").values, abs=1e-12)
+
+
+def test_list(capsys):
+    assert main(["--list"]) == 0
+    listed = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in listed] == list(packaged())
+    assert "20 s  4 Hz sine, current following the stroke (reg1)" in listed[[*packaged()].index("sine_4hz")]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["none", "--out", "x"], "ces rig: error: none: no such file, and no packaged experiment"),
+        ([], "EXPERIMENT and --out BAG are needed"),
+        (["sweep"], "EXPERIMENT and --out BAG are needed"),
+        (["sweep", "--out", "x", "--seed", "-1"], "outside 0 to 2147483648"),
+    ],
+)
+def test_mistakes(words, says, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    try:
+        status = run_program("rig", main, words)
+    except SystemExit as leaving:
+        status = leaving.code
+    assert status == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
