@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from ces_cli.blind.progress import CasesProgress
+from ces_cli.terminal.progress import JobsProgress
 from ces_observer.errors import CesError
 from ces_rig.blind.make import make_cases
 from ces_rig.blind.plan import GAPS, KINDS, Case, Levels, grid, sample, spare
@@ -20,14 +20,14 @@ def make(options: argparse.Namespace) -> int:
     """Make the cases that the options ask for; returns the exit status. Raises CesError."""
     levels = _levels(options)
     plan = grid(levels, options.seed) if options.cases is None else sample(levels, options.seed, options.cases)
-    with CasesProgress(len(plan)) as progress:
+    with JobsProgress(len(plan), 0, "cases") as progress:
         digest = make_cases(
             options.out,
             [(case, spare(case, levels)) for case in plan],
             options.seconds,
             options.jobs,
             {"seed": options.seed, "planned": len(plan), "plants": list(levels.plants)},
-            lambda label: progress.hear(f"case {label['case']} is made"),
+            lambda label: progress.count(f"case {label['case']} is made"),
         )
     print(f"{options.out}/cases: {_counted(plan)}; answers sealed, SHA-256 {digest}")
     return 0

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ces_cli.blind.case import ROW, Mode, diagnose_case
-from ces_cli.blind.progress import CasesProgress
 from ces_cli.terminal import terminal
-from ces_identify.campaign.workers import broken
+from ces_cli.terminal.progress import JobsProgress
+from ces_identify.jobs.workers import run_in_processes
 from ces_observer.checked import write_beside
 from ces_observer.errors import CesError
 
@@ -55,25 +54,13 @@ def run(options: argparse.Namespace) -> int:
 def _diagnose(missing: Sequence[Path], todo: Todo, mode: Mode, processes: int) -> list[tuple[str, str]]:
     """Diagnose the missing cases and return those that failed, with the reason."""
     failed = []
-    with CasesProgress(len(todo.cases), len(todo.cases) - len(missing)) as progress:
-        for row in _in_processes(missing, todo.results, mode, processes):
-            progress.hear(_told(row))
+    with JobsProgress(len(todo.cases), len(todo.cases) - len(missing), "cases") as progress:
+        tasks = [(case, todo.results / case.name, mode) for case in missing]
+        for row in run_in_processes(diagnose_case, tasks, processes, threads=1):
+            progress.count(_told(row), failed=row["status"] != "done")
             if row["status"] != "done":
                 failed.append((row["case"], row["reason"]))
-    return failed
-
-
-def _in_processes(cases: Sequence[Path], results: Path, mode: Mode, processes: int) -> Iterator[dict[str, Any]]:
-    """Yield a row for each case as it ends: so many processes with one thread each."""
-    import joblib  # type: ignore[import-untyped]
-
-    tasks = (joblib.delayed(diagnose_case)(case, results / case.name, mode) for case in cases)
-    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-        pool = joblib.Parallel(n_jobs=processes, batch_size=1, pre_dispatch=processes, return_as="generator")
-        try:
-            yield from pool(tasks)
-        except BrokenProcessPool as error:
-            raise broken(error) from None
+    return sorted(failed)
 
 
 def _cases(folder: Path, limit: int | None) -> tuple[Path, ...]:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from ces_cli.campaign.tables import Summary, mean_cost
 from ces_cli.terminal.coverage_picture import put_picture
-from ces_identify.campaign.cell import DONE, Row
 from ces_identify.campaign.front import front, recommended
 from ces_identify.campaign.plan import ANFIS, POLYNOMIAL, SIGMOID
+from ces_identify.jobs.job import DONE
+from ces_identify.jobs.row_log import Row
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import argparse
-import os
-from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ces_cli.campaign.progress import CampaignProgress
 from ces_cli.campaign.tables import Summary, summary_tables, write_csv, write_markdown
 from ces_cli.terminal import terminal
-from ces_identify.campaign.cell import DONE, Outcome
+from ces_cli.terminal.many_jobs import keep_results, require_one_place, start_jobs
+from ces_cli.terminal.progress import JobsProgress
+from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.description import load_campaign
-from ces_identify.campaign.plan import Campaign, Job, jobs
-from ces_identify.campaign.results import Results, open_results
-from ces_identify.campaign.workers import Recordings, on_cluster, on_this_machine
+from ces_identify.campaign.plan import Campaign, CampaignJob, jobs
+from ces_identify.jobs.job import DONE
+from ces_identify.jobs.results_folder import ResultsFolder, open_results
+from ces_identify.jobs.row_log import Row
+from ces_identify.jobs.workers import Task
+from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_observer.errors import CesError
 
 FORCE = ("position", "current", "force")
 OWN = frozenset({"campaign", "dask", "jobs", "out"})
 MOST_SHOWN = 40  # rows in the terminal
-
-Crew = Callable[[Sequence[Job], Recordings], Generator[Outcome, None, None]]
+RESULTS = "results.jsonl"
 
 
 def add_campaign(to: argparse.ArgumentParser) -> None:
@@ -49,8 +49,8 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     signals = load_signals(campaign.signals)
     recordings = {path: terminal.read_one(path, signals, FORCE) for path in campaign.paths}
     todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())))
-    with open_results(options.out) as results:
-        finished = _compute(todo, results, recordings, _crew(options))
+    with open_results(options.out / RESULTS, "a campaign") as results:
+        finished = _compute(todo, results, recordings, options)
         summary = Summary.of(campaign, todo, results.rows)
         _tell(summary, options.out)
     return _status(campaign, summary, finished)
@@ -67,31 +67,33 @@ def _require_own_options(options: argparse.Namespace, parser: argparse.ArgumentP
             raise CesError(f"{given} has no effect with --campaign; say it in {options.campaign} instead")
     if options.out == parser.get_default("out"):
         raise CesError("--campaign needs a folder for its results; give --out DIR")
-    if options.dask is not None and options.jobs is not None:
-        raise CesError("--jobs is about this machine; with --dask the cluster's workers are what there is")
+    require_one_place(options.jobs, options.dask)
 
 
-def _crew(options: argparse.Namespace) -> Crew:
-    if options.dask is not None:
-        return partial(on_cluster, address=options.dask)
-    return partial(on_this_machine, processes=options.jobs or os.cpu_count() or 1)
-
-
-def _compute(todo: Sequence[Job], results: Results, recordings: Recordings, crew: Crew) -> bool:
+def _compute(
+    todo: Sequence[CampaignJob],
+    results: ResultsFolder,
+    recordings: Mapping[Path, Recording],
+    options: argparse.Namespace,
+) -> bool:
     """Compute the cells that are not there yet; returns False if Ctrl-C ended it before the last."""
-    missing = [job for job in todo if not results.has(job.key)]
+    missing = [job for job in todo if not results.has(job)]
     if not missing:
         return True
-    progress = CampaignProgress(len(todo), len(todo) - len(missing))
-    try:
-        with progress, closing(crew(missing, recordings)) as outcomes:
-            for outcome in outcomes:
-                results.add(outcome)
-                progress.listen(outcome.row)
-    except KeyboardInterrupt:
-        results.refresh()
-        return False
-    return True
+    tasks = [Task(job, job.paths) for job in missing]
+    threads = max(job.limits.threads for job in missing)
+    started = start_jobs(compute_cell, tasks, recordings, options.jobs, options.dask, threads)
+    progress = JobsProgress(len(todo), len(todo) - len(missing), "cells")
+    return keep_results(started, results, progress, describe_cell)
+
+
+def describe_cell(row: Row) -> str:
+    """Return which cell a row belongs to and how it ended."""
+    name = f"{row['bags']}, {row['structure']}, seed {row['seed']}"
+    if row["status"] != DONE:
+        return f"{name}: {row['status']}: {row['reason']}"
+    cost = "diverged" if row["selection_J"] is None else f"{row['selection_J']:.2f} %"
+    return f"{name}: selection J {cost}, {row['parameters']} parameters, {row['seconds']:.1f} s"
 
 
 def _tell(summary: Summary, folder: Path) -> None:

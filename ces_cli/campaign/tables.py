@@ -12,9 +12,10 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-from ces_identify.campaign.cell import DONE, Row
 from ces_identify.campaign.front import WITHIN, front, recommended
-from ces_identify.campaign.plan import Campaign, Job
+from ces_identify.campaign.plan import Campaign, CampaignJob
+from ces_identify.jobs.job import DONE
+from ces_identify.jobs.row_log import Row
 from ces_observer.checked import write_beside
 
 IDENTIFICATION = "identification"
@@ -36,7 +37,7 @@ class Summary:
     varied: tuple[str, ...]
 
     @classmethod
-    def of(cls, campaign: Campaign, todo: Sequence[Job], found: Mapping[str, Row]) -> Summary:
+    def of(cls, campaign: Campaign, todo: Sequence[CampaignJob], found: Mapping[str, Row]) -> Summary:
         """Take the rows of the plan's cells from all that were found; names are the plan's."""
         rows = [{**found[j.key], "bags": j.cell.bags, **j.cell.settings} for j in todo if j.key in found]
         bags = tuple(campaign.bags)

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import os
 import warnings
-from collections.abc import Generator, Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ces_cli.campaign.progress import CampaignProgress
 from ces_cli.diagnose.fleet_page import write_page
 from ces_cli.diagnose.fleet_tables import fleet_table, told, write_csv
-from ces_cli.diagnose.program import FORCE, made_options, read_beside
+from ces_cli.diagnose.inputs import FORCE, build_options, read_beside
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import Unit, bags_of, units_of
+from ces_cli.terminal.many_jobs import keep_results, require_one_place, start_jobs
+from ces_cli.terminal.progress import JobsProgress
 from ces_cli.terminal.simulations import open_simulation, with_predictions
 from ces_gap.diagnose import diagnose
-from ces_gap.fleet.answer import DONE, FAILED, Answer, failure
-from ces_gap.fleet.question import Job, Question, job_of
-from ces_gap.fleet.results import Fleet, open_fleet
-from ces_gap.fleet.workers import Task, on_cluster, on_this_machine
+from ces_gap.fleet.answer import diagnose_unit
+from ces_gap.fleet.question import FleetJob, Question, job_of
 from ces_gap.report.result_files import result_files
+from ces_identify.jobs.job import DONE, FAILED
+from ces_identify.jobs.results_folder import ResultsFolder, open_results
 from ces_identify.jobs.row_log import Row
+from ces_identify.jobs.workers import Task
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.checks import require_usable
 from ces_identify.recordings.recording import Recording
@@ -31,6 +31,8 @@ from ces_observer.errors import CesError
 from ces_observer.signals import Signals
 
 ONE_THREAD = 1  # for each of many diagnoses at once
+RESULTS = "fleet.jsonl"
+QUESTION = "question"  # the one object that all tasks share
 
 
 def run_fleet(options: argparse.Namespace) -> int:
@@ -38,11 +40,11 @@ def run_fleet(options: argparse.Namespace) -> int:
     _require_own_options(options)
     signals, question = terminal.signals_of(options), _question(options)
     units = units_of(options.real, options.each)
-    with open_fleet(options.out) as fleet:
+    with open_results(options.out / RESULTS, "a fleet") as results:
         jobs, unread = _jobs(units, question, signals, options.out)
-        missing = {job: unit for job, unit in jobs.items() if not fleet.has(job)}
-        finished = _compute(fleet, missing, question, signals, options, len(units))
-        rows = [fleet.rows[job.key] for job in jobs if job.key in fleet.rows] + unread
+        missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
+        finished = _compute(results, missing, question, signals, options, len(units))
+        rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread
         _tell(rows, options.out)
     return _status(rows, len(units), finished)
 
@@ -50,22 +52,21 @@ def run_fleet(options: argparse.Namespace) -> int:
 def _require_own_options(options: argparse.Namespace) -> None:
     if options.held_out:
         raise CesError("--held-out has no effect with --each: a part of each recording or vehicle is set aside")
-    if options.dask is not None and options.jobs is not None:
-        raise CesError("--jobs is about this machine; with --dask the cluster's workers are what there is")
+    require_one_place(options.jobs, options.dask)
 
 
 def _question(options: argparse.Namespace) -> Question:
     signals, simulation = terminal.signals_of(options), open_simulation(options.sim)
     reference = tuple(read_beside(simulation, path, signals) for path in bags_of(options.reference))
-    return Question(simulation, options.sim, reference, made_options(options, ONE_THREAD), diagnose, result_files)
+    return Question(simulation, options.sim, reference, build_options(options, ONE_THREAD), diagnose, result_files)
 
 
 def _jobs(
     units: Sequence[Unit], question: Question, signals: Signals, folder: Path
-) -> tuple[dict[Job, Unit], list[Row]]:
+) -> tuple[dict[FleetJob, Unit], list[Row]]:
     """Return a job for each unit that can be read, and a row for each that cannot; recordings are not kept."""
     described = repr(sorted(signals.by_name.items()))
-    jobs: dict[str, tuple[Job, Unit]] = {}
+    jobs: dict[str, tuple[FleetJob, Unit]] = {}
     unread = []
     for number, unit in enumerate(units, start=1):
         with terminal.err.status(f"reading {unit.name} ({number} of {len(units)})"):
@@ -76,7 +77,7 @@ def _jobs(
                     raise CesError(f"the same recordings as {jobs[job.key][0].name}")
                 jobs[job.key] = (job, unit)
             except CesError as error:
-                unread.append(failure("", unit.name, FAILED, str(error)).row)
+                unread.append({"key": "", "name": unit.name, "status": FAILED, "reason": str(error)})
     return dict(jobs.values()), unread
 
 
@@ -93,8 +94,8 @@ def _read(simulation: Simulation, unit: Unit, signals: Signals) -> list[Recordin
 
 
 def _compute(
-    fleet: Fleet,
-    missing: Mapping[Job, Unit],
+    results: ResultsFolder,
+    missing: Mapping[FleetJob, Unit],
     question: Question,
     signals: Signals,
     options: argparse.Namespace,
@@ -103,25 +104,10 @@ def _compute(
     """Diagnose what is not there yet; returns False if Ctrl-C ended it before the last."""
     if not missing:
         return True
-    by_key = {job.key: job for job in missing}
-    tasks = ((job, _read(question.simulation, unit, signals)) for job, unit in missing.items())
-    progress = CampaignProgress(total, total - len(missing), "diagnoses", told)
-    try:
-        with progress, closing(_crew(question, tasks, options)) as answers:
-            for answer in answers:
-                fleet.add(by_key[answer.row["key"]], answer)
-                progress.listen(answer.row)
-    except KeyboardInterrupt:
-        fleet.refresh()
-        return False
-    return True
-
-
-def _crew(question: Question, tasks: Iterable[Task], options: argparse.Namespace) -> Generator[Answer, None, None]:
-    if options.dask is not None:
-        return on_cluster(question.packed(), tasks, options.dask)
-    processes = options.jobs or os.cpu_count() or 1
-    return on_this_machine(question.packed(), tasks, processes, question.options.threads)
+    tasks = (Task(job, [QUESTION], _read(question.simulation, unit, signals)) for job, unit in missing.items())
+    shared = {QUESTION: question.packed()}
+    started = start_jobs(diagnose_unit, tasks, shared, options.jobs, options.dask, question.options.threads)
+    return keep_results(started, results, JobsProgress(total, total - len(missing), "diagnoses"), told)
 
 
 def _tell(rows: Sequence[Row], folder: Path) -> None:

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 from ces_cli.diagnose.fleet_tables import number, ordered, shrink_text, verdict_text
-from ces_gap.fleet.answer import DONE
+from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
 from ces_observer.checked import write_beside
 

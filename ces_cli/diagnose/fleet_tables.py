@@ -11,7 +11,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from ces_gap.fleet.answer import DONE
+from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
 from ces_observer.checked import write_beside
 

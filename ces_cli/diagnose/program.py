@@ -9,21 +9,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import RECORDING, VEHICLE, bags_of
-from ces_cli.terminal.simulations import HELP, import_from_here, open_simulation, with_predictions
-from ces_identify.recordings.recording import Recording
-from ces_identify.simulations.simulation import Simulation
+from ces_cli.terminal.simulations import HELP, open_simulation
 from ces_observer.checked import write_together
 from ces_observer.errors import CesError
-from ces_observer.signals import Signals
 
-if TYPE_CHECKING:
-    from ces_gap.diagnose import Options
-
-FORCE = ("position", "current", "force")
 MAY_LACK = ("next_experiment.yaml", "next_experiment.csv")  # files that only some diagnoses write
 MOST_THREADS = 256
 
@@ -41,23 +33,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def made_options(options: argparse.Namespace, threads: int) -> Options:
-    """Return how to diagnose, with the user's own effects imported; `threads` if the user gives no number."""
-    from ces_gap.diagnose import Options
-    from ces_gap.effects.user_effects import user_effect
-
-    import_from_here()
-    effects = tuple(user_effect(spec) for spec in options.effects)
-    return Options(effects=effects, threads=options.threads or threads, seed=options.seed)
-
-
-def read_beside(simulation: Simulation, path: Path, signals: Signals) -> Recording:
-    """Return a recording with its measured force and, if the simulation's force is recorded there, that."""
-    return with_predictions(simulation, path, terminal.read_one(path, signals, FORCE), signals)
-
-
 def _diagnose(options: argparse.Namespace, command: str) -> None:
     from ces_cli.diagnose.diagnosis_tables import tell
+    from ces_cli.diagnose.inputs import build_options, read_beside
     from ces_cli.diagnose.progress import DiagnoseProgress
     from ces_gap.augmented.augmented_file import named
     from ces_gap.diagnose import diagnose
@@ -65,7 +43,7 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
     from ces_gap.report.result_files import result_files
 
     _make_folder(options.out)
-    how, signals = made_options(options, os.cpu_count() or 1), terminal.signals_of(options)
+    how, signals = build_options(options, os.cpu_count() or 1), terminal.signals_of(options)
     simulation = open_simulation(options.sim)
     roles = {"real": options.real, "held_out": options.held_out, "reference": options.reference}
     given = {role: [read_beside(simulation, p, signals) for p in bags_of(words)] for role, words in roles.items()}

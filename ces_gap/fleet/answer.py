@@ -4,57 +4,40 @@ from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis
-from ces_gap.fleet.question import UNITS, Job, Question
+from ces_gap.fleet.question import FleetJob, Question
 from ces_gap.intake.checks import check_recordings
+from ces_identify.jobs.job import DONE, JobResult, run_job
 from ces_identify.jobs.row_log import Row
 from ces_identify.recordings.recording import Recording
-from ces_observer.errors import CesError
-
-DONE, FAILED, CRASHED = "done", "failed", "crashed"
 
 
-@dataclass(frozen=True)
-class Answer:
-    """The row of a unit and the texts of its files by name."""
-
-    row: Row
-    files: Mapping[str, str]
+def diagnose_unit(job: FleetJob, packed: Sequence[bytes], recordings: Sequence[Recording]) -> JobResult:
+    """Diagnose one unit; `packed` holds the packed question alone."""
+    return run_job(job, partial(_diagnose, job, packed[0], recordings))
 
 
-def answer(job: Job, packed: bytes, recordings: Sequence[Recording]) -> Answer:
-    """Diagnose one unit. A CesError makes it `failed`, for good; any other error `crashed`, to be tried again."""
+def _diagnose(job: FleetJob, packed: bytes, recordings: Sequence[Recording]) -> JobResult:
     began = time.monotonic()
-    try:
-        question: Question = pickle.loads(packed)  # of our own making, never from a file
-        doubts = check_recordings(recordings, (), question.reference)
-        found = question.diagnose(
-            question.simulation, question.spec, recordings, (), question.reference, question.options
-        )
-        found = replace(found, notes=(*doubts, *found.notes))
-        files = question.files(found, job.sim, (("real", recordings), ("reference", question.reference)))
-    except CesError as error:
-        return failure(job.key, job.name, FAILED, str(error))
-    except Exception as error:  # one vehicle must not cost the others of the night
-        return failure(job.key, job.name, CRASHED, f"{type(error).__name__}: {' '.join(str(error).split())}")
-    return Answer({**_row(job, recordings, found), "seconds": round(time.monotonic() - began, 3)}, files)
+    question: Question = pickle.loads(packed)  # of our own making, never from a file
+    doubts = check_recordings(recordings, (), question.reference)
+    found = question.diagnose(question.simulation, question.spec, recordings, (), question.reference, question.options)
+    found = replace(found, notes=(*doubts, *found.notes))
+    files = question.files(found, job.sim, (("real", recordings), ("reference", question.reference)))
+    row = {**_row(job, recordings, found), "seconds": round(time.monotonic() - began, 3)}
+    return JobResult(row, {f"{job.output}/{name}": text for name, text in files.items()})
 
 
-def failure(key: str, name: str, status: str, reason: str) -> Answer:
-    """Return the answer of a unit that has none."""
-    return Answer({"key": key, "name": name, "status": status, "reason": reason}, {})
-
-
-def _row(job: Job, recordings: Sequence[Recording], found: Diagnosis) -> Row:
+def _row(job: FleetJob, recordings: Sequence[Recording], found: Diagnosis) -> Row:
     best = found.causes[0] if found.causes else None
     gap, together = found.gap, found.composition
     row: Row = {
-        "key": job.key,
-        "name": job.name,
+        **job.identity,
         "status": DONE,
         "recordings": [r.name for r in recordings],
         "verdict": found.verdict,
@@ -72,7 +55,7 @@ def _row(job: Job, recordings: Sequence[Recording], found: Diagnosis) -> Row:
         "shrink_high": together.shrink_ci95[1],
         "sentence": found.sentence,
         "notes": list(found.notes),
-        "folder": f"{UNITS}/{job.folder.name}",
+        "folder": job.output,
     }
     return {name: _plain(value) for name, value in row.items()}
 

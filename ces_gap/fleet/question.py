@@ -81,24 +81,29 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Job:
-    """One unit to diagnose: its name, the key of its answer, and where its files are to lie.
+class FleetJob:
+    """One unit to diagnose: its name, the key of its answer, and the folder of its files in that of the results.
 
-    `sim` names the simulation as seen from there, told here because workers may not see its file.
+    `sim` names the simulation as seen from that folder: workers may not see the simulation's file.
     """
 
     key: str
     name: str
-    folder: Path
+    output: str
     sim: Mapping[str, str | None] = field(compare=False)
 
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The columns that say which unit a row belongs to."""
+        return {"key": self.key, "name": self.name}
 
-def job_of(name: str, recordings: Sequence[Recording], question: Question, described: str, folder: Path) -> Job:
+
+def job_of(name: str, recordings: Sequence[Recording], question: Question, described: str, folder: Path) -> FleetJob:
     """Return the job of a unit whose files lie below `folder`; `described` tells how the recordings were read."""
     facts = [question.digest(), described, [r.sha256 for r in recordings]]
     key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:20]
-    own = folder / UNITS / f"{name}-{key[:8]}"
-    return Job(key, name, own, named(question.spec, own))
+    output = f"{UNITS}/{name}-{key[:8]}"
+    return FleetJob(key, name, output, named(question.spec, folder / output))
 
 
 def _cloudpickle() -> Any:

@@ -4,56 +4,39 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from ces_identify.campaign.plan import ANFIS, AUTO, SIGMOID, Cell, Job
+from ces_identify.campaign.plan import ANFIS, AUTO, SIGMOID, CampaignJob, Cell
 from ces_identify.identify import Identified, Options, identify
 from ces_identify.identify_trained import FuzzyShape, NetworkShape, identify_anfis, identify_network
+from ces_identify.jobs.job import DONE, JobResult, run_job
+from ces_identify.jobs.row_log import Row
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Recording
 from ces_identify.validation.evaluate import Evaluation
-from ces_observer.errors import CesError
 
-DONE, FAILED, CRASHED = "done", "failed", "crashed"
 REST = "rest"  # what `split` leaves of a recording, as a validation set
 INTERRUPTED = "interrupted"
 
-Row = dict[str, Any]
 
+def compute_cell(job: CampaignJob, recordings: Sequence[Recording], _: Sequence[object] = ()) -> JobResult:
+    """Identify and evaluate the model of a cell; `recordings` are those to identify on, then those to validate on.
 
-@dataclass(frozen=True)
-class Outcome:
-    """The row of a cell, and the text of its model unless it failed."""
-
-    row: Row
-    model: str | None = None
-
-
-def compute(job: Job, recordings: Sequence[Recording], validation: Sequence[Recording]) -> Outcome:
-    """Identify and judge the model of a cell; recordings are in the order of the job's.
-
-    A CesError makes the cell `failed`, which it would be again; any other error makes it `crashed`, to be tried again.
     A search that Ctrl-C cut short raises KeyboardInterrupt: it is not the cell's result.
     """
+    return run_job(job, partial(_identify_cell, job, recordings))
+
+
+def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResult:
     began = time.monotonic()
-    try:
-        result = identifier(job.cell)(recordings, validation, _options(job))
-    except CesError as error:
-        return failure(job, FAILED, str(error))
-    except Exception as error:  # one cell must not cost the others of the night
-        return failure(job, CRASHED, f"{type(error).__name__}: {' '.join(str(error).split())}")
+    count = len(job.recordings)
+    result = identifier(job.cell)(recordings[:count], recordings[count:], _options(job))
     if any(found.ended == INTERRUPTED for found in result.found):
         raise KeyboardInterrupt
-    return Outcome(_row(job, result, time.monotonic() - began), result.model.to_json())
-
-
-def failure(job: Job, status: str, reason: str) -> Outcome:
-    """Return the outcome of a cell without a model."""
-    return Outcome({**_identity(job), "status": status, "reason": reason})
+    return JobResult(_row(job, result, time.monotonic() - began), {job.output: result.model.to_json()})
 
 
 def identifier(cell: Cell) -> Callable[..., Identified]:
@@ -66,7 +49,7 @@ def identifier(cell: Cell) -> Callable[..., Identified]:
     return identify
 
 
-def _options(job: Job) -> Options:
+def _options(job: CampaignJob) -> Options:
     given, asked = job.cell.settings, job.limits
     limits = Limits(
         seconds=asked.seconds, target=asked.target, starts=asked.starts, seed=job.cell.seed, threads=asked.threads
@@ -79,14 +62,10 @@ def _options(job: Job) -> Options:
     return replace(options, rules=job.rules) if job.rules is not None else options
 
 
-def _identity(job: Job) -> Row:
-    return {"key": job.key, "bags": job.cell.bags, "structure": job.cell.structure, **job.cell.settings}
-
-
-def _row(job: Job, result: Identified, seconds: float) -> Row:
+def _row(job: CampaignJob, result: Identified, seconds: float) -> Row:
     best, certificate = result.found[0], result.model.certificate
     return {
-        **_identity(job),
+        **job.identity,
         "status": DONE,
         "size": result.model.size,
         "parameters": len(best.coefficients),
@@ -99,7 +78,7 @@ def _row(job: Job, result: Identified, seconds: float) -> Row:
     }
 
 
-def _costs(job: Job, evaluations: Sequence[Evaluation]) -> list[Row]:
+def _costs(job: CampaignJob, evaluations: Sequence[Evaluation]) -> list[Row]:
     """Return a row for each evaluation: identification, what `split` left of those recordings, validation in turn."""
     given = len(evaluations) - len(job.validation)
     sets = ["identification"] * len(job.recordings) + [REST] * (given - len(job.recordings))

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ces_identify.campaign.cell import DONE, Row
+from ces_identify.jobs.job import DONE
+from ces_identify.jobs.row_log import Row
 
 WITHIN = 0.1  # of the lowest selection cost, relative: what a smaller model may cost
 

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 from ces_identify.polynomial.regressors import Rules
 from ces_identify.recordings.recording import Recording
@@ -94,7 +95,7 @@ class Campaign:
 
 
 @dataclass(frozen=True)
-class Job:
+class CampaignJob:
     """A cell with all it takes to compute it but the recordings themselves, which travel apart.
 
     `recordings` are the bags to identify on, `validation` the (set, bag) to judge on.
@@ -108,15 +109,30 @@ class Job:
     recordings: tuple[Path, ...]
     validation: tuple[tuple[str, Path], ...]
 
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The columns that say which cell a row belongs to."""
+        return {"key": self.key, "bags": self.cell.bags, "structure": self.cell.structure, **self.cell.settings}
 
-def jobs(campaign: Campaign, recordings: Mapping[Path, Recording], described: str) -> tuple[Job, ...]:
+    @property
+    def output(self) -> str:
+        """The file of the model, relative to the folder of the results."""
+        return f"models/{self.key}.json"
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The bags to identify on, then those to validate on."""
+        return (*self.recordings, *(path for _, path in self.validation))
+
+
+def jobs(campaign: Campaign, recordings: Mapping[Path, Recording], described: str) -> tuple[CampaignJob, ...]:
     """Return the job of each cell. `described` is the text of the signals description the recordings were read with.
 
     A recording that a cell is identified on does not also validate it. The number of threads is no setting: it is not
     in the key. Raises CesError if two cells are the same.
     """
     made = [_job(campaign, cell, recordings, described) for cell in campaign.cells()]
-    first: dict[str, Job] = {}
+    first: dict[str, CampaignJob] = {}
     for job in made:
         twin = first.setdefault(job.key, job)
         if twin is not job:
@@ -127,7 +143,7 @@ def jobs(campaign: Campaign, recordings: Mapping[Path, Recording], described: st
     return tuple(made)
 
 
-def _job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], described: str) -> Job:
+def _job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], described: str) -> CampaignJob:
     mine = campaign.bags[cell.bags]
     seen = {recordings[path].sha256 for path in mine}
     others = [(name, path) for name, paths in campaign.validate.items() for path in paths]
@@ -144,7 +160,7 @@ def _job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], d
         "validate": [[name, recordings[path].sha256] for name, path in validation],
     }
     rules = candidates.rules if candidates else None
-    return Job(_digest(facts), cell, campaign.limits, campaign.split, rules, mine, validation)
+    return CampaignJob(_digest(facts), cell, campaign.limits, campaign.split, rules, mine, validation)
 
 
 def _digest(facts: object) -> str:

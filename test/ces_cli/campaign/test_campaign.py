@@ -100,7 +100,7 @@ def test_the_table_has_a_line_for_each_cell(work):
 
 
 def test_a_run_that_has_everything_computes_nothing(work, capsys, monkeypatch):
-    monkeypatch.setattr("ces_cli.campaign.program._crew", lambda options: pytest.fail)
+    monkeypatch.setattr("ces_cli.campaign.program.start_jobs", lambda *given: pytest.fail)
     before = lines_of(work / "whole")
     assert ces("identify", "--campaign", work / "campaign.yaml", "--out", work / "whole") == 0
     assert lines_of(work / "whole") == before

@@ -13,16 +13,38 @@ import pytest
 import stand_in
 from stand_in import OFFSETS_N, Offset, Options, made
 
-from ces_gap.fleet.answer import CRASHED, DONE, FAILED, answer, failure
+from ces_gap.fleet.answer import diagnose_unit
 from ces_gap.fleet.question import Question, job_of
-from ces_gap.fleet.results import ROWS, open_fleet
-from ces_gap.fleet.workers import on_cluster, on_this_machine
-from ces_identify.campaign import workers
+from ces_identify.jobs import cluster as cluster_module
+from ces_identify.jobs.job import CRASHED, DONE, FAILED, failed_job
+from ces_identify.jobs.results_folder import open_results
+from ces_identify.jobs.workers import Task, run_on_cluster, run_on_this_machine
 from ces_identify.simulations.simulation import FunctionSimulation, function_simulation
 from ces_observer.errors import CesError
 
 ROOT = Path(__file__).parents[3]
 SPEC = "stand_in:damper"
+ROWS = "fleet.jsonl"
+
+
+def open_fleet(folder):
+    return open_results(folder / ROWS, "a fleet")
+
+
+def answer(job, packed, recordings):
+    return diagnose_unit(job, [packed], recordings)
+
+
+def tasks(work):
+    return (Task(job, ["question"], recordings) for job, recordings in work)
+
+
+def on_cluster(packed, work, address):
+    return run_on_cluster(diagnose_unit, tasks(work), {"question": packed}, address)
+
+
+def on_this_machine(packed, work, processes, threads):
+    return run_on_this_machine(diagnose_unit, tasks(work), {"question": packed}, processes, threads)
 
 
 def question(**more):
@@ -40,7 +62,13 @@ def jobs(folder, names=tuple(OFFSETS_N), asked=None):
 
 
 def told(answers):
-    return {a.row["name"]: ({k: v for k, v in a.row.items() if k != "seconds"}, dict(a.files)) for a in answers}
+    return {
+        a.row["name"]: (
+            {k: v for k, v in a.row.items() if k != "seconds"},
+            {Path(f).name: t for f, t in a.files.items()},
+        )
+        for a in answers
+    }
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +140,7 @@ def test_tasks_are_taken_as_workers_get_free(expected, cluster):
 
 def test_no_scheduler_is_one_line(expected, monkeypatch):
     pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    monkeypatch.setattr(workers, "CONNECT_S", 0.5)
+    monkeypatch.setattr(cluster_module, "CONNECT_S", 0.5)
     work, packed, _ = expected
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -159,13 +187,13 @@ def test_rows_and_files_are_on_disk_as_they_come(tmp_path, expected):
     _, packed, _ = expected
     with open_fleet(tmp_path) as fleet:
         for job, recordings in jobs(tmp_path, (*OFFSETS_N, "refused", "broken")):
-            fleet.add(job, answer(job, packed, recordings))
+            fleet.add(answer(job, packed, recordings))
             last = (tmp_path / ROWS).read_text().splitlines()[-1]
             assert json.loads(last)["name"] == job.name
         with pytest.raises(CesError, match="another run is writing"), open_fleet(tmp_path):
             pass
     found = {job.name: job for job, _ in jobs(tmp_path, (*OFFSETS_N, "refused", "broken"))}
-    assert (found["b"].folder / "report.html").is_file()
+    assert ((tmp_path / found["b"].output) / "report.html").is_file()
     with open_fleet(tmp_path) as fleet:
         assert {name: fleet.has(job) for name, job in found.items()} == {
             "a": True,
@@ -174,30 +202,28 @@ def test_rows_and_files_are_on_disk_as_they_come(tmp_path, expected):
             "refused": True,
             "broken": False,
         }
-        (found["b"].folder / "report.html").unlink()
-        (found["b"].folder / "gap.json").unlink()
-        found["b"].folder.rmdir()
+        ((tmp_path / found["b"].output) / "report.html").unlink()
+        ((tmp_path / found["b"].output) / "gap.json").unlink()
+        (tmp_path / found["b"].output).rmdir()
         assert not fleet.has(found["b"])
 
 
 RUN = """
 import sys
-sys.path[:0] = [{test!r}, {root!r}]
+sys.path[:0] = [*{test!r}, {root!r}]
 from pathlib import Path
 import test_fleet as t
-from ces_gap.fleet.results import open_fleet
-from ces_gap.fleet.workers import on_this_machine
 folder = Path(sys.argv[1])
 asked = t.question(options=t.Options(seed=77))
 work = t.jobs(folder, tuple("abcdefgh"), asked)
-with open_fleet(folder) as fleet:
-    for found in on_this_machine(asked.packed(), work, 2, 1):
-        fleet.add(next(job for job, _ in work if job.key == found.row["key"]), found)
+with t.open_fleet(folder) as fleet:
+    for found in t.on_this_machine(asked.packed(), work, 2, 1):
+        fleet.add(found)
 """
 
 
 def begun(folder):
-    code = RUN.format(test=str(ROOT / "test" / "ces_gap"), root=str(ROOT))
+    code = RUN.format(test=[str(Path(__file__).parent), str(ROOT / "test" / "support")], root=str(ROOT))
     return subprocess.Popen(
         [sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -227,7 +253,7 @@ def test_a_killed_run_goes_on(tmp_path):
         missing = [(job, r) for job, r in jobs(tmp_path, "abcdefgh", asked) if not fleet.has(job)]
         assert len(missing) == 8 - len(finished)
         for job, recordings in missing:
-            fleet.add(job, answer(job, asked.packed(), recordings))
+            fleet.add(answer(job, asked.packed(), recordings))
     lines = lines_of(tmp_path)
     assert lines[: len(finished)] == finished
     assert sorted(json.loads(line)["name"] for line in lines) == list("abcdefgh")
@@ -237,6 +263,6 @@ def test_a_killed_run_goes_on(tmp_path):
 def test_a_failure_has_no_files(tmp_path):
     (job, _), *_ = jobs(tmp_path)
     with open_fleet(tmp_path) as fleet:
-        fleet.add(job, failure(job.key, job.name, FAILED, "why"))
-        assert not job.folder.exists()
+        fleet.add(failed_job(job, FAILED, "why"))
+        assert not (tmp_path / job.output).exists()
         assert fleet.rows[job.key]["reason"] == "why"

@@ -6,9 +6,10 @@ import pytest
 from campaign_parts import CAMPAIGN, RULES, made
 
 from ces_identify.campaign import cell as module
-from ces_identify.campaign.cell import CRASHED, DONE, FAILED, compute
+from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.description import load_campaign
 from ces_identify.campaign.plan import jobs
+from ces_identify.jobs.job import CRASHED, DONE, FAILED
 from ces_identify.preparation.series import prepare
 from ces_identify.validation.evaluate import evaluate
 from ces_observer.model import parse_model
@@ -29,7 +30,7 @@ def work(tmp_path_factory):
 def computed(work, bags, structure):
     found, recordings = work
     job = found[bags, structure]
-    return compute(job, [recordings[p] for p in job.recordings], [recordings[p] for _, p in job.validation])
+    return compute_cell(job, [recordings[p] for p in job.paths])
 
 
 @pytest.mark.parametrize(
@@ -37,7 +38,7 @@ def computed(work, bags, structure):
 )
 def test_a_row_tells_settings_size_and_costs(work, structure, size):
     done = computed(work, "one", structure)
-    row, model = done.row, parse_model(done.model, "test")
+    row, model = done.row, parse_model(*done.files.values(), "test")
     assert (row["status"], row["bags"], row["seed"]) == (DONE, "one", 2)
     assert row["size"].startswith(size)
     assert model.sampling.rate_Hz == 200.0
@@ -54,18 +55,18 @@ def test_a_row_tells_settings_size_and_costs(work, structure, size):
 
 def test_parameters_of_a_polynomial_are_its_terms(work):
     done = computed(work, "both", "polynomial")
-    assert done.row["parameters"] == len(parse_model(done.model, "test").terms) == 4
+    assert done.row["parameters"] == len(parse_model(*done.files.values(), "test").terms) == 4
     assert [c["set"] for c in done.row["costs"]] == ["identification"] * 2 + ["rest"] * 2
 
 
 def test_data_that_hold_too_little_fail_the_cell_in_a_line(work):
     found, recordings = work
     short = made(1, seconds=1.0)
-    done = compute(found["one", "polynomial"], [short], list(recordings.values())[1:])
+    done = compute_cell(found["one", "polynomial"], [short, *list(recordings.values())[1:]])
     assert done.row["status"] == FAILED
     assert done.row["reason"]
     assert "\n" not in done.row["reason"]
-    assert done.model is None
+    assert not done.files
 
 
 def test_an_unexpected_error_crashes_the_cell_only(work, monkeypatch):

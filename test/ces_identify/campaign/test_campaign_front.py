@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_identify.campaign.cell import DONE, FAILED
 from ces_identify.campaign.front import WITHIN, front, recommended
+from ces_identify.jobs.job import DONE, FAILED
 
 
 def row(parameters, cost, gain=0.5, status=DONE, validation=1.0):

@@ -1,37 +1,56 @@
 """Results on disk: whole lines only, models before their rows, one run at a time."""
 
 import json
+from dataclasses import dataclass
 
 import pytest
 
-from ces_identify.campaign.cell import CRASHED, DONE, FAILED, Outcome
-from ces_identify.campaign.results import open_results
+from ces_identify.jobs import results_folder
+from ces_identify.jobs.job import CRASHED, DONE, FAILED, JobResult
 from ces_observer.errors import CesError
 
 
-def outcome(key, status=DONE):
-    return Outcome({"key": key, "status": status, "bags": "µ"}, "{}\n" if status == DONE else None)
+@dataclass(frozen=True)
+class ModelJob:
+    key: str
+
+    @property
+    def identity(self):
+        return {"key": self.key}
+
+    @property
+    def output(self):
+        return f"models/{self.key}.json"
+
+
+def result(key, status=DONE):
+    files = {ModelJob(key).output: "{}\n"} if status == DONE else {}
+    return JobResult({"key": key, "status": status, "bags": "µ"}, files)
+
+
+def open_results(folder):
+    return results_folder.open_results(folder / "results.jsonl", "a campaign")
 
 
 def test_rows_and_models_come_back(tmp_path):
     with open_results(tmp_path / "new" / "out") as results:
-        results.add(outcome("a"))
+        results.add(result("a"))
         assert (tmp_path / "new/out/results.jsonl").read_bytes().endswith(b"}\n")
     with open_results(tmp_path / "new" / "out") as results:
         assert results.rows == {"a": {"key": "a", "status": DONE, "bags": "µ"}}
-        assert results.model("a").read_text() == "{}\n"
+        assert (results.folder / ModelJob("a").output).read_text() == "{}\n"
 
 
 @pytest.mark.parametrize("cut", [1, 7, 20])
 def test_a_torn_last_line_is_dropped_and_the_next_one_whole(tmp_path, cut):
     with open_results(tmp_path) as results:
-        results.add(outcome("a"))
-        results.add(outcome("b"))
+        results.add(result("a"))
+        results.add(result("b"))
     path = tmp_path / "results.jsonl"
     path.write_bytes(path.read_bytes()[:-cut])
     with open_results(tmp_path) as results:
         assert list(results.rows) == ["a"]
-        results.add(outcome("c"))
+        results.add(result("c"))
     assert [json.loads(line)["key"] for line in path.read_text().splitlines()] == ["a", "c"]
 
 
@@ -39,7 +58,7 @@ def test_a_file_with_nothing_but_a_torn_line(tmp_path):
     (tmp_path / "results.jsonl").write_bytes(b'{"key": "a"')
     with open_results(tmp_path) as results:
         assert results.rows == {}
-        results.add(outcome("b"))
+        results.add(result("b"))
     assert len((tmp_path / "results.jsonl").read_text().splitlines()) == 1
 
 
@@ -52,9 +71,9 @@ def test_a_broken_line_in_the_middle_is_named(tmp_path):
 def test_what_need_not_be_computed_again(tmp_path):
     with open_results(tmp_path) as results:
         for key, status in (("done", DONE), ("lost", DONE), ("failed", FAILED), ("crashed", CRASHED)):
-            results.add(outcome(key, status))
-        results.model("lost").unlink()
-        there = {key: results.has(key) for key in ("done", "lost", "failed", "crashed", "new")}
+            results.add(result(key, status))
+        (results.folder / ModelJob("lost").output).unlink()
+        there = {key: results.has(ModelJob(key)) for key in ("done", "lost", "failed", "crashed", "new")}
     assert there == {"done": True, "lost": False, "failed": True, "crashed": False, "new": False}
 
 

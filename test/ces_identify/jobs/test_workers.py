@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 from campaign_parts import CAMPAIGN, RULES, made
 
-from ces_identify.campaign import workers
-from ces_identify.campaign.cell import compute
+from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.description import load_campaign
 from ces_identify.campaign.plan import jobs
-from ces_identify.campaign.workers import in_processes, on_cluster, on_this_machine
+from ces_identify.jobs import cluster as cluster_module
+from ces_identify.jobs.workers import Task, run_in_processes, run_on_cluster, run_on_this_machine
 from ces_observer.errors import CesError
 
 
@@ -34,19 +34,24 @@ def work(tmp_path_factory):
 @pytest.fixture(scope="module")
 def expected(work):
     found, recordings = work
-    return told(
-        compute(job, [recordings[p] for p in job.recordings], [recordings[p] for _, p in job.validation])
-        for job in found
-    )
+    return told(compute_cell(job, [recordings[p] for p in job.paths]) for job in found)
 
 
-def told(outcomes):
-    """What each outcome says, but for the time it took."""
-    return {o.row["key"]: ({k: v for k, v in o.row.items() if k != "seconds"}, o.model) for o in outcomes}
+def told(results):
+    """What each result says, but for the time it took."""
+    return {r.row["key"]: ({k: v for k, v in r.row.items() if k != "seconds"}, dict(r.files)) for r in results}
+
+
+def tasks(found):
+    return [Task(job, job.paths) for job in found]
+
+
+def on_cluster(found, recordings, address):
+    return run_on_cluster(compute_cell, tasks(found), recordings, address)
 
 
 def test_processes_on_this_machine(work, expected):
-    assert told(on_this_machine(*work, processes=2)) == expected
+    assert told(run_on_this_machine(compute_cell, tasks(work[0]), work[1], processes=2, threads=1)) == expected
     assert sorted({row["status"] for row, _ in expected.values()}) == ["done", "failed"]
 
 
@@ -67,20 +72,20 @@ def test_two_workers_of_a_dask_scheduler(work, expected, cluster):
 def test_a_crash_on_a_worker_is_a_row(work, cluster):
     found, recordings = work
     broken = replace(found[0], cell=replace(found[0].cell, settings={}))
-    rows = [outcome.row for outcome in on_cluster([broken], recordings, address=cluster)]
+    rows = [result.row for result in on_cluster([broken], recordings, address=cluster)]
     assert [row["status"] for row in rows] == ["crashed"]
     assert "KeyError" in rows[0]["reason"]
 
 
 def test_workers_of_another_version_are_named(work, cluster, monkeypatch):
-    monkeypatch.setattr(workers, "__version__", "99.0")
+    monkeypatch.setattr(cluster_module, "__version__", "99.0")
     with pytest.raises(CesError, match=r"worker tcp://.* has ces_observer .*; install 99\.0 there"):
         list(on_cluster(*work, address=cluster))
 
 
 def test_no_scheduler_is_one_line(work, monkeypatch):
     pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    monkeypatch.setattr(workers, "CONNECT_S", 1.0)
+    monkeypatch.setattr(cluster_module, "CONNECT_S", 1.0)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
@@ -92,7 +97,7 @@ def test_no_dask_is_one_line(work, monkeypatch):
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(workers, "import_module", missing)
+    monkeypatch.setattr(cluster_module, "import_module", missing)
     with pytest.raises(CesError, match=r"pip install 'ces_observer\[dask\]'"):
         list(on_cluster(*work, address="127.0.0.1:8786"))
 
@@ -108,9 +113,9 @@ class Unreadable:
 
 def test_a_killed_process_is_one_line():
     with pytest.raises(CesError, match="a worker process died, perhaps short of memory"):
-        list(in_processes(kill_itself, [()], processes=2, threads=1))
+        list(run_in_processes(kill_itself, [()], processes=2, threads=1))
 
 
 def test_a_task_that_no_process_can_read_is_one_line_with_the_reason():
     with pytest.raises(CesError, match=r"could not read its task .*\(ValueError: invalid literal for int.*no number"):
-        list(in_processes(abs, [(Unreadable(),)], processes=2, threads=1))
+        list(run_in_processes(abs, [(Unreadable(),)], processes=2, threads=1))
