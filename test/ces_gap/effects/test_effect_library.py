@@ -78,7 +78,7 @@ def test_the_library_holds_the_effects_of_the_contract_one_module_each() -> None
     assert set(names()) == DESIGNED
     assert len({(e.name, e.form) for e in EFFECTS}) == len(EFFECTS)
     for effect in EFFECTS:
-        assert type(effect).__module__ == f"ces_gap.effects.{effect.name}"
+        assert type(effect).__module__ == f"ces_gap.effects.library.{effect.name}"
 
 
 @each
