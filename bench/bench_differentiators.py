@@ -25,7 +25,8 @@ from differentiator_peers import PEERS, F, Peer, kalman
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
-from ces_identify.identify import Options, posed
+from ces_identify.polynomial_structure import posed
+from ces_identify.structure_kit import Options
 from ces_identify.numerics.kernels import free_run
 from ces_identify.polynomial.compiled import compile_terms, power_table
 from ces_identify.polynomial.limits import Limits

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ces_identify.export.export_c import export_c
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.proof.certificate import certify
+from ces_observer.structures.polynomial import Polynomial
 
 N = 30_000
 TARGET_US = 0.1
@@ -75,7 +75,7 @@ def samples(jitter_ns: float) -> Samples:
 
 def compiled(model: Model, compiler: str, folder: Path) -> ctypes.CDLL:
     """Export `model`, compile it apart from the loop (no inlining across), and load both."""
-    source, header = export_c(model, "damper", "damper", certify(model))
+    source, header = export_c(model, "damper", "damper", model.certify())
     for name, text in (("damper.c", source), ("damper.h", header), ("loop.c", LOOP)):
         (folder / name).write_text(text)
     flags = ["-std=c99", "-O2", "-fPIC", "-shared", "-o", "damper.so", "damper.c", "loop.c", "-lm"]
@@ -118,7 +118,7 @@ def main() -> int:
     terms, envelope = ten_terms(), Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
     print(f"exported C, {len(terms)} terms, {N} samples, -O2; target at most {TARGET_US} us a step")
     for order in (2, 3):
-        model = Model("polynomial_narx", Sampling(1000.0, 100.0, 0.01, order=order), terms, envelope, (-1e6, 1e6))
+        model = Model(Sampling(1000.0, 100.0, 0.01, order=order), Polynomial(terms), envelope, (-1e6, 1e6))
         with tempfile.TemporaryDirectory() as folder:
             library = compiled(model, compiler, Path(folder))
             print(f"differentiator of order {order}")

@@ -19,8 +19,9 @@ import numpy as np
 from ces_identify.numerics.kernels import free_run
 from ces_identify.polynomial.compiled import compile_terms, power_table
 from ces_observer.estimator import Estimator
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 N = 30_000
 
@@ -92,14 +93,14 @@ def main() -> None:
     print(f"  kernel                  {1e3 * ready:8.3f} ms   {1e9 * ready / N / len(terms):6.2f} ns a sample and term")
     print(f"  kernel + power tables   {1e3 * whole:8.3f} ms")
     print(f"  plain Python            {1e3 * plain:8.1f} ms   ratio {plain / ready:.0f}")
-    model = Model("polynomial_narx", Sampling(1000.0, 100.0, 0.01), terms, envelope, (-1e6, 1e6))
+    model = Model(Sampling(1000.0, 100.0, 0.01), Polynomial(terms), envelope, (-1e6, 1e6))
     bench_tick(model)
     bench_estimator(model)
 
 
 def bench_tick(model: Model) -> None:
     """The polynomial alone: compiled, and as a reader would write a tick in Python from the terms."""
-    polynomial, plain = Polynomial(model), PlainTick(model)
+    polynomial, plain = model.make_predictor(), PlainTick(model)
     rows = list(zip(*(column.tolist() for column in inputs()), strict=True))
 
     def through(tick: Callable[..., object], rows: list[tuple[float, ...]]) -> Callable[[], None]:
@@ -111,8 +112,8 @@ def bench_tick(model: Model) -> None:
 
     mean = median_seconds(through(polynomial.tick, rows), 21) / len(rows)
     slow = median_seconds(through(plain.tick, rows[:3000]), 5) / 3000
-    begin = median_seconds(lambda: Polynomial(model), 51)
-    print(f"polynomial tick, {len(model.terms)} terms, position + speed + current in, force out")
+    begin = median_seconds(model.make_predictor, 51)
+    print(f"polynomial tick, {len(model.body.terms)} terms, position + speed + current in, force out")
     print(f"  mean                    {1e6 * mean:8.2f} us   (its compilation, once at start: {1e3 * begin:.1f} ms)")
     print(f"  plain Python            {1e6 * slow:8.2f} us   ratio {slow / mean:.1f}")
 
@@ -121,7 +122,7 @@ class PlainTick:
     """A tick straight from the terms: every factor looked up and raised to its power, every time."""
 
     def __init__(self, model: Model) -> None:
-        self.terms, self.depth = model.terms, model.max_lag + 1
+        self.terms, self.depth = model.body.terms, model.max_lag + 1
         self.past: dict[str, deque[float]] = {}
 
     def tick(self, position: float, speed: float, current: float) -> float:
@@ -141,7 +142,7 @@ class PlainTick:
 
 
 def bench_estimator(model: Model) -> None:
-    print(f"estimator step, {len(model.terms)} terms, stamp + position + current in, force out")
+    print(f"estimator step, {len(model.body.terms)} terms, stamp + position + current in, force out")
     for stamps, jitter_ns in (("steady", 0.0), ("jittered", 1e5)):
         mean, loop = estimator_seconds(model, jitter_ns)
         print(

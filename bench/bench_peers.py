@@ -24,8 +24,11 @@ from damper_set import RATE, WARM_UP, F, series
 from identification_peers import FED, HELPED, POWER_FED, RAW, Columns, Feed, Fitted
 from measuring import Spent, installed, print_table, say, timed
 
-from ces_identify.identify import Options, posed
-from ces_identify.identify_trained import FuzzyShape, Lags, NetworkShape, regressors
+from ces_identify.polynomial_structure import posed
+from ces_identify.structure_kit import Options
+from ces_identify.trained.fuzzy_structure import FuzzyShape
+from ces_identify.trained.network_structure import NetworkShape
+from ces_identify.trained.lagged_fit import Lags, regressors
 from ces_identify.polynomial.limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
 from ces_identify.polynomial.refit import refitted
 from ces_identify.polynomial.selection import search
@@ -37,6 +40,8 @@ from ces_identify.trained.network_fit import NetworkFit
 from ces_identify.trained.simulation_error import Family, train
 from ces_identify.trained.training import Training, training
 from ces_observer.model import Model
+from ces_observer.structures.fuzzy import Fuzzy
+from ces_observer.structures.network import Network
 
 LAGS = Lags(position_s=(0.0,))
 GIVEN = "position, speed, current"
@@ -140,12 +145,12 @@ def trained_model(seen: Sequence[Series], family: Callable[[Training], Family], 
 
 
 def _size(model: Model) -> int:
-    if model.network is not None:
-        return 1 + len(model.network.linear) + sum(2 + len(unit.slopes) for unit in model.network.units)
-    if model.fuzzy is not None:
-        bells = sum(len(premise.memberships) for premise in model.fuzzy.premises)
-        return 3 * bells + sum(1 + len(rule.linear) for rule in model.fuzzy.rules)
-    return len(model.terms)
+    match model.body:
+        case Network(linear=linear, units=units):
+            return 1 + len(linear) + sum(2 + len(unit.slopes) for unit in units)
+        case Fuzzy(premises=premises, rules=rules):
+            return 3 * sum(len(premise.memberships) for premise in premises) + sum(1 + len(r.linear) for r in rules)
+    return len(model.body.terms)
 
 
 def free_run_cost(measured: F, simulated: F) -> float:

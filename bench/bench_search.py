@@ -35,7 +35,7 @@ from ces_identify.polynomial.regressors import load_rules
 from ces_identify.polynomial.selection import search
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.structures.predictors import predictor
+from ces_observer.structures.polynomial import Polynomial
 
 TERMS, TICKS = 12, 30_000
 ENDLESS = 1_000_000  # rounds: a start ends when its time is up
@@ -162,10 +162,10 @@ def peer_iteration() -> float:
 def step_rows() -> list[Row]:
     """Return rows of the estimator's step: the polynomial alone in Python, and all of it in exported C."""
     envelope = Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
-    model = Model("polynomial_narx", Sampling(1000.0, 100.0, 0.01, order=3), ten_terms(), envelope, (-1e6, 1e6))
+    model = Model(Sampling(1000.0, 100.0, 0.01, order=3), Polynomial(ten_terms()), envelope, (-1e6, 1e6))
     given = samples(0.0)
     inputs = list(zip(given.position.tolist(), given.speed.tolist(), given.current.tolist(), strict=True))
-    run = predictor(model)
+    run = model.make_predictor()
 
     def ticks() -> None:
         run.reset()

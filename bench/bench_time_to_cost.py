@@ -21,14 +21,17 @@ import blas_one_thread  # noqa: F401 - before NumPy
 from damper_set import RATE, series
 from measuring import print_table, say
 
-from ces_identify.identify import Options, posed
+from ces_identify.polynomial_structure import posed
+from ces_identify.structure_kit import Options
 from ces_identify.polynomial.limits import BOTH, METHODS, Found, Limits
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.selection import search
 from ces_identify.preparation.cost import series_cost
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.simulate import simulate_series
-from ces_observer.model import Model, Sampling, Term
+from ces_observer.model import Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Term
 
 SAMPLING = Sampling(RATE, 100.0, 0.01)  # the speed is given: no differentiator has a part in it
 TARGETS = {2.44: 3.0, 2.0: 10.0}  # J [%] and CPU s to reach it in
@@ -68,7 +71,7 @@ def model_of(problem: Problem, found: Found) -> Model:
     terms = [
         Term(float(c), problem.candidates[i].factors) for c, i in zip(found.coefficients, found.chosen, strict=True)
     ]
-    return Model("polynomial_narx", SAMPLING, tuple(terms), problem.envelope, problem.force_envelope)
+    return Model(SAMPLING, Polynomial(tuple(terms)), problem.envelope, problem.force_envelope)
 
 
 def watched(terms: int, seeds: Sequence[int], starts: int, method: str, seconds: float = SECONDS) -> Watch:

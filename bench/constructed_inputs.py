@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ces_identify.identify import Options, identify
+from ces_identify.identify import identify
+from ces_identify.structure_kit import Options
 from ces_identify.polynomial.constructed_options import with_blend, with_constructed
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.regressors import Rules, load_rules
@@ -46,7 +47,7 @@ def costs(rules: Rules, seconds: float, terms: int, seed: int) -> list[float]:
     limits = Limits(terms, seconds, 0.0, 2, seed, 2)
     found = identify(fitted, judged, Options(1.0, rules, limits))
     assert found.model.certificate is not None
-    return [*(e.cost for e in found.evaluations), len(found.model.terms), found.model.certificate["gain"]]
+    return [*(e.cost for e in found.evaluations), len(found.model.body.terms), found.model.certificate["gain"]]
 
 
 def main() -> None:

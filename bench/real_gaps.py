@@ -27,7 +27,7 @@ from real_gaps_simulations import BandBrake, StaticMap
 from ces_cli.bags import import_
 from ces_gap.diagnose import Options, diagnose
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis, Estimate
-from ces_identify.identify import Options as IdentifyOptions
+from ces_identify.structure_kit import Options as IdentifyOptions
 from ces_identify.identify import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.bag_reader import read_recording

@@ -20,7 +20,8 @@ import yaml
 from joblib import Memory, Parallel, delayed, parallel_config
 from thesis_one_step import one_step_model
 
-from ces_identify.identify import Options, identify
+from ces_identify.identify import identify
+from ces_identify.structure_kit import Options
 from ces_identify.identify_trained import ANFIS, NETWORK, identify_anfis, identify_network
 from ces_identify.polynomial.limits import BOTH, RANDOM, Limits
 from ces_identify.polynomial.regressors import load_rules, parse_rules

@@ -14,7 +14,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.identify_trained import NETWORK, FuzzyShape, NetworkShape, regressors
+from ces_identify.identify_trained import NETWORK
+from ces_identify.trained.fuzzy_structure import FuzzyShape
+from ces_identify.trained.network_structure import NetworkShape
+from ces_identify.trained.lagged_fit import regressors
 from ces_identify.polynomial.limits import Limits
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import prepare

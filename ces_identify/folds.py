@@ -12,8 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from ces_identify.identify import Identified, Options
+from ces_identify.identify import Identified
 from ces_identify.recordings.recording import Recording
+from ces_identify.structure_kit import Options
 from ces_identify.validation.cost_interval import CostInterval, cost_interval
 from ces_identify.validation.evaluate import VALIDATION, Evaluation
 from ces_observer.errors import CesError

@@ -9,7 +9,6 @@ from __future__ import annotations
 from math import inf, isfinite
 
 from ces_observer.model import Model
-from ces_observer.structures.predictors import predictor
 from ces_observer.tracker import NOT_FINITE, OK, RESTARTED, UNSETTLED, Tracker
 
 WARMING_UP = "warming up"
@@ -41,7 +40,7 @@ class Estimator:
     def __init__(self, model: Model) -> None:
         self.model = model
         self._tracker = Tracker(model.sampling)
-        self._predictor = predictor(model)
+        self._predictor = model.make_predictor()
         self._limits = model.force_envelope_N
         self._warm_up = round(model.sampling.warm_up_s * model.sampling.rate_Hz)
         self.reset()

@@ -1,83 +1,32 @@
 """The model file: `model.json` in, a checked `Model` out, and back.
 
 The file is plain JSON, holds numbers and names only, is limited in size and never executed. Everything is checked
-here, once, so that the estimator need not: keys, types, ranges, what a term can reach and what a tick costs in memory.
+here or by the structure, once, so that the estimator need not: keys, types, ranges, and what a tick may cost.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from math import prod
 from pathlib import Path
 from typing import Any
 
 from ces_observer.checked import Checked, write_beside
 from ces_observer.errors import ModelError
 from ces_observer.json_text import parse_json, read_bounded
-from ces_observer.structures.constructed import Constructed, Hat
-from ces_observer.structures.constructed_file import MOST_CONSTRUCTED, constructed_from
-from ces_observer.structures.fuzzy import Fuzzy, fuzzy_from
-from ces_observer.structures.network import Network, network_from
+from ces_observer.proof.certificate import Certificate
+from ces_observer.structures import STRUCTURES
+from ces_observer.structures.structure import OperatingRange, Predictor, Range, Ranges, Structure
 
 SCHEMA = "ces-model/1"
-STRUCTURES = ("polynomial_narx", "sigmoid_narx", "anfis")
-SIGNALS = ("force", "speed", "current", "position")
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
 KEYS = ("schema", "structure", "units", "sampling", "input_envelope", "force_envelope_N", "certificate", "provenance")
-BODIES = {"polynomial_narx": ("terms", "constructed"), "sigmoid_narx": ("network",), "anfis": ("fuzzy",)}
 MAX_BYTES = 1_000_000
-MAX_TERMS = 500
-MAX_FACTORS = 8
-MAX_LAG = 1000
-MAX_POWER = 8.0
 MOST_INPUT = 1e6  # [m, m/s, A] and [N]: beyond any damper, and far from where powers overflow
 MOST_FORCE_N = 1e9
-MOST_COEFFICIENT = 1e30
-MOST_REACH = 1e100  # of a term and of its factors' product: sums, slopes and bounds of them stay far from overflow
 MOST_GAP_TICKS = 20_000  # what one position sample after the longest bridged gap may cost
-
-Range = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Factor:
-    """One factor of a term: a signal `lag` ticks ago, as |s|^power, or as sign(s) |s|^power if `signed`.
-
-    A `force` factor is the model's own past output (lag >= 1, power 1, signed). A signal that is none of SIGNALS is
-    constructed from them; its `definition` tells how.
-    """
-
-    signal: str
-    lag: int
-    power: float = 1.0
-    signed: bool = True
-    definition: Constructed | None = None
-
-    @property
-    def variable(self) -> tuple[str, int]:
-        """What the factor is a function of, signal and lag: a hat is one of the signal it is of."""
-        return (self.definition.of if isinstance(self.definition, Hat) else self.signal), self.lag
-
-
-@dataclass(frozen=True)
-class Term:
-    """A coefficient [N per product of the factors' units] times its factors, at most one of them a past force."""
-
-    coefficient: float
-    factors: tuple[Factor, ...]
-
-    @property
-    def output_lag(self) -> int:
-        """Lag of the past force in ticks, 0 if there is none."""
-        return next((f.lag for f in self.factors if f.signal == "force"), 0)
-
-    @property
-    def inputs(self) -> tuple[Factor, ...]:
-        """The factors that are not past forces."""
-        return tuple(f for f in self.factors if f.signal != "force")
 
 
 @dataclass(frozen=True)
@@ -102,7 +51,7 @@ class Envelope:
     current_A: Range
 
     @property
-    def by_signal(self) -> Mapping[str, Range]:
+    def by_signal(self) -> Ranges:
         """The ranges by the signals' names."""
         return {"position": self.position_m, "speed": self.speed_m_s, "current": self.current_A}
 
@@ -111,58 +60,62 @@ class Envelope:
 class Model:
     """A force model ready to run: force [N] from position [m], speed [m/s] and current [A] at `sampling.rate_Hz`.
 
-    `structure` tells which of `terms` (polynomial_narx), `network` (sigmoid_narx) and `fuzzy` (anfis) makes the force.
+    `body` is the structure that makes the force; all else is the same for every structure.
     """
 
-    structure: str
     sampling: Sampling
-    terms: tuple[Term, ...]
+    body: Structure
     envelope: Envelope
     force_envelope_N: Range
     certificate: Mapping[str, Any] | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    network: Network | None = None
-    fuzzy: Fuzzy | None = None
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any factor or regressor in ticks."""
-        body = self.network or self.fuzzy
-        return body.max_lag if body else max((f.lag for t in self.terms for f in t.factors), default=0)
-
-    @property
-    def constructed(self) -> tuple[Constructed, ...]:
-        """The constructed inputs its terms use, each after those it is made of."""
-        return constructed_in(self.terms)
+    def structure(self) -> str:
+        """What the model file calls the structure."""
+        return self.body.name
 
     @property
     def size(self) -> str:
         """How large the model is, for people."""
-        body = self.network or self.fuzzy
-        return body.size if body else f"{len(self.terms)} terms"
+        return self.body.size
+
+    @property
+    def max_lag(self) -> int:
+        """Longest lag of any signal in ticks."""
+        return self.body.max_lag
+
+    @property
+    def operating_range(self) -> OperatingRange:
+        """What its structure is run and proved for."""
+        return OperatingRange(self.sampling.rate_Hz, self.envelope.by_signal, self.force_envelope_N)
+
+    def make_predictor(self) -> Predictor:
+        """Return its free run, at its beginning."""
+        return self.body.make_predictor(self.operating_range)
+
+    def certify(self) -> Certificate:
+        """Return what can be proved of its stability."""
+        return self.body.certify(self.operating_range)
+
+    def is_stable(self) -> bool:
+        """Prove anew, and no more than needed, that it cannot lose stability: what a vehicle asks of a model."""
+        return self.body.is_stable(self.operating_range)
 
     def to_json(self) -> str:
         """Return the text of the model file."""
-        body = {
+        content = {
             "schema": SCHEMA,
             "structure": self.structure,
             "units": UNITS,
             "sampling": asdict(self.sampling),
-            **self._body(),
+            **self.body.to_json(),
             "input_envelope": asdict(self.envelope),
             "force_envelope_N": self.force_envelope_N,
             "certificate": self.certificate,
             "provenance": self.provenance,
         }
-        return json.dumps(body, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-    def _body(self) -> dict[str, Any]:
-        if self.network is not None:
-            return {"network": self.network.to_json()}
-        if self.fuzzy is not None:
-            return {"fuzzy": self.fuzzy.to_json()}
-        constructed = {"constructed": [one.to_json() for one in self.constructed]} if self.constructed else {}
-        return {**constructed, "terms": [_term_to_json(term) for term in self.terms]}
+        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
     def save(self, path: Path) -> None:
         """Write the model file beside `path`, then rename it into place."""
@@ -171,16 +124,6 @@ class Model:
     def digest(self) -> str:
         """Return the SHA-256 of the model file's text, by which a running observer names its model."""
         return hashlib.sha256(self.to_json().encode()).hexdigest()
-
-
-def constructed_in(terms: Sequence[Term]) -> tuple[Constructed, ...]:
-    """Return the constructed inputs of `terms` by name, hats last; raises ModelError if two of a name differ."""
-    known: dict[str, Constructed] = {}
-    used = {f.definition for term in terms for f in term.factors if f.definition is not None}
-    for one in used | {one.base for one in used if isinstance(one, Hat) and one.base is not None}:
-        if known.setdefault(one.name, one) != one:
-            raise ModelError(f"constructed input '{one.name}': defined twice, differently; expected a name for each")
-    return tuple(sorted(known.values(), key=lambda one: (isinstance(one, Hat), one.name)))
 
 
 def load_model(path: Path) -> Model:
@@ -202,27 +145,20 @@ def parse_model(text: str, source: str) -> Model:
     schema = root.text("schema")
     if schema != SCHEMA:
         raise ModelError(f"{source}: schema is {schema[:40]!r}; this version reads '{SCHEMA}': identify the model anew")
-    structure = root.choice("structure", STRUCTURES)
+    structure = STRUCTURES[root.choice("structure", tuple(STRUCTURES))]
     if root.value.get("units", UNITS) != UNITS:
         raise ModelError(f"{source}: units are not those of '{SCHEMA}'; expected {UNITS}")
-    model = _model(root, structure)
-    root.only(*KEYS, *BODIES[structure])
-    return model
-
-
-def _model(root: Checked, structure: str) -> Model:
     envelope = _envelope(root.at("input_envelope"))
-    return Model(
-        structure=structure,
+    model = Model(
         sampling=_sampling(root.at("sampling")),
-        terms=_terms(root, envelope) if structure == "polynomial_narx" else (),
+        body=structure.from_json(root, envelope.by_signal),
         envelope=envelope,
         force_envelope_N=root.range("force_envelope_N", MOST_FORCE_N),
         certificate=root.mapping_or_none("certificate"),
         provenance=root.mapping_or_none("provenance") or {},
-        network=network_from(root.at("network")) if structure == "sigmoid_narx" else None,
-        fuzzy=fuzzy_from(root.at("fuzzy"), envelope.by_signal) if structure == "anfis" else None,
     )
+    root.only(*KEYS, *structure.keys)
+    return model
 
 
 def _sampling(node: Checked) -> Sampling:
@@ -246,51 +182,3 @@ def _envelope(node: Checked) -> Envelope:
     keys = tuple(one.name for one in fields(Envelope))
     node.only(*keys)
     return Envelope(*(node.range(key, MOST_INPUT) for key in keys))
-
-
-def _terms(root: Checked, envelope: Envelope) -> tuple[Term, ...]:
-    given = root.items("constructed", 1, MOST_CONSTRUCTED) if "constructed" in root.value else ()
-    constructed = constructed_from(given)
-    return tuple(_term(item, constructed, envelope) for item in root.items("terms", 1, MAX_TERMS))
-
-
-def _term(node: Checked, constructed: Mapping[str, Constructed], envelope: Envelope) -> Term:
-    node.only("coefficient", "factors")
-    factors = tuple(_factor(item, constructed) for item in node.items("factors", 0, MAX_FACTORS))
-    if sum(f.signal == "force" for f in factors) > 1:
-        raise ModelError(f"{node.where}: more than one past force; expected at most one, so that bounds can be proved")
-    term = Term(node.number("coefficient", -MOST_COEFFICIENT, MOST_COEFFICIENT), factors)
-    if not _reach(term, envelope) <= MOST_REACH:
-        raise ModelError(f"{node.where}: can grow beyond {MOST_REACH:g} in the input envelope; expected lower powers")
-    return term
-
-
-def _reach(term: Term, envelope: Envelope) -> float:
-    """Return what bounds the term's product over the envelope, and every part of that product."""
-    ranges = envelope.by_signal
-    ends = [ranges[f.signal] if f.definition is None else f.definition.range(ranges) for f in term.inputs]
-    sizes = [max(1.0, *map(abs, end)) ** f.power for f, end in zip(term.inputs, ends, strict=True)]
-    return prod([max(1.0, abs(term.coefficient)), *sizes])
-
-
-def _factor(node: Checked, constructed: Mapping[str, Constructed]) -> Factor:
-    signal = node.choice("signal", (*SIGNALS, *constructed))
-    if signal == "force":
-        node.only("signal", "lag")
-        return Factor("force", node.whole("lag", 1, MAX_LAG))
-    node.only("signal", "lag", "power", "signed")
-    lag = node.whole("lag", 0, MAX_LAG)
-    power, definition = node.number("power", 0.0, MAX_POWER), constructed.get(signal)
-    if isinstance(definition, Hat) and power != 1.0:
-        raise ModelError(f"{node.where}: power is {power:g}; expected 1, as '{signal}' is a membership")
-    return Factor(signal, lag, power, node.flag("signed"), definition)
-
-
-def _term_to_json(term: Term) -> dict[str, Any]:
-    factors = [
-        {"signal": f.signal, "lag": f.lag}
-        if f.signal == "force"
-        else {"signal": f.signal, "lag": f.lag, "power": f.power, "signed": f.signed}
-        for f in term.factors
-    ]
-    return {"coefficient": term.coefficient, "factors": factors}

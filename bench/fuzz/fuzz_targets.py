@@ -17,8 +17,7 @@ from ces_observer.damper_observer import DamperObserver
 from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model, parse_model
-from ces_observer.proof import certificate
-from ces_observer.proof.certificate import is_contraction
+from ces_observer.proof import branch_and_bound
 from ces_observer.tracker import OK
 
 REFUSED, READ, WITHHELD, FORCE = "refused", "read", "withheld", "force"
@@ -44,8 +43,8 @@ def try_model(path: Path) -> str:
         return _refused(error)
     assert parse_model(model.to_json(), "again") == model
     assert len(model.digest()) == 64
-    with patch.object(certificate, "MOST_WORK", LITTLE_WORK):
-        is_contraction(model)
+    with patch.object(branch_and_bound, "MOST_WORK", LITTLE_WORK):
+        model.is_stable()
     try_estimator(Estimator(model), _corners(model))
     return READ
 

@@ -14,6 +14,7 @@ from processes import Observer, Source
 from witness import Witness
 
 from ces_observer.model import Model
+from ces_observer.structures.polynomial import Polynomial
 
 MAX_AGE_S = 0.5
 ADOPTED_WITHIN_S = 20.0  # a model is proved anew by a process that has to be started first
@@ -123,8 +124,8 @@ def bad_age(stage: Stage, episode: Episode, seconds: float) -> None:
 
 def unstable(model: Model) -> Model:
     """Return the model with all its coefficients a hundredfold: well formed, and no proof of it can succeed."""
-    terms = tuple(replace(term, coefficient=100.0 * term.coefficient) for term in model.terms)
-    return replace(model, terms=terms)
+    terms = tuple(replace(term, coefficient=100.0 * term.coefficient) for term in model.body.terms)
+    return replace(model, body=Polynomial(terms))
 
 
 def expect(episode: Episode, answer: tuple[bool, str], accepted: bool) -> None:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ces_cli.campaign.tables import Summary, mean_cost
 from ces_cli.terminal.coverage_picture import put_picture
 from ces_identify.campaign.front import front, recommended
-from ces_identify.campaign.plan import ANFIS, POLYNOMIAL, SIGMOID
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
+from ces_identify.polynomial_structure import POLYNOMIAL
+from ces_identify.structures import KITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOOK = {POLYNOMIAL: ("#3b6ea5", "o"), SIGMOID: ("#d9722e", "s"), ANFIS: ("#4f8a4c", "^")}
+LOOKS = (("#3b6ea5", "o"), ("#d9722e", "s"), ("#4f8a4c", "^"), ("#8a4c7d", "D"), ("#9a8432", "v"), ("#2f8c8c", "P"))
+LOOK = dict(zip(KITS, cycle(LOOKS), strict=False))
 INK, PALE = "#333333", "#8a8a8a"
 WIDEST = 3  # panels in a row
 SPREAD = 8.0  # ratio of largest to smallest from which an axis is logarithmic
@@ -145,4 +148,4 @@ def _legend(figure: Figure, summary: Summary) -> None:
 
 
 def _only_polynomials(summary: Summary) -> bool:
-    return all(row["structure"] == POLYNOMIAL for row in summary.rows)
+    return all(row["structure"] == POLYNOMIAL.option for row in summary.rows)

@@ -6,9 +6,9 @@ import argparse
 from functools import reduce
 from pathlib import Path
 
-from ces_cli.identify.structures import POLYNOMIAL
 from ces_identify.polynomial.constructed_options import with_blend, with_constructed
 from ces_identify.polynomial.regressors import Rules, load_rules
+from ces_identify.polynomial_structure import POLYNOMIAL
 from ces_observer.errors import CesError
 
 
@@ -38,7 +38,7 @@ def add_candidates(to: argparse.ArgumentParser) -> None:
 
 def candidate_rules(options: argparse.Namespace) -> Rules:
     """Return the candidate rules asked for; raises CesError naming the option or file that is wrong."""
-    if options.structure != POLYNOMIAL and (options.construct or options.blend):
+    if options.structure != POLYNOMIAL.option and (options.construct or options.blend):
         raise CesError(f"--construct and --blend: are of polynomials only, not of --structure {options.structure}")
     rules = reduce(with_constructed, options.construct, load_rules(options.candidates))
     return reduce(with_blend, options.blend, rules)

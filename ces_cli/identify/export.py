@@ -12,7 +12,7 @@ from ces_identify.export.export_fmu import binary_path, export_fmu, find_compile
 from ces_observer.checked import write_beside, write_together
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
-from ces_observer.proof.certificate import Certificate, certify
+from ces_observer.proof.certificate import Certificate, summarize
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -49,11 +49,11 @@ def _endings(format_: str | None) -> list[str]:
 
 def _certificate(model: Model, options: argparse.Namespace) -> Certificate:
     with terminal.err.status("proving stability"):
-        certificate = certify(model)
+        certificate = model.certify()
     if not (certificate.holds or options.allow_uncertified):
         raise CesError(
-            f"{options.model}: its stability cannot be proved (past forces may count for {certificate.gain:.3f}, 1 or "
-            "more); identify it anew with a certificate, or give --allow-uncertified"
+            f"{options.model}: its stability cannot be proved ({certificate.doubt}); identify it anew with a "
+            "certificate, or give --allow-uncertified"
         )
     return certificate
 
@@ -61,7 +61,7 @@ def _certificate(model: Model, options: argparse.Namespace) -> Certificate:
 def _write_c(model: Model, name: str, out: Path, certificate: Certificate) -> None:
     source, header = export_c(model, name, out.stem, certificate)
     write_together({out.with_suffix(".h"): header, out: source})
-    print(f"{out}, {out.with_suffix('.h').name}: {name}_step and {name}_tick, {len(model.terms)} terms")
+    print(f"{out}, {out.with_suffix('.h').name}: {name}_step and {name}_tick, {model.size}")
 
 
 def _write_fmu(model: Model, name: str, out: Path, certificate: Certificate, compiler: Sequence[str]) -> None:
@@ -69,17 +69,14 @@ def _write_fmu(model: Model, name: str, out: Path, certificate: Certificate, com
         content = export_fmu(model, name, certificate, compiler)
     write_beside(out, content)
     made = binary_path(name) if compiler else "sources only, to be compiled as its sources/BUILD.txt says"
-    print(f"{out}: FMI 2.0 co-simulation {name}, {len(model.terms)} terms, {made}")
+    print(f"{out}: FMI 2.0 co-simulation {name}, {model.size}, {made}")
 
 
 def _tell(certificate: Certificate) -> None:
     if not certificate.holds:
         terminal.note("--allow-uncertified: nothing proves that this model stays stable; not for a vehicle")
         return
-    print(
-        f"stable: past forces count for at most {certificate.gain:.3f} < 1 for any input (proved); "
-        f"|force| <= {certificate.force_N:.0f} N"
-    )
+    print(f"stable: {summarize(certificate.to_mapping())} (proved); |force| <= {certificate.force_N:.0f} N")
 
 
 _FORMATS = {"c": "C99, its header is written beside it", "fmu": "FMI 2.0 co-simulation"}

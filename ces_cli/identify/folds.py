@@ -12,8 +12,9 @@ from ces_cli.identify.structures import identifier
 from ces_cli.terminal import terminal
 from ces_cli.terminal.tables import fold_table
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
-from ces_identify.identify import Identified, Options
+from ces_identify.identify import Identified
 from ces_identify.recordings.recording import Recording
+from ces_identify.structure_kit import Options
 
 MOST_FOLDS = 1000
 

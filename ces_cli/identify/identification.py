@@ -15,10 +15,11 @@ from ces_cli.identify.distillation import with_teacher
 from ces_cli.identify.structures import identifier
 from ces_cli.terminal import terminal
 from ces_cli.terminal.simulations import open_simulation, taught
-from ces_identify.identify import Identified, Options
+from ces_identify.identify import Identified
 from ces_identify.polynomial.limits import Found, Limits
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.recordings.recording import Recording
+from ces_identify.structure_kit import Options
 from ces_observer.errors import CesError
 
 FORCE = ("position", "current", "force")

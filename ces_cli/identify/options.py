@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from ces_identify.structures import KITS
 from ces_observer.errors import CesError
 
 Value = bool | int | float | str | list[str]
@@ -36,9 +37,8 @@ PARAMETERS = (
     Parameter("signals", "", "file that says where each signal is; empty: the packaged one", is_path=True),
     Parameter("out", "model.json", "model file to write; its folder must exist", is_path=True),
     Parameter("report", "", "report page to write (HTML); empty: none", is_path=True),
-    Parameter("structure", "polynomial", "structure of the model", one_of=("polynomial", "sigmoid", "anfis")),
-    Parameter("units", 10, "sigmoids of a sigmoid network", 1, 60),
-    Parameter("rules", "7x2", "memberships of speed and of current of neuro-fuzzy rules, as VxI"),
+    Parameter("structure", next(iter(KITS)), "structure of the model", one_of=tuple(KITS)),
+    *(Parameter(s.name, s.default, s.meaning, *(s.whole or ())) for kit in KITS.values() for s in kit.sizes),
     Parameter("split", 0.0, "first share of each recording to identify on; 0: 0.75, or 1 with validate", 0, 1, unset=0),
     Parameter("teacher", "", "simulation whose force is learnt instead of the measured one; empty: none"),
     Parameter("candidates", "", "file of candidate rules; empty: the built-in ones", is_path=True),

@@ -25,7 +25,9 @@ from ces_identify.identify import Identified
 from ces_identify.polynomial.limits import BOTH, METHODS
 from ces_identify.polynomial.regressors import DEFAULT_RULES
 from ces_identify.preparation.weighting import FORMS, parse_weighting
+from ces_identify.structures import KITS
 from ces_identify.validation.usage import RULE
+from ces_observer.proof.certificate import summarize
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -75,7 +77,7 @@ def _tell_certificate(certificate: Mapping[str, Any] | None) -> None:
     if certificate is None:
         terminal.note("--no-certificate: nothing proves that this model stays stable; the observer will refuse it")
         return
-    print(f"stable: past forces count for at most {certificate['gain']:.3f} < 1 for any input in the envelope (proved)")
+    print(f"stable: {summarize(certificate)} (proved)")
 
 
 def parser() -> terminal.Parser:
@@ -83,7 +85,7 @@ def parser() -> terminal.Parser:
     p = terminal.parser(
         "identify",
         "Identify a model of the damping force from any number of recordings at once, judged by the cost of its free "
-        "run and proved stable: a polynomial NARX with selected terms, a sigmoid network, or neuro-fuzzy rules.",
+        f"run and proved stable: {', '.join(kit.about for kit in KITS.values())}.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
     )
     number, whole = terminal.within, terminal.whole

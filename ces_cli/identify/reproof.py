@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from ces_observer.model import Model
-from ces_observer.proof.certificate import Certificate, certify
+from ces_observer.proof.certificate import Certificate
 
 UNPROVED = 1  # exit status
 ROUNDING = 1e-9  # relative
-CLAIMS = (("gain", "gain"), ("drive_N", "drive_N"), ("force_bound_N", "force_N"))
 
 
 def reprove(model: Model, name: str) -> int:
@@ -18,19 +17,18 @@ def reprove(model: Model, name: str) -> int:
 
     0 if it is proved and the file claims no more than that; else one line says what is not, and the status is UNPROVED.
     """
-    proof = certify(model)
+    proof = model.certify()
     if not proof.holds:
-        print(f"not proved: {name}: past forces may count for {proof.gain:.6g}; expected less than 1")
+        print(f"not proved: {name}: {proof.doubt}")
         return UNPROVED
     excess = overclaimed(model.certificate, proof)
     if excess:
         print(f"not proved: {name}: the file claims {excess}: identify the model anew")
         return UNPROVED
     envelope = model.envelope
-    print(f"proved: {proof.claim} ({proof.method}, {proof.boxes} boxes)")
-    print(f"  gain            {proof.gain:.6g} < 1")
-    print(f"  drive           {proof.drive_N:.6g} N")
-    print(f"  force bound     {proof.force_N:.6g} N")
+    print(f"proved: {proof.claim} ({proof.effort})")
+    for label, value in proof.rows:
+        print(f"  {label:<14}  {value}")
     for label, (low, high), unit in (
         ("position", envelope.position_m, "m"),
         ("speed", envelope.speed_m_s, "m/s"),
@@ -44,8 +42,8 @@ def reprove(model: Model, name: str) -> int:
 
 def overclaimed(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
     """Return the first bound that the file states tighter than the proof, in words; empty if there is none."""
-    for key, attribute in CLAIMS:
-        proved, claimed = getattr(proof, attribute), _number(stored, key)
+    for key, proved in proof.bounds.items():
+        claimed = _number(stored, key)
         if claimed is not None and claimed < proved * (1.0 - ROUNDING):
             return f"{key} {claimed:.6g}, but only {proved:.6g} is proved"
     return ""
@@ -55,11 +53,11 @@ def compared(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
     """Return how the file's certificate compares with a proof it does not exceed, in words."""
     if stored is None:
         return "no certificate"
-    claims = {key: _number(stored, key) for key, _ in CLAIMS}
+    claims = {key: _number(stored, key) for key in proof.bounds}
     missing = [key for key, value in claims.items() if value is None]
     if missing:
         return f"incomplete: no {', '.join(missing)}"
-    looser = [k for k, a in CLAIMS if (claims[k] or 0.0) > getattr(proof, a) * (1.0 + ROUNDING)]
+    looser = [k for k, proved in proof.bounds.items() if (claims[k] or 0.0) > proved * (1.0 + ROUNDING)]
     return f"looser bounds: {', '.join(looser)}" if looser else "the same bounds"
 
 

@@ -9,8 +9,9 @@ from markupsafe import Markup
 
 from ces_gap.diagnosis import GapMap
 from ces_gap.report.words import AXES, axis_figure, axis_title
-from ces_identify.report.drawing import F, Panel, axes, label, minus, note, panel, svg
+from ces_identify.report.drawing import F, Panel, axes, label, note, panel, svg
 from ces_identify.report.heat import cells, ramp
+from ces_identify.typesetting import minus
 
 SIZE = (360.0, 326.0)
 BOX = (48.0, 30.0, 304.0, 206.0)  # left, top, width, height [px]

@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ces_gap.diagnosis import Estimate, Interval, Region
-from ces_identify.report.drawing import minus
-from ces_identify.report.summary import three_figures
+from ces_identify.typesetting import minus, three_figures
 
 AXES = {
     "stroke_m": ("stroke", "mm", 1e3),

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ces_identify.campaign.plan import ANFIS, AUTO, BUILT_IN, POLYNOMIAL, SIGMOID, Setting
+from ces_identify.campaign.plan import AUTO, BUILT_IN, Setting
 from ces_identify.polynomial.limits import BOTH, METHODS
-
-MOST_RULES = 60
+from ces_identify.polynomial_structure import POLYNOMIAL
+from ces_identify.structure_kit import SizeOption
+from ces_identify.structures import KITS
 
 
 @dataclass(frozen=True)
@@ -37,21 +38,29 @@ def number_or_auto(low: float, high: float) -> Callable[[Any], bool]:
     return lambda value: value == AUTO or number(low, high)(value)
 
 
-def _grid(value: Any) -> bool:
-    speeds, _, currents = value.partition("x") if isinstance(value, str) else ("", "", "")
-    if not (speeds.isdecimal() and currents.isdecimal()):
-        return False
-    return int(speeds) >= 2 and int(currents) >= 1 and int(speeds) * int(currents) <= MOST_RULES
+def text(check: Callable[[str], object]) -> Callable[[Any], bool]:
+    """Return a test for a text that passes `check`, which raises ValueError."""
+
+    def good(value: Any) -> bool:
+        try:
+            return isinstance(value, str) and check(value) is not None
+        except ValueError:
+            return False
+
+    return good
+
+
+def _size_axis(size: SizeOption) -> Axis:
+    return Axis(whole(*size.whole) if size.whole else text(size.check), size.expected, (size.default,))
 
 
 STRUCTURES: Mapping[str, Mapping[str, Axis]] = {
-    POLYNOMIAL: {
+    **{kit.option: {size.name: _size_axis(size) for size in kit.sizes} for kit in KITS.values()},
+    POLYNOMIAL.option: {
         "terms": Axis(whole(1, 200), "whole numbers from 1 to 200", (15,)),
         "method": Axis(lambda value: value in METHODS, f"of {', '.join(METHODS)}", (BOTH,)),
         "candidates": Axis(lambda value: isinstance(value, str), f"{BUILT_IN} or files with rules", (BUILT_IN,)),
     },
-    SIGMOID: {"units": Axis(whole(1, 60), "whole numbers from 1 to 60", (10,))},
-    ANFIS: {"rules": Axis(_grid, f"memberships VxI such as 7x2, at most {MOST_RULES} rules", ("7x2",))},
 }
 COMMON: Mapping[str, Axis] = {
     "rate_Hz": Axis(number_or_auto(1.0, 1e5), f"{AUTO} or numbers from 1 to 1e+05", (AUTO,)),

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from ces_identify.campaign.plan import ANFIS, AUTO, SIGMOID, CampaignJob, Cell
-from ces_identify.identify import Identified, Options, identify
-from ces_identify.identify_trained import FuzzyShape, NetworkShape, identify_anfis, identify_network
+from ces_identify.campaign.plan import AUTO, CampaignJob
+from ces_identify.identify import Identified, identify
 from ces_identify.jobs.job import DONE, JobResult, run_job
 from ces_identify.jobs.row_log import Row
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Recording
+from ces_identify.structure_kit import Options
+from ces_identify.structures import KITS
 from ces_identify.validation.evaluate import Evaluation
 
 REST = "rest"  # what `split` leaves of a recording, as a validation set
@@ -33,20 +34,11 @@ def compute_cell(job: CampaignJob, recordings: Sequence[Recording], _: Sequence[
 def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResult:
     began = time.monotonic()
     count = len(job.recordings)
-    result = identifier(job.cell)(recordings[:count], recordings[count:], _options(job))
+    fitter = KITS[job.cell.structure].fitter(job.cell.settings)
+    result = identify(recordings[:count], recordings[count:], _options(job), fitter=fitter)
     if any(found.ended == INTERRUPTED for found in result.found):
         raise KeyboardInterrupt
     return JobResult(_row(job, result, time.monotonic() - began), {job.output: result.model.to_json()})
-
-
-def identifier(cell: Cell) -> Callable[..., Identified]:
-    """Return the function that identifies the cell's structure: (recordings, validation, options)."""
-    if cell.structure == SIGMOID:
-        return partial(identify_network, shape=NetworkShape(units=int(cell.settings["units"])))
-    if cell.structure == ANFIS:
-        speeds, _, currents = str(cell.settings["rules"]).partition("x")
-        return partial(identify_anfis, shape=FuzzyShape(speeds=int(speeds), currents=int(currents)))
-    return identify
 
 
 def _options(job: CampaignJob) -> Options:
@@ -71,7 +63,7 @@ def _row(job: CampaignJob, result: Identified, seconds: float) -> Row:
         "parameters": len(best.coefficients),
         "selection_J": _finite(best.cost),
         "costs": _costs(job, result.evaluations),
-        "gain": None if certificate is None else certificate["gain"],
+        "gain": None if certificate is None else certificate.get("gain"),
         "seconds": round(seconds, 3),
         "trials": sum(found.trials for found in result.found),
         "ended": best.ended,

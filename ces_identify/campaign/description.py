@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.campaign.axes import COMMON, LIMITS, STRUCTURES, Axis, number
-from ces_identify.campaign.plan import BUILT_IN, POLYNOMIAL, Campaign, Candidates, CellLimits, Setting
+from ces_identify.campaign.plan import BUILT_IN, Campaign, Candidates, CellLimits, Setting
 from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
+from ces_identify.polynomial_structure import POLYNOMIAL
 from ces_identify.recordings.safe_yaml import load_mapping
 from ces_observer.errors import CesError
 
@@ -132,7 +133,7 @@ class _Reader:
         return self._beside(given) if given else None
 
     def _candidates(self, structures: Mapping[str, Mapping[str, tuple[Setting, ...]]]) -> dict[str, Candidates]:
-        names = map(str, structures.get(POLYNOMIAL, {}).get("candidates", ()))
+        names = map(str, structures.get(POLYNOMIAL.option, {}).get("candidates", ()))
         return {name: _load_candidates(None if name == BUILT_IN else self._beside(name)) for name in names}
 
     def _require_size(self, campaign: Campaign) -> None:

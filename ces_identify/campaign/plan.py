@@ -19,7 +19,6 @@ from ces_identify.recordings.recording import Recording
 from ces_observer import __version__
 from ces_observer.errors import CesError
 
-POLYNOMIAL, SIGMOID, ANFIS = "polynomial", "sigmoid", "anfis"
 BUILT_IN = "built-in"  # candidate rules
 AUTO = "auto"  # a rate or bandwidth chosen from the data
 

@@ -25,7 +25,8 @@ from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
 
-from ces_identify.export.export_c import REASONS, export_c, number
+from ces_identify.export.c_text import number
+from ces_identify.export.export_c import REASONS, export_c
 from ces_observer import __version__
 from ces_observer.errors import CesError
 from ces_observer.model import Model
@@ -107,7 +108,7 @@ def binary_path(name: str) -> str:
 
 def _facts(model: Model, name: str, certificate: Certificate) -> dict[str, object]:
     digest = model.digest()
-    kind = f"ces_observer {__version__} {name} {digest} {certificate}".encode()
+    kind = f"ces_observer {__version__} {name} {digest} {certificate.to_mapping()}".encode()
     promise = (
         f"stable for every input (proved), force of a tick within {certificate.force_N:.0f} N"
         if certificate.holds

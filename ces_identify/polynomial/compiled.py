@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
 from ces_identify.polynomial.constructed_series import membership
-from ces_observer.model import Envelope, Factor, Range, Term, constructed_in
+from ces_observer.model import Envelope
 from ces_observer.structures.constructed import Constructed, Hat
+from ces_observer.structures.structure import Range
+from ces_observer.structures.terms import Factor, Term, constructed_in
 
 SIGNALS = ("position", "speed", "current")
 Power = tuple[str, float, bool]  # signal, power, signed

@@ -21,7 +21,9 @@ from ces_identify.preparation.cost import require_force
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_observer.errors import RecordingError
-from ces_observer.model import Envelope, Range, Term
+from ces_observer.model import Envelope
+from ces_observer.structures.structure import Range
+from ces_observer.structures.terms import Term
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741

@@ -16,8 +16,10 @@ import yaml
 
 from ces_identify.polynomial.constructed_rules import Constructions, constructions_from, without_auto
 from ces_observer.errors import CesError
-from ces_observer.model import MAX_LAG, MAX_POWER, Factor, Term
 from ces_observer.structures.constructed import Constructed, Hat, Lag
+from ces_observer.structures.structure import MAX_LAG
+from ces_observer.structures.terms import Factor, Term
+from ces_observer.structures.terms_file import MAX_POWER
 
 MOST_CANDIDATES = 6000
 MOST_LAG_MS = 200.0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ces_identify.preparation.series import Series
 from ces_observer.errors import CesError
-from ces_observer.model import Range
+from ces_observer.structures.structure import Range
 
 F = NDArray[np.float64]
 

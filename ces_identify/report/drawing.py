@@ -13,6 +13,8 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
+from ces_identify.typesetting import minus
+
 F = NDArray[np.float64]
 
 STEPS = (1.0, 2.0, 5.0, 10.0)
@@ -149,11 +151,6 @@ def around_zero(error: F) -> tuple[float, float]:
     """Return a padded range around zero that holds all finite values."""
     worst = float(np.nanmax(np.abs(error), initial=0.0)) if np.isfinite(error).any() else 0.0
     return (-1.05 * worst, 1.05 * worst) if worst > 0.0 else (-1.0, 1.0)
-
-
-def minus(text: str) -> str:
-    """Return `text` with true minus signs."""
-    return text.replace("-", "\N{MINUS SIGN}")
 
 
 def _grid(value: float) -> str:

@@ -11,18 +11,10 @@ from ces_identify.report.correlations import correlation_figure
 from ces_identify.report.figures import MOST_DOTS, speed_force, time_plot
 from ces_identify.report.grid import make_grid
 from ces_identify.report.maps import coverage_map, error_map
-from ces_identify.report.parameters import parameter_table
 from ces_identify.report.shell import page_template, spoken, well_formed
-from ces_identify.report.summary import (
-    cost_rows,
-    headline,
-    in_order,
-    of_role,
-    pooled_row,
-    warnings,
-)
-from ces_identify.report.terms import term_rows
+from ces_identify.report.summary import cost_rows, headline, in_order, of_role, pooled_row, warnings
 from ces_identify.report.window import choose_window
+from ces_identify.structures import model_table
 from ces_identify.validation.error_regions import error_cells, error_regions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
 from ces_identify.validation.residuals import residual_tests, verdicts
@@ -41,11 +33,12 @@ def render(
 ) -> str:
     """Return the page as text that is both HTML and well-formed XML."""
     judged = in_order(evaluations)
+    validated = bool(of_role(judged, VALIDATION))
     template = page_template("report.html.j2")
     page = template.render(
         title=title,
         headline=headline(judged),
-        validated=bool(of_role(judged, VALIDATION)),
+        validated=validated,
         warnings=warnings(judged),
         facts=facts,
         model=model,
@@ -55,8 +48,7 @@ def render(
         pooled=pooled_row(of_role(judged, VALIDATION)),
         recordings=[_recording(i, e, model) for i, e in enumerate(judged)],
         most_dots=MOST_DOTS,
-        terms=term_rows(model, of_role(judged, VALIDATION) or judged) if model.terms else [],
-        parameters=parameter_table(model),
+        table=model_table(model, of_role(judged, VALIDATION) or judged, VALIDATION if validated else IDENTIFICATION),
         maps=_maps(judged, model),
         cells=error_cells(of_role(judged, VALIDATION) or judged)[:WORST_CELLS],
         regions=error_regions(of_role(judged, VALIDATION) or judged),

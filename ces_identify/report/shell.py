@@ -10,7 +10,7 @@ from importlib import resources
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from ces_identify.report.summary import three_figures
+from ces_identify.typesetting import three_figures
 from ces_observer import __version__
 
 HERE = "ces_identify.report"

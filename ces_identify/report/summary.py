@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from ces_identify.preparation.cost import weighted_cost
 from ces_identify.preparation.weighting import EQUAL, Weighting
+from ces_identify.typesetting import three_figures
 from ces_identify.validation.cost_interval import CostInterval, cost_interval, pooled_cost
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_identify.validation.evaluate import VALIDATION, Evaluation
@@ -98,13 +99,6 @@ def pooled_row(held_out: Sequence[Evaluation]) -> PooledRow | None:
     seconds = sum(float(e.series.scored.sum()) / e.series.rate_Hz for e in held_out)
     cost = three_figures(pooled_cost(held_out))
     return PooledRow(len(held_out), f"{seconds:.1f}", cost, _interval(cost_interval(held_out)))
-
-
-def three_figures(value: float) -> str:
-    """Return a cost, share or force to three figures, `∞` if it is infinite, a dash if there is none."""
-    if not math.isfinite(value):
-        return "\N{INFINITY}" if math.isinf(value) else "\N{EN DASH}"
-    return f"{value:.0f}" if value >= 99.95 else f"{value:.1f}" if value >= 9.995 else f"{value:.2f}"
 
 
 def _row(number: int, e: Evaluation, longest: float, interval: CostInterval | None, weighting: Weighting) -> CostRow:

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.compiled import compile_terms, power_table
-from ces_identify.polynomial.constructed_series import constructed_values
 from ces_identify.preparation.series import Series, prepare, track_samples, usable_samples
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.trained.lagged_run import run_fuzzy, run_network
+from ces_identify.structures import run_batch
 from ces_observer.model import Model
 
 F = NDArray[np.float64]
@@ -34,23 +32,8 @@ class FreeRun:
 def simulate_series(model: Model, series: Series) -> FreeRun:
     """Return the free run of `model` over a prepared series."""
     inputs = np.stack([series.position, series.speed, series.current])
-    if model.network is not None:
-        force, diverged = run_network(model, model.network, inputs, series.segments)
-    elif model.fuzzy is not None:
-        force, diverged = run_fuzzy(model, model.fuzzy, inputs, series.segments)
-    else:
-        force, diverged = _run_polynomial(model, series)
+    force, diverged = run_batch(model, inputs, series.segments)
     return FreeRun(force, outside_envelope(model, series), diverged)
-
-
-def _run_polynomial(model: Model, series: Series) -> tuple[F, int]:
-    terms = compile_terms(model.terms)
-    inputs = (series.position, series.speed, series.current)
-    made = constructed_values(terms.constructed, model.envelope, inputs, series.segments, series.rate_Hz)
-    powers = power_table(terms.powers, model.envelope, *inputs, made)
-    coefficients = np.array([term.coefficient for term in model.terms])
-    force, diverged = kernels.free_run(powers, series.segments, *terms.arrays, coefficients, *model.force_envelope_N)
-    return force, int(diverged)
 
 
 def outside_envelope(model: Model, series: Series) -> NDArray[np.bool_]:

@@ -188,7 +188,7 @@ class FuzzyFit:
     def model(self, params: F, sampling: Sampling) -> Model:
         """Return the model of these parameters."""
         t = self.training
-        return Model("anfis", sampling, (), t.envelope, t.force_envelope, fuzzy=self._fuzzy(params))
+        return Model(sampling, self._fuzzy(params), t.envelope, t.force_envelope)
 
     def _fuzzy(self, params: F) -> Fuzzy:
         consequents, bells = self.parts(params)

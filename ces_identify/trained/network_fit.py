@@ -107,4 +107,4 @@ class NetworkFit:
         rows = params[1 + r :].reshape(self.units, 2 + r).tolist()
         units = tuple(Unit(row[0], row[1], tuple(row[2:])) for row in rows)
         network = Network(self.regressors, t.scale_N, float(params[0]), tuple(params[1 : 1 + r].tolist()), units)
-        return Model("sigmoid_narx", sampling, (), t.envelope, t.force_envelope, network=network)
+        return Model(sampling, network, t.envelope, t.force_envelope)

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from ces_identify.polynomial.problem import pose
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.weighting import EQUAL, Weighting
-from ces_observer.model import Envelope, Range, Term
+from ces_observer.model import Envelope
 from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.structure import Range
+from ces_observer.structures.terms import Term
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741

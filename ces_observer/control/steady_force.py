@@ -11,7 +11,7 @@ from math import copysign, isfinite
 from ces_observer.control.inverse_map import InverseMap
 from ces_observer.errors import ModelError
 from ces_observer.model import Model
-from ces_observer.structures.predictors import Predictor, predictor
+from ces_observer.structures.structure import Predictor
 
 SPEEDS = 24  # of the grid, on each side of zero; denser towards zero, where the force is steep
 CURRENTS = 17
@@ -36,7 +36,7 @@ def inverse_map(model: Model, source: str = "model") -> InverseMap:
         raise ModelError(f"{source}: identified at {least:g} A alone; identify it from recordings of several currents")
     speeds = (*(-v for v in reversed(_graded(-slowest))), *_graded(fastest))
     currents = tuple(least + (most - least) * k / (CURRENTS - 1) for k in range(CURRENTS))
-    run = predictor(model)
+    run = model.make_predictor()
     rows = [[steady_force(model, run, speed, current) for current in currents] for speed in speeds]
     return InverseMap(speeds, currents, tuple(_all_monotone(speeds, rows)))
 
@@ -73,7 +73,7 @@ def current_lag_s(model: Model) -> float:
 
 def _rise_s(model: Model, speed: float, start_A: float, end_A: float) -> float:
     """Step at mid-stroke and stay there, as the stroke's own share of the force is not asked for."""
-    run, rate = predictor(model), model.sampling.rate_Hz
+    run, rate = model.make_predictor(), model.sampling.rate_Hz
     before = steady_force(model, run, speed, start_A)
     middle = 0.5 * sum(model.envelope.position_m)
     forces = [run.tick(middle, speed, end_A) for _ in range(round(STEP_S * rate))]

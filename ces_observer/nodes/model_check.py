@@ -14,7 +14,6 @@ import sys
 from ces_observer.control.model_inverse import ModelInverse
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import MAX_BYTES, Model, parse_model
-from ces_observer.proof.certificate import is_contraction
 
 PROVE, INVERT = "prove", "invert"  # what is to be done with the model
 USER_ERROR = 2
@@ -26,7 +25,7 @@ MOST_REASON = 2000  # characters
 
 def require_stable(model: Model, source: str) -> None:
     """Prove the model's stability anew, whatever its file claims; raises ModelError naming `source`."""
-    if not is_contraction(model):
+    if not model.is_stable():
         raise ModelError(
             f"{source}: its past forces are not proved to count for less than one over its input envelope; identify it "
             "anew with a certificate, or set allow_uncertified: true to run it all the same"

@@ -8,25 +8,64 @@ centred form, which shrinks with the square of the box (Moore, Kearfott & Cloud,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import copysign, inf, prod
+from collections.abc import Mapping, Sequence
+from math import inf, prod
+from typing import Any, Protocol
 
-from ces_observer.model import Envelope, Factor, Term
 from ces_observer.proof.intervals import Interval, down, product, up
-from ces_observer.structures.constructed import Hat
 
 Box = tuple[Interval, ...]  # a range of each variable
 Row = tuple[float, tuple[int, ...]]  # coefficient and factors of a term
 Slope = tuple[int, float, int, tuple[int, ...]]  # variable, coefficient, factor differentiated by it, the others
-LEAST_SIZE = 1e-100  # a slope nearer to zero than that may overflow: as good as none
 LEAST_SHARE = 1.0 - 1e-12  # of a value computed without outward rounding that is surely reached
+
+
+class BoundedFactor(Protocol):
+    """A function of one variable, with its bounds."""
+
+    def __hash__(self) -> int:
+        """Factors that are equal are bounded once."""
+
+    @property
+    def variable(self) -> tuple[str, int]:
+        """What it is a function of: a signal and its lag."""
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Where it bends, besides zero."""
+
+    def at(self, value: float) -> float:
+        """Return the factor where its variable is `value`."""
+
+    def variable_range(self, ranges: Mapping[str, Interval]) -> Interval:
+        """Return the range of the variable, given those of the inputs."""
+
+    def interval(self, at: Interval) -> Interval:
+        """Return an interval that holds the factor for every value of the variable in `at`."""
+
+    def slope_interval(self, at: Interval) -> Interval | None:
+        """Return an interval that holds the factor's derivative over `at`, None if there is no bound."""
+
+
+class Product(Protocol):
+    """A coefficient times factors; its past force, if any, is left out of `inputs`."""
+
+    @property
+    def coefficient(self) -> float:
+        """The coefficient."""
+
+    @property
+    def inputs(self) -> tuple[Any, ...]:
+        """The factors, each a BoundedFactor."""
 
 
 class Sums:
     """The sum over groups of |sum of the group's terms|, past forces left out; `variables` are signal and lag."""
 
-    def __init__(self, groups: Sequence[Sequence[Term]]) -> None:
-        self.factors = list(dict.fromkeys(f for group in groups for term in group for f in term.inputs))
+    def __init__(self, groups: Sequence[Sequence[Product]]) -> None:
+        self.factors: list[BoundedFactor] = list(
+            dict.fromkeys(f for group in groups for term in group for f in term.inputs)
+        )
         self.variables = sorted({f.variable for f in self.factors})
         place = {variable: i for i, variable in enumerate(self.variables)}
         at = {f: i for i, f in enumerate(self.factors)}
@@ -43,16 +82,16 @@ class Sums:
         slopes = sum(len(others) + 3 for group in self._slopes for *_, others in group)
         return 2 * terms + slopes + 3 * len(self.factors)
 
-    def root(self, envelope: Envelope) -> Box:
-        """Return the whole box: the range of each variable."""
-        ranges = {place: _range(envelope, f) for place, f in zip(self._places, self.factors, strict=True)}
-        return tuple(ranges[place] for place in range(len(self.variables)))
+    def root(self, ranges: Mapping[str, Interval]) -> Box:
+        """Return the whole box: the range of each variable, given those of the inputs."""
+        sides = {place: f.variable_range(ranges) for place, f in zip(self._places, self.factors, strict=True)}
+        return tuple(sides[place] for place in range(len(self.variables)))
 
     def kinks(self) -> list[list[float]]:
-        """Return where a factor of each variable bends: at zero, and where memberships do."""
+        """Return where a factor of each variable bends, zero first."""
         found: list[set[float]] = [{0.0} for _ in self.variables]
         for place, f in zip(self._places, self.factors, strict=True):
-            found[place] |= set(f.definition.kinks) if isinstance(f.definition, Hat) else set()
+            found[place] |= set(f.kinks)
         return [sorted(one, key=lambda at: (at != 0.0, at)) for one in found]
 
     def bound(self, box: Box) -> float:
@@ -63,7 +102,7 @@ class Sums:
             return _total(natural)
         middle = tuple((0.5 * (low + high),) * 2 for low, high in box)
         centre = self._powers(middle)
-        steep = [slope_interval(f, box[place]) for f, place in zip(self.factors, self._places, strict=True)]
+        steep = [f.slope_interval(box[place]) for f, place in zip(self.factors, self._places, strict=True)]
         away = [
             (0.0, 0.0) if low == high else (down(low - at), up(high - at))
             for (low, high), (at, _) in zip(box, middle, strict=True)
@@ -80,11 +119,11 @@ class Sums:
         return max(self._at(point) for point in points) * LEAST_SHARE
 
     def _at(self, point: Sequence[float]) -> float:
-        powers = [_power(f, point[place]) for f, place in zip(self.factors, self._places, strict=True)]
+        powers = [f.at(point[place]) for f, place in zip(self.factors, self._places, strict=True)]
         return sum(abs(sum(c * prod([powers[f] for f in factors]) for c, factors in rows)) for rows in self._groups)
 
     def _powers(self, box: Box) -> list[Interval]:
-        return [power_interval(f, box[place]) for f, place in zip(self.factors, self._places, strict=True)]
+        return [f.interval(box[place]) for f, place in zip(self.factors, self._places, strict=True)]
 
     def _slopes_of(self, rows: Sequence[Row]) -> list[Slope]:
         """Return the derivatives of a group's terms, by variable."""
@@ -94,35 +133,6 @@ class Sums:
             for n, f in enumerate(factors)
         ]
         return sorted(slopes, key=lambda slope: slope[0])
-
-
-def power_interval(factor: Factor, at: Interval) -> Interval:
-    """Return an interval that holds sign(s) |s|^p (or |s|^p) for every s in `at`; powers are rounded by two floats.
-
-    For a hat, s is the signal it is of, and the interval holds its membership.
-    """
-    if isinstance(factor.definition, Hat):
-        return factor.definition.interval(at)
-    low, high = at
-    if factor.signed:
-        at_zero = 0.0**factor.power  # power 0 is a sign: at zero it may be taken as either
-        lowest = copysign(abs(low) ** factor.power, low) if low else -at_zero
-        highest = copysign(abs(high) ** factor.power, high) if high else at_zero
-        return down(down(lowest)), up(up(highest))
-    smallest = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
-    largest = max(abs(low), abs(high))
-    return max(0.0, down(down(smallest**factor.power))), up(up(largest**factor.power))
-
-
-def slope_interval(factor: Factor, at: Interval) -> Interval | None:
-    """Return an interval that holds the derivative of the factor over `at`, None if `at` nears zero (but for a hat)."""
-    if isinstance(factor.definition, Hat):
-        return factor.definition.slope_interval(at)
-    if at[0] <= LEAST_SIZE and at[1] >= -LEAST_SIZE:
-        return None
-    ends = [factor.power * abs(s) ** (factor.power - 1.0) for s in at]
-    low, high = down(down(down(min(ends)))), up(up(up(max(ends))))
-    return (low, high) if factor.signed or at[0] > 0.0 else (-high, -low)
 
 
 def _sum(rows: Sequence[Row], powers: Sequence[Interval]) -> Interval:
@@ -171,18 +181,3 @@ def _total(groups: Sequence[Interval]) -> float:
     for low, high in groups:
         total = up(total + max(abs(low), abs(high)))
     return total
-
-
-def _power(factor: Factor, at: float) -> float:
-    if isinstance(factor.definition, Hat):
-        return factor.definition.at(at)
-    size = float(abs(at) ** factor.power)
-    return copysign(size, at) if factor.signed else size
-
-
-def _range(envelope: Envelope, factor: Factor) -> Interval:
-    """Return the range of the factor's variable."""
-    definition, ranges = factor.definition, envelope.by_signal
-    if isinstance(definition, Hat):
-        return definition.base_range(ranges)
-    return ranges[factor.signal] if definition is None else definition.range(ranges)

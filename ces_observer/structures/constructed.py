@@ -20,10 +20,9 @@ from typing import Any
 
 from ces_observer.proof.intervals import Interval, down, up
 from ces_observer.structures.constructed_runs import FrequencyRun, HatRun, LagRun, PlayRun, Run, StopRun
+from ces_observer.structures.structure import Range, Ranges
 
 BASE = ("position", "speed", "current")
-
-Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Hysteresis:
         """The signals it is made of."""
         return (self.of,)
 
-    def range(self, ranges: Mapping[str, Range]) -> Range:
+    def range(self, ranges: Ranges) -> Range:
         """Return what bounds it, given the ranges of the inputs."""
         return (-self.half_width, self.half_width) if self.kind == "stop" else ranges[self.of]
 
@@ -77,7 +76,7 @@ class Lag:
         """The signals it is made of."""
         return (self.of,)
 
-    def range(self, ranges: Mapping[str, Range]) -> Range:
+    def range(self, ranges: Ranges) -> Range:
         """Return what bounds it: the signal's own range, and roundings."""
         low, high = ranges[self.of]
         rounding = 4e-16 * max(abs(low), abs(high))  # of a difference, a product and a sum
@@ -119,7 +118,7 @@ class Frequency:
         """The signals it is made of."""
         return "position", "speed"
 
-    def range(self, ranges: Mapping[str, Range]) -> Range:
+    def range(self, ranges: Ranges) -> Range:
         """Return what bounds it."""
         return self.range_Hz
 
@@ -172,11 +171,11 @@ class Hat:
         end = self.low if value < self.peak else self.high
         return 1.0 if end is None else max(0.0, 1.0 - (value - self.peak) / (end - self.peak))
 
-    def base_range(self, ranges: Mapping[str, Range]) -> Range:
+    def base_range(self, ranges: Ranges) -> Range:
         """Return the range of the signal it is of."""
         return ranges[self.of] if self.base is None else self.base.range(ranges)
 
-    def range(self, ranges: Mapping[str, Range]) -> Range:
+    def range(self, ranges: Ranges) -> Range:
         """Return what bounds it."""
         return 0.0, 1.0
 

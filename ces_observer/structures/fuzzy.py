@@ -1,30 +1,37 @@
-"""A neuro-fuzzy model (ANFIS: first-order Takagi-Sugeno rules, generalised-bell memberships; Jang 1993), tick by tick.
+"""A neuro-fuzzy model (ANFIS: first-order Takagi-Sugeno rules, generalised-bell memberships; Jang 1993): run and proof.
 
 force = scale_N * sum over rules of share * (constant + linear . phi), with phi the scaled regressors. A rule's share is
 the product of its memberships over the sum of all rules' products; memberships are of inputs only, never of past
 forces, so the model is a blend of affine recursions whose shares the damper's motion and current alone decide.
+
+The shares are never negative and sum to one, so sum_j |sum_r share_r a_rj| <= max_r sum_j |a_rj|. If every rule's sum
+is below one, the blend is a contraction whatever the inputs, and from a past of zeros |y| <= max |b| / (1 - max sum)
+for ever, b being the largest that any rule makes of the inputs alone: bounded over the input envelope by interval
+arithmetic, outward rounded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import prod
 from operator import mul
-from typing import Any
+from typing import Any, ClassVar, Self
 
 from ces_observer.checked import Checked
 from ces_observer.errors import ModelError
+from ces_observer.proof.certificate import Contraction
+from ces_observer.proof.intervals import largest, up
 from ces_observer.structures.lagged import (
-    LEAST_SPREAD,
-    MOST_LAG,
     MOST_NUMBER,
-    Lagged,
-    Range,
+    LaggedRun,
     Regressor,
+    affine,
     number_from,
     regressors_from,
+    scale_from,
 )
+from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure
 
 INPUTS = ("speed", "current", "position")
 MOST_RULES = 200
@@ -33,6 +40,8 @@ MOST_MEMBERSHIPS = 200
 STEEPEST = 10.0
 LEAST_WIDTH = 1e-6  # [m, m/s, A]; with STEEPEST and MOST_NUMBER, so that no power overflows
 LEAST_FIRING = 1e-200  # so that the shares can be formed without underflow
+CLAIM = "sum_j |a_j| <= gain < 1 in every rule, so in every blend; |b| <= drive_N for every input in the input envelope"
+METHOD = "convex blend of the rules; interval arithmetic, outward rounding"
 
 
 @dataclass(frozen=True)
@@ -67,8 +76,11 @@ class Rule:
 
 
 @dataclass(frozen=True)
-class Fuzzy:
+class Fuzzy(Structure):
     """The numbers of a neuro-fuzzy model; each rule's `linear` has one number for each regressor."""
+
+    name: ClassVar[str] = "anfis"
+    keys: ClassVar[tuple[str, ...]] = ("fuzzy",)
 
     regressors: tuple[Regressor, ...]
     scale_N: float
@@ -87,7 +99,7 @@ class Fuzzy:
 
     def to_json(self) -> dict[str, Any]:
         """Return what the model file keeps."""
-        return {
+        numbers = {
             "regressors": [r.to_json() for r in self.regressors],
             "scale_N": self.scale_N,
             "premises": [
@@ -103,30 +115,51 @@ class Fuzzy:
                 for r in self.rules
             ],
         }
+        return {"fuzzy": numbers}
+
+    @classmethod
+    def from_json(cls, root: Checked, inputs: Ranges) -> Self:
+        """Check the rules of a model file over its ranges of inputs; raises ModelError."""
+        node = root.at("fuzzy")
+        node.only("regressors", "scale_N", "premises", "rules")
+        regressors = regressors_from(node)
+        premises = tuple(_premise(item) for item in node.items("premises", 1, MOST_PREMISES))
+        rules = tuple(_rule(item, premises, len(regressors)) for item in node.items("rules", 1, MOST_RULES))
+        fuzzy = cls(regressors, scale_from(node), premises, rules)
+        if least_firing(fuzzy, inputs) < LEAST_FIRING:
+            raise ModelError(
+                f"{node.where}: rules: none is felt in all of the input envelope; expected wider memberships"
+            )
+        return fuzzy
+
+    def make_predictor(self, within: OperatingRange) -> FuzzyRun:
+        """Return the free run."""
+        return FuzzyRun(self, within)
+
+    def certify(self, within: OperatingRange) -> Contraction:
+        """Return proved bounds on the sum of absolute gains of past forces, and on |force| [N] at a past of zeros."""
+        at = [r.interval(within.inputs) for r in self.regressors]
+        drive = max(largest(affine(rule.constant, rule.linear, at)) for rule in self.rules)
+        return Contraction(max(map(self._gain, self.rules)), up(drive * self.scale_N), 1, CLAIM, METHOD)
+
+    def _gain(self, rule: Rule) -> float:
+        total = 0.0
+        for slope, regressor in zip(rule.linear, self.regressors, strict=True):
+            if regressor.signal == "force":
+                total = up(total + up(abs(slope) * up(self.scale_N / regressor.spread)))
+        return total
 
 
-def fuzzy_from(node: Checked, bounds: Mapping[str, Range]) -> Fuzzy:
-    """Check the rules of a model file over its input envelope `bounds` (by signal); raises ModelError."""
-    node.only("regressors", "scale_N", "premises", "rules")
-    regressors = regressors_from(node)
-    premises = tuple(_premise(item) for item in node.items("premises", 1, MOST_PREMISES))
-    rules = tuple(_rule(item, premises, len(regressors)) for item in node.items("rules", 1, MOST_RULES))
-    fuzzy = Fuzzy(regressors, node.number("scale_N", LEAST_SPREAD, MOST_NUMBER), premises, rules)
-    if least_firing(fuzzy, bounds) < LEAST_FIRING:
-        raise ModelError(f"{node.where}: rules: none is felt in all of the input envelope; expected wider memberships")
-    return fuzzy
-
-
-def least_firing(fuzzy: Fuzzy, bounds: Mapping[str, Range]) -> float:
-    """Return what the firing of all rules together is at least, over the envelope: a bell is least at an end of it."""
-    ends = [[min(b.at(x) for x in bounds[p.signal]) for b in p.memberships] for p in fuzzy.premises]
+def least_firing(fuzzy: Fuzzy, inputs: Ranges) -> float:
+    """Return what the firing of all rules together is at least, over the ranges: a bell is least at an end of it."""
+    ends = [[min(b.at(x) for x in inputs[p.signal]) for b in p.memberships] for p in fuzzy.premises]
     return max(prod(ends[p][m] for p, m in enumerate(rule.memberships)) for rule in fuzzy.rules)
 
 
 def _premise(node: Checked) -> Premise:
     node.only("signal", "lag", "memberships")
     bells = tuple(_bell(item) for item in node.items("memberships", 1, MOST_MEMBERSHIPS))
-    return Premise(node.choice("signal", INPUTS), node.whole("lag", 0, MOST_LAG), bells)
+    return Premise(node.choice("signal", INPUTS), node.whole("lag", 0, MAX_LAG), bells)
 
 
 def _bell(node: Checked) -> Bell:
@@ -148,38 +181,28 @@ def _rule(node: Checked, premises: Sequence[Premise], regressors: int) -> Rule:
     return Rule(tuple(int(index) for index in chosen), number_from(node, "constant"), linear)
 
 
-class FuzzyRun:
-    """The free run of a neuro-fuzzy model; `clamped` tells whether the last inputs were outside the envelope."""
+class FuzzyRun(LaggedRun):
+    """The free run of a neuro-fuzzy model."""
 
-    __slots__ = ("_fuzzy", "_past", "_premises")
+    __slots__ = ("_fuzzy", "_premises")
 
-    def __init__(self, fuzzy: Fuzzy, bounds: Mapping[str, Range], limits: Range) -> None:
-        """Clamp inputs to `bounds` (by signal); a force outside `limits` [N] ends the run."""
+    def __init__(self, fuzzy: Fuzzy, within: OperatingRange) -> None:
+        super().__init__(fuzzy.max_lag, within)
         self._fuzzy = fuzzy
         self._premises = tuple(Regressor(p.signal, p.lag, 0.0, 1.0) for p in fuzzy.premises)
-        self._past = Lagged(fuzzy.max_lag, bounds, limits)
-
-    @property
-    def clamped(self) -> bool:
-        """True if the last inputs lay outside the envelope and were clamped to it."""
-        return self._past.clamped
-
-    def reset(self) -> None:
-        """Forget the past: forces before now count as zero, inputs before now as the first ones to come."""
-        self._past.reset()
 
     def tick(self, position: float, speed: float, current: float) -> float:
         """Return the force [N] at this tick; infinite if it left the force envelope."""
-        past, fuzzy = self._past, self._fuzzy
-        past.arrive(position, speed, current)
-        phi = past.values(fuzzy.regressors)
+        fuzzy = self._fuzzy
+        self.arrive(position, speed, current)
+        phi = self.values(fuzzy.regressors)
         grades = [
             [bell.at(x) for bell in premise.memberships]
-            for premise, x in zip(fuzzy.premises, past.values(self._premises), strict=True)
+            for premise, x in zip(fuzzy.premises, self.values(self._premises), strict=True)
         ]
         fired = total = 0.0
         for rule in fuzzy.rules:
             firing = prod([grades[p][m] for p, m in enumerate(rule.memberships)])
             fired += firing
             total += firing * (rule.constant + sum(map(mul, rule.linear, phi)))
-        return past.keep(fuzzy.scale_N * total / fired)
+        return self.keep(fuzzy.scale_N * total / fired)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from math import inf
 from typing import Any
 
 from ces_observer.checked import Checked
+from ces_observer.proof.intervals import Interval, added, down, product, up
+from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges
 
 SIGNALS = ("force", "speed", "current", "position")
 COLUMNS = {"position": 0, "speed": 1, "current": 2}
 MOST_REGRESSORS = 64
-MOST_LAG = 1000
 MOST_NUMBER = 1e9  # weights and means: far beyond any fit, far below overflow
 LEAST_SPREAD = 1e-9
-
-Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,12 @@ class Regressor:
         """Return what the model file keeps."""
         return asdict(self)
 
+    def interval(self, inputs: Ranges) -> Interval:
+        """Return an interval that holds it for every input in its range, and past forces of zero."""
+        low, high = inputs.get(self.signal, (0.0, 0.0))
+        shifted = added((low, high), (-self.mean, -self.mean))
+        return down(shifted[0] / self.spread), up(shifted[1] / self.spread)
+
 
 def regressor_from(node: Checked) -> Regressor:
     """Check one regressor of a model file; raises ModelError."""
@@ -42,7 +47,7 @@ def regressor_from(node: Checked) -> Regressor:
     signal = node.choice("signal", SIGNALS)
     return Regressor(
         signal,
-        node.whole("lag", 1 if signal == "force" else 0, MOST_LAG),
+        node.whole("lag", 1 if signal == "force" else 0, MAX_LAG),
         node.number("mean", -MOST_NUMBER, MOST_NUMBER),
         node.number("spread", LEAST_SPREAD, MOST_NUMBER),
     )
@@ -58,7 +63,20 @@ def number_from(node: Checked, key: str) -> float:
     return node.number(key, -MOST_NUMBER, MOST_NUMBER)
 
 
-class Lagged:
+def scale_from(node: Checked) -> float:
+    """Return the force [N] that the output is scaled by; raises ModelError."""
+    return node.number("scale_N", LEAST_SPREAD, MOST_NUMBER)
+
+
+def affine(constant: float, slopes: Sequence[float], at: Sequence[Interval]) -> Interval:
+    """Return an interval that holds constant + slopes . x for every x in the box `at`."""
+    total = (constant, constant)
+    for slope, interval in zip(slopes, at, strict=True):
+        total = added(total, product((slope, slope), interval))
+    return total
+
+
+class LaggedRun:
     """The past of a free run; `clamped` tells whether the last tick's inputs were outside the envelope.
 
     Forces before the first tick count as zero, inputs before it as the first ones, as in
@@ -67,15 +85,15 @@ class Lagged:
 
     __slots__ = ("_bounds", "_depth", "_forces", "_limits", "_rows", "clamped")
 
-    def __init__(self, depth: int, bounds: Mapping[str, Range], limits: Range) -> None:
-        """Keep `depth` ticks; clamp inputs to `bounds` (by signal) and force to `limits`."""
+    def __init__(self, depth: int, within: OperatingRange) -> None:
+        """Keep `depth` ticks."""
         self._depth = depth + 1
-        self._bounds = (*bounds["position"], *bounds["speed"], *bounds["current"])
-        self._limits = limits
+        self._bounds = (*within.inputs["position"], *within.inputs["speed"], *within.inputs["current"])
+        self._limits = within.force_N
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Forget the past: forces before now count as zero, inputs before now as the first ones to come."""
         self._rows: list[tuple[float, float, float]] = []
         self._forces = [0.0] * self._depth
         self.clamped = False

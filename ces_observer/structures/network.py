@@ -1,30 +1,46 @@
-"""A sigmoid network NARX (thesis eq. 3.4): its numbers as the model file keeps them, and its free run tick by tick.
+"""A sigmoid network NARX (thesis eq. 3.4): its numbers, its free run tick by tick, and the proof of its stability.
 
 force = scale_N * (constant + linear . phi + sum over units of weight * s(slopes . phi + bias)), s(x) = 1 / (1 + e^-x),
 with phi the scaled regressors (past forces, currents, speeds, positions).
+
+The slope s' of a sigmoid lies in (0, 1/4]. Between two pasts the mean value theorem gives the output's change as
+sum_j g_j (change of y(k - j)) with g_j in the interval sum over (linear_j + sum_i weight_i slope_ij s'_i), whatever
+the inputs. So sum_j max |g_j| < 1 makes the recursion a contraction, and from a past of zeros
+|y| <= max |b| / (1 - sum) for ever, b being the output at a past of zeros: bounded over the input envelope by interval
+arithmetic, outward rounded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp
 from operator import mul
-from typing import Any
+from typing import Any, ClassVar, Self
 
 from ces_observer.checked import Checked
+from ces_observer.proof.certificate import Contraction
+from ces_observer.proof.intervals import Interval, added, largest, product, up
 from ces_observer.structures.lagged import (
-    LEAST_SPREAD,
     MOST_NUMBER,
-    Lagged,
-    Range,
+    LaggedRun,
     Regressor,
+    affine,
     number_from,
     regressors_from,
+    scale_from,
 )
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 
 MOST_UNITS = 200
 STEEPEST = 700.0  # e^x overflows beyond
+CLAIM = (
+    "sum_j |dF/dF(k-j)| <= gain < 1 for any past and inputs; "
+    "|F| <= drive_N for a past of zeros and every input in the input envelope"
+)
+METHOD = "slope of every sigmoid in (0, 1/4]; interval arithmetic, outward rounding"
+SLOPE: Interval = (0.0, 0.25)
+ROUNDING = 1e-15  # relative error of exp, an addition and a division, with room
 
 
 @dataclass(frozen=True)
@@ -37,8 +53,11 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class Network:
+class Network(Structure):
     """The numbers of a sigmoid network; `linear` and each unit's slopes have one number for each regressor."""
+
+    name: ClassVar[str] = "sigmoid_narx"
+    keys: ClassVar[tuple[str, ...]] = ("network",)
 
     regressors: tuple[Regressor, ...]
     scale_N: float
@@ -58,26 +77,58 @@ class Network:
 
     def to_json(self) -> dict[str, Any]:
         """Return what the model file keeps."""
-        return {
+        numbers = {
             "regressors": [r.to_json() for r in self.regressors],
             "scale_N": self.scale_N,
             "constant": self.constant,
             "linear": list(self.linear),
             "units": [{"weight": u.weight, "bias": u.bias, "slopes": list(u.slopes)} for u in self.units],
         }
+        return {"network": numbers}
 
+    @classmethod
+    def from_json(cls, root: Checked, inputs: Ranges) -> Self:
+        """Check the network of a model file; raises ModelError."""
+        node = root.at("network")
+        node.only("regressors", "scale_N", "constant", "linear", "units")
+        regressors = regressors_from(node)
+        return cls(
+            regressors,
+            scale_from(node),
+            number_from(node, "constant"),
+            node.numbers("linear", len(regressors), MOST_NUMBER),
+            tuple(_unit(item, len(regressors)) for item in node.items("units", 0, MOST_UNITS)),
+        )
 
-def network_from(node: Checked) -> Network:
-    """Check the network of a model file; raises ModelError."""
-    node.only("regressors", "scale_N", "constant", "linear", "units")
-    regressors = regressors_from(node)
-    return Network(
-        regressors,
-        node.number("scale_N", LEAST_SPREAD, MOST_NUMBER),
-        number_from(node, "constant"),
-        node.numbers("linear", len(regressors), MOST_NUMBER),
-        tuple(_unit(item, len(regressors)) for item in node.items("units", 0, MOST_UNITS)),
-    )
+    def make_predictor(self, within: OperatingRange) -> NetworkRun:
+        """Return the free run."""
+        return NetworkRun(self, within)
+
+    def certify(self, within: OperatingRange) -> Contraction:
+        """Return proved bounds on the sum of absolute gains of past forces, and on |force| [N] at a past of zeros."""
+        gain = 0.0
+        for j, regressor in enumerate(self.regressors):
+            if regressor.signal == "force":
+                gain = up(gain + up(largest(self._slope(j)) * up(self.scale_N / regressor.spread)))
+        return Contraction(gain, up(largest(self._drive(within.inputs)) * self.scale_N), 1, CLAIM, METHOD)
+
+    def _slope(self, j: int) -> Interval:
+        """Return an interval that holds the derivative of the scaled output with respect to regressor j."""
+        total = (self.linear[j], self.linear[j])
+        for unit in self.units:
+            steepest = product((unit.weight, unit.weight), (unit.slopes[j], unit.slopes[j]))
+            total = added(total, product(steepest, SLOPE))
+        return total
+
+    def _drive(self, inputs: Ranges) -> Interval:
+        """Return an interval that holds the scaled output at a past of zeros."""
+        at = [r.interval(inputs) for r in self.regressors]
+        total = affine(self.constant, self.linear, at)
+        for unit in self.units:
+            low, high = affine(unit.bias, unit.slopes, at)
+            risen = sigmoid(low) * (1.0 - ROUNDING), min(1.0, sigmoid(high) * (1.0 + ROUNDING))
+            total = added(total, product((unit.weight, unit.weight), risen))
+        return total
 
 
 def _unit(node: Checked, regressors: int) -> Unit:
@@ -86,34 +137,24 @@ def _unit(node: Checked, regressors: int) -> Unit:
     return Unit(number_from(node, "weight"), number_from(node, "bias"), slopes)
 
 
-class NetworkRun:
-    """The free run of a network; `clamped` tells whether the last tick's inputs were outside the envelope."""
+class NetworkRun(LaggedRun):
+    """The free run of a network."""
 
-    __slots__ = ("_network", "_past")
+    __slots__ = ("_network",)
 
-    def __init__(self, network: Network, bounds: Mapping[str, Range], limits: Range) -> None:
-        """Clamp inputs to `bounds` (by signal); a force outside `limits` [N] ends the run."""
+    def __init__(self, network: Network, within: OperatingRange) -> None:
+        super().__init__(network.max_lag, within)
         self._network = network
-        self._past = Lagged(network.max_lag, bounds, limits)
-
-    @property
-    def clamped(self) -> bool:
-        """True if the last inputs lay outside the envelope and were clamped to it."""
-        return self._past.clamped
-
-    def reset(self) -> None:
-        """Forget the past: forces before now count as zero, inputs before now as the first ones to come."""
-        self._past.reset()
 
     def tick(self, position: float, speed: float, current: float) -> float:
         """Return the force [N] at this tick; infinite if it left the force envelope."""
-        past, network = self._past, self._network
-        past.arrive(position, speed, current)
-        phi = past.values(network.regressors)
+        network = self._network
+        self.arrive(position, speed, current)
+        phi = self.values(network.regressors)
         total = network.constant + _dot(network.linear, phi)
         for unit in network.units:
             total += unit.weight * sigmoid(_dot(unit.slopes, phi) + unit.bias)
-        return past.keep(network.scale_N * total)
+        return self.keep(network.scale_N * total)
 
 
 def sigmoid(x: float) -> float:

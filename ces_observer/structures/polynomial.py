@@ -1,17 +1,89 @@
-"""A polynomial NARX run tick by tick: position, speed and current in, force out, from its own past forces."""
+"""A polynomial NARX: its terms, their free run tick by tick, and the proof that it cannot lose stability.
+
+The terms are affine in past forces, so the free run is y(k) = sum_j a_j(u) y(k - j) + b(u), with u the inputs now and
+before, each clamped to the envelope. If sum_j |a_j(u)| <= g < 1 for every u in the envelope, the recursion is a
+contraction: two runs from different pasts approach each other as g^(k / longest output lag), and from a past of zeros
+|y| <= max |b| / (1 - g) for ever. Both maxima are bounded by `ces_observer.proof.branch_and_bound`; every lagged input
+is free to be anything in its range. Sub-models blended by memberships are bounded together: a membership is a function
+of its signal, and boxes are cut where it bends.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import copysign, inf, sqrt
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol, Self
 
-from ces_observer.model import Model
-from ces_observer.structures.constructed import Construction
+from ces_observer.checked import Checked
+from ces_observer.proof.branch_and_bound import maximum
+from ces_observer.proof.certificate import Contraction
+from ces_observer.proof.intervals import down
+from ces_observer.structures.constructed import Constructed, Construction
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.structures.terms import Term, constructed_in
+from ces_observer.structures.terms_file import term_to_json, terms_from
 from ces_observer.structures.tick_source import tick_source
 
 IN_REACH = {"abs": abs, "min": min, "max": max, "sqrt": sqrt, "copysign": copysign, "inf": inf, "deque": deque}
+DRIVE_GAP, DRIVE_BOXES = 0.05, 4_000  # the drive has many inputs and need not be tight
+CLAIM = "sum |a_j(u)| <= gain < 1 and |b(u)| <= drive_N for every input in the input envelope"
+METHOD = "interval branch and bound, outward rounding"
+
+
+@dataclass(frozen=True)
+class Polynomial(Structure):
+    """The sum of its terms."""
+
+    name: ClassVar[str] = "polynomial_narx"
+    keys: ClassVar[tuple[str, ...]] = ("terms", "constructed")
+
+    terms: tuple[Term, ...]
+
+    @property
+    def constructed(self) -> tuple[Constructed, ...]:
+        """The constructed inputs its terms use, each after those it is made of."""
+        return constructed_in(self.terms)
+
+    @property
+    def max_lag(self) -> int:
+        """Longest lag of any factor in ticks."""
+        return max((f.lag for t in self.terms for f in t.factors), default=0)
+
+    @property
+    def size(self) -> str:
+        """How large it is, for people."""
+        return f"{len(self.terms)} terms"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what the model file keeps."""
+        constructed = {"constructed": [one.to_json() for one in self.constructed]} if self.constructed else {}
+        return {**constructed, "terms": [term_to_json(term) for term in self.terms]}
+
+    @classmethod
+    def from_json(cls, root: Checked, inputs: Ranges) -> Self:
+        """Check the terms of a model file; raises ModelError."""
+        return cls(terms_from(root, inputs))
+
+    def make_predictor(self, within: OperatingRange) -> PolynomialRun:
+        """Return the free run; raises ModelError for a number that is not finite."""
+        return PolynomialRun(self, within)
+
+    def certify(self, within: OperatingRange) -> Contraction:
+        """Return the proved bounds; they may be loose (never wrong) if the boxes run out."""
+        gain, boxes = maximum(self._by_output_lag(), within.inputs)
+        inputs_alone = [term for term in self.terms if not term.output_lag]
+        drive, more = maximum([inputs_alone], within.inputs, gap=DRIVE_GAP, most_boxes=DRIVE_BOXES)
+        return Contraction(gain, drive, boxes + more, CLAIM, METHOD)
+
+    def is_stable(self, within: OperatingRange) -> bool:
+        """Prove, and no more than needed, that past forces count for less than one."""
+        return maximum(self._by_output_lag(), within.inputs, enough=down(1.0))[0] < 1.0
+
+    def _by_output_lag(self) -> list[list[Term]]:
+        lags = sorted({term.output_lag for term in self.terms if term.output_lag})
+        return [[term for term in self.terms if term.output_lag == lag] for lag in lags]
 
 
 class Tick(Protocol):
@@ -21,11 +93,11 @@ class Tick(Protocol):
         """Return the force [N] at this tick's inputs [m, m/s, A]; infinite if it left the force envelope."""
 
 
-class Polynomial:
-    """The free run of a model; `clamped` tells whether the last tick's inputs were outside the envelope.
+class PolynomialRun:
+    """The free run of a polynomial; `clamped` tells whether the last tick's inputs were outside the envelope.
 
-    `tick` is a function written for the model's terms, `ces_observer.structures.tick_source` tells how; it keeps what
-    the lags need and nothing more. Raises ModelError for a model with a number that is not finite.
+    `tick` is a function written for the terms, `ces_observer.structures.tick_source` tells how; it keeps what the lags
+    need and nothing more. Raises ModelError for a number that is not finite.
     """
 
     __slots__ = ("_construction", "_forces", "_pasts", "clamped", "tick")
@@ -33,9 +105,10 @@ class Polynomial:
     clamped: bool
     tick: Tick
 
-    def __init__(self, model: Model) -> None:
-        self._construction = Construction(model.constructed, model.sampling.rate_Hz)
-        self.tick, self._pasts, self._forces = _compiled(model)(self, self._construction.arrive)
+    def __init__(self, polynomial: Polynomial, within: OperatingRange) -> None:
+        self._construction = Construction(polynomial.constructed, within.rate_Hz)
+        make = _compile(tick_source(polynomial.terms, within))
+        self.tick, self._pasts, self._forces = make(self, self._construction.arrive)
         self.reset()
 
     def reset(self) -> None:
@@ -47,12 +120,12 @@ class Polynomial:
         self.clamped = False
 
 
-Make = Callable[[Polynomial, Callable[..., list[float]]], tuple[Tick, list[deque[float]], deque[float]]]
+Make = Callable[[PolynomialRun, Callable[..., list[float]]], tuple[Tick, list[deque[float]], deque[float]]]
 
 
-def _compiled(model: Model) -> Make:
-    """Return `make` of the model's source text, which reaches nothing but IN_REACH."""
+def _compile(source: str) -> Make:
+    """Return `make` of the source text of a tick, which reaches nothing but IN_REACH."""
     names: dict[str, Any] = {"__builtins__": {}, **IN_REACH}
-    exec(compile(tick_source(model), "<tick of a polynomial model>", "exec"), names)
+    exec(compile(source, "<tick of a polynomial model>", "exec"), names)
     make: Make = names["make"]
     return make

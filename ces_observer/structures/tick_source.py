@@ -12,40 +12,42 @@ input is `made0`, `made1`, ... whatever its model calls it. In the text of a tic
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 from operator import index
 
 from ces_observer.errors import ModelError
-from ces_observer.model import Envelope, Factor, Model, Range, Term
 from ces_observer.structures.constructed import BASE
+from ces_observer.structures.structure import OperatingRange, Range, Ranges
+from ces_observer.structures.terms import Factor, Term, constructed_in
 
 FORMS = {0.0: "1.0", 0.5: "sqrt({0})", 1.0: "{0}", 1.5: "{0} * sqrt({0})", 2.0: "{0} * {0}"}
 
 Power = tuple[str, float, bool]  # signal as the text calls it, power, signed
 
 
-def tick_source(model: Model) -> str:
-    """Return the text of `make(run, arrive) -> tick, pasts, forces`, for one run of `model`.
+def tick_source(polynomial: Sequence[Term], within: OperatingRange) -> str:
+    """Return the text of `make(run, arrive) -> tick, pasts, forces`, for one run of a polynomial's terms.
 
     `tick(position, speed, current)` returns the force [N], infinite outside the force envelope, and sets
-    `run.clamped`; `arrive` is that of the model's Construction. Emptying the `pasts` and filling `forces` with zeros
+    `run.clamped`; `arrive` is that of the terms' Construction. Emptying the `pasts` and filling `forces` with zeros
     begins anew. Needs abs, min, max, sqrt, copysign, inf and deque as globals. Raises ModelError for a number that is
     not finite or a signal that is unknown.
     """
-    signals = {one.name: f"made{i}" for i, one in enumerate(model.constructed)} | {signal: signal for signal in BASE}
-    powers = sorted({_power(f, signals) for term in model.terms for f in term.inputs})
+    constructed = constructed_in(polynomial)
+    signals = {one.name: f"made{i}" for i, one in enumerate(constructed)} | {signal: signal for signal in BASE}
+    powers = sorted({_power(f, signals) for term in polynomial for f in term.inputs})
     names = {power: _name(i, power) for i, power in enumerate(powers)}
-    terms = [_Product(term, signals, names) for term in model.terms]
+    terms = [_Product(term, signals, names) for term in polynomial]
     lags = _lags(terms)
     tick = [
-        *_clamp(model.envelope),
-        *_construct(len(model.constructed)),
+        *_clamp(within.inputs),
+        *_construct(len(constructed)),
         *_powers(names),
         *_keep(lags),
         *_recall(lags, terms),
         *_sum(terms),
-        *_end(model.force_envelope_N, terms),
+        *_end(within.force_N, terms),
     ]
     return "\n".join(
         [
@@ -111,10 +113,8 @@ def _lags(terms: Iterable[_Product]) -> dict[str, int]:
     return {name: lag for name, lag in sorted(value for term in terms for value in term.inputs) if lag}
 
 
-def _clamp(envelope: Envelope) -> list[str]:
-    bounds = {
-        signal: [_number(bound, f"the envelope of {signal}") for bound in envelope.by_signal[signal]] for signal in BASE
-    }
+def _clamp(inputs: Ranges) -> list[str]:
+    bounds = {signal: [_number(bound, f"the envelope of {signal}") for bound in inputs[signal]] for signal in BASE}
     return [
         "if " + " and ".join(f"{low} <= {signal} <= {high}" for signal, (low, high) in bounds.items()) + ":",
         "    run.clamped = False",

@@ -17,7 +17,7 @@ from thesis_one_step import OneStepFuzzy, OneStepNetwork
 from thesis_plant import PULL, integrated, plant_cost
 from thesis_tables import ROWS, jobs, judge, table
 
-from ces_identify.identify_trained import Lags, regressors
+from ces_identify.trained.lagged_fit import Lags, regressors
 from ces_identify.preparation.series import prepare
 from ces_identify.trained.fuzzy_fit import Grid
 from ces_identify.trained.training import training
@@ -134,7 +134,7 @@ def test_a_model_is_trained_once_kept_and_judged_on_another_run(tmp_path, monkey
     job = Job(POLYNOMIAL, THESIS, ("sine_4hz",), terms=3)
     first, again = (dict(trained([job], 120.0, 1, tmp_path))[job] for _ in range(2))
     assert first.seconds == again.seconds, "the second time it comes from the store"
-    assert 1 <= len(first.model.terms) <= 3
+    assert 1 <= len(first.model.body.terms) <= 3
     recording = run(described("sine_4hz", fresh=True))
     assert 0.5 < judge(first, recording).cost < 60.0
     assert judge(Outcome(None, "why", 0.0), recording) is None

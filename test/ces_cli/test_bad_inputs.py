@@ -107,7 +107,7 @@ def test_too_few_samples(work, tmp_path, capsys, how, message):
 
 def test_more_terms_than_the_candidates_give_is_fewer_terms(work, tmp_path):
     assert ces(*identify(work, "one", terms=200), "--out", tmp_path / "m.json") == 0
-    assert 1 <= len(load_model(tmp_path / "m.json").terms) <= 10
+    assert 1 <= len(load_model(tmp_path / "m.json").body.terms) <= 10
 
 
 @pytest.mark.parametrize("driven", [lambda x: 0.5 + 0.0 * x, lambda x: 0.5 + 20.0 * x], ids=["constant", "as position"])
@@ -116,8 +116,8 @@ def test_collinear_candidates_give_a_model_with_finite_coefficients(tmp_path, dr
     bag(tmp_path / "one", driven=driven)
     assert ces(*identify(tmp_path, "one", terms=8), "--out", tmp_path / "m.json") == 0
     model = load_model(tmp_path / "m.json")
-    assert max(abs(term.coefficient) for term in model.terms) < 1e6
-    assert len({term.factors for term in model.terms}) == len(model.terms)
+    assert max(abs(term.coefficient) for term in model.body.terms) < 1e6
+    assert len({term.factors for term in model.body.terms}) == len(model.body.terms)
 
 
 def test_rules_that_explode_are_refused_with_their_count(work, tmp_path, capsys):

@@ -142,7 +142,7 @@ def test_a_function_is_a_simulation_and_a_teacher(work, monkeypatch, tmp_path):
     (tmp_path / "rules.yaml").write_text("position: {lags: [0], powers: [1]}\nproducts: [[], [position]]\n")
     words = ("--teacher", "passive:force", "--candidates", "rules.yaml", "--out", "taught.json", "--time", 5)
     assert ces("identify", work / "one", *words) == 0
-    terms = {len(t.factors): t.coefficient for t in load_model(tmp_path / "taught.json").terms}
+    terms = {len(t.factors): t.coefficient for t in load_model(tmp_path / "taught.json").body.terms}
     assert terms[1] == pytest.approx(1e4, rel=0.01)
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ces_identify.identify import Options, identify
+from ces_identify.identify import identify
+from ces_identify.structure_kit import Options
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.preparation.series import prepare
@@ -13,16 +14,19 @@ from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 SAMPLING = Sampling(500.0, 40.0, 0.01)
 PLANTED = Model(
-    "polynomial_narx",
     SAMPLING,
-    (
-        Term(900.0, (Factor("speed", 0, 0.5),)),
-        Term(1500.0, (Factor("speed", 0, 1.0), Factor("current", 5, 1.0, signed=False))),
-        Term(0.6, (Factor("force", 2),)),
+    Polynomial(
+        (
+            Term(900.0, (Factor("speed", 0, 0.5),)),
+            Term(1500.0, (Factor("speed", 0, 1.0), Factor("current", 5, 1.0, signed=False))),
+            Term(0.6, (Factor("force", 2),)),
+        )
     ),
     Envelope((-1.0, 1.0), (-5.0, 5.0), (-5.0, 5.0)),
     (-1e5, 1e5),
@@ -61,8 +65,8 @@ def result():
 
 
 def test_the_planted_terms_are_found_to_within_the_noise(result):
-    found = {term.factors: term.coefficient for term in result.model.terms}
-    for term in PLANTED.terms:
+    found = {term.factors: term.coefficient for term in result.model.body.terms}
+    for term in PLANTED.body.terms:
         assert found[term.factors] == pytest.approx(term.coefficient, rel=0.03)
 
 
@@ -88,7 +92,7 @@ def test_held_out_data_do_not_change_the_model():
     channels = {**spoiled.channels, "force": Channel("force", "N", force.stamps_ns, values)}
     clean = identify([planted(1)], (), options())
     other = identify([replace(spoiled, channels=channels)], (), options())
-    assert other.model.terms == clean.model.terms
+    assert other.model.body.terms == clean.model.body.terms
     assert [e.role for e in clean.evaluations] == [IDENTIFICATION, VALIDATION]
 
 
@@ -97,7 +101,7 @@ def test_a_constant_current_leaves_its_terms_out():
     current = recording.channel("current")
     fixed = Channel("current", "A", current.stamps_ns, np.full(len(current), 0.5))
     result = identify([replace(recording, channels={**recording.channels, "current": fixed})], (), options())
-    assert not any(f.signal == "current" for t in result.model.terms for f in t.factors)
+    assert not any(f.signal == "current" for t in result.model.body.terms for f in t.factors)
 
 
 def test_provenance_names_recordings_and_costs(result):
@@ -122,8 +126,8 @@ def test_a_recording_too_short_is_refused():
 @pytest.mark.parametrize("method", ["random", "gauss-newton"])
 def test_either_method_finds_the_planted_terms(method):
     limits = Limits(6, 30.0, 0.0, 2, 1, 2, method=method)
-    found = identify([planted(1), planted(2)], (), options(split=1.0, limits=limits)).model.terms
-    assert {t.factors for t in PLANTED.terms} <= {t.factors for t in found}
+    found = identify([planted(1), planted(2)], (), options(split=1.0, limits=limits)).model.body.terms
+    assert {t.factors for t in PLANTED.body.terms} <= {t.factors for t in found}
 
 
 def test_the_model_comes_with_its_certificate(result):

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, RATE_HZ, planted
 
-from ces_identify.identify import Options
-from ces_identify.identify_trained import FuzzyShape, Lags, NetworkShape, identify_anfis, identify_network
+from ces_identify.structure_kit import Options
+from ces_identify.identify_trained import identify_anfis, identify_network
+from ces_identify.trained.fuzzy_structure import FuzzyShape
+from ces_identify.trained.network_structure import NetworkShape
+from ces_identify.trained.lagged_fit import Lags
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Channel
 from ces_identify.trained.simulation_error import MOST_GAIN
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
-from ces_observer.proof.certificate import is_contraction
 
 LAGS = Lags((1,), (0.0, 1 / RATE_HZ), (3 / RATE_HZ,))
 KINDS = {
@@ -53,7 +55,7 @@ def test_cost_on_a_fresh_recording_is_the_noise_floor(result):
 def test_the_model_is_certified_and_its_proof_stands(result):
     _, identified = result
     assert identified.model.certificate["gain"] < MOST_GAIN + 1e-9
-    assert is_contraction(identified.model)
+    assert identified.model.is_stable()
 
 
 def test_the_same_seed_gives_the_same_model(result):
@@ -64,7 +66,7 @@ def test_the_same_seed_gives_the_same_model(result):
 def test_the_file_holds_the_model_and_where_it_came_from(result):
     _, identified = result
     again = parse_model(identified.model.to_json(), "m.json")
-    assert (again.network, again.fuzzy) == (identified.model.network, identified.model.fuzzy)
+    assert again.body == identified.model.body
     history = json.loads(identified.model.to_json())["provenance"]
     assert [r["recording"] for r in history["identification"]] == ["planted", "planted"]
     assert history["selection"]["parameters"] == len(identified.found[0].coefficients)
@@ -82,7 +84,7 @@ def test_held_out_data_do_not_change_the_model(kind):
     few = Limits(seconds=30.0, starts=1, threads=1)
     one = found(kind, 0.75, [clean], limits=few)
     other = found(kind, 0.75, [spoiled], limits=few)
-    assert (one.model.network, one.model.fuzzy) == (other.model.network, other.model.fuzzy)
+    assert one.model.body == other.model.body
     assert [e.role for e in one.evaluations] == [IDENTIFICATION, VALIDATION, VALIDATION]
 
 
@@ -92,7 +94,7 @@ def test_a_constant_current_is_left_out(kind):
     current = clean.channel("current")
     fixed = {**clean.channels, "current": replace(current, values=np.full(len(current), 0.5))}
     identified = found(kind, 1.0, [replace(clean, channels=fixed)], limits=Limits(seconds=30.0, starts=1))
-    body = identified.model.network or identified.model.fuzzy
+    body = identified.model.body
     assert not any(r.signal == "current" for r in body.regressors)
 
 
@@ -134,7 +136,7 @@ def test_a_preload_far_from_zero_is_no_obstacle(kind):
 
 
 def test_a_damper_slower_than_may_be_proved_is_met_as_nearly_as_may_be():
-    slow = replace(NETWORK, network=replace(NETWORK.network, linear=(0.99, 0.05, 0.03, 0.0), constant=0.0, units=()))
+    slow = replace(NETWORK, body=replace(NETWORK.body, linear=(0.99, 0.05, 0.03, 0.0), constant=0.0, units=()))
     once = Limits(seconds=20.0, starts=1)
     identified = identify_network([planted(slow, 1)], [], options(limits=once), shape=NetworkShape(2, LAGS, 1e-8))
     assert 0.95 < identified.model.certificate["gain"] < MOST_GAIN + 1e-9

@@ -12,6 +12,7 @@ from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
 from ces_observer.estimator import UNBOUNDED, WARMING_UP, Estimator
 from ces_observer.model import Model
+from ces_observer.structures.polynomial import Polynomial
 from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER
 
 MS = 1_000_000
@@ -145,8 +146,10 @@ def test_a_force_beyond_its_envelope_is_never_given() -> None:
 def harder(factor: float = 2.0, **sampling: float) -> Model:
     """Return the plain damper with forces `factor` times as large."""
     model = plain_damper(**sampling)
-    past, *others = model.terms
-    return replace(model, terms=(past, *(replace(term, coefficient=factor * term.coefficient) for term in others)))
+    past, *others = model.body.terms
+    return replace(
+        model, body=Polynomial((past, *(replace(term, coefficient=factor * term.coefficient) for term in others)))
+    )
 
 
 def test_a_loaded_model_takes_over_when_warm_and_no_force_is_missing() -> None:

@@ -1,12 +1,12 @@
 import math
-from dataclasses import replace
 
 import pytest
 from test_model import make_model
 
 from ces_observer import estimator as module
 from ces_observer.estimator import Estimator
-from ces_observer.model import Factor, Sampling, Term
+from ces_observer.model import Sampling
+from ces_observer.structures.terms import Factor, Term
 
 MS = 1_000_000
 
@@ -88,6 +88,6 @@ def test_reset_brings_it_back_to_new():
 
 
 def test_between_two_ticks_the_force_is_on_the_line_through_them():
-    e = ready(replace(make_model(), terms=(Term(1000.0, (Factor("position", 0, 1.0),)),)))
+    e = ready(make_model(terms=(Term(1000.0, (Factor("position", 0, 1.0),)),)))
     force = e.step(round(600.3 * MS), stroke(600.3), 0.5)
     assert force == pytest.approx(1000.0 * stroke(600.3), abs=0.02)

@@ -22,9 +22,9 @@ from fuzz_targets import READ, REFUSED, try_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import MAX_BYTES, load_model, parse_model
-from ces_observer.proof import certificate
+from ces_observer.proof import branch_and_bound
 from ces_observer.proof.interval_sums import Sums
-from ces_observer.structures.polynomial import IN_REACH, Polynomial
+from ces_observer.structures.polynomial import IN_REACH
 from ces_observer.structures.tick_source import tick_source
 
 FUZZ = Path(__file__).resolve().parents[2] / "bench" / "fuzz"
@@ -182,12 +182,12 @@ def widest() -> str:
 def test_the_largest_model_is_read_and_judged_in_bounded_time(monkeypatch: pytest.MonkeyPatch) -> None:
     start = perf_counter()
     model = parse_model(widest(), "m.json")
-    Polynomial(model).tick(0.01, 0.5, 0.5)
+    model.make_predictor().tick(0.01, 0.5, 0.5)
     assert perf_counter() - start < 10.0  # a second on an idle computer
-    monkeypatch.setattr(certificate, "MOST_WORK", 300_000)
-    groups = [model.terms]
+    monkeypatch.setattr(branch_and_bound, "MOST_WORK", 300_000)
+    groups = [model.body.terms]
     work = Sums(groups).work
-    _, boxes = certificate.maximum(groups, model.envelope)
+    _, boxes = branch_and_bound.maximum(groups, model.envelope.by_signal)
     assert work > 10_000 and 2 < boxes <= 300_000 // work + 2
 
 
@@ -200,7 +200,7 @@ def test_a_proof_stands_what_has_no_size() -> None:
             {"signal": "speed", "lag": 0, "power": power, "signed": True} for power in (0.0, 0.1)
         ]
 
-    assert certificate.is_contraction(parse_model(changed("tight", tiny), "m.json"))
+    assert parse_model(changed("tight", tiny), "m.json").is_stable()
 
 
 def test_nothing_of_a_file_but_numbers_reaches_the_text_of_a_tick() -> None:
@@ -218,10 +218,11 @@ def test_nothing_of_a_file_but_numbers_reaches_the_text_of_a_tick() -> None:
                     factor["signal"] = new if factor["signal"] == old else factor["signal"]
 
     plain, other = (parse_model(changed("constructed", change), "m.json") for change in (lambda raw: None, renamed))
-    words = set("".join(c if c.isalnum() or c == "_" else " " for c in tick_source(other)).split())
+    source = tick_source(other.body.terms, other.operating_range)
+    words = set("".join(c if c.isalnum() or c == "_" else " " for c in source).split())
     assert not {"hysteresis", "remanence", "by_current_1"} & words
-    assert other.constructed[0].name == "arrive" and "__" not in tick_source(other)
+    assert other.body.constructed[0].name == "arrive" and "__" not in source
     assert not set(IN_REACH) & {"getattr", "open", "eval", "type"}
-    one, two = Polynomial(plain), Polynomial(other)
+    one, two = plain.make_predictor(), other.make_predictor()
     inputs = [(0.01 * (k % 5), 0.3 * (-1) ** k, 0.1 * (k % 7)) for k in range(50)]
     assert [one.tick(*u) for u in inputs] == pytest.approx([two.tick(*u) for u in inputs], rel=1e-12)

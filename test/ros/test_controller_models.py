@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Term
+
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from conftest import new_namespace
@@ -26,7 +29,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from vehicle import wait
 
-from ces_observer.model import Model, Term
+from ces_observer.model import Model
 from ces_observer.nodes.qos import LATCHED
 
 DEEP = QoSProfile(depth=50_000)
@@ -40,8 +43,8 @@ CURVE = {"curve.speeds_m_s": [-2.0, 0.0, 2.0], "curve.forces_N": [-5600.0, 0.0, 
 def damper(past: float) -> Model:
     """Return a model whose steady force [N] at 1 m/s is (200 + 100 current) / (1 - past)."""
     model = plain_damper()
-    first, *others = model.terms
-    return replace(model, terms=(Term(past, first.factors), *others))
+    first, *others = model.body.terms
+    return replace(model, body=Polynomial((Term(past, first.factors), *others)))
 
 
 def current_A(past: float) -> float:

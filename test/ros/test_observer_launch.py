@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Term
+
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 pytest.importorskip("launch_pytest", reason="launch_pytest is not installed")
 
@@ -27,8 +30,6 @@ from replay import currents, jittered_positions, offline
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from vehicle import DEEP, Vehicle, wait
-
-from ces_observer.model import Term
 
 MS = 1_000_000
 STAMPED_CURRENT = {"topic": "stamped_current", "type": "sensor_msgs/msg/Temperature", "field": "temperature"}
@@ -152,8 +153,8 @@ def test_a_parameter_changes_live_and_a_wrong_one_is_refused(launched: Launched)
 @in_launch
 def test_the_model_is_reloaded_without_a_gap(launched: Launched) -> None:
     vehicle, model = launched.driven, plain_damper(max_gap_s=0.3)
-    first, *others = model.terms
-    softer = replace(model, terms=(Term(0.8, first.factors), *others))
+    first, *others = model.body.terms
+    softer = replace(model, body=Polynomial((Term(0.8, first.factors), *others)))
     with vehicle.driving():
         begun = time.time_ns()
         wait(lambda: vehicle.stamps()[-1] > begun + 300 * MS, "estimates again")

@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Term
+
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from damper_models import plain_damper
@@ -16,7 +19,7 @@ from node_process import NodeProcess
 from std_msgs.msg import String
 from vehicle import Vehicle, reliable_inputs, stamp_of, wait
 
-from ces_observer.model import Model, Term
+from ces_observer.model import Model
 from ces_observer.nodes.qos import LATCHED
 
 CHANGE = "last change of the model"
@@ -27,8 +30,8 @@ UNPROVED = "not proved to count for less than one"
 def damper(past: float = 0.9, warm_up_s: float = 0.1) -> Model:
     """Return the test model with another coefficient of its past force, which another digest names."""
     model = plain_damper(warm_up_s=warm_up_s, max_gap_s=PATIENCE_S)
-    first, *others = model.terms
-    return replace(model, terms=(Term(past, first.factors), *others))
+    first, *others = model.body.terms
+    return replace(model, body=Polynomial((Term(past, first.factors), *others)))
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 RATE_HZ = 1000.0
 
@@ -18,4 +20,4 @@ def plain_damper(warm_up_s: float = 0.1, **sampling: float) -> Model:
     )
     envelope = Envelope((-0.1, 0.1), (-2.0, 2.0), (0.0, 2.0))
     settings = replace(Sampling(rate_Hz=RATE_HZ, bandwidth_Hz=60.0, outlier_m=0.02), warm_up_s=warm_up_s, **sampling)
-    return Model("polynomial_narx", settings, terms, envelope, (-8000.0, 8000.0))
+    return Model(settings, Polynomial(terms), envelope, (-8000.0, 8000.0))

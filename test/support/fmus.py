@@ -7,8 +7,10 @@ import zipfile
 import pytest
 
 from ces_identify.export.export_fmu import binary_path, export_fmu
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.proof.certificate import Certificate
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) on this machine")
 UNPROVED = Certificate(2.0, 1.0, 1)
@@ -62,7 +64,7 @@ def damper(past=0.6, **sampling):
     settings = {"rate_Hz": 1000.0, "bandwidth_Hz": 90.0, "outlier_m": 0.004, "warm_up_s": 0.1, **sampling}
     envelope = Envelope((-0.018, 0.018), (-1.5, 1.4), (0.1, 0.9))
     terms = (Term(past, (Factor("force", 1),)), Term(900.0, (SPEED,)), Term(400.0, (SPEED, CURRENT)), Term(-5.0, ()))
-    return Model("polynomial_narx", Sampling(**settings), terms, envelope, (-9e3, 8e3))
+    return Model(Sampling(**settings), Polynomial(terms), envelope, (-9e3, 8e3))
 
 
 def damper_fmu(folder, model=None, **changes):

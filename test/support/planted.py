@@ -24,31 +24,27 @@ REGRESSORS = (
     Regressor("current", 3, 0.5, 0.15),
 )
 NETWORK = Model(
-    "sigmoid_narx",
     SAMPLING,
-    (),
-    WIDE,
-    (-1e5, 1e5),
-    network=Network(
+    Network(
         REGRESSORS,
         500.0,
         -0.25,
         (0.6, 0.1, 0.05, 0.02),
         (Unit(1.2, 0.4, (0.3, 2.0, -0.5, 0.5)), Unit(-0.7, -0.3, (-0.2, -1.5, 0.0, 0.8))),
     ),
-)
-FUZZY = Model(
-    "anfis",
-    SAMPLING,
-    (),
     WIDE,
     (-1e5, 1e5),
-    fuzzy=Fuzzy(
+)
+FUZZY = Model(
+    SAMPLING,
+    Fuzzy(
         REGRESSORS,
         500.0,
         (Premise("speed", 0, (Bell(-0.4, 0.3, 2.0), Bell(0.4, 0.3, 2.0))),),
         (Rule((0,), -0.4, (0.8, 0.1, 0.05, -0.05)), Rule((1,), 0.3, (0.6, 0.3, 0.1, 0.15))),
     ),
+    WIDE,
+    (-1e5, 1e5),
 )
 
 

@@ -40,8 +40,8 @@ FUZZY = Fuzzy(
 
 
 def network_model(network: Network = NETWORK) -> Model:
-    return Model("sigmoid_narx", SAMPLING, (), ENVELOPE, (-9e3, 9e3), network=network)
+    return Model(SAMPLING, network, ENVELOPE, (-9e3, 9e3))
 
 
 def fuzzy_model(fuzzy: Fuzzy = FUZZY) -> Model:
-    return Model("anfis", SAMPLING, (), ENVELOPE, (-9e3, 9e3), fuzzy=fuzzy)
+    return Model(SAMPLING, fuzzy, ENVELOPE, (-9e3, 9e3))

@@ -13,8 +13,10 @@ from ces_cli.main import main
 from ces_cli.terminal.bag_paths import bags_of, units_of
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_observer.errors import CesError
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.signals import Signals
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 ROOT = Path(__file__).parents[3]
 import diagnoses  # noqa: E402
@@ -234,7 +236,7 @@ def narrow(path):
     """A model identified on far less current than the recordings have."""
     envelope = Envelope((-0.05, 0.05), (-2.0, 2.0), (1.5, 2.0))
     terms = (Term(1200.0, (Factor("speed", 0),)),)
-    Model("polynomial_narx", Sampling(200.0, 30.0, 0.02), terms, envelope, (-3e4, 3e4)).save(path)
+    Model(Sampling(200.0, 30.0, 0.02), Polynomial(terms), envelope, (-3e4, 3e4)).save(path)
     return path
 
 

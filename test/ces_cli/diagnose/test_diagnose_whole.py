@@ -15,16 +15,17 @@ from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_samples
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.signals import Signals
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 RATE, NOISE_N, COULOMB_N = 250.0, 6.0, 40.0
 DEFAULT = Signals.from_mapping({}, "defaults")
 SPEED, CURRENT = Factor("speed", 0), Factor("current", 0)
 MODEL = Model(
-    "polynomial_narx",
     Sampling(RATE, 40.0, 0.02, warm_up_s=0.2),
-    (Term(0.3, (Factor("force", 1),)), Term(700.0, (SPEED,)), Term(600.0, (SPEED, CURRENT))),
+    Polynomial((Term(0.3, (Factor("force", 1),)), Term(700.0, (SPEED,)), Term(600.0, (SPEED, CURRENT)))),
     Envelope((-0.05, 0.05), (-2.0, 2.0), (0.0, 2.0)),
     (-3e4, 3e4),
 )

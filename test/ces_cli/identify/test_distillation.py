@@ -121,7 +121,9 @@ def test_a_model_learns_it_and_says_what_was_lost(work, capsys):
 
 def test_the_learned_spring_is_that_of_the_teacher(work):
     assert identify("one", "two", "--out", "spring.json") == 0
-    terms = {t.factors[0].signal: t.coefficient for t in load_model(work / "spring.json").terms if len(t.factors) == 1}
+    terms = {
+        t.factors[0].signal: t.coefficient for t in load_model(work / "spring.json").body.terms if len(t.factors) == 1
+    }
     assert terms["position"] == pytest.approx(PULL_N_M, rel=0.03)
 
 

@@ -8,7 +8,9 @@ import zipfile
 import pytest
 
 from ces_cli.main import main
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 SPEED = Factor("speed", 0)
 FIRST = Factor("force", 1)
@@ -17,7 +19,7 @@ FIRST = Factor("force", 1)
 def model_file(path, past=0.8):
     terms = (Term(past, (FIRST,)), Term(900.0, (SPEED,)), Term(100.0, (SPEED, Factor("current", 3))))
     envelope = Envelope((-0.1, 0.1), (-2.0, 2.0), (0.0, 2.0))
-    Model("polynomial_narx", Sampling(1000.0, 60.0, 0.02), terms, envelope, (-3e4, 3e4)).save(path)
+    Model(Sampling(1000.0, 60.0, 0.02), Polynomial(terms), envelope, (-3e4, 3e4)).save(path)
     return path
 
 

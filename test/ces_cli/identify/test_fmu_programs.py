@@ -9,8 +9,10 @@ import pytest
 from ces_cli.main import main
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term, load_model
+from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.signals import Signals
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 RULES = "force: {lags: [1]}\nspeed: {lags: [0], powers: [1.0], forms: [signed]}\nproducts: [[force], [speed]]\n"
 
@@ -28,7 +30,7 @@ def work(tmp_path_factory):
     folder = tmp_path_factory.mktemp("work")
     terms = (Term(0.5, (Factor("force", 1),)), Term(900.0, (Factor("speed", 0),)))
     envelope = Envelope((-0.1, 0.1), (-2.0, 2.0), (0.0, 2.0))
-    Model("polynomial_narx", Sampling(500.0, 60.0, 0.02), terms, envelope, (-3e4, 3e4)).save(folder / "model.json")
+    Model(Sampling(500.0, 60.0, 0.02), Polynomial(terms), envelope, (-3e4, 3e4)).save(folder / "model.json")
     t = np.arange(5000) / 500.0
     stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
     columns = {"position": ("m", 0.01 * np.sin(19.0 * t) + 0.004 * np.sin(50.0 * t)), "current": ("A", 0.5 + 0.0 * t)}
@@ -57,7 +59,7 @@ def test_identify_learns_from_it(work, tmp_path):
     words = ["identify", work / "bag", "--teacher", work / "damper.fmu", "--candidates", work / "rules.yaml"]
     words += ["--terms", 2, "--starts", 1, "--threads", 1, "--time", 10, "--rate", 500, "--bandwidth", 60]
     assert ces(*words, "--out", tmp_path / "learned.json") == 0
-    terms = load_model(tmp_path / "learned.json").terms
+    terms = load_model(tmp_path / "learned.json").body.terms
     found = {term.factors[0].signal: term.coefficient for term in terms}
     assert found["force"] == pytest.approx(0.5, abs=0.02)
     assert found["speed"] == pytest.approx(900.0, rel=0.04)

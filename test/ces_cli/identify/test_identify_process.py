@@ -57,7 +57,7 @@ def test_interrupted_it_writes_the_best_so_far(tmp_path):
     process.interrupt()
     told = said(process)
     assert told[-1] == {EXIT_STATUS: 0}
-    assert load_model(tmp_path / "model.json").terms
+    assert load_model(tmp_path / "model.json").body.terms
 
 
 def test_mistakes_are_one_line():

@@ -4,7 +4,9 @@ import pytest
 
 from ces_cli.identify.structures import add_structure, grid, identifier
 from ces_identify.identify import identify
-from ces_identify.identify_trained import FuzzyShape, NetworkShape, identify_anfis, identify_network
+from ces_identify.identify_trained import identify_anfis, identify_network
+from ces_identify.trained.fuzzy_structure import FuzzyShape
+from ces_identify.trained.network_structure import NetworkShape
 
 
 def chosen(*arguments):

@@ -15,7 +15,6 @@ from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import load_model
-from ces_observer.proof.certificate import certify
 from ces_observer.signals import Signals
 
 DEFAULT = Signals.from_mapping({}, "defaults")
@@ -123,7 +122,7 @@ def test_identify_prints_the_folds_and_what_seconds_served(work, tmp_path, capsy
 def test_a_certificate_is_proved_again_without_a_bag(work, capsys):
     assert ces("validate", work / "model.json", "--certificate") == 0
     out = capsys.readouterr().out
-    proof = certify(load_model(work / "model.json"))
+    proof = load_model(work / "model.json").certify()
     assert f"gain            {proof.gain:.6g} < 1" in out
     assert f"{proof.force_N:.6g} N" in out
     assert "in the file     the same bounds" in out

@@ -16,7 +16,9 @@ from ces_gap.trace import make_trace
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
 from ces_observer.errors import CesError, RecordingError
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 RATE = 500.0
 STAMPS = 10**18 + np.arange(5000) * 2_000_000
@@ -207,11 +209,7 @@ def test_a_simulation_of_something_else_is_doubted():
 def model(**ranges):
     given = {"position_m": (-0.02, 0.02), "speed_m_s": (-0.6, 0.6), "current_A": (0.3, 0.9), **ranges}
     return Model(
-        "polynomial_narx",
-        Sampling(500.0, 60.0, 0.02),
-        (Term(900.0, (Factor("speed", 0),)),),
-        Envelope(**given),
-        (-3e4, 3e4),
+        Sampling(500.0, 60.0, 0.02), Polynomial((Term(900.0, (Factor("speed", 0),)),)), Envelope(**given), (-3e4, 3e4)
     )
 
 

@@ -55,7 +55,7 @@ def test_a_row_tells_settings_size_and_costs(work, structure, size):
 
 def test_parameters_of_a_polynomial_are_its_terms(work):
     done = computed(work, "both", "polynomial")
-    assert done.row["parameters"] == len(parse_model(*done.files.values(), "test").terms) == 4
+    assert done.row["parameters"] == len(parse_model(*done.files.values(), "test").body.terms) == 4
     assert [c["set"] for c in done.row["costs"]] == ["identification"] * 2 + ["rest"] * 2
 
 

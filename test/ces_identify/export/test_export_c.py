@@ -15,9 +15,10 @@ from constructed_models import TERMS as CONSTRUCTED
 from ces_identify.export.export_c import LONGEST_NAME, NAME_ENDING, REASONS, export_c, identifier, number
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
-from ces_observer.proof.certificate import Certificate, certify
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.proof.certificate import Certificate
 from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-O2", "-Werror"]
 CODES = {reason: code for code, reason in enumerate(REASONS.values())}
@@ -69,7 +70,7 @@ def f(signal, lag=0, power=1.0, signed=True):
 def make(*terms, **sampling):
     settings = {"rate_Hz": 1000.0, "bandwidth_Hz": 90.0, "outlier_m": 0.004, "warm_up_s": 0.1, **sampling}
     envelope = Envelope((-0.018, 0.018), (-1.5, 1.4), (0.1, 0.9))
-    return Model("polynomial_narx", Sampling(**settings), tuple(terms), envelope, (-9e3, 8e3))
+    return Model(Sampling(**settings), Polynomial(tuple(terms)), envelope, (-9e3, 8e3))
 
 
 PLAIN = (
@@ -357,7 +358,7 @@ def test_a_tick_is_the_polynomials(library, name):
     inputs[1][25::50] = np.nan
     forces = np.empty(COUNT)
     library(name).ticks(ctypes.c_int64(COUNT), *pointers(*inputs, forces))
-    polynomial, expected = Polynomial(MODELS[name]), []
+    polynomial, expected = MODELS[name].make_predictor(), []
     for row in zip(*(values.tolist() for values in inputs), strict=True):
         expected.append(polynomial.tick(*row))
         if math.isinf(expected[-1]):
@@ -401,22 +402,21 @@ def test_numbers_read_back_exactly(tmp_path):
 def test_no_text_of_the_file_reaches_the_code():
     hostile = '*/ #error "hostile" \\\n'
     model = Model(
-        "polynomial_narx",
         make().sampling,
-        PLAIN,
+        Polynomial(PLAIN),
         make().envelope,
         (-9e3, 8e3),
         certificate={"claim": hostile, "gain": hostile, hostile: 1},
         provenance={"tool": hostile, hostile: [hostile]},
     )
-    for text in export_c(model, "model", "model", certify(model)):
+    for text in export_c(model, "model", "model", model.certify()):
         assert "hostile" not in text
         assert model.digest() in text
 
 
 def test_the_certificate_is_told():
     model = make(*PLAIN)
-    proof = certify(model)
+    proof = model.certify()
     assert proof.holds
     header = export_c(model, "model", "model", proof)[1]
     assert f"at most {proof.gain} < 1" in header

@@ -5,7 +5,8 @@ import pytest
 
 from ces_identify.numerics import kernels
 from ces_identify.polynomial.compiled import compile_terms, power_table
-from ces_observer.model import Envelope, Factor, Sampling, Term
+from ces_observer.model import Envelope, Sampling
+from ces_observer.structures.terms import Factor, Term
 from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER, RESTARTED, Tracker
 
 TERMS = (

@@ -9,9 +9,9 @@ import yaml
 from ces_identify.polynomial.constructed_options import with_blend, with_constructed
 from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules, parse_rules
 from ces_observer.errors import CesError
-from ces_observer.model import Factor
 from ces_observer.structures.constructed import Frequency, Hat, Hysteresis, Lag
 from ces_observer.structures.constructed import hats as hats_over
+from ces_observer.structures.terms import Factor
 
 RULES = yaml.safe_load(
     """

@@ -11,8 +11,8 @@ from ces_identify.preparation.series import held_current
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.estimator import Estimator
-from ces_observer.model import Factor, Term
 from ces_observer.structures.constructed import Construction
+from ces_observer.structures.terms import Factor, Term
 
 ALL = (STOP, PLAY, LAG, FREQUENCY, LOW, MID, HIGH, SHORT, LONG)
 SEGMENTS = np.array([[0, 700], [700, 701], [705, 2000]])
@@ -56,7 +56,7 @@ def test_memberships_of_arrays_are_those_of_numbers():
 
 
 def test_the_power_table_holds_their_powers():
-    compiled = compile_terms(constructed_damper().terms)
+    compiled = compile_terms(constructed_damper().body.terms)
     assert [one.name for one in compiled.constructed][:3] == ["frequency", "hysteresis", "remanence"]
     inputs = rough()
     made = constructed_values(compiled.constructed, ENVELOPE, inputs, SEGMENTS, 1000.0)

@@ -95,8 +95,8 @@ def test_a_fit_finds_the_planted_coefficients_from_afar(problem):
     from test_identify import PLANTED
 
     factors = [c.factors for c in problem.candidates]
-    chosen = np.array([factors.index(t.factors) for t in PLANTED.terms])
-    planted = np.array([t.coefficient for t in PLANTED.terms])
+    chosen = np.array([factors.index(t.factors) for t in PLANTED.body.terms])
+    planted = np.array([t.coefficient for t in PLANTED.body.terms])
     fit = fit_free_run(problem, chosen, planted * [0.5, 1.6, 0.7], problem.everything, 30)
     np.testing.assert_allclose(fit.coefficients, planted, rtol=0.02)
 

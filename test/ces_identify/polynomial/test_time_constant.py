@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ces_identify.identify import Options, identify
+from ces_identify.identify import identify
+from ces_identify.structure_kit import Options
 from ces_identify.polynomial.limits import GAUSS_NEWTON, Limits
 from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.polynomial.time_constant import GRID_S, settled
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.constructed import Hat, Lag, hats
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 SAMPLING = Sampling(500.0, 40.0, 0.01)
 NOISE_N = 5.0
@@ -48,7 +51,7 @@ def blended(time_constant_s):
 
 def planted(terms, seed, seconds=8.0):
     """A damper under a current that jumps ten times a second; with noise."""
-    model = Model("polynomial_narx", SAMPLING, terms, Envelope((-1, 1), (-5, 5), (-5, 5)), (-1e5, 1e5))
+    model = Model(SAMPLING, Polynomial(terms), Envelope((-1, 1), (-5, 5), (-5, 5)), (-1e5, 1e5))
     random = np.random.default_rng(seed)
     t = np.arange(round(seconds * 500)) / 500.0
     x = sum(0.004 * np.sin(2 * np.pi * f * t + p) for f, p in random.uniform(1, 6, (6, 2)))
@@ -95,7 +98,7 @@ def test_a_model_is_identified_with_the_lag_found_and_hats_over_it_read_the_same
     }
     options = Options(1.0, parse_rules(raw, "test"), LIMITS, bandwidth_Hz=40.0)
     result = identify([planted(blended(0.01), 1)], [planted(blended(0.01), 2)], options)
-    assert {f.definition.base for t in result.model.terms for f in t.factors if isinstance(f.definition, Hat)} == {
+    assert {f.definition.base for t in result.model.body.terms for f in t.factors if isinstance(f.definition, Hat)} == {
         Lag("valve", "current", 0.01)
     }
     assert result.model.certificate["gain"] < 1.0
@@ -106,4 +109,4 @@ def test_a_current_that_never_changes_needs_no_time_constant():
     current = replace(still.channel("current"), values=np.full(len(still.channel("current").values), 0.5))
     options = Options(1.0, RULES, LIMITS, bandwidth_Hz=40.0)
     result = identify([replace(still, channels={**still.channels, "current": current})], [], options)
-    assert {f.signal for t in result.model.terms for f in t.factors} <= {"force", "speed"}
+    assert {f.signal for t in result.model.body.terms for f in t.factors} <= {"force", "speed"}

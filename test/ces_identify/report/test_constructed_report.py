@@ -8,9 +8,9 @@ from constructed_models import ENVELOPE, FREQUENCY, LOW, PLAY, STOP, constructed
 
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.report.terms import coefficient_unit, term_forces, typeset
+from ces_identify.polynomial.term_table import coefficient_unit, term_forces, typeset
 from ces_identify.validation.evaluate import VALIDATION, evaluate
-from ces_observer.model import Factor, Term
+from ces_observer.structures.terms import Factor, Term
 
 
 def plain(markup):

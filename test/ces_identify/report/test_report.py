@@ -19,7 +19,7 @@ from ces_identify.report import write_report
 from ces_identify.report.drawing import Axis, panel
 from ces_identify.report.grid import make_grid
 from ces_identify.report.marks import band, line, shade
-from ces_identify.report.terms import coefficient_unit, contributions, term_forces, typeset
+from ces_identify.polynomial.term_table import coefficient_unit, contributions, term_forces, typeset
 from ces_identify.report.window import choose_window
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.validation.cost_interval import pooled_cost
@@ -27,7 +27,9 @@ from ces_identify.validation.error_regions import error_cells
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.errors import CesError
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 SAMPLING = Sampling(rate_Hz=500.0, bandwidth_Hz=60.0, outlier_m=0.01)
 WIDE = Envelope((-0.1, 0.1), (-3.0, 3.0), (0.0, 2.0))
@@ -63,12 +65,12 @@ def damper(name: str, ticks: int = 3000, current_A: float | None = None, gaps: i
 
 
 def model(**changes: object) -> Model:
-    first = Model("polynomial_narx", SAMPLING, TERMS, WIDE, (-9000.0, 9000.0), None, {"tool": "ces_observer"})
+    first = Model(SAMPLING, Polynomial(TERMS), WIDE, (-9000.0, 9000.0), None, {"tool": "ces_observer"})
     return replace(first, **changes)
 
 
 def unstable() -> Model:
-    return model(terms=(Term(1.01, (Factor("force", 1),)), *TERMS[1:]), force_envelope_N=(-2000.0, 2000.0))
+    return model(body=Polynomial((Term(1.01, (Factor("force", 1),)), *TERMS[1:])), force_envelope_N=(-2000.0, 2000.0))
 
 
 def page(

@@ -8,7 +8,9 @@ from ces_identify.preparation.series import prepare
 from ces_identify.report import write_report
 from ces_identify.report.parameters import parameter_table
 from ces_identify.validation.evaluate import VALIDATION, evaluate
-from ces_observer.model import Model, Term
+from ces_observer.model import Model
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Term
 
 
 def plain(markup):
@@ -33,7 +35,7 @@ def test_rules_are_named_by_their_memberships():
 
 
 def test_a_polynomial_has_no_such_table():
-    assert parameter_table(Model("polynomial_narx", SAMPLING, (Term(1.0, ()),), NETWORK.envelope, (-1, 1))) is None
+    assert parameter_table(Model(SAMPLING, Polynomial((Term(1.0, ()),)), NETWORK.envelope, (-1, 1))) is None
 
 
 @pytest.mark.parametrize(("model", "rows"), [(NETWORK, 4), (FUZZY, 2)])

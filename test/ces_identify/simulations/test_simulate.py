@@ -7,7 +7,9 @@ from ces_identify.preparation.series import held_current
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force, simulate_samples
 from ces_observer.estimator import Estimator
-from ces_observer.model import Envelope, Factor, Model, Sampling, Term
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 TERMS = (
     Term(800.0, (Factor("speed", 0, 0.5),)),
@@ -20,7 +22,7 @@ TERMS = (
 
 def model(rate=1000.0):
     envelope = Envelope((-0.018, 0.02), (-0.6, 0.6), (0.3, 0.65))
-    return Model("polynomial_narx", Sampling(rate, 45.0, 0.004), TERMS, envelope, (-9e3, 9e3))
+    return Model(Sampling(rate, 45.0, 0.004), Polynomial(TERMS), envelope, (-9e3, 9e3))
 
 
 def rough(jitter_ns, rate=1000.0, gaps=()):

@@ -11,7 +11,6 @@ from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force, simulate_series
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, parse_model
-from ces_observer.structures.predictors import predictor
 
 TIGHT = Envelope((-0.01, 0.012), (-0.3, 0.3), (0.35, 0.6))
 MODELS = [pytest.param(NETWORK, id="network"), pytest.param(FUZZY, id="fuzzy")]
@@ -53,7 +52,7 @@ def test_estimator_and_batch_agree(model, envelope):
 def test_every_tick_agrees_with_the_slow_twin(model):
     series = prepare(broken_up(stroked(4)), SAMPLING)
     force = simulate_series(model, series).force
-    run = predictor(model)
+    run = model.make_predictor()
     for start, stop in series.segments:
         run.reset()
         ticks = zip(series.position[start:stop], series.speed[start:stop], series.current[start:stop], strict=True)

@@ -11,8 +11,6 @@ from ces_identify.preparation.series import prepare
 from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
 from ces_identify.trained.network_fit import KINK, NetworkFit
 from ces_identify.trained.training import training
-from ces_observer.proof.certificate import certify
-from ces_observer.structures.predictors import predictor
 
 
 def data(seconds=5.0):
@@ -49,7 +47,7 @@ def parameters(fit):
 
 
 def slow_force(fit, params):
-    run = predictor(fit.model(params, SAMPLING))
+    run = fit.model(params, SAMPLING).make_predictor()
     out = np.zeros(len(fit.training.measured))
     for start, stop in fit.training.segments:
         run.reset()
@@ -130,7 +128,7 @@ def test_gains_are_the_proved_ones_but_for_rounded_kinks_and_their_slopes_right(
     fit = make(data())
     params = parameters(fit)
     gains, slopes = fit.gains(params)
-    proved = certify(fit.model(params, SAMPLING)).gain
+    proved = fit.model(params, SAMPLING).certify().gain
     kinks = fit.units * KINK * len(fit.past) if isinstance(fit, NetworkFit) else 0.0
     assert proved - 1e-12 <= gains.max() <= proved + kinks + 1e-12
     for p in range(len(params)):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from planted import NETWORK, SAMPLING, planted
 
-from ces_identify.identify_trained import Lags, changing, regressors
+from ces_identify.trained.lagged_fit import Lags, changing, regressors
 from ces_identify.preparation.cost import cost
 from ces_identify.preparation.series import prepare
 from ces_identify.trained.training import training

@@ -4,12 +4,13 @@ import numpy as np
 from planted import NETWORK, planted
 from residual_series import series
 
-from ces_identify.identify import Options, identify
+from ces_identify.identify import identify
+from ces_identify.structure_kit import Options
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.problem import estimation_ticks, pose
 from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.validation.usage import RULE, usage
-from ces_observer.model import Term
+from ces_observer.structures.terms import Term
 
 RULES = parse_rules(
     {
@@ -52,7 +53,7 @@ def test_the_test_seconds_change_nothing_of_the_model():
     spoiled = replace(one, channels={name: changed(channel) for name, channel in one.channels.items()})
     limits = Limits(most_terms=2, seconds=60.0, starts=1, threads=1, rounds=1, method="random")
     first, second = (identify([r], options=Options(0.75, RULES, limits)).model for r in (one, spoiled))
-    assert first.terms == second.terms
+    assert first.body.terms == second.body.terms
     assert first.sampling == second.sampling
     assert first.envelope == second.envelope
     assert first.force_envelope_N == second.force_envelope_N

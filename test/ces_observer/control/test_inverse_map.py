@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from ces_observer.control.inverse_map import InverseMap
 from ces_observer.control.steady_force import current_lag_s, inverse_map, steady_force
 from ces_observer.errors import CesError, ModelError
-from ces_observer.model import Envelope, Factor, Model, Term, load_model
-from ces_observer.structures.predictors import predictor
+from ces_observer.model import Envelope, Model, load_model
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 MODELS = Path(__file__).resolve().parents[3] / "config" / "models"
 SPEEDS = st.floats(-3.0, 3.0)
@@ -78,8 +79,8 @@ def test_a_valve_that_softens_with_current() -> None:
 
 def test_a_force_that_leaves_the_envelope_counts_as_its_end() -> None:
     model = replace(plain_damper(), force_envelope_N=(-1000.0, 1000.0))
-    assert steady_force(model, predictor(model), 1.0, 1.0) == 1000.0
-    assert steady_force(model, predictor(model), -1.0, 1.0) == -1000.0
+    assert steady_force(model, model.make_predictor(), 1.0, 1.0) == 1000.0
+    assert steady_force(model, model.make_predictor(), -1.0, 1.0) == -1000.0
 
 
 def test_the_lag_is_that_of_the_model() -> None:
@@ -114,4 +115,4 @@ def test_a_grid_that_is_none_is_refused(
 
 
 def with_terms(*terms: Term) -> Model:
-    return replace(plain_damper(), terms=terms)
+    return replace(plain_damper(), body=Polynomial(terms))

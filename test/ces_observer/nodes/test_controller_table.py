@@ -11,7 +11,6 @@ import yaml
 from ces_observer.control.controller_tuning import Tuning
 from ces_observer.model import load_model
 from ces_observer.nodes.controller_table import ALL, CURVE, TUNING
-from ces_observer.proof.certificate import is_contraction
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 NOT_IN_THE_FILE = {"model"}
@@ -50,5 +49,5 @@ def test_what_the_preview_leaves_of_the_lag() -> None:
 
 def test_the_sample_model_is_proved_stable_and_tells_where_it_is_from() -> None:
     model = load_model(CONFIG / "models" / "sample.json")
-    assert is_contraction(model)
+    assert model.is_stable()
     assert [one["recording"] for one in model.provenance["identification"]] == ["noise", "sweep", "road"]

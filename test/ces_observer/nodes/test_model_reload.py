@@ -9,17 +9,19 @@ import pytest
 from damper_models import plain_damper
 
 from ces_observer.control.model_inverse import ModelInverse
-from ces_observer.model import Model, Term
+from ces_observer.model import Model
 from ces_observer.nodes.model_check import INVERT, PROVE
 from ces_observer.nodes.model_reload import ModelReload, Verdict
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Term
 
 STARTING_S = 0.1  # more than forking takes, less than the child's start
 
 
 def unstable() -> Model:
     model = plain_damper()
-    past, *others = model.terms
-    return replace(model, terms=(Term(1.01, past.factors), *others))
+    past, *others = model.body.terms
+    return replace(model, body=Polynomial((Term(1.01, past.factors), *others)))
 
 
 def verdict_of(reload: ModelReload) -> Verdict:

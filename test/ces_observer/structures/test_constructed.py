@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from test_model import make_model
 
 from ces_observer.errors import ModelError
-from ces_observer.model import Envelope, Factor, Term, parse_model
-from ces_observer.proof.certificate import certify, is_contraction
+from ces_observer.model import Envelope, parse_model
 from ces_observer.structures.constructed import Construction, Frequency, Hat, Hysteresis, Lag, hats
-from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)
 PLAY = Hysteresis("slack", "play", "position", 0.002)
@@ -153,7 +152,7 @@ def test_a_polynomial_uses_them_as_it_does_the_signals():
         Term(3e3, (of("hysteresis", 1, 0.5, True), of("by_current_2", 2))),
         Term(0.5, (FIRST, of("by_current_1"))),
     )
-    run, stop, force = Polynomial(made), 0.0, 0.0
+    run, stop, force = made.make_predictor(), 0.0, 0.0
     x, i = [0.0, 0.0015, 0.003, 0.0025, -0.09], [0.1, 0.3, 0.4, 0.9, 0.2]
     stops, mid = [], [MID.at(one) for one in i]
     for k in range(5):
@@ -168,7 +167,7 @@ def test_a_polynomial_uses_them_as_it_does_the_signals():
 
 def test_reset_forgets_them():
     made = model(Term(1e5, (of("hysteresis"),)), Term(1.0, (of("frequency"), of("slack"), of("valve"))))
-    run, dice = Polynomial(made), random.Random(2)
+    run, dice = made.make_predictor(), random.Random(2)
     rows = [(dice.uniform(-0.05, 0.05), dice.uniform(-1, 1), dice.uniform(0, 1)) for _ in range(50)]
     first = [run.tick(*row) for row in rows]
     run.reset()
@@ -254,9 +253,9 @@ def past(coefficient, *inputs, lag=1):
 
 def test_a_blend_counts_for_its_worst_sub_model_not_for_their_sum():
     """Memberships taken as free numbers from 0 to 1 would give 0.9 + 0.8 + 0.6."""
-    c = certify(
-        model(past(0.9, of("by_current_1", 8)), past(-0.8, of("by_current_2", 8)), past(0.6, of("by_current_3", 8)))
-    )
+    c = model(
+        past(0.9, of("by_current_1", 8)), past(-0.8, of("by_current_2", 8)), past(0.6, of("by_current_3", 8))
+    ).certify()
     assert c.gain == pytest.approx(0.9, rel=3e-3)
 
 
@@ -269,7 +268,7 @@ def test_a_blend_of_polynomials_is_bounded_tightly():
     )
     grid = [k * 1e-4 for k in range(15001)]
     largest = max(0.5 * LOW.at(u) * u + 0.9 * MID.at(u) * u + 0.2 * MID.at(u) for u in grid)
-    assert largest <= certify(made).gain <= largest * 1.003
+    assert largest <= made.certify().gain <= largest * 1.003
 
 
 def test_a_blend_over_a_lag_counts_for_its_worst_sub_model_and_is_one_variable_with_it():
@@ -280,26 +279,24 @@ def test_a_blend_over_a_lag_counts_for_its_worst_sub_model_and_is_one_variable_w
     grid = [k * 1e-4 for k in range(15001)]
     largest = max(abs(0.9 * LOW.at(u) - 0.8 * MID.at(u) + 0.3 * HIGH.at(u) * u * u) for u in grid)
     assert largest == pytest.approx(0.9)
-    assert largest <= certify(made).gain <= largest * 1.003
+    assert largest <= made.certify().gain <= largest * 1.003
 
 
 def test_one_bad_sub_model_is_found_however_narrow_its_region():
     narrow = Hat("region", "current", 0.7, 0.7001, 0.7002)
     bad = model(past(0.5), past(0.51, Factor("region", 8, 1.0, False, narrow)))
-    assert not is_contraction(bad)
-    assert certify(bad).gain == pytest.approx(1.01, rel=3e-3)
-    assert is_contraction(model(past(0.5), past(0.49, Factor("region", 8, 1.0, False, narrow))))
+    assert not bad.is_stable()
+    assert bad.certify().gain == pytest.approx(1.01, rel=3e-3)
+    assert model(past(0.5), past(0.49, Factor("region", 8, 1.0, False, narrow))).is_stable()
 
 
 def test_constructed_inputs_are_bounded_by_their_own_ranges():
-    c = certify(
-        model(
-            past(100.0, of("hysteresis", 0, 1.0, True)),
-            past(0.01, of("frequency", 2)),
-            past(0.1, of("valve", 1, 2.0)),
-            Term(10.0, (of("slack"),)),
-        )
-    )
+    c = model(
+        past(100.0, of("hysteresis", 0, 1.0, True)),
+        past(0.01, of("frequency", 2)),
+        past(0.1, of("valve", 1, 2.0)),
+        Term(10.0, (of("slack"),)),
+    ).certify()
     assert c.gain == pytest.approx(100.0 * 0.002 + 0.01 * 20.0 + 0.1 * 1.5**2, rel=3e-3)
     assert c.drive_N == pytest.approx(10.0 * 0.05, rel=0.06)
 
@@ -312,9 +309,9 @@ def test_no_run_leaves_the_proved_bound(seed):
     pasts.append(past(dice.uniform(-0.04, 0.04), of("by_stop_1"), of("hysteresis", 0, 0.5, True)))
     drive = [Term(dice.uniform(-900, 900), (of(name),)) for name in NAMED]
     made = model(*pasts, *drive)
-    certificate = certify(made)
+    certificate = made.certify()
     assert certificate.holds
-    run, largest = Polynomial(made), 0.0
+    run, largest = made.make_predictor(), 0.0
     for _ in range(3000):
         largest = max(
             largest, abs(run.tick(dice.uniform(-0.06, 0.06), dice.uniform(-3, 3), dice.choice([0.0, 0.2, 0.5, 2.0])))

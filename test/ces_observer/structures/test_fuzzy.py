@@ -6,15 +6,15 @@ from trained_models import FUZZY, fuzzy_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import load_model, parse_model
-from ces_observer.structures.fuzzy import Bell, Fuzzy, FuzzyRun, Premise, Rule, least_firing
+from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule, least_firing
 from ces_observer.structures.lagged import Regressor
-from ces_observer.structures.predictors import predictor
+from ces_observer.structures.structure import OperatingRange
 
 BOUNDS = {"position": (-0.1, 0.1), "speed": (-1.0, 1.0), "current": (0.0, 1.0)}
 
 
 def run(fuzzy, limits=(-9e3, 9e3)):
-    return FuzzyRun(fuzzy, BOUNDS, limits)
+    return fuzzy.make_predictor(OperatingRange(1000.0, BOUNDS, limits))
 
 
 def test_a_bell_is_one_at_its_centre_and_a_half_a_width_away():
@@ -63,7 +63,7 @@ def test_a_force_out_of_its_envelope_is_infinite():
 
 
 def test_reset_brings_it_back_to_new():
-    r = predictor(fuzzy_model())
+    r = fuzzy_model().make_predictor()
     inputs = [(0.01 * math.sin(k), math.cos(k), 0.5 + 0.5 * math.sin(0.1 * k)) for k in range(50)]
     first = [r.tick(*row) for row in inputs]
     assert [r.tick(*row) for row in inputs] != first

@@ -8,14 +8,14 @@ from trained_models import NETWORK, REGRESSORS, network_model
 from ces_observer.errors import ModelError
 from ces_observer.model import load_model, parse_model
 from ces_observer.structures.lagged import Regressor
-from ces_observer.structures.network import Network, NetworkRun, Unit
-from ces_observer.structures.predictors import predictor
+from ces_observer.structures.network import Network, Unit
+from ces_observer.structures.structure import OperatingRange
 
 BOUNDS = {"position": (-0.1, 0.1), "speed": (-1.0, 1.0), "current": (0.0, 1.0)}
 
 
 def run(network, limits=(-9e3, 9e3)):
-    return NetworkRun(network, BOUNDS, limits)
+    return network.make_predictor(OperatingRange(1000.0, BOUNDS, limits))
 
 
 def test_force_is_the_sum_of_the_affine_part_and_the_sigmoids():
@@ -59,7 +59,7 @@ def test_saturated_sigmoids_do_not_overflow():
 
 
 def test_reset_brings_it_back_to_new():
-    r = predictor(network_model())
+    r = network_model().make_predictor()
     inputs = [(0.01 * math.sin(k), math.cos(k), 0.5 + 0.5 * math.sin(0.1 * k)) for k in range(50)]
     first = [r.tick(*row) for row in inputs]
     assert [r.tick(*row) for row in inputs] != first

@@ -1,3 +1,4 @@
+import json
 import math
 import random
 from dataclasses import replace
@@ -5,12 +6,10 @@ from dataclasses import replace
 import pytest
 from trained_models import ENVELOPE, FUZZY, NETWORK, REGRESSORS, fuzzy_model, network_model
 
-from ces_observer.model import Factor, Term
-from ces_observer.proof.certificate import certify, is_contraction
-from ces_observer.structures import fuzzy_bounds, network_bounds
+from ces_observer.errors import ModelError
+from ces_observer.model import parse_model
 from ces_observer.structures.fuzzy import Fuzzy, Premise, Rule
 from ces_observer.structures.network import Network, Unit
-from ces_observer.structures.predictors import predictor
 
 BOUNDS = ENVELOPE.by_signal
 
@@ -42,7 +41,7 @@ def random_fuzzy(chance):
 
 def test_gain_of_a_network_is_exact_where_it_is_known():
     """Steepest at zero: 0.5 + 0.25 * 1.5 * 0.2 for the first past force, 0.25 * -0.6 * 0.5 pulling the other way."""
-    gain, _ = network_bounds.bounds(NETWORK, BOUNDS)
+    gain = network_model().certify().gain
     one = 0.5 + 0.25 * 1.5 * 0.2
     two = (0.1 + 0.25 * 0.6 * 0.1) * 500.0 / 400.0
     assert gain == pytest.approx(one + two, rel=1e-12)
@@ -51,7 +50,7 @@ def test_gain_of_a_network_is_exact_where_it_is_known():
 
 def test_drive_of_a_network_is_exact_where_it_is_known():
     network = Network(REGRESSORS[2:3], 100.0, 0.5, (2.0,), (Unit(3.0, 0.0, (1.0,)),))
-    _, drive = network_bounds.bounds(network, BOUNDS)
+    drive = network_model(network).certify().drive_N
     top = (1.0 - 0.1) / 0.4
     bottom = (-1.0 - 0.1) / 0.4
     reached = [0.5 + 2.0 * x + 3.0 / (1.0 + math.exp(-x)) for x in (bottom, top)]
@@ -59,8 +58,8 @@ def test_drive_of_a_network_is_exact_where_it_is_known():
 
 
 def test_gain_and_drive_of_rules_are_those_of_the_worst_rule():
-    gain, drive = fuzzy_bounds.bounds(FUZZY, BOUNDS)
-    assert gain == pytest.approx(0.5 + 0.2 * 500.0 / 400.0, rel=1e-12)
+    certificate = fuzzy_model().certify()
+    assert certificate.gain == pytest.approx(0.5 + 0.2 * 500.0 / 400.0, rel=1e-12)
     corners = []
     for rule in FUZZY.rules:
         for v in (-1.0, 1.0):
@@ -68,7 +67,7 @@ def test_gain_and_drive_of_rules_are_those_of_the_worst_rule():
                 for x in (-0.1, 0.1):
                     phi = (0.0, -0.25, (v - 0.1) / 0.4, (i - 0.5) / 0.2, x / 0.05)
                     corners.append(abs(rule.constant + sum(a * b for a, b in zip(rule.linear, phi, strict=True))))
-    assert drive == pytest.approx(500.0 * max(corners), rel=1e-12)
+    assert certificate.drive_N == pytest.approx(500.0 * max(corners), rel=1e-12)
 
 
 @pytest.mark.parametrize("make", [random_network, random_fuzzy])
@@ -77,9 +76,9 @@ def test_no_run_leaves_the_proved_bound_and_pasts_are_forgotten(make, seed):
     """Against inputs jumping through and beyond the whole envelope; two runs with different pasts close up."""
     chance = random.Random(seed)
     model = make(chance)
-    certificate = certify(model)
+    certificate = model.certify()
     assert certificate.holds
-    one, two = predictor(model), predictor(model)
+    one, two = model.make_predictor(), model.make_predictor()
     for _ in range(50):
         two.tick(-5.0, 9.0, -3.0)
     largest, apart = 0.0, []
@@ -96,16 +95,16 @@ def test_no_run_leaves_the_proved_bound_and_pasts_are_forgotten(make, seed):
 def test_one_step_from_two_pasts_never_changes_more_than_the_gain_allows(make):
     chance = random.Random(7)
     model = make(chance)
-    gain = certify(model).gain
+    gain = model.certify().gain
     for _ in range(200):
-        runs = predictor(model), predictor(model)
+        runs = model.make_predictor(), model.make_predictor()
         for k in range(5):
             row = (0.0, chance.uniform(-1, 1), chance.uniform(0, 1))
             for number, run in enumerate(runs):
                 run.tick(*(row if k else (0.0, (-1.0, 1.0)[number], number)))
-        pasts = [list(run._past._forces) for run in runs]
+        pasts = [list(run._forces) for run in runs]
         for run in runs:
-            run._past._rows = [(0.0, 0.3, 0.4)] * len(run._past._rows)
+            run._rows = [(0.0, 0.3, 0.4)] * len(run._rows)
         differences = [abs(a - b) for a, b in zip(*(past[:3] for past in pasts), strict=True)]
         change = abs(runs[0].tick(0.0, 0.3, 0.4) - runs[1].tick(0.0, 0.3, 0.4))
         assert change <= gain * max(differences) * (1.0 + 1e-9) + 1e-9
@@ -115,27 +114,29 @@ def test_what_is_no_contraction_gets_no_certificate():
     steep = replace(NETWORK, units=(*NETWORK.units, Unit(4.0, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0))))
     eager = replace(FUZZY, rules=(*FUZZY.rules, Rule((0, 0), 0.0, (0.9, -0.2, 0.0, 0.0, 0.0))))
     for model in (network_model(steep), fuzzy_model(eager)):
-        assert not is_contraction(model)
-        assert certify(model).force_N == math.inf
-    assert is_contraction(network_model())
-    assert is_contraction(fuzzy_model())
+        assert not model.is_stable()
+        assert model.certify().force_N == math.inf
+    assert network_model().is_stable()
+    assert fuzzy_model().is_stable()
 
 
 def test_stray_terms_do_not_stand_in_for_the_proof():
-    """A network with gain above one is refused even if a harmless polynomial stands beside it."""
-    steep = replace(NETWORK, linear=(1.5, 0.0, 0.0, 0.0, 0.0))
-    assert not is_contraction(replace(network_model(steep), terms=(Term(1.0, (Factor("speed", 0),)),)))
+    """A network with gain above one is refused, and so is a harmless polynomial beside it."""
+    steep = network_model(replace(NETWORK, linear=(1.5, 0.0, 0.0, 0.0, 0.0)))
+    assert not steep.is_stable()
+    with pytest.raises(ModelError, match="unknown key 'terms'"):
+        parse_model(json.dumps({**json.loads(steep.to_json()), "terms": []}), "m.json")
 
 
 def test_the_certificate_says_what_was_proved():
-    mapping = certify(network_model()).to_mapping()
+    mapping = network_model().certify().to_mapping()
     assert "any past" in mapping["claim"]
     assert mapping["force_bound_N"] > mapping["drive_N"] > 0.0
-    assert "every rule" in certify(fuzzy_model()).to_mapping()["claim"]
+    assert "every rule" in fuzzy_model().certify().to_mapping()["claim"]
 
 
 def test_no_past_force_means_no_gain():
     fuzzy = Fuzzy(
         REGRESSORS[2:3], 1.0, (Premise("speed", 0, FUZZY.premises[0].memberships),), (Rule((0,), 0.0, (2.0,)),)
     )
-    assert fuzzy_bounds.bounds(fuzzy, BOUNDS)[0] == 0.0
+    assert fuzzy_model(fuzzy).certify().gain == 0.0

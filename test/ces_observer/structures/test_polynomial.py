@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_model import make_model
 
-from ces_observer.model import Envelope, Factor, Term
+from ces_observer.model import Envelope
 from ces_observer.structures.constructed import BASE, Construction, Frequency, Hysteresis, Lag, hats
-from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 ENVELOPE = Envelope((-0.05, 0.04), (-1.5, 2.0), (-0.2, 1.5))
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)
@@ -35,14 +35,14 @@ def driven(count, seed=1, beyond=1.0):
 
 def slow_forces(made, rows):
     """Return the force [N] at each of `rows`, and how large its terms are together."""
-    construction, past, forces, sizes = Construction(made.constructed, made.sampling.rate_Hz), [], [], []
-    names = [*BASE, *(one.name for one in made.constructed)]
+    construction, past, forces, sizes = Construction(made.body.constructed, made.sampling.rate_Hz), [], [], []
+    names = [*BASE, *(one.name for one in made.body.constructed)]
     for row in rows:
         ranges = made.envelope.by_signal.values()
         clamped = [min(max(value, low), high) for value, (low, high) in zip(row, ranges, strict=True)]
         past.append(dict(zip(names, construction.arrive(clamped), strict=True)))
         terms = [
-            term.coefficient * math.prod(slow_factor(f, past, forces) for f in term.factors) for term in made.terms
+            term.coefficient * math.prod(slow_factor(f, past, forces) for f in term.factors) for term in made.body.terms
         ]
         forces.append(sum(terms))
         sizes.append(sum(map(abs, terms)))
@@ -80,7 +80,7 @@ past_terms = st.builds(
 @given(terms=st.lists(input_terms | past_terms, max_size=8), seed=st.integers(0, 99))
 def test_every_tick_is_the_slow_twins(terms, seed):
     made = model(*terms)
-    run, rows = Polynomial(made), driven(40, seed, beyond=1.2)
+    run, rows = made.make_predictor(), driven(40, seed, beyond=1.2)
     for row, slow, size in zip(rows, *slow_forces(made, rows), strict=True):
         force = run.tick(*row)
         if not abs(slow) < 0.99e9:  # from here on the run has ended
@@ -100,19 +100,19 @@ def test_a_model_as_large_as_a_file_may_be():
         return Term(dice.uniform(-0.01, 0.01), (*past, *factors))
 
     made, rows = model(*(term() for _ in range(499)), Term(1.0, (Factor("speed", 1000),))), driven(30)
-    run = Polynomial(made)
+    run = made.make_predictor()
     for row, slow, size in zip(rows, *slow_forces(made, rows), strict=True):
         assert run.tick(*row) == pytest.approx(slow, rel=1e-9, abs=1e-12 * size)
 
 
 def test_a_long_lag_reaches_exactly_so_far_back():
-    run = Polynomial(model(Term(1.0, (Factor("current", 1000),)), Term(1.0, (Factor("force", 700),))))
+    run = model(Term(1.0, (Factor("current", 1000),)), Term(1.0, (Factor("force", 700),))).make_predictor()
     forces = [run.tick(0.0, 0.0, 1.0 if k == 5 else 0.0) for k in range(1800)]
     assert [k for k, force in enumerate(forces) if force] == [1005, 1705]
 
 
 def test_inputs_before_the_first_tick_count_as_the_first_and_forces_as_zero():
-    run = Polynomial(model(Term(10.0, (Factor("current", 3), Factor("speed", 1))), Term(0.5, (FIRST,))))
+    run = model(Term(10.0, (Factor("current", 3), Factor("speed", 1))), Term(0.5, (FIRST,))).make_predictor()
     assert [run.tick(0.0, 1.0, 0.5) for _ in range(3)] == [5.0, 7.5, 8.75]
 
 
@@ -120,7 +120,7 @@ def test_inputs_before_the_first_tick_count_as_the_first_and_forces_as_zero():
 @pytest.mark.parametrize("side", [0, 1])
 def test_inputs_are_clamped_and_it_shows_for_that_tick_alone(column, side):
     term = Term(1.0, (Factor(BASE[column], 0),))
-    run, end = Polynomial(model(term)), ENVELOPE.by_signal[BASE[column]][side]
+    run, end = model(term).make_predictor(), ENVELOPE.by_signal[BASE[column]][side]
     row = [0.0, 0.0, 0.0]
     row[column] = end
     assert (run.tick(*row), run.clamped) == (end, False)
@@ -130,23 +130,25 @@ def test_inputs_are_clamped_and_it_shows_for_that_tick_alone(column, side):
 
 
 def test_a_constructed_input_is_made_of_clamped_ones():
-    run = Polynomial(model(Term(1.0, (Factor("slack", 0, definition=Hysteresis("slack", "play", "position", 0.01)),))))
+    run = model(
+        Term(1.0, (Factor("slack", 0, definition=Hysteresis("slack", "play", "position", 0.01)),))
+    ).make_predictor()
     assert run.tick(9.0, 0.0, 0.0) == 0.04
 
 
 @pytest.mark.parametrize(("current", "force"), [(0.5, 500.0), (0.501, math.inf), (-0.1, -100.0), (-0.101, math.inf)])
 def test_a_force_outside_its_envelope_is_infinite(current, force):
-    run = Polynomial(model(Term(1000.0, (Factor("current", 0),)), limits=(-100.0, 500.0)))
+    run = model(Term(1000.0, (Factor("current", 0),)), limits=(-100.0, 500.0)).make_predictor()
     assert run.tick(0.0, 0.0, current) == pytest.approx(force)
 
 
 def test_a_force_that_is_no_number_is_infinite():
-    run = Polynomial(model(Term(1.0, (Factor("speed", 0),))))
+    run = model(Term(1.0, (Factor("speed", 0),))).make_predictor()
     assert run.tick(0.0, math.nan, 0.0) == math.inf
 
 
 def test_a_model_without_terms_has_no_force():
-    assert Polynomial(model()).tick(0.0, 1.0, 0.5) == 0.0
+    assert model().make_predictor().tick(0.0, 1.0, 0.5) == 0.0
 
 
 def everything():
@@ -155,7 +157,7 @@ def everything():
 
 
 def test_reset_brings_a_run_back_to_new_and_a_tick_held_from_before_too():
-    run, rows = Polynomial(everything()), driven(50)
+    run, rows = everything().make_predictor(), driven(50)
     tick = run.tick
     first = [tick(*row) for row in rows]
     tick(9.0, 9.0, 9.0)
@@ -166,7 +168,7 @@ def test_reset_brings_a_run_back_to_new_and_a_tick_held_from_before_too():
 
 def test_two_runs_of_a_model_share_nothing():
     made, rows = everything(), driven(50)
-    one, two = Polynomial(made), Polynomial(made)
+    one, two = made.make_predictor(), made.make_predictor()
     alone = [one.tick(*row) for row in rows]
     one.reset()
     assert [(one.tick(*row), two.tick(*row))[1] for row in rows] == alone
@@ -176,7 +178,7 @@ def test_two_runs_of_a_model_share_nothing():
 
 
 def test_a_run_does_not_grow():
-    run, rows = Polynomial(everything()), driven(500)
+    run, rows = everything().make_predictor(), driven(500)
     for row in rows:
         run.tick(*row)
     tracemalloc.start()
@@ -193,4 +195,4 @@ def test_a_run_does_not_grow():
 
 
 def test_the_compiled_text_reaches_no_builtins():
-    assert Polynomial(everything()).tick.__globals__["__builtins__"] == {}
+    assert everything().make_predictor().tick.__globals__["__builtins__"] == {}

@@ -3,78 +3,80 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.compiled import compile_terms, power_table
-from ces_identify.polynomial.constructed_series import constructed_values
-from ces_identify.report.drawing import minus
-from ces_identify.validation.evaluate import Evaluation
-from ces_observer.model import Envelope, Factor, Model, Term
+from ces_identify.polynomial.free_run import powers_of_inputs
+from ces_identify.structure_kit import SimulatedSeries
+from ces_identify.typesetting import UNITS, Column, ModelTable, minus, signal_symbol, three_figures
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed import Hat, Hysteresis, Lag
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
 
 F = NDArray[np.float64]
 
-SYMBOLS = {"force": "F", "speed": "v", "current": "i", "position": "x"}
-UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
 CHUNK = 4096  # ticks of all regressors held in memory at a time
+NOTE = (
+    "RMS of each term along the free run over the {} recordings, and its ratio to the RMS of the simulated force; "
+    "terms may cancel, so the shares need not add up to 100\N{NO-BREAK SPACE}%."
+)
+COLUMNS = (
+    Column(Markup("Regressor"), "", "formula"),
+    Column(Markup("Coefficient")),
+    Column(Markup("Unit"), "", "unit"),
+    Column(Markup("RMS [N]")),
+    Column(Markup("Of the force [%]"), "j", "j"),
+)
 
 
-@dataclass(frozen=True)
-class TermRow:
-    """A term as a row of the table: its formula, coefficient, the coefficient's unit, RMS [N] and share [%]."""
-
-    formula: Markup
-    coefficient: str
-    unit: Markup
-    rms_N: float | None
-    share: float | None
-
-
-def term_rows(model: Model, evaluations: Sequence[Evaluation]) -> list[TermRow]:
-    """Return the terms of `model` by what they contribute along the free runs of `evaluations`, most first."""
-    parts, whole = contributions(model, evaluations)
-    known = whole > 0.0
-    order = np.argsort(-parts, kind="stable") if known else np.arange(len(parts))
-    return [
-        TermRow(
-            formula=typeset(model.terms[t], model.envelope),
-            coefficient=minus(f"{model.terms[t].coefficient:.5g}"),
-            unit=coefficient_unit(model.terms[t]),
-            rms_N=float(parts[t]) if known else None,
-            share=float(100.0 * parts[t] / whole) if known else None,
-        )
-        for t in order
-    ]
+def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+    """Return the terms by what they contribute along the free `runs`, most first; `role` names what these are of."""
+    parts, whole = contributions(polynomial, model, runs)
+    order = np.argsort(-parts, kind="stable") if whole > 0.0 else np.arange(len(parts))
+    rows = []
+    for t in order:
+        term, part = polynomial.terms[t], float(parts[t]) if whole > 0.0 else None
+        formula, coefficient = typeset(term, model.envelope), Markup("{}").format(minus(f"{term.coefficient:.5g}"))
+        rows.append((formula, coefficient, coefficient_unit(term), *_share_cells(part, whole)))
+    equation = Markup("<var>F</var>(<var>k</var>) = Σ coefficient · regressor")
+    return ModelTable("terms", "Regressors", equation, COLUMNS, tuple(rows), note_after=NOTE.format(role))
 
 
-def contributions(model: Model, evaluations: Sequence[Evaluation]) -> tuple[F, float]:
+def _share_cells(part: float | None, whole: float) -> tuple[Markup, Markup]:
+    """Return what a term makes of the force as RMS [N], and as a share [%] with a bar."""
+    if part is None:
+        return Markup("\N{EN DASH}"), Markup("\N{EN DASH}")
+    share = 100.0 * part / whole
+    bar = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{}%"></span></span>')
+    return Markup("{}").format(three_figures(part)), bar.format(three_figures(share), f"{min(share, 100.0):.1f}")
+
+
+def contributions(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSeries]) -> tuple[F, float]:
     """Return the RMS of each term (terms,) [N] and of the simulated force [N] over all scored, finite ticks."""
-    squares, total, count = np.zeros(len(model.terms)), 0.0, 0
-    for evaluation in evaluations:
-        kept = evaluation.series.scored & np.isfinite(evaluation.run.force)
-        for start, values in term_forces(model, evaluation):
+    squares, total, count = np.zeros(len(polynomial.terms)), 0.0, 0
+    for one in runs:
+        kept = one.series.scored & np.isfinite(one.run.force)
+        for start, values in term_forces(polynomial, model, one):
             chosen = kept[start : start + values.shape[1]]
             squares += (values[:, chosen] ** 2).sum(axis=1)
-        total += float((evaluation.run.force[kept] ** 2).sum())
+        total += float((one.run.force[kept] ** 2).sum())
         count += int(kept.sum())
     return np.sqrt(squares / max(count, 1)), float(np.sqrt(total / max(count, 1)))
 
 
-def term_forces(model: Model, evaluation: Evaluation) -> list[tuple[int, F]]:
+def term_forces(polynomial: Polynomial, model: Model, one: SimulatedSeries) -> list[tuple[int, F]]:
     """Return the force [N] of each term along the free run, in pieces: first tick and values (terms, ticks).
 
     At every tick they add up to the simulated force.
     """
-    series, run, terms = evaluation.series, evaluation.run, compile_terms(model.terms)
-    inputs = (series.position, series.speed, series.current)
-    made = constructed_values(terms.constructed, model.envelope, inputs, series.segments, series.rate_Hz)
-    powers = power_table(terms.powers, model.envelope, *inputs, made)
-    gain = np.array([term.coefficient for term in model.terms])[:, None]
+    series, run = one.series, one.run
+    inputs = np.stack([series.position, series.speed, series.current])
+    terms, powers = powers_of_inputs(polynomial, model, inputs, series.segments)
+    gain = np.array([term.coefficient for term in polynomial.terms])[:, None]
     pieces = []
     for s, (start, stop) in enumerate(series.segments):
         for k0 in range(start, stop, CHUNK):
@@ -117,8 +119,7 @@ def _outputs(term: Term) -> tuple[Factor, ...]:
 
 
 def _factor(f: Factor, never_negative: bool) -> Markup:
-    lag = f"\N{MINUS SIGN}{f.lag}" if f.lag else ""
-    s = Markup('<span class="signal"><var>{}</var>(<var>k</var>{})</span>').format(SYMBOLS.get(f.signal, f.signal), lag)
+    s = signal_symbol(f.signal, f.lag)
     odd = f.power % 2 == 1.0
     if f.signal == "force":
         return s

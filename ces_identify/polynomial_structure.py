@@ -1,0 +1,96 @@
+"""Polynomial NARX models offline: how terms are chosen and fitted; prepared series in, a model out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ces_identify.numerics import search_clock
+from ces_identify.polynomial.constructed_data import within_data
+from ces_identify.polynomial.free_run import run_polynomial
+from ces_identify.polynomial.limits import Found, Listener
+from ces_identify.polynomial.problem import Problem, pose
+from ces_identify.polynomial.refit import refitted
+from ces_identify.polynomial.regressors import Rules
+from ces_identify.polynomial.selection import search
+from ces_identify.polynomial.term_table import term_table
+from ces_identify.polynomial.time_constant import settled
+from ces_identify.preparation.series import Series
+from ces_identify.structure_kit import Fitted, Options, StructureKit
+from ces_observer.errors import CesError
+from ces_observer.model import Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Term
+
+LEAST_SHARE = 0.5  # of the time that is left to the search, however long posing took
+
+
+def fit_polynomial(training: Sequence[Series], sampling: Sampling, options: Options, listener: Listener) -> Fitted:
+    """Return the best polynomial of the options' candidates; raises CesError if the series hold too little.
+
+    A last fit on all identification data is kept only if it does not make their free run worse.
+    """
+    began = search_clock.now()
+    problem = posed(training, options)
+    seconds = max(LEAST_SHARE * options.limits.seconds, options.limits.seconds - (search_clock.now() - began))
+    limits = replace(options.limits, seconds=seconds)
+    found = [f for f in search(problem, limits, listener) if f.cost < 100.0]
+    if not found:
+        raise CesError("no candidate lowered the cost below 100 %: check signs, signals and rules, or give more time")
+    model, found = _best_model(problem, sampling, found, options.certify)
+    how = {
+        "method": f"{options.limits.method}, judged by free run",
+        "candidates": len(problem.candidates),
+        "most_terms": options.limits.most_terms,
+    }
+    return Fitted(model, found, how)
+
+
+def posed(training: Sequence[Series], options: Options) -> Problem:
+    """Return the problem of choosing terms on prepared series, with every open time constant found."""
+    rules = _useful_rules(options.rules.at_rate(training[0].rate_Hz), training)
+    rules = settled(rules, training, options.limits, options.certify, options.weighting)
+    return pose(training, rules.candidates(), options.certify, options.weighting)
+
+
+def _useful_rules(rules: Rules, training: Sequence[Series]) -> Rules:
+    """Return the rules without products of a current that does not change, and with what they construct in range."""
+    current = np.concatenate([series.current for series in training])
+    constant = np.ptp(current) <= 1e-3 * max(1e-9, float(np.abs(current).max()))
+    return within_data(rules.without("current") if constant else rules, training)
+
+
+def _best_model(problem: Problem, sampling: Sampling, found: Sequence[Found], prove: bool) -> tuple[Model, list[Found]]:
+    """Return the model of the best start, with `prove` of the best whose proof succeeds, and the starts from it on."""
+    for i, best in enumerate(found):
+        model = _model(problem, sampling, best)
+        if not prove:
+            return model, list(found)
+        if model.is_stable():
+            return replace(model, certificate=model.certify().to_mapping()), list(found[i:])
+    raise CesError(
+        "no model found could be proved stable; let past forces be multiplied by fewer different lags, or give "
+        "--no-certificate"
+    )
+
+
+def _model(problem: Problem, sampling: Sampling, best: Found) -> Model:
+    try:
+        coefficients = refitted(problem, best)
+    except KeyboardInterrupt:
+        coefficients = best.coefficients
+    terms = [Term(float(c), problem.candidates[i].factors) for c, i in zip(coefficients, best.chosen, strict=True)]
+    return Model(sampling, Polynomial(tuple(terms)), problem.envelope, problem.force_envelope)
+
+
+POLYNOMIAL = StructureKit(
+    option="polynomial",
+    about="polynomial NARX",
+    body=Polynomial,
+    sizes=(),
+    fitter=lambda sizes: fit_polynomial,
+    batch_run=run_polynomial,
+    table=term_table,
+)

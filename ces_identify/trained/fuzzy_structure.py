@@ -1,0 +1,132 @@
+"""Neuro-fuzzy models offline: their size, how they are fitted, run in batch and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from ces_identify.polynomial.limits import Listener
+from ces_identify.preparation.series import Series
+from ces_identify.structure_kit import Fitted, Options, SimulatedSeries, SizeOption, StructureKit
+from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.trained.fuzzy_kernels import fuzzy_free_run
+from ces_identify.trained.lagged_fit import LAGS, Lags, changing, fit_family, regressors
+from ces_identify.trained.lagged_table import regressor_table
+from ces_identify.trained.training import Training
+from ces_identify.typesetting import UNITS, ModelTable, four_figures, minus, parameter_table, signal_symbol
+from ces_observer.model import Model, Sampling
+from ces_observer.structures.fuzzy import Fuzzy, Rule
+from ces_observer.structures.lagged import Regressor
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741
+
+MOST_RULES = 60
+
+
+@dataclass(frozen=True)
+class FuzzyShape:
+    """A neuro-fuzzy model's size: memberships of speed and of current (each combination is a rule), and regressors.
+
+    `current_delay_s` is the delay of the current that the rules are chosen by, `decay` the price of a squared
+    consequent in (J / 100)^2. Called, it fits models of that size (Jang 1993).
+    """
+
+    speeds: int = 7
+    currents: int = 2
+    current_delay_s: float = 0.008
+    lags: Lags = LAGS
+    decay: float = 3e-6
+
+    def __call__(self, training: Sequence[Series], sampling: Sampling, options: Options, listener: Listener) -> Fitted:
+        """Return the best neuro-fuzzy model."""
+        return fit_family("anfis", self.family, training, sampling, options, listener)
+
+    def family(self, data: Training, rate_Hz: float) -> FuzzyFit:
+        """Return the neuro-fuzzy models of this size on the data."""
+        grid = [Grid("speed", 0, self.speeds)]
+        if self.currents > 1 and "current" in changing(data):
+            grid.append(Grid("current", round(self.current_delay_s * rate_Hz), self.currents))
+        return FuzzyFit(data, regressors(data, self.lags, rate_Hz), tuple(grid), self.decay)
+
+
+def read_grid(text: str) -> tuple[int, int]:
+    """Return the two numbers of memberships in `VxI`; raises ValueError."""
+    speeds, _, currents = text.partition("x")
+    if not (speeds.isdecimal() and currents.isdecimal() and int(speeds) >= 2 and int(currents) >= 1):
+        raise ValueError(f"'{text}' is not VxI, such as 7x2: at least 2 of speed and 1 of current")
+    if int(speeds) * int(currents) > MOST_RULES:
+        raise ValueError(f"'{text}' makes {int(speeds) * int(currents)} rules; at most {MOST_RULES}")
+    return int(speeds), int(currents)
+
+
+def run_fuzzy(fuzzy: Fuzzy, model: Model, inputs: F, segments: I) -> tuple[F, int]:
+    """Return force (ticks,) [N] and the first tick out of the force envelope (-1 if none) of a neuro-fuzzy model.
+
+    `inputs` (3, ticks) are position [m], speed [m/s] and current [A].
+    """
+    table = regressor_table(fuzzy.regressors, model.envelope, inputs, segments)
+    raw = [Regressor(p.signal, p.lag, 0.0, 1.0) for p in fuzzy.premises]
+    premises = regressor_table(raw, model.envelope, inputs, segments).values
+    counts = [len(p.memberships) for p in fuzzy.premises]
+    bells = [(b.centre, np.log(b.width), np.log(b.slope)) for p in fuzzy.premises for b in p.memberships]
+    first = np.cumsum([0, *counts[:-1]])
+    force, diverged = fuzzy_free_run(
+        *table.arrays,
+        segments,
+        fuzzy.scale_N,
+        premises,
+        np.repeat(np.arange(len(counts)), counts),
+        np.array([rule.memberships for rule in fuzzy.rules], np.int64) + first,
+        np.array([(rule.constant, *rule.linear) for rule in fuzzy.rules]),
+        np.array(bells),
+        *model.force_envelope_N,
+    )
+    return np.asarray(force), int(diverged)
+
+
+def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+    """Return the rules by where they hold, with what a step of each regressor makes of the force there."""
+    about = (
+        f"A neuro-fuzzy model of {len(fuzzy.rules)} rules, each an affine model that holds about the values named. "
+        "Numbers: force [N] for a step of one spread of the regressor."
+    )
+    heads = (Markup("Rule: about"), Markup("Constant [N]"), *(signal_symbol(r.signal, r.lag) for r in fuzzy.regressors))
+    rows = [
+        (_place(fuzzy, rule), *(four_figures(fuzzy.scale_N * number) for number in (rule.constant, *rule.linear)))
+        for rule in fuzzy.rules
+    ]
+    return parameter_table(about, heads, tuple(rows))
+
+
+def _place(fuzzy: Fuzzy, rule: Rule) -> Markup:
+    parts = [
+        Markup("{} = {} {}").format(
+            signal_symbol(p.signal, p.lag), minus(f"{p.memberships[m].centre:.3g}"), UNITS[p.signal]
+        )
+        for p, m in zip(fuzzy.premises, rule.memberships, strict=True)
+    ]
+    return Markup(", ").join(parts)
+
+
+RULES = SizeOption(
+    "rules",
+    f"{FuzzyShape().speeds}x{FuzzyShape().currents}",
+    "memberships of speed and of current of neuro-fuzzy rules, as VxI",
+    f"memberships VxI such as 7x2, at most {MOST_RULES} rules",
+    check=read_grid,
+    metavar="VxI",
+)
+ANFIS = StructureKit(
+    option="anfis",
+    about="neuro-fuzzy rules",
+    body=Fuzzy,
+    sizes=(RULES,),
+    fitter=lambda sizes: FuzzyShape(*read_grid(str(sizes["rules"]))),
+    batch_run=run_fuzzy,
+    table=fuzzy_table,
+)

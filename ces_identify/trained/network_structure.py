@@ -1,0 +1,90 @@
+"""Sigmoid networks offline: their size, how they are fitted, run in batch and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from ces_identify.polynomial.limits import Listener
+from ces_identify.preparation.series import Series
+from ces_identify.structure_kit import Fitted, Options, SimulatedSeries, SizeOption, StructureKit
+from ces_identify.trained.lagged_fit import LAGS, Lags, fit_family, regressors
+from ces_identify.trained.lagged_table import regressor_table
+from ces_identify.trained.network_fit import NetworkFit
+from ces_identify.trained.network_kernels import network_free_run
+from ces_identify.trained.training import Training
+from ces_identify.typesetting import ModelTable, four_figures, parameter_table, signal_symbol
+from ces_observer.model import Model, Sampling
+from ces_observer.structures.network import Network
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741
+
+
+@dataclass(frozen=True)
+class NetworkShape:
+    """A sigmoid network's size: units, regressors, and the price of a squared parameter in (J / 100)^2.
+
+    Called, it fits networks of that size (thesis eq. 3.4).
+    """
+
+    units: int = 10
+    lags: Lags = LAGS
+    decay: float = 3e-6
+
+    def __call__(self, training: Sequence[Series], sampling: Sampling, options: Options, listener: Listener) -> Fitted:
+        """Return the best network."""
+        return fit_family("sigmoid", self.family, training, sampling, options, listener)
+
+    def family(self, data: Training, rate_Hz: float) -> NetworkFit:
+        """Return the networks of this size on the data."""
+        return NetworkFit(data, regressors(data, self.lags, rate_Hz), self.units, self.decay)
+
+
+def run_network(network: Network, model: Model, inputs: F, segments: I) -> tuple[F, int]:
+    """Return force (ticks,) [N] and the first tick out of the force envelope (-1 if none) of a sigmoid network.
+
+    `inputs` (3, ticks) are position [m], speed [m/s] and current [A].
+    """
+    table = regressor_table(network.regressors, model.envelope, inputs, segments)
+    units = [number for unit in network.units for number in (unit.weight, unit.bias, *unit.slopes)]
+    params = np.array([network.constant, *network.linear, *units])
+    force, diverged = network_free_run(*table.arrays, segments, network.scale_N, params, *model.force_envelope_N)
+    return np.asarray(force), int(diverged)
+
+
+def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+    """Return the regressors, with what a step of each makes of the force."""
+    about = (
+        f"A sigmoid network of {len(network.units)} units. Linear part and units: force for a step of one spread, "
+        "that of the units where all are steepest; mean and spread in the signal's unit."
+    )
+    heads = ("Regressor", "Mean", "Spread", "Linear part [N]", "Units [N]")
+    rows = [
+        (signal_symbol(r.signal, r.lag), *map(four_figures, (r.mean, r.spread, *_steps(network, j))))
+        for j, r in enumerate(network.regressors)
+    ]
+    return parameter_table(about, tuple(map(Markup, heads)), tuple(rows))
+
+
+def _steps(network: Network, j: int) -> tuple[float, float]:
+    units = sum(0.25 * abs(unit.weight * unit.slopes[j]) for unit in network.units)
+    return network.scale_N * network.linear[j], network.scale_N * units
+
+
+UNITS = SizeOption(
+    "units", NetworkShape().units, "sigmoids of a sigmoid network", "whole numbers from 1 to 60", whole=(1, 60)
+)
+SIGMOID = StructureKit(
+    option="sigmoid",
+    about="sigmoid network NARX",
+    body=Network,
+    sizes=(UNITS,),
+    fitter=lambda sizes: NetworkShape(units=int(sizes["units"])),
+    batch_run=run_network,
+    table=network_table,
+)

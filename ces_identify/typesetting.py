@@ -1,0 +1,65 @@
+"""Numbers, signals and the table of a model's numbers as a report shows them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+SYMBOLS = {"force": "F", "speed": "v", "current": "i", "position": "x"}
+UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table: its head, and the style classes of its head and of its cells."""
+
+    head: Markup
+    head_class: str = "n"
+    cell_class: str = "n"
+
+
+@dataclass(frozen=True)
+class ModelTable:
+    """A model's numbers as a section of a report: `ident` of the section, title, equation, columns and rows of cells.
+
+    Notes are sentences before and after the one that explains the symbols.
+    """
+
+    ident: str
+    title: str
+    equation: Markup
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Markup, ...], ...]
+    note_before: str = ""
+    note_after: str = ""
+
+
+def parameter_table(about: str, heads: tuple[Markup, ...], rows: tuple[tuple[Markup, ...], ...]) -> ModelTable:
+    """Return the table of a model without terms: a first column of names and columns of numbers; `about` explains."""
+    columns = (Column(heads[0], "", "formula"), *map(Column, heads[1:]))
+    return ModelTable("parameters", "Parameters", Markup(""), columns, rows, note_before=about)
+
+
+def signal_symbol(signal: str, lag: int) -> Markup:
+    """Return the signal so many ticks ago, such as v(k - 1)."""
+    ago = f"\N{MINUS SIGN}{lag}" if lag else ""
+    return Markup('<span class="signal"><var>{}</var>(<var>k</var>{})</span>').format(SYMBOLS.get(signal, signal), ago)
+
+
+def four_figures(value: float) -> Markup:
+    """Return a number to four figures."""
+    return Markup("{}").format(minus(f"{value:.4g}"))
+
+
+def three_figures(value: float) -> str:
+    """Return a cost, share or force to three figures, `∞` if it is infinite, a dash if there is none."""
+    if not math.isfinite(value):
+        return "\N{INFINITY}" if math.isinf(value) else "\N{EN DASH}"
+    return f"{value:.0f}" if value >= 99.95 else f"{value:.1f}" if value >= 9.995 else f"{value:.2f}"
+
+
+def minus(text: str) -> str:
+    """Return `text` with true minus signs."""
+    return text.replace("-", "\N{MINUS SIGN}")

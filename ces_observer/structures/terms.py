@@ -1,0 +1,109 @@
+"""Terms of a polynomial model: products of powers of signals, each with what bounds it over ranges of its inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import copysign
+
+from ces_observer.errors import ModelError
+from ces_observer.proof.intervals import Interval, down, up
+from ces_observer.structures.constructed import Constructed, Hat
+from ces_observer.structures.structure import Range, Ranges
+
+LEAST_SIZE = 1e-100  # a slope nearer to zero than that may overflow: as good as none
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One factor of a term: a signal `lag` ticks ago, as |s|^power, or as sign(s) |s|^power if `signed`.
+
+    A `force` factor is the model's own past output (lag >= 1, power 1, signed). A signal that is neither that nor an
+    input is constructed from inputs; its `definition` tells how.
+    """
+
+    signal: str
+    lag: int
+    power: float = 1.0
+    signed: bool = True
+    definition: Constructed | None = None
+
+    @property
+    def variable(self) -> tuple[str, int]:
+        """What the factor is a function of, signal and lag: a hat is one of the signal it is of."""
+        return (self.definition.of if isinstance(self.definition, Hat) else self.signal), self.lag
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Where the factor bends, besides zero."""
+        return self.definition.kinks if isinstance(self.definition, Hat) else ()
+
+    def at(self, value: float) -> float:
+        """Return the factor where its variable is `value`."""
+        if isinstance(self.definition, Hat):
+            return self.definition.at(value)
+        size = float(abs(value) ** self.power)
+        return copysign(size, value) if self.signed else size
+
+    def signal_range(self, ranges: Ranges) -> Range:
+        """Return the range of the factor's signal."""
+        return ranges[self.signal] if self.definition is None else self.definition.range(ranges)
+
+    def variable_range(self, ranges: Ranges) -> Range:
+        """Return the range of the factor's variable."""
+        return self.definition.base_range(ranges) if isinstance(self.definition, Hat) else self.signal_range(ranges)
+
+    def interval(self, at: Interval) -> Interval:
+        """Return an interval that holds the factor for every value of its variable in `at`.
+
+        Powers are rounded by two floats.
+        """
+        if isinstance(self.definition, Hat):
+            return self.definition.interval(at)
+        low, high = at
+        if self.signed:
+            at_zero = 0.0**self.power  # power 0 is a sign: at zero it may be taken as either
+            lowest = copysign(abs(low) ** self.power, low) if low else -at_zero
+            highest = copysign(abs(high) ** self.power, high) if high else at_zero
+            return down(down(lowest)), up(up(highest))
+        smallest = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
+        largest = max(abs(low), abs(high))
+        return max(0.0, down(down(smallest**self.power))), up(up(largest**self.power))
+
+    def slope_interval(self, at: Interval) -> Interval | None:
+        """Return an interval that holds the factor's derivative over `at`, None if `at` nears zero (but for a hat)."""
+        if isinstance(self.definition, Hat):
+            return self.definition.slope_interval(at)
+        if at[0] <= LEAST_SIZE and at[1] >= -LEAST_SIZE:
+            return None
+        ends = [self.power * abs(s) ** (self.power - 1.0) for s in at]
+        low, high = down(down(down(min(ends)))), up(up(up(max(ends))))
+        return (low, high) if self.signed or at[0] > 0.0 else (-high, -low)
+
+
+@dataclass(frozen=True)
+class Term:
+    """A coefficient [N per product of the factors' units] times its factors, at most one of them a past force."""
+
+    coefficient: float
+    factors: tuple[Factor, ...]
+
+    @property
+    def output_lag(self) -> int:
+        """Lag of the past force in ticks, 0 if there is none."""
+        return next((f.lag for f in self.factors if f.signal == "force"), 0)
+
+    @property
+    def inputs(self) -> tuple[Factor, ...]:
+        """The factors that are not past forces."""
+        return tuple(f for f in self.factors if f.signal != "force")
+
+
+def constructed_in(terms: Sequence[Term]) -> tuple[Constructed, ...]:
+    """Return the constructed inputs of `terms` by name, hats last; raises ModelError if two of a name differ."""
+    known: dict[str, Constructed] = {}
+    used = {f.definition for term in terms for f in term.factors if f.definition is not None}
+    for one in used | {one.base for one in used if isinstance(one, Hat) and one.base is not None}:
+        if known.setdefault(one.name, one) != one:
+            raise ModelError(f"constructed input '{one.name}': defined twice, differently; expected a name for each")
+    return tuple(sorted(known.values(), key=lambda one: (isinstance(one, Hat), one.name)))

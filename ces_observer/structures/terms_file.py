@@ -1,0 +1,69 @@
+"""The block `terms` of a model file: products in, checked terms out, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import prod
+from typing import Any
+
+from ces_observer.checked import Checked
+from ces_observer.errors import ModelError
+from ces_observer.structures.constructed import Constructed, Hat
+from ces_observer.structures.constructed_file import MOST_CONSTRUCTED, constructed_from
+from ces_observer.structures.structure import MAX_LAG, Ranges
+from ces_observer.structures.terms import Factor, Term
+
+SIGNALS = ("force", "speed", "current", "position")
+MAX_TERMS = 500
+MAX_FACTORS = 8
+MAX_POWER = 8.0
+MOST_COEFFICIENT = 1e30
+MOST_REACH = 1e100  # of a term and of its factors' product: sums, slopes and bounds of them stay far from overflow
+
+
+def terms_from(root: Checked, inputs: Ranges) -> tuple[Term, ...]:
+    """Check the keys `terms` and `constructed` of a model file over its ranges of inputs; raises ModelError."""
+    given = root.items("constructed", 1, MOST_CONSTRUCTED) if "constructed" in root.value else ()
+    constructed = constructed_from(given)
+    return tuple(_term_from(item, constructed, inputs) for item in root.items("terms", 1, MAX_TERMS))
+
+
+def term_to_json(term: Term) -> dict[str, Any]:
+    """Return what the model file keeps of a term."""
+    factors = [
+        {"signal": f.signal, "lag": f.lag}
+        if f.signal == "force"
+        else {"signal": f.signal, "lag": f.lag, "power": f.power, "signed": f.signed}
+        for f in term.factors
+    ]
+    return {"coefficient": term.coefficient, "factors": factors}
+
+
+def _term_from(node: Checked, constructed: Mapping[str, Constructed], inputs: Ranges) -> Term:
+    node.only("coefficient", "factors")
+    factors = tuple(_factor_from(item, constructed) for item in node.items("factors", 0, MAX_FACTORS))
+    if sum(f.signal == "force" for f in factors) > 1:
+        raise ModelError(f"{node.where}: more than one past force; expected at most one, so that bounds can be proved")
+    term = Term(node.number("coefficient", -MOST_COEFFICIENT, MOST_COEFFICIENT), factors)
+    if not _reach(term, inputs) <= MOST_REACH:
+        raise ModelError(f"{node.where}: can grow beyond {MOST_REACH:g} in the input envelope; expected lower powers")
+    return term
+
+
+def _factor_from(node: Checked, constructed: Mapping[str, Constructed]) -> Factor:
+    signal = node.choice("signal", (*SIGNALS, *constructed))
+    if signal == "force":
+        node.only("signal", "lag")
+        return Factor("force", node.whole("lag", 1, MAX_LAG))
+    node.only("signal", "lag", "power", "signed")
+    lag = node.whole("lag", 0, MAX_LAG)
+    power, definition = node.number("power", 0.0, MAX_POWER), constructed.get(signal)
+    if isinstance(definition, Hat) and power != 1.0:
+        raise ModelError(f"{node.where}: power is {power:g}; expected 1, as '{signal}' is a membership")
+    return Factor(signal, lag, power, node.flag("signed"), definition)
+
+
+def _reach(term: Term, inputs: Ranges) -> float:
+    """Return what bounds the term's product over the ranges, and every part of that product."""
+    sizes = [max(1.0, *map(abs, f.signal_range(inputs))) ** f.power for f in term.inputs]
+    return prod([max(1.0, abs(term.coefficient)), *sizes])
