@@ -24,19 +24,19 @@ from damper_set import RATE, WARM_UP, F, series
 from identification_peers import FED, HELPED, POWER_FED, RAW, Columns, Feed, Fitted
 from measuring import Spent, installed, print_table, say, timed
 
-from ces_identify.polynomial_structure import posed
-from ces_identify.structure_kit import Options
-from ces_identify.trained.fuzzy_structure import FuzzyShape
-from ces_identify.trained.network_structure import NetworkShape
-from ces_identify.trained.lagged_fit import Lags, regressors
 from ces_identify.polynomial.limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
 from ces_identify.polynomial.refit import refitted
 from ces_identify.polynomial.selection import search
+from ces_identify.polynomial_structure import posed
 from ces_identify.preparation.cost import cost
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.simulate import simulate_series
+from ces_identify.structure_kit import Options
 from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.trained.fuzzy_structure import FuzzyShape
+from ces_identify.trained.lagged_fit import Lags, regressors
 from ces_identify.trained.network_fit import NetworkFit
+from ces_identify.trained.network_structure import NetworkShape
 from ces_identify.trained.simulation_error import Family, train
 from ces_identify.trained.training import Training, training
 from ces_observer.model import Model

@@ -21,14 +21,14 @@ import blas_one_thread  # noqa: F401 - before NumPy
 from damper_set import RATE, series
 from measuring import print_table, say
 
-from ces_identify.polynomial_structure import posed
-from ces_identify.structure_kit import Options
 from ces_identify.polynomial.limits import BOTH, METHODS, Found, Limits
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.selection import search
+from ces_identify.polynomial_structure import posed
 from ces_identify.preparation.cost import series_cost
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.simulate import simulate_series
+from ces_identify.structure_kit import Options
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from ces_identify.identify import identify
-from ces_identify.structure_kit import Options
 from ces_identify.polynomial.constructed_options import with_blend, with_constructed
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.regressors import Rules, load_rules
 from ces_identify.recordings.bag_reader import RecordingWarning, read_recording
 from ces_identify.recordings.signals_file import load_signals
+from ces_identify.structure_kit import Options
 
 BAGS = Path(__file__).resolve().parent.parent / "bags"
 FITTED, JUDGED = ("noise", "sweep"), ("sine_4hz", "road")

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ces_identify.identify import identify
-from ces_identify.structure_kit import Options
 from ces_identify.polynomial.limits import Limits
+from ces_identify.structure_kit import Options
 from ces_observer.model import Model
 from ces_rig.dampers.effects import Withheld
 from ces_rig.dampers.hydraulic.effects import Hydraulic

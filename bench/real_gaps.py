@@ -27,13 +27,13 @@ from real_gaps_simulations import BandBrake, StaticMap
 from ces_cli.bags import import_
 from ces_gap.diagnose import Options, diagnose
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis, Estimate
-from ces_identify.structure_kit import Options as IdentifyOptions
 from ces_identify.identify import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
+from ces_identify.structure_kit import Options as IdentifyOptions
 
 ROOT = Path(__file__).resolve().parent.parent
 BRFD_BOTH = ("0.25Hz30lbtension1amplitude", "1Hz30lbtension1amplitude")

@@ -21,11 +21,13 @@ from joblib import Memory, Parallel, delayed, parallel_config
 from thesis_one_step import one_step_model
 
 from ces_identify.identify import identify
-from ces_identify.structure_kit import Options
-from ces_identify.identify_trained import ANFIS, NETWORK, identify_anfis, identify_network
 from ces_identify.polynomial.limits import BOTH, RANDOM, Limits
 from ces_identify.polynomial.regressors import load_rules, parse_rules
+from ces_identify.polynomial_structure import fit_polynomial
 from ces_identify.recordings.recording import Recording
+from ces_identify.structure_kit import Options
+from ces_identify.trained.fuzzy_structure import FuzzyShape
+from ces_identify.trained.network_structure import NetworkShape
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, reseeded, run
@@ -34,7 +36,7 @@ ROOT = Path(__file__).resolve().parent.parent
 MADE_BY = ("ces_observer", "ces_identify", "ces_rig", "thesis_models", "thesis_one_step")
 FRESH = 1000  # is added to the seed of an experiment for the run that models are judged on
 
-POLYNOMIAL = "polynomial"
+POLYNOMIAL, NETWORK, ANFIS = "polynomial", "sigmoid", "anfis"
 THESIS, OURS = "thesis", "ours"
 BY_THESIS = {POLYNOMIAL: "its procedure", NETWORK: "one-step training", ANFIS: "one-step training"}
 TERMS = 11  # most of a polynomial in table 5.1
@@ -160,9 +162,10 @@ def _train(job: Job, recordings: Sequence[Recording], seconds: float) -> Model:
     limits = Limits(job.terms, seconds, starts=starts, threads=1, method=BOTH if ours else RANDOM)
     if job.structure != POLYNOMIAL and not ours:
         return one_step_model(job.structure, recordings, limits)
-    how = {POLYNOMIAL: identify, NETWORK: identify_network, ANFIS: identify_anfis}[job.structure]
+    fitter = {POLYNOMIAL: fit_polynomial, NETWORK: NetworkShape(), ANFIS: FuzzyShape()}[job.structure]
     rules = load_rules(None) if ours else parse_rules(yaml.safe_load(BY_LAGS), "candidates by lags")
-    return how(recordings, (), Options(split=1.0, rules=rules, limits=limits, certify=ours)).model
+    options = Options(split=1.0, rules=rules, limits=limits, certify=ours)
+    return identify(recordings, (), options, fitter=fitter).model
 
 
 def processors() -> int:

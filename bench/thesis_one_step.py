@@ -8,24 +8,22 @@ by free run on the selection ticks, as the thesis chooses its polynomials. Nothi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.identify_trained import NETWORK
-from ces_identify.trained.fuzzy_structure import FuzzyShape
-from ces_identify.trained.network_structure import NetworkShape
-from ces_identify.trained.lagged_fit import regressors
 from ces_identify.polynomial.limits import Limits
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Recording
 from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
-from ces_identify.trained.lagged_table import Table, delayed
+from ces_identify.trained.fuzzy_structure import FuzzyShape
+from ces_identify.trained.lagged_fit import regressors
+from ces_identify.trained.lagged_kernels import Table
+from ces_identify.trained.lagged_table import delayed
 from ces_identify.trained.network_fit import NetworkFit
-from ces_identify.trained.network_kernels import network_normal_equations
+from ces_identify.trained.network_structure import SIGMOID, NetworkShape
 from ces_identify.trained.simulation_error import train
 from ces_identify.trained.training import Training, training
 from ces_observer.errors import CesError
@@ -44,13 +42,7 @@ class OneStepNetwork(NetworkFit):
 
     def errors(self, params: F, most: float) -> tuple[float, F, F]:
         """Return the squared one-step error with the price of decay, its matrix and its gradient."""
-        t = self.training
-        error, matrix, gradient = network_normal_equations(
-            *self.known.arrays, t.segments, t.scale_N, params, *t.loose, t.measured,
-            t.estimation, most,
-        )  # fmt: skip
-        matrix[np.diag_indices_from(matrix)] += self.decay
-        return error + self.decay * float(params @ params), matrix, gradient - self.decay * params
+        return self.errors_on(self.known, params, most)
 
 
 class OneStepFuzzy(FuzzyFit):
@@ -63,7 +55,7 @@ class OneStepFuzzy(FuzzyFit):
 
     def errors(self, params: F, most: float) -> tuple[float, F, F]:
         """Return the squared one-step error with all prices, its matrix and its gradient."""
-        return self._errors(self.known, params, most)
+        return self.errors_on(self.known, params, most)
 
 
 def with_measured_past(table: Table, data: Training) -> Table:
@@ -72,7 +64,7 @@ def with_measured_past(table: Table, data: Training) -> Table:
     for j in np.flatnonzero(table.past_lags):
         past = delayed(data.measured, int(table.past_lags[j]), data.segments)
         values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
-    return replace(table, values=values, past_lags=np.zeros_like(table.past_lags))
+    return table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
 
 
 def one_step_model(structure: str, recordings: Sequence[Recording], limits: Limits) -> Model:
@@ -87,7 +79,7 @@ def one_step_model(structure: str, recordings: Sequence[Recording], limits: Limi
 
 
 def _family(structure: str, data: Training, rate_Hz: float) -> NetworkFit | FuzzyFit:
-    if structure == NETWORK:
+    if structure == SIGMOID.option:
         network = NetworkShape()
         return OneStepNetwork(data, regressors(data, network.lags, rate_Hz), network.units, network.decay)
     fuzzy = FuzzyShape()

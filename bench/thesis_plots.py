@@ -14,11 +14,10 @@ from PIL import Image
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
-from thesis_models import BY_THESIS, OURS, POLYNOMIAL, THESIS, Row
+from thesis_models import ANFIS, BY_THESIS, NETWORK, OURS, POLYNOMIAL, THESIS, Row
 
 from ces_cli.terminal.cost_picture import MEASURED, SIMULATED
 from ces_cli.terminal.tables import percent
-from ces_identify.identify_trained import ANFIS, NETWORK
 from ces_identify.report.window import choose_window
 from ces_identify.validation.evaluate import Evaluation
 

@@ -17,7 +17,9 @@ from functools import cache
 
 from thesis_markdown import between, markdown, put_between
 from thesis_models import (
+    ANFIS,
     BY_THESIS,
+    NETWORK,
     OURS,
     POLYNOMIAL,
     ROOT,
@@ -34,7 +36,6 @@ from thesis_models import (
 from thesis_plant import plant_cost
 from thesis_plots import draw_all, figures
 
-from ces_identify.identify_trained import ANFIS, NETWORK
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Recording
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate

@@ -14,11 +14,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ces_observer.tracker import DOUBT, LARGEST_CHANGE, OVERDUE, PATIENCE, SETTLING
+
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741 - the index arrays of every kernel
 
 BLOCK = 1024  # ticks worked on at a time, so that they stay in the first-level cache
-PATIENCE, OVERDUE, SETTLING, DOUBT, LARGEST_CHANGE = 10, 1.5, 3.0, 5.0, 5.0  # as in ces_observer.tracker
 STATUS_OK, STATUS_ORDER, STATUS_OUTLIER, STATUS_RESTART, STATUS_UNSETTLED = 0, 1, 2, 3, 4
 
 

@@ -6,7 +6,7 @@ premises by steps down that equation error, in turn. The free-run fit that follo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
 
@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.numerics.levenberg import Evaluate, damped_step
-from ces_identify.trained.fuzzy_kernels import fuzzy_free_run, fuzzy_normal_equations
-from ces_identify.trained.lagged_table import Table, delayed, regressor_table
+from ces_identify.trained.fuzzy_kernels import FuzzyArrays
+from ces_identify.trained.lagged_kernels import Table, lagged_free_run, lagged_normal_equations
+from ces_identify.trained.lagged_table import delayed, regressor_table
 from ces_identify.trained.training import SIGNALS, Training
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
@@ -122,32 +123,21 @@ class FuzzyFit:
         for j in self.past:
             past = delayed(t.measured, int(table.past_lags[j]), t.segments)
             values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
-        known = replace(table, values=values, past_lags=np.zeros_like(table.past_lags))
-        return lambda params, most: self._errors(known, params, most)
+        known = table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
+        return lambda params, most: self.errors_on(known, params, most)
 
     def errors(self, params: F, most: float) -> tuple[float, F, F]:
         """Return the squared error on the estimation ticks with all prices, its matrix and its gradient."""
-        return self._errors(self.table, params, most)
+        return self.errors_on(self.table, params, most)
 
-    def _errors(self, table: Table, params: F, most: float) -> tuple[float, F, F]:
+    def errors_on(self, table: Table, params: F, most: float) -> tuple[float, F, F]:
+        """Return the errors on these regressors."""
         t = self.training
-        consequents, bells = self.parts(params)
-        slopes = np.exp(bells[:, 2])
+        slopes = np.exp(self.parts(params)[1][:, 2])
         if slopes.min() < LEAST_SLOPE or slopes.max() > MOST_SLOPE:
             return np.inf, np.empty(0), np.empty(0)
-        error, matrix, gradient = fuzzy_normal_equations(
-            *table.arrays,
-            t.segments,
-            t.scale_N,
-            self.premises,
-            self.owner,
-            self.rules,
-            consequents,
-            bells,
-            *t.loose,
-            t.measured,
-            t.estimation,
-            most,
+        error, matrix, gradient = lagged_normal_equations(
+            table, t.segments, self._arrays(params), *t.loose, t.measured, t.estimation, most
         )
         price, moved = self._prices(params)
         matrix[np.diag_indices_from(matrix)] += price
@@ -164,17 +154,11 @@ class FuzzyFit:
     def force(self, params: F) -> F:
         """Return the free run [N] over the training ticks, NaN where it left the force envelope."""
         t = self.training
-        force, _ = fuzzy_free_run(
-            *self.table.arrays,
-            t.segments,
-            t.scale_N,
-            self.premises,
-            self.owner,
-            self.rules,
-            *self.parts(params),
-            *t.force_envelope,
-        )
+        force, _ = lagged_free_run(self.table, t.segments, self._arrays(params), *t.force_envelope)
         return np.asarray(force)
+
+    def _arrays(self, params: F) -> FuzzyArrays:
+        return FuzzyArrays(self.training.scale_N, self.premises, self.owner, self.rules, *self.parts(params))
 
     def gains(self, params: F) -> tuple[F, F]:
         """Return each rule's gain of past forces (rules,) and its gradient (rules, parameters)."""

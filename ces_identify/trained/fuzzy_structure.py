@@ -13,8 +13,9 @@ from ces_identify.polynomial.limits import Listener
 from ces_identify.preparation.series import Series
 from ces_identify.structure_kit import Fitted, Options, SimulatedSeries, SizeOption, StructureKit
 from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
-from ces_identify.trained.fuzzy_kernels import fuzzy_free_run
+from ces_identify.trained.fuzzy_kernels import FuzzyArrays
 from ces_identify.trained.lagged_fit import LAGS, Lags, changing, fit_family, regressors
+from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.training import Training
 from ces_identify.typesetting import UNITS, ModelTable, four_figures, minus, parameter_table, signal_symbol
@@ -75,17 +76,15 @@ def run_fuzzy(fuzzy: Fuzzy, model: Model, inputs: F, segments: I) -> tuple[F, in
     counts = [len(p.memberships) for p in fuzzy.premises]
     bells = [(b.centre, np.log(b.width), np.log(b.slope)) for p in fuzzy.premises for b in p.memberships]
     first = np.cumsum([0, *counts[:-1]])
-    force, diverged = fuzzy_free_run(
-        *table.arrays,
-        segments,
+    arrays = FuzzyArrays(
         fuzzy.scale_N,
         premises,
         np.repeat(np.arange(len(counts)), counts),
         np.array([rule.memberships for rule in fuzzy.rules], np.int64) + first,
         np.array([(rule.constant, *rule.linear) for rule in fuzzy.rules]),
         np.array(bells),
-        *model.force_envelope_N,
     )
+    force, diverged = lagged_free_run(table, segments, arrays, *model.force_envelope_N)
     return np.asarray(force), int(diverged)
 
 

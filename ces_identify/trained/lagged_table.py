@@ -3,34 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_identify.trained.lagged_kernels import Table
 from ces_observer.model import Envelope
 from ces_observer.structures.lagged import COLUMNS, Regressor
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
-
-
-@dataclass(frozen=True)
-class Table:
-    """Regressors over the ticks: `values` (ticks, regressors), 0 where a past force belongs.
-
-    `past_lags` (regressors,) is the lag of a past force, 0 for an input; `past_means` and `past_spreads` scale it.
-    """
-
-    values: F
-    past_lags: I
-    past_means: F
-    past_spreads: F
-
-    @property
-    def arrays(self) -> tuple[F, I, F, F]:
-        """Values, lags, means and spreads, in the order every kernel takes them."""
-        return self.values, self.past_lags, self.past_means, self.past_spreads
 
 
 def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs: F, segments: I) -> Table:

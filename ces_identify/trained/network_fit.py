@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.trained.lagged_table import Table, regressor_table
-from ces_identify.trained.network_kernels import network_free_run, network_normal_equations
+from ces_identify.trained.lagged_kernels import Table, lagged_free_run, lagged_normal_equations
+from ces_identify.trained.lagged_table import regressor_table
+from ces_identify.trained.network_kernels import NetworkArrays
 from ces_identify.trained.training import Training
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.lagged import Regressor
@@ -65,9 +66,13 @@ class NetworkFit:
 
     def errors(self, params: F, most: float) -> tuple[float, F, F]:
         """Return the squared error on the estimation ticks with the price of decay, its matrix and its gradient."""
+        return self.errors_on(self.table, params, most)
+
+    def errors_on(self, table: Table, params: F, most: float) -> tuple[float, F, F]:
+        """Return the errors on these regressors."""
         t = self.training
-        error, matrix, gradient = network_normal_equations(
-            *self.table.arrays, t.segments, t.scale_N, params, *t.loose, t.measured, t.estimation, most
+        error, matrix, gradient = lagged_normal_equations(
+            table, t.segments, self._arrays(params), *t.loose, t.measured, t.estimation, most
         )
         matrix[np.diag_indices_from(matrix)] += self.decay
         return error + self.decay * float(params @ params), matrix, gradient - self.decay * params
@@ -75,8 +80,11 @@ class NetworkFit:
     def force(self, params: F) -> F:
         """Return the free run [N] over the training ticks, NaN where it left the force envelope."""
         t = self.training
-        force, _ = network_free_run(*self.table.arrays, t.segments, t.scale_N, params, *t.force_envelope)
+        force, _ = lagged_free_run(self.table, t.segments, self._arrays(params), *t.force_envelope)
         return np.asarray(force)
+
+    def _arrays(self, params: F) -> NetworkArrays:
+        return NetworkArrays(self.training.scale_N, params, self.units)
 
     def gains(self, params: F) -> tuple[F, F]:
         """Return a bound (1,) on the gain of past forces and its gradient (1, parameters).

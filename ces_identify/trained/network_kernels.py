@@ -1,18 +1,27 @@
-"""Kernels of sigmoid networks: the free run, and its sensitivities to every parameter.
+"""Kernels of sigmoid networks: the force of a tick and its derivatives, for the loop in lagged_kernels.py.
 
 Parameters of a network of R regressors: constant, linear (R), then for each unit its weight, bias and slopes (R).
-Regressors come as the arrays of `lagged_table.Table`; `segments[s] = (start, stop)` are ticks without a gap, before
-which forces count as zero. Slow readable twin: `ces_observer.structures.network.NetworkRun`.
+Slow readable twin: `ces_observer.structures.network.NetworkRun`.
 """
 
 from __future__ import annotations
 
-from math import exp, inf
+from math import exp
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.normal_matrix import BLOCK, F, I, accumulate, deepest, mirror, propagate
+from ces_identify.numerics.normal_matrix import F, I, propagate
+from ces_identify.trained.lagged_kernels import Table, fill_regressors, register
+
+
+class NetworkArrays(NamedTuple):
+    """A network: force = scale times its output [N], `params` and number of units."""
+
+    scale: float
+    params: F
+    units: int
 
 
 @njit(cache=True, nogil=True)
@@ -34,105 +43,7 @@ def network_tick(phi: F, params: F, risen: F) -> float:
 
 
 @njit(cache=True, nogil=True)
-def network_free_run(
-    values: F,
-    past_lags: I,
-    past_means: F,
-    past_spreads: F,
-    segments: I,
-    scale: float,
-    params: F,
-    low: float,
-    high: float,
-) -> tuple[F, int]:
-    """Simulate every segment from its own past forces.
-
-    Returns force (ticks,) [N], NaN from where it left [low, high] to the end of that segment, and the first such
-    tick, or -1.
-    """
-    ticks, r = values.shape
-    force = np.zeros(ticks)
-    phi = np.empty(r)
-    risen = np.empty((len(params) - 1 - r) // (2 + r))
-    first = -1
-    for s in range(len(segments)):
-        start, stop = segments[s, 0], segments[s, 1]
-        for k in range(start, stop):
-            for j in range(r):
-                phi[j] = values[k, j]
-                if past_lags[j] > 0:
-                    past = force[k - past_lags[j]] if k - past_lags[j] >= start else 0.0
-                    phi[j] = (past - past_means[j]) / past_spreads[j]
-            force[k] = scale * network_tick(phi, params, risen)
-            if not low <= force[k] <= high:
-                force[k:stop] = np.nan
-                first = k if first < 0 else first
-                break
-    return force, first
-
-
-@njit(cache=True, nogil=True)
-def network_normal_equations(
-    values: F,
-    past_lags: I,
-    past_means: F,
-    past_spreads: F,
-    segments: I,
-    scale: float,
-    params: F,
-    low: float,
-    high: float,
-    measured: F,
-    weights: F,
-    most: float,
-) -> tuple[float, F, F]:
-    """Return the weighted squared error of the free run, its Gauss-Newton matrix and (descending) gradient.
-
-    The error is infinite, and the rest unfinished, if the force leaves [low, high] or the error exceeds `most`.
-    """
-    r = values.shape[1]
-    n_params = len(params)
-    depth = deepest(past_lags)
-    matrix = np.zeros((n_params, n_params))
-    gradient = np.zeros(n_params)
-    past = np.empty(depth + BLOCK)
-    slopes = np.empty((depth + BLOCK, n_params))
-    errors = np.empty(BLOCK)
-    phi = np.empty(r)
-    gains = np.zeros(r)
-    risen = np.empty((n_params - 1 - r) // (2 + r))
-    total = 0.0
-    for s in range(len(segments)):
-        start, stop = segments[s, 0], segments[s, 1]
-        past[:depth] = 0.0
-        slopes[:depth] = 0.0
-        for k0 in range(start, stop, BLOCK):
-            n = min(k0 + BLOCK, stop) - k0
-            for i in range(n):
-                for j in range(r):
-                    phi[j] = values[k0 + i, j]
-                    if past_lags[j] > 0:
-                        phi[j] = (past[depth + i - past_lags[j]] - past_means[j]) / past_spreads[j]
-                y = scale * network_tick(phi, params, risen)
-                if not low <= y <= high:
-                    return inf, matrix, gradient
-                past[depth + i] = y
-                errors[i] = measured[k0 + i] - y
-                _direct(phi, params, risen, scale, past_lags, slopes[depth + i], gains)
-                for j in range(r):
-                    gains[j] /= past_spreads[j]
-                propagate(slopes, depth + i, past_lags, gains)
-            total += accumulate(matrix, gradient, slopes[depth : depth + n], errors[:n], weights[k0 : k0 + n])
-            if total > most:
-                return inf, matrix, gradient
-            past[:depth] = past[n : n + depth].copy()
-            slopes[:depth] = slopes[n : n + depth].copy()
-    mirror(matrix)
-    return total, matrix, gradient
-
-
-@njit(cache=True, nogil=True)
-def _direct(phi: F, params: F, risen: F, scale: float, past_lags: I, row: F, gains: F) -> None:
+def network_slopes(phi: F, params: F, risen: F, scale: float, past_lags: I, past_spreads: F, row: F, gains: F) -> None:
     """Fill `row` with the derivative of one tick's force by the parameters, `gains` with that by the past forces."""
     r = len(phi)
     row[0] = scale
@@ -150,3 +61,26 @@ def _direct(phi: F, params: F, risen: F, scale: float, past_lags: I, row: F, gai
             if past_lags[j] > 0:
                 gains[j] += steep * params[at + 2 + j]
         at += 2 + r
+    for j in range(r):
+        gains[j] /= past_spreads[j]
+
+
+def _run_block(
+    arrays: NetworkArrays, table: Table, k0: int, n: int, past: F, now: int, low: float, high: float, slopes: F
+) -> int:
+    scale, params, units = arrays
+    values, past_lags, past_means, past_spreads = table
+    phi, gains, risen = np.empty(values.shape[1]), np.empty(values.shape[1]), np.empty(units)
+    for i in range(n):
+        fill_regressors(phi, values[k0 + i], past_lags, past_means, past_spreads, past, now + i)
+        y = scale * network_tick(phi, params, risen)
+        if not low <= y <= high:
+            return i
+        past[now + i] = y
+        if len(slopes) > 0:
+            network_slopes(phi, params, risen, scale, past_lags, past_spreads, slopes[now + i], gains)
+            propagate(slopes, now + i, past_lags, gains)
+    return n
+
+
+register(NetworkArrays, lambda arrays: len(arrays.params), _run_block)

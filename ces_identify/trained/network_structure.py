@@ -13,9 +13,10 @@ from ces_identify.polynomial.limits import Listener
 from ces_identify.preparation.series import Series
 from ces_identify.structure_kit import Fitted, Options, SimulatedSeries, SizeOption, StructureKit
 from ces_identify.trained.lagged_fit import LAGS, Lags, fit_family, regressors
+from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.network_fit import NetworkFit
-from ces_identify.trained.network_kernels import network_free_run
+from ces_identify.trained.network_kernels import NetworkArrays
 from ces_identify.trained.training import Training
 from ces_identify.typesetting import ModelTable, four_figures, parameter_table, signal_symbol
 from ces_observer.model import Model, Sampling
@@ -53,7 +54,8 @@ def run_network(network: Network, model: Model, inputs: F, segments: I) -> tuple
     table = regressor_table(network.regressors, model.envelope, inputs, segments)
     units = [number for unit in network.units for number in (unit.weight, unit.bias, *unit.slopes)]
     params = np.array([network.constant, *network.linear, *units])
-    force, diverged = network_free_run(*table.arrays, segments, network.scale_N, params, *model.force_envelope_N)
+    arrays = NetworkArrays(network.scale_N, params, len(network.units))
+    force, diverged = lagged_free_run(table, segments, arrays, *model.force_envelope_N)
     return np.asarray(force), int(diverged)
 
 

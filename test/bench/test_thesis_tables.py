@@ -17,9 +17,9 @@ from thesis_one_step import OneStepFuzzy, OneStepNetwork
 from thesis_plant import PULL, integrated, plant_cost
 from thesis_tables import ROWS, jobs, judge, table
 
-from ces_identify.trained.lagged_fit import Lags, regressors
 from ces_identify.preparation.series import prepare
 from ces_identify.trained.fuzzy_fit import Grid
+from ces_identify.trained.lagged_fit import Lags, regressors
 from ces_identify.trained.training import training
 from ces_observer.model import Sampling
 from ces_rig.experiment import run

@@ -6,8 +6,8 @@ from planted import NETWORK, SAMPLING, planted
 
 from ces_identify.folds import between, cross_validate, split_folds
 from ces_identify.identify import Identified
-from ces_identify.structure_kit import Options
 from ces_identify.preparation.series import prepare
+from ces_identify.structure_kit import Options
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_observer.errors import CesError
 

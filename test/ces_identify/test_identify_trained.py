@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, RATE_HZ, planted
 
-from ces_identify.structure_kit import Options
-from ces_identify.identify_trained import identify_anfis, identify_network
-from ces_identify.trained.fuzzy_structure import FuzzyShape
-from ces_identify.trained.network_structure import NetworkShape
-from ces_identify.trained.lagged_fit import Lags
+from ces_identify.identify import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Channel
+from ces_identify.structure_kit import Options
+from ces_identify.trained.fuzzy_structure import FuzzyShape
+from ces_identify.trained.lagged_fit import Lags
+from ces_identify.trained.network_structure import NetworkShape
 from ces_identify.trained.simulation_error import MOST_GAIN
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
@@ -22,8 +22,8 @@ from ces_observer.model import parse_model
 
 LAGS = Lags((1,), (0.0, 1 / RATE_HZ), (3 / RATE_HZ,))
 KINDS = {
-    "network": (identify_network, NETWORK, NetworkShape(3, LAGS, 1e-8)),
-    "fuzzy": (identify_anfis, FUZZY, FuzzyShape(2, 1, 3 / RATE_HZ, LAGS, 1e-8)),
+    "network": (NETWORK, NetworkShape(3, LAGS, 1e-8)),
+    "fuzzy": (FUZZY, FuzzyShape(2, 1, 3 / RATE_HZ, LAGS, 1e-8)),
 }
 NOISE_N = 4.0
 
@@ -34,7 +34,7 @@ def options(**changes):
 
 
 def found(kind, split=1.0, training=None, listener=lambda found: None, **changes):
-    identify, model, shape = KINDS[kind]
+    model, shape = KINDS[kind]
     recordings = training or [planted(model, 1), planted(model, 2)]
     fresh = planted(model, 3, name="fresh")
     return identify(recordings, [fresh], options(split=split, **changes), listener, shape)
@@ -75,7 +75,7 @@ def test_the_file_holds_the_model_and_where_it_came_from(result):
 
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_held_out_data_do_not_change_the_model(kind):
-    clean = planted(KINDS[kind][1], 1)
+    clean = planted(KINDS[kind][0], 1)
     force = clean.channel("force")
     values = force.values.copy()
     late = round(0.75 * len(values)) + 1
@@ -90,7 +90,7 @@ def test_held_out_data_do_not_change_the_model(kind):
 
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_a_constant_current_is_left_out(kind):
-    clean = planted(KINDS[kind][1], 4)
+    clean = planted(KINDS[kind][0], 4)
     current = clean.channel("current")
     fixed = {**clean.channels, "current": replace(current, values=np.full(len(current), 0.5))}
     identified = found(kind, 1.0, [replace(clean, channels=fixed)], limits=Limits(seconds=30.0, starts=1))
@@ -128,7 +128,7 @@ def test_without_a_certificate_none_is_written():
 
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_a_preload_far_from_zero_is_no_obstacle(kind):
-    recording = planted(KINDS[kind][1], 1)
+    recording = planted(KINDS[kind][0], 1)
     force = recording.channel("force")
     loaded = {**recording.channels, "force": replace(force, values=force.values - 5000.0)}
     identified = found(kind, 1.0, [replace(recording, channels=loaded)], limits=Limits(seconds=20.0, starts=1))
@@ -138,7 +138,7 @@ def test_a_preload_far_from_zero_is_no_obstacle(kind):
 def test_a_damper_slower_than_may_be_proved_is_met_as_nearly_as_may_be():
     slow = replace(NETWORK, body=replace(NETWORK.body, linear=(0.99, 0.05, 0.03, 0.0), constant=0.0, units=()))
     once = Limits(seconds=20.0, starts=1)
-    identified = identify_network([planted(slow, 1)], [], options(limits=once), shape=NetworkShape(2, LAGS, 1e-8))
+    identified = identify([planted(slow, 1)], [], options(limits=once), fitter=NetworkShape(2, LAGS, 1e-8))
     assert 0.95 < identified.model.certificate["gain"] < MOST_GAIN + 1e-9
     assert identified.evaluations[0].cost < 20.0
 

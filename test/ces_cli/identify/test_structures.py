@@ -2,24 +2,27 @@ import argparse
 
 import pytest
 
-from ces_cli.identify.structures import add_structure, grid, identifier
+from ces_cli.identify.structures import add_structure, identifier
 from ces_identify.identify import identify
-from ces_identify.identify_trained import identify_anfis, identify_network
+from ces_identify.polynomial_structure import fit_polynomial
 from ces_identify.trained.fuzzy_structure import FuzzyShape
 from ces_identify.trained.network_structure import NetworkShape
 
 
 def chosen(*arguments):
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(exit_on_error=False)
     add_structure(parser)
     return identifier(parser.parse_args(arguments))
 
 
-def test_each_structure_has_its_identification():
-    assert chosen() is identify
+def test_each_structure_has_its_fitter():
+    default = chosen()
     network, anfis = chosen("--structure", "sigmoid", "--units", "6"), chosen("--structure", "anfis", "--rules", "5x3")
-    assert (network.func, network.keywords) == (identify_network, {"shape": NetworkShape(units=6)})
-    assert (anfis.func, anfis.keywords) == (identify_anfis, {"shape": FuzzyShape(speeds=5, currents=3)})
+    assert default.func is network.func is anfis.func is identify
+    assert default.keywords == {"fitter": fit_polynomial}
+    assert network.keywords == {"fitter": NetworkShape(units=6)}
+    assert anfis.keywords == {"fitter": FuzzyShape(speeds=5, currents=3)}
+    assert chosen("--structure", "anfis").keywords == {"fitter": FuzzyShape()}
 
 
 @pytest.mark.parametrize(
@@ -27,5 +30,5 @@ def test_each_structure_has_its_identification():
     [("7", "not VxI"), ("1x2", "at least 2"), ("axb", "not VxI"), ("-3x2", "not VxI"), ("20x4", "makes 80 rules")],
 )
 def test_a_grid_that_makes_no_sense_is_refused(text, message):
-    with pytest.raises(argparse.ArgumentTypeError, match=message):
-        grid(text)
+    with pytest.raises(argparse.ArgumentError, match=message):
+        chosen(f"--rules={text}")

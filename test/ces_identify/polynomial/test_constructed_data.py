@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ces_identify.identify import identify
-from ces_identify.structure_kit import Options
 from ces_identify.polynomial.constructed_data import within_data
 from ces_identify.polynomial.constructed_options import with_blend, with_constructed
 from ces_identify.polynomial.limits import Limits
@@ -14,6 +13,7 @@ from ces_identify.polynomial.regressors import load_rules, parse_rules
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
+from ces_identify.structure_kit import Options
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, Sampling, parse_model
 from ces_observer.structures.constructed import Hysteresis, hats

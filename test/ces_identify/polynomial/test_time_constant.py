@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from ces_identify.identify import identify
-from ces_identify.structure_kit import Options
 from ces_identify.polynomial.limits import GAUSS_NEWTON, Limits
 from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.polynomial.time_constant import GRID_S, settled
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
+from ces_identify.structure_kit import Options
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.constructed import Hat, Lag, hats
 from ces_observer.structures.polynomial import Polynomial

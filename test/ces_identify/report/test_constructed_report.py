@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from constructed_models import ENVELOPE, FREQUENCY, LOW, PLAY, STOP, constructed_damper, used
 
+from ces_identify.polynomial.term_table import coefficient_unit, term_forces, typeset
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.polynomial.term_table import coefficient_unit, term_forces, typeset
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.structures.terms import Factor, Term
 
@@ -39,5 +39,5 @@ def test_the_terms_add_up_to_the_force():
     channels = {name: Channel(name, "", stamps, values) for name, values in rows.items()}
     model = constructed_damper()
     (evaluation,) = evaluate(model, [prepare(Recording("r", channels), model.sampling)], VALIDATION)
-    for start, values in term_forces(model, evaluation):
+    for start, values in term_forces(model.body, model, evaluation):
         np.testing.assert_allclose(values.sum(axis=0), evaluation.run.force[start : start + values.shape[1]], atol=1e-8)

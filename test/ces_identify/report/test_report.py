@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ces_identify.polynomial.problem import envelope_of
+from ces_identify.polynomial.term_table import coefficient_unit, contributions, term_forces, typeset
 from ces_identify.preparation.cost import weighted_cost
 from ces_identify.preparation.series import Series, prepare
 from ces_identify.preparation.weighting import parse_weighting
@@ -19,7 +20,6 @@ from ces_identify.report import write_report
 from ces_identify.report.drawing import Axis, panel
 from ces_identify.report.grid import make_grid
 from ces_identify.report.marks import band, line, shade
-from ces_identify.polynomial.term_table import coefficient_unit, contributions, term_forces, typeset
 from ces_identify.report.window import choose_window
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.validation.cost_interval import pooled_cost
@@ -185,13 +185,13 @@ def test_every_term_is_listed_with_its_coefficient(tmp_path: Path, both: list[Ev
 def test_term_forces_add_up_to_the_free_run(both: list[Evaluation]) -> None:
     for e in both:
         total = np.zeros(len(e.series))
-        for start, values in term_forces(model(), e):
+        for start, values in term_forces(model().body, model(), e):
             total[start : start + values.shape[1]] += values.sum(axis=0)
         np.testing.assert_allclose(total, e.run.force, rtol=1e-9, atol=1e-9)
 
 
 def test_contribution_is_the_rms_of_the_term_on_scored_ticks(both: list[Evaluation]) -> None:
-    rms, whole = contributions(model(), both)
+    rms, whole = contributions(model().body, model(), both)
     speed = np.concatenate([np.roll(e.series.speed, 2)[e.series.scored] for e in both])
     force = np.concatenate([e.run.force[e.series.scored] for e in both])
     assert rms[2] == pytest.approx(90.0 * np.sqrt(np.mean(speed**2)), rel=1e-9)

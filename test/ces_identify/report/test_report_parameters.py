@@ -6,7 +6,7 @@ from planted import FUZZY, NETWORK, SAMPLING, planted
 
 from ces_identify.preparation.series import prepare
 from ces_identify.report import write_report
-from ces_identify.report.parameters import parameter_table
+from ces_identify.structures import model_table
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
@@ -18,7 +18,7 @@ def plain(markup):
 
 
 def test_a_network_shows_each_regressor_in_newtons():
-    table = parameter_table(NETWORK)
+    table = model_table(NETWORK, [], VALIDATION)
     assert [plain(row[0]) for row in table.rows] == ["F(k−1)", "v(k)", "v(k−1)", "i(k−3)"]
     assert [plain(cell) for cell in table.rows[1][1:]] == [
         "0",
@@ -29,13 +29,15 @@ def test_a_network_shows_each_regressor_in_newtons():
 
 
 def test_rules_are_named_by_their_memberships():
-    table = parameter_table(FUZZY)
+    table = model_table(FUZZY, [], VALIDATION)
     assert [plain(row[0]) for row in table.rows] == ["v(k) = −0.4 m/s", "v(k) = 0.4 m/s"]
     assert [plain(cell) for cell in table.rows[0][1:]] == ["−200", "400", "50", "25", "−25"]
 
 
-def test_a_polynomial_has_no_such_table():
-    assert parameter_table(Model(SAMPLING, Polynomial((Term(1.0, ()),)), NETWORK.envelope, (-1, 1))) is None
+def test_a_polynomial_shows_its_terms():
+    model = Model(SAMPLING, Polynomial((Term(-1.5, ()),)), NETWORK.envelope, (-1, 1))
+    table = model_table(model, [], VALIDATION)
+    assert (table.ident, [plain(cell) for cell in table.rows[0]]) == ("terms", ["1", "−1.5", "N", "–", "–"])
 
 
 @pytest.mark.parametrize(("model", "rows"), [(NETWORK, 4), (FUZZY, 2)])

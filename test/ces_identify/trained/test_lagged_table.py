@@ -22,4 +22,4 @@ def test_a_table_is_clamped_then_scaled_and_leaves_room_for_past_forces():
     np.testing.assert_allclose(table.values[:, 0], [-0.3, -0.3, 0.5])
     np.testing.assert_array_equal(table.values[:, 1], 0.0)
     np.testing.assert_allclose(table.values[:, 2], [0.25, 0.5, 0.0])
-    assert [a.tolist() for a in table.arrays[1:]] == [[0, 3, 0], [0.0, 10.0, 0.0], [1.0, 50.0, 1.0]]
+    assert [a.tolist() for a in table[1:]] == [[0, 3, 0], [0.0, 10.0, 0.0], [1.0, 50.0, 1.0]]

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from planted import NETWORK, SAMPLING, planted
 
-from ces_identify.trained.lagged_fit import Lags, changing, regressors
 from ces_identify.preparation.cost import cost
 from ces_identify.preparation.series import prepare
+from ces_identify.trained.lagged_fit import Lags, changing, regressors
 from ces_identify.trained.training import training
 from ces_observer.errors import RecordingError
 

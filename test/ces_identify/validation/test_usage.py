@@ -5,10 +5,10 @@ from planted import NETWORK, planted
 from residual_series import series
 
 from ces_identify.identify import identify
-from ces_identify.structure_kit import Options
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.problem import estimation_ticks, pose
 from ces_identify.polynomial.regressors import parse_rules
+from ces_identify.structure_kit import Options
 from ces_identify.validation.usage import RULE, usage
 from ces_observer.structures.terms import Term
 

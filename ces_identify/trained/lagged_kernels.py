@@ -1,0 +1,114 @@
+"""The one loop of all models on lagged regressors: the free run, and its sensitivities to every parameter.
+
+A structure comes as a NamedTuple of its arrays. Numba picks its part of the loop by that type: `make_work` returns room
+to work in, `force_at` the force of a tick, `derive_at` its derivatives. Each is declared here and given for a structure
+by `numba.extending.overload` beside its arrays. Regressors come as the arrays of `lagged_table.Table`;
+`segments[s] = (start, stop)` are ticks without a gap, before which forces count as zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numba.extending import overload
+
+from ces_identify.numerics.normal_matrix import BLOCK, F, I, accumulate, deepest, mirror
+
+
+class Table(NamedTuple):
+    """Regressors over the ticks: `values` (ticks, regressors), 0 where a past force belongs.
+
+    `past_lags` (regressors,) is the lag of a past force, 0 for an input; `past_means` and `past_spreads` scale it.
+    """
+
+    values: F
+    past_lags: I
+    past_means: F
+    past_spreads: F
+
+
+def register(arrays: type, count: Callable[..., int], run_block: Callable[..., int]) -> None:
+    """Let the loop run models whose arrays are of this type, by functions that Numba can compile.
+
+    `count(arrays)` is the number of parameters. `run_block(arrays, table, k0, n, past, now, low, high, slopes)` runs
+    the `n` ticks from `k0` on and returns how many it did: all, or those before the force left [low, high]. It keeps
+    the force [N] of tick k0 + i in past[now + i] and, unless `slopes` is empty, its sensitivities in slopes[now + i];
+    those of earlier ticks stand before.
+    """
+
+    def choose(given: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda first, *rest: given if getattr(first, "instance_class", None) is arrays else None
+
+    overload(_count, strict=False)(choose(count))
+    overload(_run_block, strict=False)(choose(run_block))
+
+
+def _count(arrays: Any) -> int: ...
+def _run_block(
+    arrays: Any, table: Table, k0: int, n: int, past: F, now: int, low: float, high: float, slopes: F
+) -> int: ...
+
+
+@njit(cache=True, nogil=True)
+def lagged_free_run(table: Table, segments: I, arrays: Any, low: float, high: float) -> tuple[F, int]:
+    """Simulate every segment from its own past forces.
+
+    Returns force (ticks,) [N], NaN from where it left [low, high] to the end of that segment, and the first such
+    tick, or -1.
+    """
+    depth = deepest(table.past_lags)
+    force = np.zeros(len(table.values))
+    none = np.empty((0, 0))
+    first = -1
+    for s in range(len(segments)):
+        start, stop = segments[s, 0], segments[s, 1]
+        past = np.zeros(depth + stop - start)
+        end = start + _run_block(arrays, table, start, stop - start, past, depth, low, high, none)
+        force[start:end] = past[depth : depth + end - start]
+        if end < stop:
+            force[end:stop] = np.nan
+            first = end if first < 0 else first
+    return force, first
+
+
+@njit(cache=True, nogil=True)
+def lagged_normal_equations(
+    table: Table, segments: I, arrays: Any, low: float, high: float, measured: F, weights: F, most: float
+) -> tuple[float, F, F]:
+    """Return the weighted squared error of the free run, its Gauss-Newton matrix and (descending) gradient.
+
+    The error is infinite, and the rest unfinished, if the force leaves [low, high] or the error exceeds `most`.
+    """
+    n_params, depth = _count(arrays), deepest(table.past_lags)
+    matrix, gradient = np.zeros((n_params, n_params)), np.zeros(n_params)
+    past, slopes = np.empty(depth + BLOCK), np.empty((depth + BLOCK, n_params))
+    total = 0.0
+    for s in range(len(segments)):
+        start, stop = segments[s, 0], segments[s, 1]
+        past[:depth] = 0.0
+        slopes[:depth] = 0.0
+        for k0 in range(start, stop, BLOCK):
+            n = min(k0 + BLOCK, stop) - k0
+            if _run_block(arrays, table, k0, n, past, depth, low, high, slopes) < n:
+                return inf, matrix, gradient
+            errors = measured[k0 : k0 + n] - past[depth : depth + n]
+            total += accumulate(matrix, gradient, slopes[depth : depth + n], errors, weights[k0 : k0 + n])
+            if total > most:
+                return inf, matrix, gradient
+            past[:depth] = past[n : n + depth].copy()
+            slopes[:depth] = slopes[n : n + depth].copy()
+    mirror(matrix)
+    return total, matrix, gradient
+
+
+@njit(cache=True, nogil=True)
+def fill_regressors(phi: F, values: F, past_lags: I, past_means: F, past_spreads: F, past: F, now: int) -> None:
+    """Fill `phi` with the regressors of a tick, from its row of a Table's `values` and the forces before past[now]."""
+    for j in range(len(phi)):
+        phi[j] = values[j]
+        if past_lags[j] > 0:
+            phi[j] = (past[now - past_lags[j]] - past_means[j]) / past_spreads[j]
