@@ -47,10 +47,14 @@ def register(arrays: type, count: Callable[..., int], run_block: Callable[..., i
     overload(_run_block, strict=False)(choose(run_block))
 
 
-def _count(arrays: Any) -> int: ...
+def _count(arrays: Any) -> int:
+    raise NotImplementedError
+
+
 def _run_block(
     arrays: Any, table: Table, k0: int, n: int, past: F, now: int, low: float, high: float, slopes: F
-) -> int: ...
+) -> int:
+    raise NotImplementedError
 
 
 @njit(cache=True, nogil=True)

@@ -27,8 +27,8 @@ def require_stable(model: Model, source: str) -> None:
     """Prove the model's stability anew, whatever its file claims; raises ModelError naming `source`."""
     if not model.is_stable():
         raise ModelError(
-            f"{source}: its past forces are not proved to count for less than one over its input envelope; identify it "
-            "anew with a certificate, or set allow_uncertified: true to run it all the same"
+            f"{source}: {model.body.unproved}; identify it anew with a certificate, or set allow_uncertified: true to "
+            "run it all the same"
         )
 
 

@@ -1,10 +1,8 @@
 """Model structures: one file each, registered here by the name that model files call them."""
 
-from collections.abc import Mapping
-
 from ces_observer.structures.fuzzy import Fuzzy
 from ces_observer.structures.network import Network
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.structure import Structure
 
-STRUCTURES: Mapping[str, type[Structure]] = {one.name: one for one in (Polynomial, Network, Fuzzy)}
+STRUCTURES: dict[str, type[Structure]] = {one.name: one for one in (Polynomial, Network, Fuzzy)}

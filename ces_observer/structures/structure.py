@@ -47,10 +47,12 @@ class Predictor(Protocol):
 
 
 class Structure(ABC):
-    """The part of a model that makes the force. `name` is what a model file calls it, `keys` hold its numbers there."""
+    """The part of a model that makes the force. `name` is what a model file calls it, `keys` hold its numbers
+    there; `unproved` says in words what is missing where `is_stable` fails."""
 
     name: ClassVar[str]
     keys: ClassVar[tuple[str, ...]]
+    unproved: ClassVar[str] = "its past forces are not proved to count for less than one over its input envelope"
 
     @property
     @abstractmethod

@@ -8,12 +8,12 @@ import pytest
 
 from ces_identify.export.export_fmu import binary_path, export_fmu
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.proof.certificate import Certificate
+from ces_observer.proof.certificate import Contraction
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) on this machine")
-UNPROVED = Certificate(2.0, 1.0, 1)
+UNPROVED = Contraction(2.0, 1.0, 1, "", "")
 SPEED, CURRENT = Factor("speed", 0), Factor("current", 0)
 
 # F = damping * speed * (1 + current) + stiffness * position, at once: what it answers shows when inputs arrive.

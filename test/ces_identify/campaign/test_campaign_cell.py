@@ -70,24 +70,21 @@ def test_data_that_hold_too_little_fail_the_cell_in_a_line(work):
 
 
 def test_an_unexpected_error_crashes_the_cell_only(work, monkeypatch):
-    def broken(*given):
+    def broken(*given, **more):
         raise ZeroDivisionError("one\ntwo")
 
-    monkeypatch.setattr(module, "identifier", lambda cell: broken)
+    monkeypatch.setattr(module, "identify", broken)
     done = computed(work, "one", "polynomial")
     assert (done.row["status"], done.row["reason"]) == (CRASHED, "ZeroDivisionError: one two")
 
 
 def test_a_search_that_was_interrupted_is_no_result(work, monkeypatch):
-    identify = module.identifier
+    identify = module.identify
 
-    def cut(cell):
-        def run(*given):
-            result = identify(cell)(*given)
-            return replace(result, found=tuple(replace(f, ended="interrupted") for f in result.found))
+    def cut(*given, **more):
+        result = identify(*given, **more)
+        return replace(result, found=tuple(replace(f, ended="interrupted") for f in result.found))
 
-        return run
-
-    monkeypatch.setattr(module, "identifier", cut)
+    monkeypatch.setattr(module, "identify", cut)
     with pytest.raises(KeyboardInterrupt):
         computed(work, "one", "polynomial")

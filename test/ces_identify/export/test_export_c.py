@@ -6,23 +6,23 @@ import random
 import shutil
 import struct
 import subprocess
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from constructed_models import TERMS as CONSTRUCTED
+from trained_models import fuzzy_model
 
 from ces_identify.export.export_c import LONGEST_NAME, NAME_ENDING, REASONS, export_c, identifier, number
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.proof.certificate import Certificate
+from ces_observer.proof.certificate import Contraction
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-O2", "-Werror"]
 CODES = {reason: code for code, reason in enumerate(REASONS.values())}
-UNPROVED = Certificate(2.0, 1.0, 1)
+UNPROVED = Contraction(2.0, 1.0, 1, "", "")
 COUNT = 2000
 MS = 1_000_000
 HARNESS = """
@@ -470,7 +470,7 @@ def test_names_that_c_cannot_bear_are_refused(name, stem, message):
 
 def test_other_structures_are_refused():
     with pytest.raises(ModelError, match="structure is anfis; only polynomial_narx"):
-        export_c(replace(make(*PLAIN), structure="anfis"), "model", "model", UNPROVED)
+        export_c(fuzzy_model(), "model", "model", UNPROVED)
 
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])

@@ -1,0 +1,188 @@
+"""A structure that nothing here has heard of: registered once on the vehicle and once offline, and all of it works."""
+
+import json
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from markupsafe import Markup
+from planted import RATE_HZ, SAMPLING, WIDE, planted
+
+from ces_cli.identify.program import parser
+from ces_cli.identify.reproof import reprove
+from ces_cli.identify.structures import identifier
+from ces_identify import structures as offline
+from ces_identify.polynomial.limits import Found
+from ces_identify.report import write_report
+from ces_identify.simulations.simulate import sample_force
+from ces_identify.structure_kit import Fitted, Options, SizeOption, StructureKit
+from ces_identify.typesetting import parameter_table
+from ces_observer import structures as on_vehicle
+from ces_observer.control.steady_force import steady_force
+from ces_observer.errors import ModelError
+from ces_observer.estimator import Estimator
+from ces_observer.model import Model, load_model, parse_model
+from ces_observer.nodes.model_check import require_stable
+from ces_observer.proof.certificate import Certificate
+from ces_observer.structures.structure import Structure
+
+
+@dataclass(frozen=True)
+class Dissipative(Certificate):
+    """A proof of another kind than a contraction: it has a bound of its own, and asks for no envelope."""
+
+    viscosity: float
+    claim: ClassVar[str] = "force times speed is never negative"
+    method: ClassVar[str] = "sign of the viscosity"
+
+    @property
+    def holds(self) -> bool:
+        return self.viscosity > 0.0
+
+    @property
+    def force_N(self) -> float:
+        return np.inf
+
+    @property
+    def bounds(self) -> Mapping[str, float]:
+        return {"viscosity_Ns_m": self.viscosity}
+
+    @property
+    def doubt(self) -> str:
+        return "it drives the motion"
+
+    @property
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        return (("viscosity", f"{self.viscosity:g} N s/m"),)
+
+
+class DashpotRun:
+    """The free run: no past at all."""
+
+    def __init__(self, viscosity: float) -> None:
+        self.viscosity, self.clamped = viscosity, False
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def tick(self, position: float, speed: float, current: float) -> float:
+        return self.viscosity * speed
+
+
+@dataclass(frozen=True)
+class Dashpot(Structure):
+    """Force = viscosity times speed."""
+
+    name: ClassVar[str] = "dashpot"
+    keys: ClassVar[tuple[str, ...]] = ("viscosity_Ns_m",)
+    unproved: ClassVar[str] = "it is not proved to dissipate"
+    viscosity: float
+
+    @property
+    def max_lag(self) -> int:
+        return 0
+
+    @property
+    def size(self) -> str:
+        return "1 dashpot"
+
+    def to_json(self) -> dict[str, Any]:
+        return {"viscosity_Ns_m": self.viscosity}
+
+    @classmethod
+    def from_json(cls, root, inputs):
+        return cls(root.number("viscosity_Ns_m", -1e6, 1e6))
+
+    def make_predictor(self, within):
+        return DashpotRun(self.viscosity)
+
+    def certify(self, within):
+        return Dissipative(self.viscosity)
+
+
+def fit(share):
+    def fitter(training, sampling, options, listener):
+        v, f = (np.concatenate([getattr(s, name) for s in training]) for name in ("speed", "force"))
+        model = Model(sampling, Dashpot(share * float(v @ f / (v @ v))), WIDE, (-1e5, 1e5))
+        certificate = model.certify().to_mapping() if options.certify else None
+        model = Model(sampling, model.body, WIDE, (-1e5, 1e5), certificate)
+        found = Found(np.arange(1), np.array([model.body.viscosity]), 1.0, 1, 1, "solved")
+        return Fitted(model, [found], {"method": "least squares"})
+
+    return fitter
+
+
+def table(body, model, runs, role):
+    return parameter_table(
+        "A dashpot.", (Markup("Of"), Markup("N s/m")), ((Markup("it"), Markup(str(body.viscosity))),)
+    )
+
+
+KIT = StructureKit(
+    option="dashpot",
+    about="a dashpot",
+    body=Dashpot,
+    sizes=(SizeOption("percent", 100, "share of the least squares", "whole numbers from 1 to 200", whole=(1, 200)),),
+    fitter=lambda sizes: fit(0.01 * sizes["percent"]),
+    batch_run=lambda body, model, inputs, segments: (body.viscosity * inputs[1], -1),
+    table=table,
+)
+
+
+@pytest.fixture(autouse=True)
+def registered(monkeypatch):
+    monkeypatch.setitem(on_vehicle.STRUCTURES, Dashpot.name, Dashpot)
+    monkeypatch.setitem(offline.KITS, KIT.option, KIT)
+
+
+def model(viscosity=800.0):
+    return Model(SAMPLING, Dashpot(viscosity), WIDE, (-1e5, 1e5))
+
+
+def test_it_goes_through_a_model_file(tmp_path):
+    model().save(tmp_path / "m.json")
+    assert load_model(tmp_path / "m.json") == model()
+    raw = json.loads(model().to_json())
+    assert (raw["structure"], raw["viscosity_Ns_m"]) == ("dashpot", 800.0)
+    with pytest.raises(ModelError, match="unknown key 'terms'"):
+        parse_model(json.dumps({**raw, "terms": []}), "m.json")
+
+
+def test_the_estimator_gives_what_the_batch_gives():
+    recording = planted(model(), 1)
+    position, estimator = recording.channel("position"), Estimator(model())
+    current = recording.channel("current").values
+    rows = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
+    forces = [estimator.step(*row) for row in rows]
+    got = np.array([np.nan if force is None else force for force in forces])
+    np.testing.assert_allclose(got, sample_force(model(), recording), rtol=1e-9, atol=1e-9)
+    assert np.isfinite(got).mean() > 0.9
+
+
+def test_its_own_proof_decides(capsys):
+    require_stable(model(), "m.json")
+    with pytest.raises(ModelError, match="m.json: it is not proved to dissipate; identify it anew"):
+        require_stable(model(-1.0), "m.json")
+    assert reprove(model(), "m.json") == 0
+    assert "proved: force times speed is never negative (sign of the viscosity)" in capsys.readouterr().out
+    assert reprove(model(-1.0), "m.json") == 1
+    assert "it drives the motion" in capsys.readouterr().out
+
+
+def test_the_controller_can_invert_it():
+    assert steady_force(model(), model().make_predictor(), 0.5, 0.5) == 400.0
+
+
+def test_it_is_identified_by_its_name_and_reported(tmp_path):
+    words = shlex.split("--structure dashpot --percent 50")
+    assert parser().parse_args(["bag"]).structure == "polynomial"
+    identify = identifier(parser().parse_args(["bag", *words]))
+    found = identify([planted(model(), 1)], [planted(model(), 2)], Options(rate_Hz=RATE_HZ, bandwidth_Hz=40.0))
+    assert found.model.body.viscosity == pytest.approx(400.0, rel=0.05)
+    assert found.model.certificate["viscosity_Ns_m"] == found.model.body.viscosity
+    assert found.model.provenance["selection"]["method"] == "least squares"
+    write_report(tmp_path / "r.html", "Dashpot", found.model, found.evaluations, {})
+    assert "A dashpot." in (tmp_path / "r.html").read_text(encoding="utf-8")
