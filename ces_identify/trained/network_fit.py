@@ -89,7 +89,7 @@ class NetworkFit:
     def gains(self, params: F) -> tuple[F, F]:
         """Return a bound (1,) on the gain of past forces and its gradient (1, parameters).
 
-        It is that of ces_observer.structures.network_bounds with the kinks rounded off, upward.
+        It is that of ces_observer.structures.network with the kinks rounded off, upward.
         """
         r = len(self.regressors)
         units = params[1 + r :].reshape(self.units, 2 + r)
