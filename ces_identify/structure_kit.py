@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ces_identify.polynomial.limits import Found, Limits, Listener
 from ces_identify.polynomial.regressors import Rules, load_rules
 from ces_identify.preparation.series import Series
+from ces_identify.preparation.simulated_series import SimulatedSeries
 from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.typesetting import ModelTable
 from ces_observer.model import Model, Sampling
@@ -58,26 +59,6 @@ class Fitter(Protocol):
 
     def __call__(self, training: Sequence[Series], sampling: Sampling, options: Options, listener: Listener) -> Fitted:
         """Return the best model on prepared series; raises CesError if they hold too little."""
-
-
-class ForceRun(Protocol):
-    """A simulated force."""
-
-    @property
-    def force(self) -> F:
-        """Simulated force [N] (ticks,), NaN where there is none."""
-
-
-class SimulatedSeries(Protocol):
-    """A prepared series and a model's free run on it."""
-
-    @property
-    def series(self) -> Series:
-        """The series."""
-
-    @property
-    def run(self) -> ForceRun:
-        """The free run."""
 
 
 @dataclass(frozen=True)

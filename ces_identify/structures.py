@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.polynomial_structure import POLYNOMIAL
-from ces_identify.structure_kit import SimulatedSeries, StructureKit
+from ces_identify.preparation.simulated_series import SimulatedSeries
+from ces_identify.structure_kit import StructureKit
 from ces_identify.trained.fuzzy_structure import ANFIS
 from ces_identify.trained.network_structure import SIGMOID
 from ces_identify.typesetting import ModelTable

@@ -125,3 +125,17 @@ def test_the_listed_modules_exist_and_use_what_they_are_listed_for() -> None:
     paths = dict(modules(*PACKAGES))
     assert all(any(is_ros(top) for top in tops(name, paths[name])) for name in NODE_MODULES)
     assert all("rosbags" in tops(name, paths[name]) for name in BAG_MODULES)
+
+
+@pytest.mark.parametrize("package", ["ces_observer", "ces_identify"])
+def test_rooms_import_each_other_without_a_circle(package: str) -> None:
+    """A room is a folder of the package, or a module at its top."""
+    arrows: dict[str, set[str]] = {}
+    for name, path in modules(package):
+        room = ".".join(name.split(".")[:2])
+        others = {".".join(other.split(".")[:2]) for other in imported(name, path) if other.startswith(f"{package}.")}
+        arrows.setdefault(room, set()).update(others - {room})
+    while arrows:
+        ground = {room for room, others in arrows.items() if not others & set(arrows)}
+        assert ground, f"a circle among {', '.join(sorted(arrows))}"
+        arrows = {room: others for room, others in arrows.items() if room not in ground}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
 from ces_identify.polynomial.free_run import powers_of_inputs
-from ces_identify.structure_kit import SimulatedSeries
+from ces_identify.preparation.simulated_series import SimulatedSeries
 from ces_identify.typesetting import UNITS, Column, ModelTable, minus, signal_symbol, three_figures
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed import Hat, Hysteresis, Lag

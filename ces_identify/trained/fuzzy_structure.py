@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ces_identify.polynomial.limits import Listener
 from ces_identify.preparation.series import Series
-from ces_identify.structure_kit import Fitted, Options, SimulatedSeries, SizeOption, StructureKit
+from ces_identify.preparation.simulated_series import SimulatedSeries
+from ces_identify.structure_kit import Fitted, Options, SizeOption, StructureKit
 from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
 from ces_identify.trained.lagged_fit import LAGS, Lags, changing, fit_family, regressors

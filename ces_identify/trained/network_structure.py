@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ces_identify.polynomial.limits import Listener
 from ces_identify.preparation.series import Series
-from ces_identify.structure_kit import Fitted, Options, SimulatedSeries, SizeOption, StructureKit
+from ces_identify.preparation.simulated_series import SimulatedSeries
+from ces_identify.structure_kit import Fitted, Options, SizeOption, StructureKit
 from ces_identify.trained.lagged_fit import LAGS, Lags, fit_family, regressors
 from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table
