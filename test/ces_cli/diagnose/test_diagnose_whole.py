@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sampled_arrays import simulate_samples
 from schema_rules import faults
 
 from ces_cli.main import main
@@ -14,7 +15,6 @@ from ces_gap.report.gap_json import gap_schema
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.simulations.simulate import simulate_samples
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.signals import Signals
 from ces_observer.structures.polynomial import Polynomial

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from sampled_arrays import simulate_samples
 
 from ces_identify.preparation.series import held_current
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.simulations.simulate import sample_force, simulate_samples
+from ces_identify.simulations.simulate import sample_force
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
