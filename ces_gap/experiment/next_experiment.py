@@ -9,19 +9,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from io import StringIO
 from math import ceil
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Plant, Rerun
 from ces_gap.baseline.surrogate import Surrogate
-from ces_gap.diagnosis import NextExperiment
 from ces_gap.effects.effect import Composition, Setting
+from ces_gap.experiment.experiment_files import NextExperiment
 from ces_gap.experiment.matching import Match, nearest, refined
 from ces_gap.experiment.menu import Recipe, menu, reach_of
 from ces_gap.experiment.signatures import NONE, Probe, Tangent, fan
@@ -29,7 +26,6 @@ from ces_gap.experiment.twins import EVIDENCE
 from ces_gap.experiment.waveforms import commanded
 from ces_gap.trace import Trace, make_trace
 from ces_identify.recordings.recording import Channel, Recording
-from ces_observer.checked import write_together
 from ces_observer.errors import CesError
 
 F = NDArray[np.float64]
@@ -76,7 +72,6 @@ def next_experiment(
     if not pairs:
         return None
     whiten = seen or white_noise(noise_N)
-    plant = replace(plant, simulation=_own(plant.simulation))
     choice = menu(reach_of(traces)) if recipes is None else recipes
     tried = list(_tried(plant, exact or plant.simulation, choice, pairs, whiten, around, budget_s))
     if not tried:
@@ -112,34 +107,12 @@ def simulated(simulation: Rerun, recipe: Recipe) -> Trace:
     return replace(bare, simulated=_anew(simulation, bare))
 
 
-def write_experiment(experiment: NextExperiment, folder: Path) -> tuple[Path, Path]:
-    """Write `next_experiment.yaml`, which `ces rig` runs, and `next_experiment.csv` for a real rig; return their paths.
-
-    Columns `time_s,position_m,current_A`. Both files appear, or none; raises CesError if the folder cannot be written.
-    """
-    paths = folder / "next_experiment.yaml", folder / "next_experiment.csv"
-    text = StringIO()
-    columns = np.stack([experiment.time_s, experiment.position_m, experiment.current_A], axis=1)
-    np.savetxt(
-        text, columns, fmt=("%.3f", "%.7f", "%.4f"), delimiter=",", header="time_s,position_m,current_A", comments=""
-    )
-    purpose = " ".join(experiment.purpose.split())
-    described = f"# {purpose}\n" + yaml.safe_dump(experiment.recipe, sort_keys=False, allow_unicode=True)
-    write_together({paths[0]: described, paths[1]: text.getvalue()})
-    return paths
-
-
-def _own(simulation: Rerun) -> Rerun:
-    """Return the simulation with a memory of its own: a surrogate remembers traces, and these will be gone."""
-    return replace(simulation, known={}) if isinstance(simulation, Surrogate) else simulation
-
-
 def _anew(simulation: Rerun, trace: Trace) -> F:
     """Return the force [N] (n,) on a trace that holds no simulated force yet."""
     if isinstance(simulation, Surrogate):
         features = simulation.dictionary.features(trace, trace.inputs, np.zeros(len(trace)))
         return np.asarray(features @ simulation.weights)
-    return simulation.force(trace, replace(trace.inputs))  # a copy: for the inputs themselves it would look it up
+    return simulation.force(trace, trace.inputs)
 
 
 def _tried(
