@@ -9,7 +9,6 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -59,12 +58,6 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
     }
     whole: dict[str, Any] = plain(document, "gap.json")
     return whole
-
-
-def gap_schema() -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) that every document follows."""
-    text = resources.files("ces_gap.report").joinpath("gap.schema.json").read_text(encoding="utf-8")
-    return dict(json.loads(text))
 
 
 def _region(region: Region) -> dict[str, Any]:

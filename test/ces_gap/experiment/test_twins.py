@@ -22,7 +22,7 @@ from twin_effects import (
 )
 
 from ces_gap.baseline.noise import Noise
-from ces_gap.baseline.plant import Plant
+from ces_gap.baseline.plant import Plant, Rerun
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.errors import GapError
 from ces_gap.experiment.matching import distance, nearest, refined
@@ -139,7 +139,7 @@ def test_the_first_form_is_matched_by_any_form() -> None:
 
 
 @dataclass(frozen=True)
-class Silent:
+class Silent(Rerun):
     """A simulation that may not be asked."""
 
     def force(self, trace: Trace, inputs: Inputs) -> F:

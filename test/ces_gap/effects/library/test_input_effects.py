@@ -75,8 +75,7 @@ def refit(trace: Trace, effect: Effect, damper: Damper | Brake | None = None) ->
         return np.clip(near, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
 
     low, high = np.array([p.search_bounds() for p in effect.parameters]).T
-    given = getattr(effect, "starts_for", None)
-    starts = given(trace) if given else list(product(*(p.starts for p in effect.parameters)))
+    starts = effect.starts_for(trace)
     start = min((searched(s) for s in starts), key=lambda u: float(np.sum(residual(u) ** 2)))
     span = np.maximum(np.abs(start), 0.05 * (high - low))
     found = least_squares(residual, start, bounds=(low, high), x_scale=span, diff_step=1e-3, max_nfev=10)
