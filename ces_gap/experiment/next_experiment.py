@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Plant, Rerun
 from ces_gap.baseline.surrogate import Surrogate
-from ces_gap.effects.effect import Composition, Setting
+from ces_gap.effects.effect import Setting
 from ces_gap.experiment.experiment_files import NextExperiment
 from ces_gap.experiment.matching import Match, nearest, refined
 from ces_gap.experiment.menu import Recipe, menu, reach_of
-from ces_gap.experiment.signatures import NONE, Probe, Tangent, fan
+from ces_gap.experiment.signatures import Probe, Tangent, fan
 from ces_gap.experiment.twins import EVIDENCE
 from ces_gap.experiment.waveforms import commanded
 from ces_gap.trace import Trace, make_trace
@@ -56,28 +56,25 @@ def next_experiment(
     traces: Sequence[Trace],
     pairs: Sequence[Pair],
     noise_N: float,
-    seen: Seen | None = None,
-    around: Composition = NONE,
     exact: Rerun | None = None,
     recipes: Sequence[Recipe] | None = None,
     budget_s: float = BUDGET_S,
 ) -> NextExperiment | None:
     """Return the experiment that tells the `pairs` of fitted effects apart fastest; None without pairs or simulation.
 
-    `seen` whitens a new trace; by default noise is white of `noise_N` RMS and the force's zero is unknown. `around` are
-    the other effects, taken as found. `exact` is asked once for each experiment, where the plant's own simulation is a
-    surrogate that knows differences best. `recipes` are those to choose from, by default the menu within reach of the
-    traces. An experiment that the simulation refuses is left out.
+    Noise counts as white of `noise_N` RMS on a force whose zero is unknown. `exact` is asked once for each experiment,
+    where the plant's own simulation is a surrogate that knows differences best. `recipes` are those to choose from, by
+    default the menu within reach of the traces. An experiment that the simulation refuses is left out.
     """
     if not pairs:
         return None
-    whiten = seen or white_noise(noise_N)
+    whiten = white_noise(noise_N)
     choice = menu(reach_of(traces)) if recipes is None else recipes
-    tried = list(_tried(plant, exact or plant.simulation, choice, pairs, whiten, around, budget_s))
+    tried = list(_tried(plant, exact or plant.simulation, choice, pairs, whiten, budget_s))
     if not tried:
         return None
     finalists = sorted(tried, key=lambda t: -t.rate)[:FINALISTS]
-    again = [_compared(plant, t.recipe, t.trace, pairs, whiten, around, rerun=True) for t in finalists]
+    again = [_compared(plant, t.recipe, t.trace, pairs, whiten, rerun=True) for t in finalists]
     return _proposed(max(again, key=lambda t: t.rate), noise_N)
 
 
@@ -121,7 +118,6 @@ def _tried(
     recipes: Sequence[Recipe],
     pairs: Sequence[Pair],
     seen: Seen,
-    around: Composition,
     budget_s: float,
 ) -> Iterator[_Tried]:
     """Yield the experiments compared along tangents until the budget is spent, at least one if any can run."""
@@ -131,17 +127,15 @@ def _tried(
             return
         try:
             trace = simulated(simulation, recipe)
-            yield _compared(plant, recipe, trace, pairs, seen, around, rerun=False)
+            yield _compared(plant, recipe, trace, pairs, seen, rerun=False)
         except CesError:
             continue
         some = True
 
 
-def _compared(
-    plant: Plant, recipe: Recipe, trace: Trace, pairs: Sequence[Pair], seen: Seen, around: Composition, rerun: bool
-) -> _Tried:
+def _compared(plant: Plant, recipe: Recipe, trace: Trace, pairs: Sequence[Pair], seen: Seen, rerun: bool) -> _Tried:
     whiten = seen(trace)
-    probe = Probe(plant, [trace], lambda _, force: whiten(force), around)
+    probe = Probe(plant, [trace], lambda _, force: whiten(force))
     at = {s: probe.tangent(s) for pair in pairs for s in pair}
     matches = {pair: _told(probe, at, pair, rerun) for pair in pairs}
     worst = min(pairs, key=lambda pair: matches[pair].index)

@@ -118,11 +118,6 @@ def whitened(taken: Signature, whiten: Whiten) -> Tangent:
     return Tangent(taken, force, q, r)
 
 
-def tangents(plant: Plant, traces: Sequence[Trace], effect: Effect, values: Sequence[float], whiten: Whiten) -> Tangent:
-    """Return the tangent of `effect` at `values` around the plant alone."""
-    return Probe(plant, traces, whiten).tangent(Setting(effect, tuple(values)))
-
-
 def fan(probe: Probe, fitted: Tangent, size: float) -> list[Tangent]:
     """Return tangents of an effect at its fitted values and at a few of its starts.
 

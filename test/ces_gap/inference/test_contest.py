@@ -49,11 +49,15 @@ def test_swaps_are_tried_on_the_evidence_near_the_best_and_refined_on_the_whole(
     evidence = planted(OFFSET, FRICTION)
     close, refined = evidence.scaled(1.0), []
 
-    def refine(given: Evidence, fit: Fit) -> Fit:
-        refined.append(given)
-        return fit
+    class Watched(Refinement):
+        def refine(self, evidence: Evidence, fit: Fit) -> Fit:
+            refined.append(evidence)
+            return fit
 
-    arena = replace(contest(evidence), refine=refine, near=lambda given, fit: close)
+        def anchor(self, evidence: Evidence, fit: Fit) -> Evidence:
+            return close
+
+    arena = replace(contest(evidence), refinement=Watched())
     arena.won(together(arena, "offset", "friction"))
     assert refined and all(given is evidence for given in refined)
 
