@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from ces_gap.recorded import recorded_in
 from ces_identify.recordings.bag_reader import list_topics, read_recording
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.fmu_ports import SPEC
@@ -18,6 +17,7 @@ from ces_identify.simulations.simulation import (
     ModelSimulation,
     RecordedSimulation,
     Simulation,
+    find_predictions,
     function_simulation,
 )
 from ces_observer.errors import CesError
@@ -63,7 +63,7 @@ def import_from_here() -> None:
 
 def with_predictions(simulation: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
     """Return the recording with the predictions in its bag, if that is where the simulation's force comes from."""
-    predictions = recorded_in(simulation)
+    predictions = find_predictions(simulation)
     if predictions is None:
         return recording
     topic = predictions.topic

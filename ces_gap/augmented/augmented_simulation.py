@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from ces_gap.baseline.plant import Called, Correction, Plant, Rerun
 from ces_gap.effects.effect import Composition
 from ces_gap.errors import GapError
-from ces_gap.recorded import recorded_in
 from ces_gap.trace import Trace, make_trace, smoothed
 from ces_identify.recordings.recording import Recording
-from ces_identify.simulations.simulation import Simulation
+from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer.errors import CesError
 
 F = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class AugmentedSimulation:
+class AugmentedSimulation(Simulation):
     """A simulation with a correction and effects around it; a surrogate stands in for one that cannot be run anew."""
 
     name: str
@@ -32,6 +31,11 @@ class AugmentedSimulation:
     surrogate: Rerun | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def innermost(self) -> Simulation:
+        """The simulation that all effects and corrections are around."""
+        return self.simulation.innermost
+
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample (n,), NaN where the simulation itself gives none.
 
@@ -40,7 +44,7 @@ class AugmentedSimulation:
         """
         if not self.composition.settings and self.correction is None:
             return self.simulation.force(recording)
-        if recorded_in(self.simulation) is None:
+        if find_predictions(self.simulation) is None:
             recording = smoothed(recording, make_trace(recording, np.zeros(len(recording.channel("position")))))
         own = self.simulation.force(recording)
         trace = make_trace(recording, own)

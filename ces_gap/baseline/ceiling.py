@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +15,24 @@ from ces_gap.trace import Trace
 F = NDArray[np.float64]
 
 
-def ceiling_dictionary(traces: Sequence[Trace], forces: Sequence[F]) -> Dictionary:
-    """Return the dictionary of the ceiling for traces and the force [N] modelled on each."""
-    return Dictionary(Scales.of(traces, forces), by_time=True)
+@dataclass(frozen=True)
+class Ceiling:
+    """What the generic learner makes of measured less modelled force."""
+
+    dictionary: Dictionary
+    learnt: Learnt
+
+    def add_to(self, traces: Sequence[Trace], forces: Sequence[F]) -> list[F]:
+        """Return forces [N] (n,) modelled on some traces with what was learnt added."""
+        return [
+            f + self.dictionary.features(t, t.inputs, f) @ self.learnt.weights
+            for t, f in zip(traces, forces, strict=True)
+        ]
 
 
-def learn_ceiling(traces: Sequence[Trace], forces: Sequence[F]) -> tuple[Dictionary, Learnt]:
-    """Return what the learner makes of measured minus modelled force [N] on some traces."""
-    dictionary = ceiling_dictionary(traces, forces)
+def learn_ceiling(traces: Sequence[Trace], forces: Sequence[F]) -> Ceiling:
+    """Return what the learner makes of measured less modelled force [N] on some traces."""
+    dictionary = Dictionary(Scales.of(traces, forces), by_time=True)
     features = [dictionary.features(t, t.inputs, f) for t, f in zip(traces, forces, strict=True)]
     targets = [t.force - f for t, f in zip(traces, forces, strict=True)]
-    return dictionary, learn(features, targets, [t.usable for t in traces], traces[0].rate_Hz)
+    return Ceiling(dictionary, learn(features, targets, [t.usable for t in traces], traces[0].rate_Hz))

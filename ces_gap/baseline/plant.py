@@ -21,10 +21,15 @@ F = NDArray[np.float64]
 
 
 class Rerun(Protocol):
-    """What can simulate a trace again with other inputs."""
+    """What can simulate a trace again with other inputs; every kind is a subclass."""
 
     def force(self, trace: Trace, inputs: Inputs) -> F:
-        """Return the simulated force [N] on the grid (n,)."""
+        """Return the force [N] on the grid (n,) that is simulated for `inputs`."""
+        ...
+
+    def prepare_for(self, trace: Trace) -> Rerun:
+        """Return the same for this trace alone, with what it needs of the recorded inputs computed once."""
+        return self
 
 
 class Correction(Protocol):
@@ -35,15 +40,13 @@ class Correction(Protocol):
 
 
 @dataclass(frozen=True)
-class Called:
+class Called(Rerun):
     """A simulation that can be called with any inputs."""
 
     simulation: Simulation
 
     def force(self, trace: Trace, inputs: Inputs) -> F:
         """Return the simulated force [N] on the grid (n,); the position keeps its logged noise and jitter."""
-        if inputs is trace.inputs:
-            return trace.simulated
         return on_grid(trace, self.simulation.force(driven(trace, inputs)))
 
 
@@ -54,23 +57,33 @@ class Plant:
     simulation: Rerun
     correction: Correction | None = None
 
+    def prepare_for(self, trace: Trace) -> Plant:
+        """Return the plant for this trace alone, what its simulation needs of the recorded inputs computed once."""
+        return replace(self, simulation=self.simulation.prepare_for(trace))
+
+    def alone(self, trace: Trace) -> F:
+        """Return the corrected force [N] (n,) under the recorded inputs; nothing is simulated again."""
+        return self._correct(trace, trace.inputs, trace.simulated)
+
     def force(self, trace: Trace, inputs: Inputs) -> F:
-        """Return the corrected force [N] on the grid (n,)."""
-        simulated = self.simulation.force(trace, inputs)
-        if self.correction is None:
-            return simulated
-        return simulated + self.correction.force(trace, inputs, simulated)
+        """Return the corrected force [N] (n,) that is simulated for `inputs`."""
+        return self._correct(trace, inputs, self.simulation.force(trace, inputs))
 
     def with_effects(self, composition: Composition, trace: Trace, alone: F | None = None) -> F:
         """Return the force [N] (n,) with the effects around the plant; `alone` is the plant's own, if at hand.
 
         Effects on the input that depend on the damper's force are told its force without them, and solve for the rest.
         """
-        force = self.force(trace, trace.inputs) if alone is None else alone
+        force = self.alone(trace) if alone is None else alone
         if not any(s.effect.reruns for s in composition.settings):
             return composition.respond(trace, trace.inputs, force)
         inputs = composition.drive(trace, force)
         return composition.respond(trace, inputs, self.force(trace, inputs))
+
+    def _correct(self, trace: Trace, inputs: Inputs, simulated: F) -> F:
+        if self.correction is None:
+            return simulated
+        return simulated + self.correction.force(trace, inputs, simulated)
 
 
 def _powered(trace: Trace, inputs: Inputs, constant: float | None) -> Channel:
@@ -92,6 +105,6 @@ def driven(trace: Trace, inputs: Inputs) -> Recording:
     seconds = (position.stamps_ns - position.stamps_ns[0]) * 1e-9
     moved = np.interp(seconds, trace.time_s, inputs.position - trace.inputs.position)
     channels["position"] = replace(position, values=position.values + moved)
-    if inputs.current is not trace.inputs.current:
+    if not inputs.current_as_logged:
         channels["current"] = _powered(trace, inputs, constants.pop("current", None))
     return replace(recording, channels=channels, constants=constants)

@@ -7,7 +7,7 @@ it says of the recorded ones is added, so that most of the learner's own error c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,24 +25,23 @@ LATE_S, LAG_S, YIELD = 0.004, 0.012, 0.05  # [s], [s], share of the stroke: chan
 
 
 @dataclass(frozen=True)
-class Surrogate:
+class Surrogate(Rerun):
     """Weights (q,) of the dictionary's features, and its cost J [%] (thesis eq. 3.5) on blocks it did not see."""
 
     dictionary: Dictionary
     weights: F
     cost_J: float
-    known: dict[int, tuple[Inputs, F]] = field(default_factory=dict, compare=False, repr=False)  # of own inputs
 
     def force(self, trace: Trace, inputs: Inputs) -> F:
         """Return the simulated force [N] (n,) that the inputs would have given."""
-        if inputs is trace.inputs:
-            return trace.simulated
-        held = self.known.get(id(trace.inputs))
-        if held is None:
-            held = self.known[id(trace.inputs)] = (trace.inputs, self._told(trace, trace.inputs))
-        return trace.simulated + self._told(trace, inputs) - held[1]
+        return self.prepare_for(trace).force(trace, inputs)
 
-    def _told(self, trace: Trace, inputs: Inputs) -> F:
+    def prepare_for(self, trace: Trace) -> Rerun:
+        """Return the same for this trace alone: what it predicts for the recorded inputs is computed once."""
+        return _Prepared(self, self.predict(trace, trace.inputs))
+
+    def predict(self, trace: Trace, inputs: Inputs) -> F:
+        """Return the whole force [N] (n,) that it predicts for the inputs, nothing taken from the simulated one."""
         return self.dictionary.told(trace, inputs, np.zeros(len(trace)), self.weights)
 
     def as_json(self) -> dict[str, Any]:
@@ -54,6 +53,17 @@ class Surrogate:
         """Return the surrogate that `as_json` wrote; raises KeyError, TypeError or ValueError for others."""
         weights = np.array(given["weights"], dtype=np.float64)
         return cls(Dictionary.from_json(given["dictionary"]), weights, float(given["cost_J"]))
+
+
+@dataclass(frozen=True)
+class _Prepared(Rerun):
+    """A surrogate for one trace, and the force [N] (n,) that it predicts for the recorded inputs."""
+
+    surrogate: Surrogate
+    recorded: F
+
+    def force(self, trace: Trace, inputs: Inputs) -> F:
+        return trace.simulated + self.surrogate.predict(trace, inputs) - self.recorded
 
 
 @dataclass(frozen=True)

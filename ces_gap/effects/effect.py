@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -84,6 +85,10 @@ class Effect:
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation is asked again
     needs: ClassVar[str] = ""  # what a recording must hold for it to show, such as "a changing current"
     parameters: ClassVar[tuple[Parameter, ...]] = ()
+
+    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
+        """Return the values at which searches on this trace begin: all products of the parameters' starts."""
+        return list(product(*(p.starts for p in self.parameters)))
 
     def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
         """Return what drives the damper inside the effect; `force` [N] is the present estimate of the damper's."""

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ces_gap.effects.series_kernels import steep
+from ces_gap.plant_map.map_kernels import steep
 
 F = NDArray[np.float64]
 

@@ -8,15 +8,15 @@ that is steep near standstill.)
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.own_spring import banded
+from ces_gap.derivative import derivative
 from ces_gap.effects.series_kernels import series_stroke
-from ces_gap.effects.speed_map import learn_map
-from ces_gap.trace import Inputs, Trace, derivative
+from ces_gap.plant_map.own_spring import banded
+from ces_gap.trace import Inputs, Trace
 
 F = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def shortened(trace: Trace, inputs: Inputs, force: F, law: Law, damping_s: float
     `force` [N] (n,) is the plant's under `trace.inputs`; what it is at standstill strains nothing. `damping_s` is the
     spring's own relaxation time.
     """
-    plant = learn_map(trace, trace.inputs, force)
+    plant = trace.learn_map(trace.inputs, force)
     static = plant.force(trace.inputs.speed, trace.inputs.current)
     memory = banded(force - static, trace.rate_Hz) - plant.rest(trace.inputs.current)
     acting = static + memory
@@ -69,7 +69,7 @@ def tabled(law: Law, force: F, width: float) -> tuple[float, F, F]:
 
 def less(inputs: Inputs, stroke: F, rate_Hz: float) -> Inputs:
     """Return the inputs with a stroke [m] (n,) subtracted from the position, and its rate from the speed."""
-    return Inputs(inputs.position - stroke, inputs.speed - derivative(stroke, rate_Hz), inputs.current)
+    return replace(inputs, position=inputs.position - stroke, speed=inputs.speed - derivative(stroke, rate_Hz))
 
 
 def soft_width(trace: Trace, force: F) -> float:

@@ -41,11 +41,6 @@ class Match:
         return self.index**2 / 2.0
 
 
-def distance(a: Tangent, fan_b: Sequence[Tangent]) -> float:
-    """Return the smallest ‖W(s_A − s_B)‖ over B's values, on B's tangents and inside its bounds."""
-    return nearest(a, fan_b).index
-
-
 def nearest(a: Tangent, fan_b: Sequence[Tangent]) -> Match:
     """Return how near B comes to A on B's tangents, inside its bounds; nothing is simulated."""
     return min((_along(a, b, TRUST) for b in fan_b), key=lambda match: match.index)

@@ -9,27 +9,23 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from io import StringIO
 from math import ceil
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Plant, Rerun
 from ces_gap.baseline.surrogate import Surrogate
-from ces_gap.diagnosis import NextExperiment
-from ces_gap.effects.effect import Composition, Setting
+from ces_gap.effects.effect import Setting
+from ces_gap.experiment.experiment_files import NextExperiment
 from ces_gap.experiment.matching import Match, nearest, refined
 from ces_gap.experiment.menu import Recipe, menu, reach_of
-from ces_gap.experiment.signatures import NONE, Probe, Tangent, fan
+from ces_gap.experiment.signatures import Probe, Tangent, fan
 from ces_gap.experiment.twins import EVIDENCE
 from ces_gap.experiment.waveforms import commanded
 from ces_gap.trace import Trace, make_trace
 from ces_identify.recordings.recording import Channel, Recording
-from ces_observer.checked import write_together
 from ces_observer.errors import CesError
 
 F = NDArray[np.float64]
@@ -60,29 +56,25 @@ def next_experiment(
     traces: Sequence[Trace],
     pairs: Sequence[Pair],
     noise_N: float,
-    seen: Seen | None = None,
-    around: Composition = NONE,
     exact: Rerun | None = None,
     recipes: Sequence[Recipe] | None = None,
     budget_s: float = BUDGET_S,
 ) -> NextExperiment | None:
     """Return the experiment that tells the `pairs` of fitted effects apart fastest; None without pairs or simulation.
 
-    `seen` whitens a new trace; by default noise is white of `noise_N` RMS and the force's zero is unknown. `around` are
-    the other effects, taken as found. `exact` is asked once for each experiment, where the plant's own simulation is a
-    surrogate that knows differences best. `recipes` are those to choose from, by default the menu within reach of the
-    traces. An experiment that the simulation refuses is left out.
+    Noise counts as white of `noise_N` RMS on a force whose zero is unknown. `exact` is asked once for each experiment,
+    where the plant's own simulation is a surrogate that knows differences best. `recipes` are those to choose from, by
+    default the menu within reach of the traces. An experiment that the simulation refuses is left out.
     """
     if not pairs:
         return None
-    whiten = seen or white_noise(noise_N)
-    plant = replace(plant, simulation=_own(plant.simulation))
+    whiten = white_noise(noise_N)
     choice = menu(reach_of(traces)) if recipes is None else recipes
-    tried = list(_tried(plant, exact or plant.simulation, choice, pairs, whiten, around, budget_s))
+    tried = list(_tried(plant, exact or plant.simulation, choice, pairs, whiten, budget_s))
     if not tried:
         return None
     finalists = sorted(tried, key=lambda t: -t.rate)[:FINALISTS]
-    again = [_compared(plant, t.recipe, t.trace, pairs, whiten, around, rerun=True) for t in finalists]
+    again = [_compared(plant, t.recipe, t.trace, pairs, whiten, rerun=True) for t in finalists]
     return _proposed(max(again, key=lambda t: t.rate), noise_N)
 
 
@@ -112,34 +104,12 @@ def simulated(simulation: Rerun, recipe: Recipe) -> Trace:
     return replace(bare, simulated=_anew(simulation, bare))
 
 
-def write_experiment(experiment: NextExperiment, folder: Path) -> tuple[Path, Path]:
-    """Write `next_experiment.yaml`, which `ces rig` runs, and `next_experiment.csv` for a real rig; return their paths.
-
-    Columns `time_s,position_m,current_A`. Both files appear, or none; raises CesError if the folder cannot be written.
-    """
-    paths = folder / "next_experiment.yaml", folder / "next_experiment.csv"
-    text = StringIO()
-    columns = np.stack([experiment.time_s, experiment.position_m, experiment.current_A], axis=1)
-    np.savetxt(
-        text, columns, fmt=("%.3f", "%.7f", "%.4f"), delimiter=",", header="time_s,position_m,current_A", comments=""
-    )
-    purpose = " ".join(experiment.purpose.split())
-    described = f"# {purpose}\n" + yaml.safe_dump(experiment.recipe, sort_keys=False, allow_unicode=True)
-    write_together({paths[0]: described, paths[1]: text.getvalue()})
-    return paths
-
-
-def _own(simulation: Rerun) -> Rerun:
-    """Return the simulation with a memory of its own: a surrogate remembers traces, and these will be gone."""
-    return replace(simulation, known={}) if isinstance(simulation, Surrogate) else simulation
-
-
 def _anew(simulation: Rerun, trace: Trace) -> F:
     """Return the force [N] (n,) on a trace that holds no simulated force yet."""
     if isinstance(simulation, Surrogate):
         features = simulation.dictionary.features(trace, trace.inputs, np.zeros(len(trace)))
         return np.asarray(features @ simulation.weights)
-    return simulation.force(trace, replace(trace.inputs))  # a copy: for the inputs themselves it would look it up
+    return simulation.force(trace, trace.inputs)
 
 
 def _tried(
@@ -148,7 +118,6 @@ def _tried(
     recipes: Sequence[Recipe],
     pairs: Sequence[Pair],
     seen: Seen,
-    around: Composition,
     budget_s: float,
 ) -> Iterator[_Tried]:
     """Yield the experiments compared along tangents until the budget is spent, at least one if any can run."""
@@ -158,17 +127,15 @@ def _tried(
             return
         try:
             trace = simulated(simulation, recipe)
-            yield _compared(plant, recipe, trace, pairs, seen, around, rerun=False)
+            yield _compared(plant, recipe, trace, pairs, seen, rerun=False)
         except CesError:
             continue
         some = True
 
 
-def _compared(
-    plant: Plant, recipe: Recipe, trace: Trace, pairs: Sequence[Pair], seen: Seen, around: Composition, rerun: bool
-) -> _Tried:
+def _compared(plant: Plant, recipe: Recipe, trace: Trace, pairs: Sequence[Pair], seen: Seen, rerun: bool) -> _Tried:
     whiten = seen(trace)
-    probe = Probe(plant, [trace], lambda _, force: whiten(force), around)
+    probe = Probe(plant, [trace], lambda _, force: whiten(force))
     at = {s: probe.tangent(s) for pair in pairs for s in pair}
     matches = {pair: _told(probe, at, pair, rerun) for pair in pairs}
     worst = min(pairs, key=lambda pair: matches[pair].index)

@@ -71,9 +71,9 @@ class Probe:
 
     def forces(self, setting: Setting) -> tuple[F, ...]:
         """Return the force [N] (n,) that `setting` adds on each trace."""
-        with_it = Composition((*self.around.settings, setting))
-        rows = zip(self.traces, self._alone, self._without, strict=True)
-        return tuple(np.where(t.usable, self.plant.with_effects(with_it, t, alone=a) - f, 0.0) for t, a, f in rows)
+        forces = self._forces(Composition((*self.around.settings, setting)))
+        rows = zip(self.traces, forces, self._without, strict=True)
+        return tuple(np.where(t.usable, with_it - without, 0.0) for t, with_it, without in rows)
 
     def signature(self, setting: Setting) -> Signature:
         """Return the signature at `setting`; the simulation runs 1 + p times on each trace if the effect reruns it."""
@@ -94,14 +94,17 @@ class Probe:
         """Return the norm of the whitened signature."""
         return float(np.linalg.norm(_joined(self.forces(setting), self.whiten)))
 
-    @cached_property
-    def _alone(self) -> tuple[F, ...]:
-        return tuple(self.plant.force(t, t.inputs) for t in self.traces)
+    def _forces(self, composition: Composition) -> list[F]:
+        return [p.with_effects(composition, t, alone=a) for t, (p, a) in zip(self.traces, self._plants, strict=True)]
 
     @cached_property
-    def _without(self) -> tuple[F, ...]:
-        pairs = zip(self.traces, self._alone, strict=True)
-        return tuple(self.plant.with_effects(self.around, t, alone=a) for t, a in pairs)
+    def _plants(self) -> list[tuple[Plant, F]]:
+        """The plant prepared for each trace, and its force alone [N] (n,)."""
+        return [(self.plant.prepare_for(t), self.plant.alone(t)) for t in self.traces]
+
+    @cached_property
+    def _without(self) -> list[F]:
+        return self._forces(self.around)
 
 
 def whitened(taken: Signature, whiten: Whiten) -> Tangent:
@@ -113,11 +116,6 @@ def whitened(taken: Signature, whiten: Whiten) -> Tangent:
         columns[:, j] = _joined([c[:, j] for c in taken.columns], whiten)
     q, r = np.linalg.qr(columns)
     return Tangent(taken, force, q, r)
-
-
-def tangents(plant: Plant, traces: Sequence[Trace], effect: Effect, values: Sequence[float], whiten: Whiten) -> Tangent:
-    """Return the tangent of `effect` at `values` around the plant alone."""
-    return Probe(plant, traces, whiten).tangent(Setting(effect, tuple(values)))
 
 
 def fan(probe: Probe, fitted: Tangent, size: float) -> list[Tangent]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.experiment.matching import Match, nearest, refined
-from ces_gap.experiment.signatures import NONE, Probe, Signature, Tangent, Whiten, fan, whitened
+from ces_gap.experiment.signatures import NONE, Probe, Tangent, Whiten, fan
 from ces_gap.inference.evidence import Evidence
 from ces_gap.trace import Trace
 
@@ -56,24 +56,19 @@ def twin_classes(
     traces: Sequence[Trace],
     fitted: Sequence[Setting],
     whiten: Whiten,
-    signatures: Mapping[str, Sequence[Signature]] | None = None,
     evidence: float = EVIDENCE,
     around: Composition = NONE,
 ) -> Twins:
     """Return which of the fitted effects are twins on these traces.
 
     `fitted` may hold several forms of an effect: the first stands for it when others try to match it, all are tried
-    when it tries to match others. `signatures` by effect, the first at the fitted values of the first form, spare all
-    simulation but that of the refinement. `evidence` is the expected log-likelihood ratio below which two are twins,
+    when it tries to match others. `evidence` is the expected log-likelihood ratio below which two are twins,
     and an effect is not told from none; at 3 the wrong one of two fits better with probability Φ(−√6/2) = 11 %. Two
     are twins as well within `FORM` of the signature's size, because forms are no more exact than that. `around` are
     effects that are there besides, none of them in `fitted`.
     """
     probe = Probe(plant, traces, whiten, around)
-    if signatures is None:
-        fans = _fans(probe, fitted)
-    else:
-        fans = {name: [whitened(s, whiten) for s in taken] for name, taken in signatures.items()}
+    fans = _fans(probe, fitted)
     silent = tuple(name for name, tangents_ in fans.items() if tangents_[0].size ** 2 / 2.0 < evidence)
     heard = [name for name in fans if name not in silent]
     matches = {(a, b): nearest(fans[a][0], fans[b]) for a, b in permutations(heard, 2)}

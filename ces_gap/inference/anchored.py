@@ -7,13 +7,13 @@ et al. 1994).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.baseline.plant import Plant, Rerun
+from ces_gap.baseline.plant import Rerun
 from ces_gap.effects.effect import Effect
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import Fit, polish
@@ -26,21 +26,18 @@ SETTLED = 0.01  # relative change of the parameters from which another round is 
 
 
 @dataclass(frozen=True)
-class Anchored:
-    """The stand-in `cheap`; by a trace's id, the anchor's `change` of inputs (2n,) and what is `lacking` [N] (n,)."""
+class Anchored(Rerun):
+    """The surrogate `cheap` on one trace; the anchor's `change` of inputs (2n,), what is `lacking` [N] (n,) there."""
 
     cheap: Rerun
-    change: Mapping[int, F]
-    lacking: Mapping[int, F]
+    change: F
+    lacking: F
 
     def force(self, trace: Trace, inputs: Inputs) -> F:
         """Return the simulated force [N] (n,)."""
-        if inputs is trace.inputs:
-            return trace.simulated
-        anchor = self.change[id(trace)]
-        size = float(anchor @ anchor)
-        share = float(anchor @ _change(trace, inputs)) / size if size > 0.0 else 0.0
-        return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.lacking[id(trace)]
+        size = float(self.change @ self.change)
+        share = float(self.change @ _change(trace, inputs)) / size if size > 0.0 else 0.0
+        return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.lacking
 
 
 def _change(trace: Trace, inputs: Inputs) -> F:
@@ -49,24 +46,41 @@ def _change(trace: Trace, inputs: Inputs) -> F:
     return np.concatenate([(new - old) / max(float(old.std()), 1e-9) for new, old in pairs])
 
 
-def anchor(evidence: Evidence, fit: Fit, exact: Rerun, cheap: Rerun) -> Evidence:
-    """Return the evidence with the simulation itself run at the fit."""
-    change: dict[int, F] = {}
-    lacking: dict[int, F] = {}
-    for trace, alone in zip(evidence.traces, evidence.alone, strict=True):
+@dataclass(frozen=True)
+class Refinement:
+    """How fits are redone with the simulation itself, `exact`, where the evidence holds a surrogate for it.
+
+    Without `exact`, the evidence holds the simulation itself or nothing better is to be had, and all stays as it is.
+    """
+
+    exact: Rerun | None = None
+
+    def refine(self, evidence: Evidence, fit: Fit) -> Fit:
+        """Return the fit redone with the simulation itself run where it stood."""
+        return fit if self.exact is None else refine_fit(evidence, fit, self.exact)
+
+    def anchor(self, evidence: Evidence, fit: Fit) -> Evidence:
+        """Return evidence whose surrogate is right around the fit."""
+        return evidence if self.exact is None or not reruns(fit.effects) else anchor(evidence, fit, self.exact)
+
+
+def anchor(evidence: Evidence, fit: Fit, exact: Rerun) -> Evidence:
+    """Return the evidence, whose plants hold a surrogate, with the simulation itself run at the fit."""
+    plants = []
+    for plant, trace, alone in zip(evidence.plants, evidence.traces, evidence.alone, strict=True):
         inputs = fit.composition.drive(trace, alone)
-        change[id(trace)] = _change(trace, inputs)
-        lacking[id(trace)] = exact.force(trace, inputs) - cheap.force(trace, inputs)
-    return replace(evidence, plant=Plant(Anchored(cheap, change, lacking), evidence.plant.correction))
+        lacking = exact.force(trace, inputs) - plant.simulation.force(trace, inputs)
+        plants.append(replace(plant, simulation=Anchored(plant.simulation, _change(trace, inputs), lacking)))
+    return replace(evidence, plants=tuple(plants))
 
 
-def polished(evidence: Evidence, fit: Fit, exact: Rerun, cheap: Rerun, rounds: int = ROUNDS) -> Fit:
+def refine_fit(evidence: Evidence, fit: Fit, exact: Rerun, rounds: int = ROUNDS) -> Fit:
     """Return the fit redone with the simulation itself run once a round where it stood."""
     if not reruns(fit.effects):
         return fit
     for _ in range(rounds):
         before = fit.searched
-        fit = polish(anchor(evidence, fit, exact, cheap), fit.effects, fit.searched)
+        fit = polish(anchor(evidence, fit, exact), fit.effects, fit.searched)
         if np.abs(fit.searched - before).max() <= SETTLED * np.abs(before).max():
             break
     return fit

@@ -5,20 +5,19 @@ What was put there is kept, the winner or not: an effect that stands in for anot
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_gap.inference.anchored import Refinement
 from ces_gap.inference.comparison import LEAST_SHARE, preferred, worth
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import Fit, fit_together
 from ces_gap.inference.joining import fit_each, parts, ranked
 
 F = NDArray[np.float64]
-Refine = Callable[[Evidence, Fit], Fit]
-Near = Callable[[Evidence, Fit], Evidence]
 
 SWAPS = 3  # effects put in the place of each
 REFINED = 2  # of them, the best
@@ -29,15 +28,14 @@ WITHIN = 0.2  # share of the gap's energy by which a swap may be behind and stil
 class Contest:
     """`none` (r,) is the whitened residual without effects, `forms` their own fits, `energy` the gap's.
 
-    `refine` redoes a fit with the simulation itself; `near` makes evidence whose stand-in is right around a fit.
+    `refinement` redoes a fit with the simulation itself, and makes evidence whose surrogate is right around a fit.
     """
 
     evidence: Evidence
     none: F
     forms: Sequence[Fit]
     energy: float
-    refine: Refine
-    near: Near
+    refinement: Refinement
     threads: int = 1
 
     def won(self, best: Fit, tried: tuple[Fit, ...] = (), settled: Sequence[str] = ()) -> tuple[Fit, tuple[Fit, ...]]:
@@ -45,10 +43,10 @@ class Contest:
 
         No others are put in the place of `settled` effects. A swap that leaves less is contested in turn.
         """
-        close = self.near(self.evidence, best)
+        close = self.refinement.anchor(self.evidence, best)
         fewer = {name: self._without(close, best, name) for name in best.names}
         for one in sorted(fewer.values(), key=lambda f: f.cost):
-            if not self._needs(best, one) and not self._needs(best, one := self.refine(self.evidence, one)):
+            if not self._needs(best, one) and not self._needs(best, one := self.refinement.refine(self.evidence, one)):
                 return self.won(one) if len(one.effects) > 1 else (one, ())
         for name in [n for n in best.names if n not in settled]:
             swapped = self._swapped(close, best, fewer[name])
@@ -70,4 +68,4 @@ class Contest:
         others = [f for f in ranked(fewer, self.forms, self.none) if f.names[0] not in best.names][:SWAPS]
         joint = fit_each([(close, [*parts(fewer, self.forms), other]) for other in others], self.threads)
         hopeful = sorted((f for f in joint if f.cost < best.cost + WITHIN * self.energy), key=lambda f: f.cost)
-        return [self.refine(self.evidence, fit) for fit in hopeful[:REFINED]]
+        return [self.refinement.refine(self.evidence, fit) for fit in hopeful[:REFINED]]

@@ -52,7 +52,7 @@ class Evidence:
     """Traces with the plant's own force on each, the noise, and the units; whitened rows are in order of the units."""
 
     traces: tuple[Trace, ...]
-    plant: Plant
+    plants: tuple[Plant, ...]  # the plant prepared for each trace
     alone: tuple[F, ...]
     noise: Noise
     units: tuple[Unit, ...]
@@ -64,8 +64,8 @@ class Evidence:
 
     def forces(self, composition: Composition) -> list[F]:
         """Return the force [N] with the effects around the plant, on each trace."""
-        pairs = zip(self.traces, self.alone, strict=True)
-        return [self.plant.with_effects(composition, trace, alone) for trace, alone in pairs]
+        rows = zip(self.plants, self.traces, self.alone, strict=True)
+        return [plant.with_effects(composition, trace, alone) for plant, trace, alone in rows]
 
     def whiten(self, values: Sequence[F]) -> F:
         """Return the whitened rows of values (n,) or (n, k) given on each trace's grid."""
@@ -98,7 +98,8 @@ def gather(
     `features` (n, q) of the discrepancy on each trace, with the posterior covariance (q, q) of their weights [N²];
     None projects them out altogether.
     """
-    alone = tuple(plant.force(trace, trace.inputs) for trace in traces)
+    plants = tuple(plant.prepare_for(trace) for trace in traces)
+    alone = tuple(plant.alone(trace) for trace in traces)
     parts = 1 if len(traces) >= UNITS else -(-UNITS // len(traces))
     units = []
     for number, trace in enumerate(traces):
@@ -108,7 +109,7 @@ def gather(
             directions, taken = _directions(rows[part], covariance)
             block = np.unique((part / (BLOCK_S * trace.rate_Hz)).astype(np.int64), return_inverse=True)[1]
             units.append(Unit(number, part, directions, taken, block))
-    return Evidence(tuple(traces), plant, alone, noise, tuple(units), covariance is not None)
+    return Evidence(tuple(traces), plants, alone, noise, tuple(units), covariance is not None)
 
 
 def _directions(rows: F, covariance: F | None) -> tuple[F, F]:

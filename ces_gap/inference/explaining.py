@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Plant, Rerun
-from ces_gap.diagnosis import Estimate, Explained
 from ces_gap.effects.effect import Composition, Parameter
 from ces_gap.inference.anchored import reruns
+from ces_gap.inference.explanation import Estimate, Explained, Interval
 from ces_gap.inference.fit import NEAR_BOUND, Fit, bounds
 from ces_gap.inference.shrinkage import Blocks
 
@@ -21,49 +22,42 @@ Z95 = 1.96
 
 
 @dataclass(frozen=True)
-class Judge:
-    """Held-out recordings cut into `blocks`; `quick` stands in for `exact` where a fit is not asked for exactly."""
+class HeldOutScorer:
+    """Held-out recordings cut into `blocks`, with plants prepared for each: `quick` ones, and the `exact` ones."""
 
     blocks: Blocks
-    quick: Plant
-    exact: Plant
+    quick: tuple[Plant, ...]
+    exact: tuple[Plant, ...]
     alone: tuple[F, ...]  # the plant's force on each held-out trace
     before: F  # energy of the gap as given in each block
 
-    def forces(self, composition: Composition, exactly: bool) -> list[F]:
-        """Return the force [N] with effects on each held-out trace."""
-        plant = self.exact if exactly else self.quick
-        pairs = zip(self.blocks.traces, self.alone, strict=True)
-        return [plant.with_effects(composition, trace, alone) for trace, alone in pairs]
+    def forces(self, fit: Fit, exactly: bool) -> tuple[F, ...]:
+        """Return the force [N] with the effects of a fit on each held-out trace."""
+        plants = self.exact if exactly or not reruns(fit.effects) else self.quick
+        rows = zip(plants, self.blocks.traces, self.alone, strict=True)
+        return tuple(plant.with_effects(fit.composition, trace, alone) for plant, trace, alone in rows)
 
-    def explained(self, fit: Fit, gain: float, gain_error: float, exactly: bool) -> Explained:
-        """Return the fit with what it leaves."""
-        after = self.blocks.energy(self.forces(fit.composition, exactly or not reruns(fit.effects)))
-        left, (shrink, ci95) = self.blocks.rms(after)[0], self.blocks.shrink(self.before, after)
-        return Explained(
-            effects=fit.names,
-            forms=tuple(e.form for e in fit.effects),
-            composition=fit.composition,
-            estimates=estimates(fit),
-            gap_after_N=left,
-            shrink=shrink,
-            shrink_ci95=ci95,
-            gain=gain,
-            gain_error=gain_error,
-        )
+    def explain(self, fit: Fit, forces: Sequence[F]) -> Explained:
+        """Return the fit with what its `forces` [N] leave."""
+        forms = tuple(e.form for e in fit.effects)
+        return Explained(fit.names, forms, fit.composition, estimates(fit), *self._left(forces))
 
     def nothing(self) -> Explained:
         """Return the explanation by no effect: what the correction alone leaves."""
-        after = self.blocks.energy(self.alone)
-        shrink, ci95 = self.blocks.shrink(self.before, after)
-        return Explained((), (), Composition(), (), self.blocks.rms(after)[0], shrink, ci95)
+        return Explained((), (), Composition(), (), *self._left(self.alone))
+
+    def _left(self, forces: Sequence[F]) -> tuple[float, float, Interval]:
+        """Return the gap after [N], the shrink and its interval."""
+        after = self.blocks.energy(forces)
+        return self.blocks.rms(after)[0], *self.blocks.shrink(self.before, after)
 
 
-def judge(blocks: Blocks, cheap: Rerun, exact: Rerun | None, plant: Plant) -> Judge:
-    """Return the judge of some held-out blocks."""
-    alone = tuple(plant.force(t, t.inputs) for t in blocks.traces)
-    before = blocks.energy([t.as_given for t in blocks.traces])
-    return Judge(blocks, Plant(cheap, plant.correction), Plant(exact or cheap, plant.correction), alone, before)
+def build_scorer(blocks: Blocks, plant: Plant, exact: Rerun) -> HeldOutScorer:
+    """Return the scorer of some held-out blocks for a plant, whose simulation `exact` reruns best."""
+    quick = tuple(plant.prepare_for(t) for t in blocks.traces)
+    best = tuple(replace(plant, simulation=exact).prepare_for(t) for t in blocks.traces)
+    alone = tuple(plant.alone(t) for t in blocks.traces)
+    return HeldOutScorer(blocks, quick, best, alone, blocks.energy([t.as_given for t in blocks.traces]))
 
 
 def estimates(fit: Fit) -> tuple[tuple[Estimate, ...], ...]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,9 +92,7 @@ def fit_together(evidence: Evidence, parts: Sequence[Fit]) -> Fit:
 
 def starts(evidence: Evidence, effect: Effect) -> list[F]:
     """Return where to begin (each (p,)): the effect's own starts for these traces, or products of its parameters'."""
-    given = getattr(effect, "starts_for", None)
-    values = list(given(_widest(evidence))) if given else []
-    values = values or list(product(*(p.starts for p in effect.parameters)))
+    values = effect.starts_for(_widest(evidence)) or Effect.starts_for(effect, _widest(evidence))
     spaced = values[:: max(1, -(-len(values) // MOST_STARTS))]
     searched = [[p.to_search(x) for p, x in zip(effect.parameters, v, strict=True)] for v in spaced]
     low, high = bounds((effect,))

@@ -25,7 +25,7 @@ def parts(fit: Fit, forms: Sequence[Fit]) -> list[Fit]:
     """Return the single fits that a composition is made of, begun where the composition ended."""
     made, first = [], 0
     for effect in fit.effects:
-        single = next(f for f in forms if f.effects[0] is effect)
+        single = next(f for f in forms if f.effects[0] == effect)
         count = len(effect.parameters)
         made.append(replace(single, searched=fit.searched[first : first + count]))
         first += count

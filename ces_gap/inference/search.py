@@ -6,7 +6,7 @@ of the gap. Signatures order what is tried next, and never decide.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.effects.effect import Effect
+from ces_gap.inference.anchored import Refinement
 from ces_gap.inference.comparison import LEAST_SHARE, burdened, preferred, worth
-from ces_gap.inference.contest import Contest, Near, Refine
+from ces_gap.inference.contest import Contest
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import Fit, fit_alone
 from ces_gap.inference.joining import fit_each, parts, ranked
+from ces_gap.progress import Progress, ignore_progress
 
 F = NDArray[np.float64]
 
@@ -28,8 +30,6 @@ MOST_EFFECTS = 3
 REFINED, HOPEFUL = 10, 0.4  # forms that are refined: so many, and within so much of the gap's energy of the best
 LEAST_ENERGY = 0.02  # of the noise's: a smaller gap is not looked into
 SIMPLER = 0.02  # share of the gap's energy that a form with more parameters must win
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -51,15 +51,13 @@ class Found:
 def search(
     evidence: Evidence,
     effects: Sequence[Effect],
-    refine: Refine,
+    refinement: Refinement,
     threads: int,
-    progress: Progress,
-    near: Near = lambda evidence, fit: evidence,
+    progress: Progress = ignore_progress,
 ) -> Found:
     """Return the best explanations of the evidence by the effects.
 
-    `refine` redoes a fit with the simulation itself where the evidence has only a stand-in for it; it is asked for the
-    most promising fits alone. `near` makes the stand-in right around a fit.
+    `refinement` redoes the most promising fits with the simulation itself where the evidence has only a surrogate.
     """
     forms: list[Fit] = []
     with ThreadPoolExecutor(max(1, threads)) as pool:
@@ -74,13 +72,13 @@ def search(
     hopeful = forms[0].cost + HOPEFUL * energy
     for k, fit in enumerate([f for f in forms[:REFINED] if f.cost < hopeful]):
         progress(f"running the simulation with {fit.names[0]}", k / REFINED)
-        forms[k] = refine(evidence, fit)
+        forms[k] = refinement.refine(evidence, fit)
     alone = best_forms(forms, energy)
-    best = grow(evidence, none, alone, forms, energy, refine, near, threads, progress)
+    best = grow(evidence, none, alone, forms, energy, refinement, threads, progress)
     tried: tuple[Fit, ...] = ()
     if best is not None and len(best.effects) > 1:
         progress("trying other effects in their place", 0.0)
-        best, tried = Contest(evidence, none, forms, energy, refine, near, threads).won(best)
+        best, tried = Contest(evidence, none, forms, energy, refinement, threads).won(best)
     return Found(none, tuple(forms), alone, best, energy, evidence, tried)
 
 
@@ -114,8 +112,7 @@ def grow(
     alone: Sequence[Fit],
     forms: Sequence[Fit],
     energy: float,
-    refine: Refine,
-    near: Near,
+    refinement: Refinement,
     threads: int,
     progress: Progress,
 ) -> Fit | None:
@@ -126,9 +123,9 @@ def grow(
         if best is None or best.cost - len(none) < LEAST_SHARE * energy:
             break
         progress(f"trying {size} effects together", (size - 1) / MOST_EFFECTS)
-        joint = [f for f in _additions(evidence, none, beam, forms, near, threads) if f.cost < best.cost]
+        joint = [f for f in _additions(evidence, none, beam, forms, refinement, threads) if f.cost < best.cost]
         joint.sort(key=lambda f: f.cost)
-        beam = [refine(evidence, fit) for fit in joint[:BEAM]]
+        beam = [refinement.refine(evidence, fit) for fit in joint[:BEAM]]
         better = preferred(evidence, [best, *beam], energy)
         if not worth(evidence, best.left_out, better, LEAST_SHARE * energy):
             break
@@ -137,12 +134,12 @@ def grow(
 
 
 def _additions(
-    evidence: Evidence, none: F, beam: Sequence[Fit], forms: Sequence[Fit], near: Near, threads: int
+    evidence: Evidence, none: F, beam: Sequence[Fit], forms: Sequence[Fit], refinement: Refinement, threads: int
 ) -> list[Fit]:
     """Return each fit in the beam refitted with the effects that promise most beside it, no composition twice."""
     made: dict[frozenset[str], tuple[Evidence, list[Fit]]] = {}
     for fit in beam:
-        close = near(evidence, fit)
+        close = refinement.anchor(evidence, fit)
         for other in ranked(fit, forms, none)[:TRIED]:
             made.setdefault(frozenset((*fit.names, *other.names)), (close, [*parts(fit, forms), other]))
     return fit_each(list(made.values()), threads)

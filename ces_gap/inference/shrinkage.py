@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.diagnosis import Interval
+from ces_gap.inference.explanation import Interval
 from ces_gap.trace import Trace
 
 F = NDArray[np.float64]

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from importlib.resources import files
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 F = NDArray[np.float64]
 
+NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
 POSSIBLE = 0.1  # probability from which an effect that is not named makes a verdict ambiguous
 FLOOR = 0.01  # of the gap's energy: unexplained shares below this are alike
 
@@ -64,7 +64,6 @@ class Probabilities:
     effects: Mapping[str, float]
 
 
-@cache
 def calibration() -> Calibration:
     """Return the weights that come with the package."""
     given = json.loads((files("ces_gap.inference") / "calibration.json").read_text(encoding="utf-8"))

@@ -138,15 +138,17 @@ def _unlike(traces: Sequence[Trace], name: str) -> Iterator[str]:
 
 def _unsimulated(traces: Sequence[Trace], name: str) -> Iterator[str]:
     """Tell which recordings are not used in good part; those of one recording are parts of it."""
-    used: dict[int, tuple[str, NDArray[np.bool_]]] = {}
+    wholes: list[tuple[Trace, NDArray[np.bool_]]] = []
     for trace in traces:
-        _, before = used.get(id(trace.recording), ("", np.zeros(len(trace), bool)))
-        used[id(trace.recording)] = trace.name, before | trace.usable
-    for recording, usable in used.values():
+        if wholes and _same(wholes[-1][0].recording, trace.recording):
+            wholes[-1] = trace, wholes[-1][1] | trace.usable
+        else:
+            wholes.append((trace, trace.usable))
+    for trace, usable in wholes:
         share = 1.0 - float(usable.mean())
         if share > NO_FORCE:
             yield (
-                f"{recording}: {share:.0%} of the time is left out: position, current, measured force or the force of "
+                f"{trace.name}: {share:.0%} of the time is left out: position, current, measured force or the force of "
                 f"{name} is missing there"
             )
 

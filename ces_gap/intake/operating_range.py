@@ -47,12 +47,8 @@ def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) ->
 
 def model_inside(simulation: Simulation) -> Model | None:
     """Return the model that a simulation is, or is built around; None if it is none."""
-    inside: object = simulation
-    while not isinstance(inside, ModelSimulation):
-        inside = getattr(inside, "simulation", None)  # of an augmented one
-        if inside is None:
-            return None
-    return inside.model
+    inside = simulation.innermost
+    return inside.model if isinstance(inside, ModelSimulation) else None
 
 
 def _outside(model: Model, trace: Trace) -> tuple[float, str]:

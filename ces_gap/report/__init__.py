@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from ces_gap.report.page import report_page, write_report
+from ces_gap.report.page import report_page
 
-__all__ = ["report_page", "write_report"]
+__all__ = ["report_page"]

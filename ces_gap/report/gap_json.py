@@ -9,7 +9,6 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +43,7 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "where": [_region(r) for r in d.where.regions],
         "max_region": _strongest(d.where),
         "causes": [_cause(c) for c in d.causes],
-        "composition": _composition(d.composition),
+        "composition": _composition(d),
         "indistinguishable": d.indistinguishable,
         "not_separable": d.not_separable,
         "invisible": [{"effect": effect, "reason": reason} for effect, reason in d.invisible],
@@ -59,12 +58,6 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
     }
     whole: dict[str, Any] = plain(document, "gap.json")
     return whole
-
-
-def gap_schema() -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) that every document follows."""
-    text = resources.files("ces_gap.report").joinpath("gap.schema.json").read_text(encoding="utf-8")
-    return dict(json.loads(text))
 
 
 def _region(region: Region) -> dict[str, Any]:
@@ -100,15 +93,16 @@ def _cause(cause: Explained) -> dict[str, Any]:
     }
 
 
-def _composition(composition: Explained) -> dict[str, Any]:
+def _composition(d: Diagnosis) -> dict[str, Any]:
     """Return all effects together; `parameters` by effect."""
+    composition = d.composition
     pairs = zip(composition.effects, composition.estimates, strict=True)
     return {
         "effects": composition.effects,
         "forms": composition.forms,
         **_after(composition),
         "parameters": {effect: _parameters(estimates) for effect, estimates in pairs},
-        "by_region": [{"region": _region(region), "gap_after_N": after} for region, after in composition.by_region],
+        "by_region": [{"region": _region(region), "gap_after_N": after} for region, after in d.by_region],
     }
 
 

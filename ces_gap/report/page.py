@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, NextExperiment, Region, Series, Where
@@ -16,23 +15,11 @@ from ces_gap.report.ladder import ladder, learnt
 from ces_gap.report.strips import strips
 from ces_gap.report.words import effect_name, joined, newtons, percent, percents, region_name, sentence_case
 from ces_identify.report.shell import page_template, well_formed
-from ces_observer.checked import write_beside
 
 CLEAR_Q, MOST_REGIONS = 0.05, 10  # false-discovery rate and number of the regions shown before and after
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
 STANDS_OUT = 0.05  # p-value of the test over all regions
 EXPERIMENT_FILES = {"next_experiment.yaml": "for ces rig", "next_experiment.csv": "stroke and current for a real rig"}
-
-
-def write_report(
-    path: Path,
-    diagnosis: Diagnosis,
-    title: str,
-    facts: Mapping[str, str] | None = None,
-    files: Mapping[str, str] | None = None,
-) -> None:
-    """Write the page to `path`, whole or not at all; raises CesError if it cannot be written."""
-    write_beside(path, report_page(diagnosis, title, facts, files))
 
 
 def report_page(
@@ -65,7 +52,7 @@ def report_page(
         where=_where("where", "gap", d.where) if gap_there else None,
         rest=_where("rest", "rest", d.rest) if d.rest is not None else None,
         plots=_plots(d, joined(d.composition.effects) if gap_there and d.composition.effects else ""),
-        by_region=_by_region(d.composition.by_region) if gap_there else [],
+        by_region=_by_region(d.by_region) if gap_there else [],
         experiment=_experiment(d.next_experiment, EXPERIMENT_FILES if files is None else files),
         held_out=[_held_out(s) for s in d.held_out],
         learnt=learnt(d),

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from ces_gap.augmented.augmented_file import augmented_text
 from ces_gap.diagnosis import Diagnosis
-from ces_gap.experiment.next_experiment import write_experiment
+from ces_gap.experiment.experiment_files import experiment_files
 from ces_gap.report import report_page
 from ces_gap.report.gap_json import gap_document
 from ces_identify.recordings.recording import Recording
@@ -42,16 +40,8 @@ def result_files(
             {"verdict": diagnosis.verdict, "gap": document["gap"], **provenance},
         ),
         REPORT: report_page(diagnosis, facts=facts),
-        **_experiment(diagnosis),
+        **(experiment_files(diagnosis.next_experiment) if diagnosis.next_experiment is not None else {}),
     }
-
-
-def _experiment(diagnosis: Diagnosis) -> dict[str, str]:
-    if diagnosis.next_experiment is None:
-        return {}
-    with tempfile.TemporaryDirectory() as name:
-        write_experiment(diagnosis.next_experiment, Path(name))
-        return {path.name: path.read_text(encoding="utf-8") for path in sorted(Path(name).iterdir())}
 
 
 def _origin(recording: Recording) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.stats import norm
+from scipy.stats import false_discovery_control, norm
 from scipy.stats import t as student
 
 F = NDArray[np.float64]
@@ -109,12 +109,7 @@ def p_value_of_largest(scores: F, draws: F) -> float:
 
 def q_values(scores: F) -> F:
     """Return the false-discovery rates (m,) of one-sided normal scores, Benjamini and Hochberg 1995."""
-    p: F = norm.sf(scores)
-    order = np.argsort(p)
-    raised = p[order] * len(p) / np.arange(1, len(p) + 1)
-    q = np.empty_like(p)
-    q[order] = np.minimum.accumulate(raised[::-1])[::-1]
-    return np.minimum(q, 1.0)
+    return np.asarray(false_discovery_control(norm.sf(scores)))
 
 
 def _starts(n: int, length: int, resamples: int, rng: np.random.Generator) -> I:

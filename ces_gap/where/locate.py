@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_gap.diagnosis import Region, Where
 from ces_gap.trace import Trace
 from ces_gap.where.axes import FREQUENCY, OPERATING, F, I, axis_edges, axis_values, codes
 from ces_gap.where.block_bootstrap import (
@@ -29,6 +28,7 @@ from ces_gap.where.block_bootstrap import (
 )
 from ces_gap.where.gap_energy import Energy, Known, gap_energy
 from ces_gap.where.maps import gap_maps
+from ces_gap.where.regions import Region, Where
 
 RESAMPLES = 400
 RESOLVED = 1e-9  # of the mean energy: a smaller excess is of rounding

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ces_gap.diagnosis import GapMap
 from ces_gap.where.axes import (
     CURRENT,
     REVERSAL,
@@ -19,6 +18,7 @@ from ces_gap.where.axes import (
     is_constant,
     whole_range,
 )
+from ces_gap.where.regions import GapMap
 
 MAPS = ((SPEED, STROKE), (SPEED, CURRENT), (SPEED, REVERSAL))
 FIELDS = {SPEED: 16, STROKE: 12, CURRENT: 8}  # about so many along an axis

@@ -19,6 +19,7 @@ from ces_identify.preparation.series import usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.fmu_ports import SPEC, Ports, choose_ports, read_names
 from ces_identify.simulations.fmu_slave import Wires, extracted, fmpy, instance, read_description
+from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 
 F = NDArray[np.float64]
@@ -30,7 +31,7 @@ MOST_STEPS = 50_000_000
 
 
 @dataclass(frozen=True)
-class FmuSimulation:
+class FmuSimulation(Simulation):
     """An FMU with its variables found; `step_s` is its fixed communication step [s], 0 if steps may vary."""
 
     path: str

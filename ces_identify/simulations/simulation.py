@@ -21,14 +21,20 @@ ForceFunction = Callable[[F, F, F], F]  # time_s, position_m, current_A -> force
 
 
 class Simulation(Protocol):
-    """What can be asked for a force."""
+    """What can be asked for a force; every kind of simulation is a subclass."""
 
     def force(self, recording: Recording) -> F:
         """Return the force [N] at every position sample of `recording`, shape (n,), NaN where it gives none."""
+        ...
+
+    @property
+    def innermost(self) -> Simulation:
+        """The simulation that this one is built around, however deep; itself if around none."""
+        return self
 
 
 @dataclass(frozen=True)
-class ModelSimulation:
+class ModelSimulation(Simulation):
     """A model file's free run, as the estimator gives it."""
 
     model: Model
@@ -39,7 +45,7 @@ class ModelSimulation:
 
 
 @dataclass(frozen=True)
-class FunctionSimulation:
+class FunctionSimulation(Simulation):
     """A function of time [s], position [m] and current [A]; `name` names it in errors."""
 
     name: str
@@ -66,7 +72,7 @@ class FunctionSimulation:
 
 
 @dataclass(frozen=True)
-class RecordedSimulation:
+class RecordedSimulation(Simulation):
     """Predictions recorded in the bag itself, read as the signal `sim_force`."""
 
     topic: str
@@ -76,6 +82,12 @@ class RecordedSimulation:
         if "sim_force" not in recording.channels:
             raise CesError(f"{recording.name}: no predictions on topic {self.topic}")
         return force_at(recording, recording.channel("position").stamps_ns, 0.05, "sim_force")
+
+
+def find_predictions(simulation: Simulation) -> RecordedSimulation | None:
+    """Return the recorded predictions that a simulation comes down to, None if it is run."""
+    inside = simulation.innermost
+    return inside if isinstance(inside, RecordedSimulation) else None
 
 
 def function_simulation(spec: str) -> FunctionSimulation:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from engine_plant import NOISE_N, RATE_HZ, SIMULATION, F, recorded, traced
 
+from ces_gap.derivative import derivative
 from ces_gap.errors import GapError
+from ces_gap.grid import GRID_HZ
 from ces_gap.trace import (
-    GRID_HZ,
     Inputs,
     Trace,
-    derivative,
     make_trace,
     on_grid,
     open_trace,

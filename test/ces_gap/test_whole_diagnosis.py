@@ -15,7 +15,7 @@ from ces_gap.diagnose import Options, diagnose
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect, Parameter
 from ces_gap.errors import GapError
-from ces_gap.intake import given as given_module
+from ces_gap.intake import prepare as prepare_module
 from ces_gap.trace import Inputs, Trace
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation, Simulation
@@ -64,7 +64,7 @@ def with_predictions(recording: Recording) -> Recording:
 @pytest.fixture(autouse=True)
 def asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """However busy the machine is, and judged by weights that no calibration changes."""
-    monkeypatch.setattr(given_module, "SLOW_S", 60.0)
+    monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
     monkeypatch.setattr(diagnose_module, "calibration", lambda: WEIGHTS)
 
 

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from ces_gap.baseline.noise import Noise
-from ces_gap.trace import Trace, derivative, make_trace
+from ces_gap.derivative import derivative
+from ces_gap.trace import Trace, make_trace
 from ces_identify.recordings.recording import Channel, Recording
 
 F = NDArray[np.float64]

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from scipy.interpolate import CubicSpline
 
+from ces_gap.baseline.plant import Rerun
 from ces_gap.trace import F, Inputs, Trace, make_trace
 from ces_identify.recordings.recording import Channel, Recording
 
@@ -48,7 +49,7 @@ def brakes(position, current):
 
 
 @dataclass(frozen=True)
-class Damper:
+class Damper(Rerun):
     """The simulation."""
 
     def force(self, trace: Trace, inputs: Inputs) -> F:
@@ -56,7 +57,7 @@ class Damper:
 
 
 @dataclass(frozen=True)
-class Brake:
+class Brake(Rerun):
     """A simulation with memory."""
 
     def force(self, trace: Trace, inputs: Inputs) -> F:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from importlib import resources
 from typing import Any
 
 TYPES = {
@@ -12,6 +14,7 @@ TYPES = {
     "number": (int, float),
     "null": type(None),
 }
+SCHEMA = json.loads((resources.files("ces_gap.report") / "gap.schema.json").read_text(encoding="utf-8"))
 SILENT = {"$schema", "$id", "$defs", "title", "description"}
 
 

@@ -11,9 +11,8 @@ from scipy.signal import firwin
 
 from ces_gap.effects.effect import MOTION, Effect, Parameter
 from ces_gap.effects.effect_kernels import gated_play, loose_force, tight_force
-from ces_gap.effects.own_spring import banded, learn_sprung
 from ces_gap.effects.series_strain import less, soft_width
-from ces_gap.effects.speed_map import learn_map
+from ces_gap.plant_map.own_spring import banded
 from ces_gap.trace import Inputs, Trace
 
 F = NDArray[np.float64]
@@ -36,7 +35,7 @@ class HeldPlay(Effect):
 
     def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
         """Return the damper's own motion."""
-        acting = force - learn_map(trace, trace.inputs, force).rest(inputs.current)
+        acting = force - trace.learn_map(trace.inputs, force).rest(inputs.current)
         pushed = 0.5 * (1.0 + np.tanh(acting / soft_width(trace, acting)))
         return less(inputs, gated_play(inputs.position, pushed, values[0]), trace.rate_Hz)
 
@@ -56,7 +55,7 @@ class PartedPlay(Effect):
 
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] that passes the joint."""
-        plant, (gap, level) = learn_sprung(trace), values
+        plant, (gap, level) = trace.sprung_map, values
         substeps = int(np.ceil(trace.step_s / SUBSTEP_S - 1e-6))
         how = plant.map.kernel(), plant.compliance, trace.step_s, substeps
         given = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ces_gap.effects.cavitation_kernels import held_void
 from ces_gap.effects.effect import FLUID, Effect, Parameter
 from ces_gap.effects.effect_kernels import void
-from ces_gap.effects.speed_map import learn_map
 from ces_gap.trace import Inputs, Trace
 
 F = NDArray[np.float64]
@@ -40,7 +39,7 @@ class _Void(Effect):
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] with what the void takes; what it is at standstill stays."""
         share, limit, bubbles = values[0], self.limits(inputs, values), values[2]
-        rest = learn_map(trace, inputs, force).rest(inputs.current)
+        rest = trace.learn_map(inputs, force).rest(inputs.current)
         onward, pull = self.side * inputs.speed, self.side * (force - rest)
         rate, capped = self.opening(onward, pull, share, limit)
         length = void(rate, trace.step_s)
@@ -123,7 +122,7 @@ class _Floor(_Void):
 
     def _through(self, trace: Trace, inputs: Inputs, force: F, limit: float) -> F:
         """Return the speed [m/s] (n,) at which the valve holds the limit at the tick's current, by bisection."""
-        plant = learn_map(trace, inputs, force)
+        plant = trace.learn_map(inputs, force)
         most = float(np.max(np.abs(inputs.speed)))
         speed, width = np.full_like(force, 0.5 * most), 0.25 * most
         for _ in range(HALVINGS):

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from ces_gap.derivative import derivative
 from ces_gap.effects.effect import FLUID, Effect, Parameter
-from ces_gap.effects.own_spring import learn_pumped
 from ces_gap.effects.series_kernels import pumped_stroke
 from ces_gap.effects.series_strain import Strain, less, shortened
-from ces_gap.trace import Inputs, Trace, derivative
+from ces_gap.trace import Inputs, Trace
 
 F = NDArray[np.float64]
 
@@ -114,12 +114,12 @@ class Pumped(Effect):
 
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] with the slow part as well."""
-        stroke, plant = self._stroke(trace, values), learn_pumped(trace).map
+        stroke, plant = self._stroke(trace, values), trace.pumped_map.map
         slow = derivative(stroke - fast(stroke, trace), trace.rate_Hz)
         return force + plant.force(inputs.speed - slow, inputs.current) - plant.force(inputs.speed, inputs.current)
 
     def _stroke(self, trace: Trace, values: Sequence[float]) -> F:
-        plant = learn_pumped(trace)
+        plant = trace.pumped_map
         added, inputs = (1.0 / values[0], 1.0 / values[1]), trace.inputs
         speed, level = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
         how = plant.map.kernel(), plant.own, added, plant.widths, trace.step_s, PUMPED_SUBSTEPS

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from ces_gap.derivative import derivative
 from ces_gap.effects.effect import FLUID, Effect, Parameter
-from ces_gap.effects.own_spring import SprungMap, learn_sprung
 from ces_gap.effects.series_kernels import leaking_force
 from ces_gap.effects.series_strain import Law, Strain, less, soft_width, tabled
-from ces_gap.trace import Inputs, Trace, derivative
+from ces_gap.plant_map.own_spring import SprungMap
+from ces_gap.trace import Inputs, Trace
 
 F = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ class _Leak(Effect):
 
     def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
         """Return the motion that displaces oil through the valve, without the slow part of the leak."""
-        plant = learn_sprung(trace)
+        plant = trace.sprung_map
         acting = force - plant.rest
         width = soft_width(trace, acting)
         tight, leaking = (tabled(q, acting, width) for q in (_tight, self.law(values)))
@@ -44,13 +45,13 @@ class _Leak(Effect):
 
     def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] with the slow part of the leak as well."""
-        plant = learn_sprung(trace)
+        plant = trace.sprung_map
         width = soft_width(trace, force - plant.rest)
         tight = tabled(_tight, force - plant.rest, width)
         slow = self._slow(trace, force - plant.rest, width, values)  # it leaks by the force that it changes
         slower = plant.map.force(inputs.speed - slow, inputs.current) - plant.map.force(inputs.speed, inputs.current)
         slow = self._slow(trace, force + slower - plant.rest, width, values)
-        moved = Inputs(inputs.position, inputs.speed - slow, inputs.current)
+        moved = replace(inputs, speed=inputs.speed - slow)
         return force + _acting(trace, plant, moved, tight) - _acting(trace, plant, inputs, tight)
 
     def _slow(self, trace: Trace, acting: F, width: float, values: Sequence[float]) -> F:

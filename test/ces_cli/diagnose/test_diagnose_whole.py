@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sampled_arrays import simulate_samples
-from schema_rules import faults
+from schema_rules import SCHEMA, faults
 
 from ces_cli.main import main
-from ces_gap.report.gap_json import gap_schema
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
@@ -97,8 +96,7 @@ def through_fmu(work):
 
 
 def test_an_fmu_is_diagnosed(through_fmu):
-    schema = gap_schema()
-    assert faults(through_fmu, schema, schema) == []
+    assert faults(through_fmu, SCHEMA, SCHEMA) == []
     assert through_fmu["verdict"] == "named"
     assert through_fmu["composition"]["effects"] == ["friction"]
     assert through_fmu["gap"]["rms_N"] == pytest.approx(0.9 * COULOMB_N, rel=0.1)

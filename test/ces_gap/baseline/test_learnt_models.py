@@ -69,7 +69,7 @@ def test_a_corrections_json_is_itself() -> None:
 
 
 def test_the_surrogate_says_nothing_of_recorded_inputs() -> None:
-    assert SURROGATE.force(UNSEEN, UNSEEN.inputs) is UNSEEN.simulated
+    np.testing.assert_allclose(SURROGATE.force(UNSEEN, UNSEEN.inputs), UNSEEN.simulated, atol=1e-9)
     same = UNSEEN.inputs.powered(UNSEEN.inputs.current + 0.0)
     np.testing.assert_allclose(SURROGATE.force(UNSEEN, same), UNSEEN.simulated, atol=1e-6)
 
@@ -102,6 +102,7 @@ def test_a_surrogates_json_is_itself() -> None:
     again = Surrogate.from_json(json.loads(json.dumps(SURROGATE.as_json())))
     weaker = UNSEEN.inputs.powered(0.9 * UNSEEN.inputs.current)
     np.testing.assert_array_equal(again.force(UNSEEN, weaker), SURROGATE.force(UNSEEN, weaker))
+    np.testing.assert_array_equal(SURROGATE.prepare_for(UNSEEN).force(UNSEEN, weaker), SURROGATE.force(UNSEEN, weaker))
     assert again.cost_J == SURROGATE.cost_J
     with pytest.raises((KeyError, TypeError, ValueError)):
         Surrogate.from_json({"weights": []})
@@ -124,7 +125,7 @@ def test_the_ceiling_holds_what_drifts_with_time() -> None:
         replace(t, force=t.simulated * (1.0 - 0.01 * t.time_s) + NOISE_N * rng.standard_normal(len(t)))
         for t in REFERENCES
     ]
-    _, learnt = learn_ceiling(fading, [t.simulated for t in fading])
+    learnt = learn_ceiling(fading, [t.simulated for t in fading]).learnt
     for trace, told in zip(fading, learnt.crossfitted, strict=True):
         gap = -0.01 * trace.time_s * trace.simulated
         assert rms(gap - told, trace) < 0.3 * rms(gap, trace)
@@ -132,6 +133,6 @@ def test_the_ceiling_holds_what_drifts_with_time() -> None:
 
 def test_the_ceiling_finds_next_to_nothing_in_noise() -> None:
     right = [traced(seed=s, seconds=10.0) for s in (1, 2)]
-    _, learnt = learn_ceiling(right, [t.simulated for t in right])
+    learnt = learn_ceiling(right, [t.simulated for t in right]).learnt
     for trace, told in zip(right, learnt.crossfitted, strict=True):
         assert rms(told, trace) < 0.25 * NOISE_N

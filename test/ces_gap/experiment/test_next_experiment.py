@@ -16,9 +16,11 @@ from ces_gap.baseline.plant import Called, Plant
 from ces_gap.baseline.surrogate import learn_surrogate, recorded
 from ces_gap.diagnosis import NextExperiment
 from ces_gap.effects.effect import Setting
+from ces_gap.experiment.experiment_files import experiment_files
 from ces_gap.experiment.menu import menu, reach_of
-from ces_gap.experiment.next_experiment import next_experiment, simulated, white_noise, write_experiment
+from ces_gap.experiment.next_experiment import next_experiment, simulated, white_noise
 from ces_identify.simulations.simulation import FunctionSimulation
+from ces_observer.checked import write_together
 from ces_observer.errors import CesError
 from ces_rig.experiment import load_experiment
 
@@ -117,12 +119,11 @@ def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
     )
 
 
-def test_a_surrogate_of_recorded_predictions_proposes_too_and_forgets_what_it_saw() -> None:
+def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
     surrogate = learn_surrogate(recorded([STEPS]))
     plant = Plant(surrogate)
     proposed = next_experiment(plant, [STEPS], [PAIR], NOISE_N, recipes=MENU)
     assert proposed is not None and proposed.distance_N > 1.0
-    assert not surrogate.known
     trace = simulated(surrogate, proposed.recipe)
     true = simulated(Called(SIMULATION), proposed.recipe).simulated
     assert np.corrcoef(trace.simulated, true)[0, 1] > 0.9
@@ -147,7 +148,8 @@ def test_no_time_still_gives_an_experiment() -> None:
 
 
 def test_the_files_are_what_the_rig_and_a_dyno_read(proposed: NextExperiment, tmp_path: Path) -> None:
-    described, table = write_experiment(proposed, tmp_path)
+    described, table = (tmp_path / f"next_experiment.{kind}" for kind in ("yaml", "csv"))
+    write_together({tmp_path / name: text for name, text in experiment_files(proposed).items()})
     experiment = load_experiment(described)
     assert experiment.settings.name == proposed.name
     assert yaml.safe_load(described.read_text(encoding="utf-8")) == proposed.recipe
@@ -160,9 +162,6 @@ def test_the_files_are_what_the_rig_and_a_dyno_read(proposed: NextExperiment, tm
     np.testing.assert_allclose(values[2], proposed.current_A, atol=1e-4)
 
 
-def test_files_that_cannot_be_written_are_told_and_not_half_there(proposed: NextExperiment, tmp_path: Path) -> None:
-    with pytest.raises(CesError, match="cannot be written"):
-        write_experiment(proposed, tmp_path / "missing")
-    assert not list(tmp_path.iterdir())
+def test_a_purpose_of_several_lines_stays_a_comment(proposed: NextExperiment) -> None:
     odd = replace(proposed, purpose="two\nlines")
-    assert yaml.safe_load(write_experiment(odd, tmp_path)[0].read_text()) == proposed.recipe
+    assert yaml.safe_load(experiment_files(odd)["next_experiment.yaml"]) == proposed.recipe

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
@@ -22,14 +21,12 @@ from twin_effects import (
 )
 
 from ces_gap.baseline.noise import Noise
-from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.errors import GapError
-from ces_gap.experiment.matching import distance, nearest, refined
-from ces_gap.experiment.signatures import Probe, fan, from_unit, tangents, to_unit
+from ces_gap.experiment.matching import nearest, refined
+from ces_gap.experiment.signatures import Probe, fan, from_unit, to_unit
 from ces_gap.experiment.twins import EVIDENCE, classes, seen_by, twin_classes
 from ces_gap.inference.evidence import gather
-from ces_gap.trace import Inputs, Trace
+from ces_gap.trace import Trace
 
 F = NDArray[np.float64]
 NOISE_N = 8.0
@@ -52,7 +49,7 @@ def test_a_signature_is_the_added_force_and_its_columns_are_its_derivatives() ->
 
 
 def test_a_tangent_is_the_whitened_signature() -> None:
-    a = tangents(PLANT, [STEPS, STILL], Friction(), (40.0, 0.05), whiten_by([STEPS, STILL], NOISE_N))
+    a = Probe(PLANT, [STEPS, STILL], whiten_by([STEPS, STILL], NOISE_N)).tangent(Setting(Friction(), (40.0, 0.05)))
     rows = sum(int(t.usable.sum()) for t in (STEPS, STILL))
     assert a.force.shape == (rows,) and (a.q @ a.r).shape == (rows, 2)
     first = int(STEPS.usable.sum())
@@ -136,29 +133,6 @@ def test_the_first_form_is_matched_by_any_form() -> None:
     more = twin_classes(PLANT, [STEPS], both, whiten_by([STEPS], NOISE_N))
     assert more.matches["friction", "spring"].index < 0.1 < found.matches["friction", "spring"].index
     assert more.matches["spring", "friction"].index == found.matches["spring", "friction"].index
-
-
-@dataclass(frozen=True)
-class Silent:
-    """A simulation that may not be asked."""
-
-    def force(self, trace: Trace, inputs: Inputs) -> F:
-        raise GapError("asked")
-
-
-def test_signatures_at_hand_spare_the_simulation() -> None:
-    p = probe(STEPS)
-    fitted = [Setting(CurrentGain(), (1.05,)), Setting(Spring(), (2000.0,)), Setting(Friction(), (40.0, 0.01))]
-    given = {s.name: [p.signature(s)] for s in fitted}
-    found = twin_classes(Plant(Silent()), [STEPS], fitted, p.whiten, given)
-    assert found.classes == ()
-    for a, b in permutations(given, 2):
-        least = distance(p.tangent(_named(fitted, a)), [p.tangent(_named(fitted, b))])
-        assert found.matches[a, b].index == pytest.approx(least)
-
-
-def _named(fitted: list[Setting], name: str) -> Setting:
-    return next(s for s in fitted if s.name == name)
 
 
 def test_a_chain_is_not_one_class() -> None:

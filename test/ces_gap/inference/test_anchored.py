@@ -13,7 +13,7 @@ from twin_effects import CurrentGain, Spring
 from ces_gap.baseline.noise import white
 from ces_gap.baseline.plant import Called, Plant, Rerun
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.inference.anchored import anchor, polished, reruns
+from ces_gap.inference.anchored import Refinement, anchor, refine_fit, reruns
 from ces_gap.inference.evidence import Evidence, gather
 from ces_gap.inference.fit import fit_alone, settings
 from ces_gap.trace import Inputs, Trace
@@ -25,18 +25,16 @@ TRUE = 1.12
 
 
 @dataclass(frozen=True)
-class Dull:
+class Dull(Rerun):
     """A stand-in that knows of changes a third less than they are, and is a little off."""
 
     def force(self, trace: Trace, inputs: Inputs) -> F:
         changed = EXACT.force(trace, inputs) - trace.simulated
-        return np.asarray(
-            trace.simulated + 0.67 * changed + 2.0 * np.sin(3.0 * trace.time_s) * (inputs is not trace.inputs)
-        )
+        return np.asarray(trace.simulated + 0.67 * changed + 2.0 * np.sin(3.0 * trace.time_s))
 
 
 @dataclass(frozen=True)
-class Counted:
+class Counted(Rerun):
     """The simulation itself, counting how often it is run."""
 
     runs: list[int]
@@ -58,22 +56,24 @@ def evidence_of(rerun: Rerun) -> Evidence:
 def test_it_is_exact_at_the_anchor_and_at_the_recorded_inputs() -> None:
     evidence = evidence_of(Dull())
     fit = fit_alone(evidence, CurrentGain())
-    anchored = anchor(evidence, fit, EXACT, Dull())
-    for trace, alone in zip(evidence.traces, evidence.alone, strict=True):
+    anchored = anchor(evidence, fit, EXACT)
+    rows = zip(evidence.traces, evidence.alone, evidence.plants, anchored.plants, strict=True)
+    for trace, alone, dull, mended in rows:
         there = fit.composition.drive(trace, alone)
-        np.testing.assert_allclose(anchored.plant.force(trace, there), EXACT.force(trace, there), atol=1e-6)
-        assert np.abs(evidence.plant.force(trace, there) - EXACT.force(trace, there)).max() > 5.0
-        np.testing.assert_array_equal(anchored.plant.force(trace, trace.inputs), trace.simulated)
+        np.testing.assert_allclose(mended.force(trace, there), EXACT.force(trace, there), atol=1e-6)
+        assert np.abs(dull.force(trace, there) - EXACT.force(trace, there)).max() > 5.0
+        np.testing.assert_array_equal(mended.alone(trace), trace.simulated)
+        np.testing.assert_array_equal(mended.force(trace, trace.inputs), dull.force(trace, trace.inputs))
 
 
 def test_it_is_near_the_simulation_between_the_two() -> None:
     evidence = evidence_of(Dull())
     fit = fit_alone(evidence, CurrentGain())
-    anchored = anchor(evidence, fit, EXACT, Dull())
+    anchored = anchor(evidence, fit, EXACT)
     (trace, *_), (alone, *_) = evidence.traces, evidence.alone
     halfway = settings(fit.effects, 0.5 * (fit.searched + 1.0)).drive(trace, alone)
     exact = EXACT.force(trace, halfway)
-    off = np.abs(anchored.plant.force(trace, halfway) - exact).max()
+    off = np.abs(anchored.plants[0].force(trace, halfway) - exact).max()
     assert off < 0.3 * np.abs(Dull().force(trace, halfway) - exact).max()
 
 
@@ -81,7 +81,7 @@ def test_a_fit_is_mended_with_one_run_of_each_trace_in_a_round() -> None:
     evidence = evidence_of(Dull())
     dull = fit_alone(evidence, CurrentGain())
     counted = Counted([])
-    mended = polished(evidence, dull, counted, Dull(), rounds=2)
+    mended = refine_fit(evidence, dull, counted, rounds=2)
     assert len(counted.runs) == 2 * len(CLEAN)
     assert dull.searched[0] == pytest.approx(1.0 + (TRUE - 1.0) / 0.67, abs=0.02)
     assert mended.searched[0] == pytest.approx(TRUE, abs=0.005)
@@ -92,5 +92,12 @@ def test_what_does_not_change_the_inputs_needs_no_run() -> None:
     evidence = evidence_of(Dull())
     fit = fit_alone(evidence, Spring())
     counted = Counted([])
-    assert polished(evidence, fit, counted, Dull()) is fit and not counted.runs
+    assert refine_fit(evidence, fit, counted) is fit and not counted.runs
+    assert Refinement(counted).anchor(evidence, fit) is evidence and not counted.runs
     assert reruns((Spring(), CurrentGain())) and not reruns((Spring(),))
+
+
+def test_without_a_surrogate_nothing_is_refined() -> None:
+    evidence = evidence_of(EXACT)
+    fit = fit_alone(evidence, CurrentGain())
+    assert Refinement().refine(evidence, fit) is fit and Refinement().anchor(evidence, fit) is evidence

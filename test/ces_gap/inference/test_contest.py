@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from test_search import EFFECTS, FRICTION, OFFSET, SPRING, as_it_is, planted
+from test_search import EFFECTS, FRICTION, OFFSET, SPRING, planted
 
 from ces_gap.effects.effect import Setting
+from ces_gap.inference.anchored import Refinement
 from ces_gap.inference.contest import Contest
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import Fit, fit_alone, fit_together
@@ -16,7 +17,7 @@ from ces_gap.inference.joining import parts, ranked
 def contest(evidence: Evidence) -> Contest:
     none = evidence.residual(evidence.alone)
     forms = [fit_alone(evidence, effect) for effect in EFFECTS]
-    return Contest(evidence, none, forms, float(none @ none) - len(none), as_it_is, lambda given, fit: given)
+    return Contest(evidence, none, forms, float(none @ none) - len(none), Refinement())
 
 
 def together(arena: Contest, *names: str) -> Fit:
@@ -48,11 +49,15 @@ def test_swaps_are_tried_on_the_evidence_near_the_best_and_refined_on_the_whole(
     evidence = planted(OFFSET, FRICTION)
     close, refined = evidence.scaled(1.0), []
 
-    def refine(given: Evidence, fit: Fit) -> Fit:
-        refined.append(given)
-        return fit
+    class Watched(Refinement):
+        def refine(self, evidence: Evidence, fit: Fit) -> Fit:
+            refined.append(evidence)
+            return fit
 
-    arena = replace(contest(evidence), refine=refine, near=lambda given, fit: close)
+        def anchor(self, evidence: Evidence, fit: Fit) -> Evidence:
+            return close
+
+    arena = replace(contest(evidence), refinement=Watched())
     arena.won(together(arena, "offset", "friction"))
     assert refined and all(given is evidence for given in refined)
 

@@ -35,7 +35,7 @@ def test_a_parameter_without_a_trace_may_be_anything():
 
 def test_the_learner_leaves_noise_alone():
     right = [traced(seed=s, seconds=10.0) for s in (1, 2)]
-    for trace, told in zip(right, learn_ceiling(right, [t.simulated for t in right])[1].crossfitted, strict=True):
+    for trace, told in zip(right, learn_ceiling(right, [t.simulated for t in right]).learnt.crossfitted, strict=True):
         assert np.sqrt(np.mean(told[trace.usable] ** 2)) < 0.02 * NOISE_N
 
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from engine_plant import NOISE_N
-from test_search import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, Found, Offset, as_it_is, planted, searched
+from test_search import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, Found, Offset, planted, searched
 
 from ces_gap.effects.effect import Parameter
+from ces_gap.inference.anchored import Refinement
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.rivals import contenders, joined, least_left, stand_ins
 from ces_gap.inference.search import search
@@ -28,7 +29,7 @@ class Tare(Offset):
 
 
 def with_tare(evidence: Evidence) -> Found:
-    return search(evidence, (*EFFECTS, Tare()), as_it_is, 1, lambda what, share: None)
+    return search(evidence, (*EFFECTS, Tare()), Refinement(), 1)
 
 
 def test_one_that_replaces_an_effect_beside_others_stands_in_for_it() -> None:

@@ -14,6 +14,7 @@ from twin_effects import CurrentOffset, Friction, Spring
 from ces_gap.baseline.noise import white
 from ces_gap.baseline.plant import Called, Plant
 from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
+from ces_gap.inference.anchored import Refinement
 from ces_gap.inference.comparison import gain
 from ces_gap.inference.evidence import Evidence, gather
 from ces_gap.inference.fit import Fit, fit_alone
@@ -58,12 +59,8 @@ def planted(*there: Setting, seed: int = 5, traces: Sequence[Trace] = CLEAN) -> 
     return gather(real, PLANT, white(NOISE_N), [np.zeros((len(t), 1)) for t in real], np.zeros((1, 1)))
 
 
-def as_it_is(evidence: Evidence, fit: Fit) -> Fit:
-    return fit
-
-
 def searched(evidence: Evidence, threads: int = 1) -> Found:
-    return search(evidence, EFFECTS, as_it_is, threads, lambda what, share: None)
+    return search(evidence, EFFECTS, Refinement(), threads)
 
 
 def found_values(found: Found) -> dict[str, tuple[float, ...]]:
@@ -120,13 +117,15 @@ def test_refining_is_asked_for_the_most_promising_and_its_answer_counts() -> Non
     evidence = planted(SPRING)
     asked: list[tuple[str, ...]] = []
 
-    def spoil_springs(given: Evidence, fit: Fit) -> Fit:
+    class SpoiltSprings(Refinement):
         """The simulation itself has no spring."""
-        asked.append(fit.names)
-        spoilt = replace(fit, residual=fit.residual * 30.0, left_out=fit.left_out * 30.0)
-        return spoilt if "spring" in fit.names else fit
 
-    found = search(evidence, EFFECTS, spoil_springs, 1, lambda what, share: None)
+        def refine(self, evidence: Evidence, fit: Fit) -> Fit:
+            asked.append(fit.names)
+            spoilt = replace(fit, residual=fit.residual * 30.0, left_out=fit.left_out * 30.0)
+            return spoilt if "spring" in fit.names else fit
+
+    found = search(evidence, EFFECTS, SpoiltSprings(), 1)
     assert ("spring",) in asked
     assert found.alone[0].names != ("spring",)
     assert found.best is None or "spring" not in found.best.names
@@ -134,7 +133,7 @@ def test_refining_is_asked_for_the_most_promising_and_its_answer_counts() -> Non
 
 def test_progress_is_told_in_shares() -> None:
     told: list[tuple[str, float]] = []
-    search(planted(SPRING), EFFECTS, as_it_is, 1, lambda what, share: told.append((what, share)))
+    search(planted(SPRING), EFFECTS, Refinement(), 1, lambda what, share: told.append((what, share)))
     assert len(told) > len(EFFECTS)
     assert all(what and 0.0 <= share <= 1.0 for what, share in told)
 

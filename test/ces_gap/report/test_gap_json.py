@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnoses import ALL, ambiguous, named, no_gap, unknown
-from schema_rules import faults
+from schema_rules import SCHEMA, faults
 
 from ces_gap.errors import GapError
-from ces_gap.report.gap_json import gap_document, gap_schema, write_gap
+from ces_gap.report.gap_json import gap_document, write_gap
 from ces_observer.errors import CesError
 
 
 def wrong(document: dict[str, Any]) -> list[str]:
-    schema = gap_schema()
-    return faults(document, schema, schema)
+    return faults(document, SCHEMA, SCHEMA)
 
 
 def leaves(item: Any) -> Iterator[Any]:
@@ -41,8 +40,8 @@ def test_every_verdict_follows_the_schema(verdict: str) -> None:
 @pytest.mark.parametrize("verdict", ALL)
 def test_schema_agrees_with_the_jsonschema_library(verdict: str) -> None:
     library = pytest.importorskip("jsonschema")
-    checker = library.Draft202012Validator(gap_schema())
-    checker.check_schema(gap_schema())
+    checker = library.Draft202012Validator(SCHEMA)
+    checker.check_schema(SCHEMA)
     assert checker.is_valid(gap_document(ALL[verdict]()))
 
 

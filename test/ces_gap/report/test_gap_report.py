@@ -5,7 +5,6 @@ import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,13 +13,12 @@ from diagnoses import ALL, ambiguous, experiment, explained, named, no_gap, pair
 
 from ces_gap.diagnosis import Diagnosis, Estimate, Region, Series, Where
 from ces_gap.effects.library import library, names
-from ces_gap.report import report_page, write_report
+from ces_gap.report import report_page
 from ces_gap.report.before_after import _kinks, worst_second
 from ces_gap.report.causes import cause_rows, others
 from ces_gap.report.ladder import after_ci95_N, ladder
 from ces_gap.report.strips import shares_ci95
 from ces_gap.report.words import EFFECTS, figure, joined, parameter_text, percent, region_name
-from ces_observer.errors import CesError
 
 XHTML = "{http://www.w3.org/1999/xhtml}"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -230,8 +228,8 @@ def test_worst_second_holds_the_burst() -> None:
 def test_regions_before_and_after() -> None:
     table = next(t for t in page("named").iter(f"{XHTML}table") if t.get("class") == "regions")
     rows = list(table.iter(f"{XHTML}tr"))[1:]
-    clear = [pair for pair in named().composition.by_region if pair[0].q_value <= 0.05][:10]
-    assert 0 < len(rows) == len(clear) < len(named().composition.by_region)
+    clear = [pair for pair in named().by_region if pair[0].q_value <= 0.05][:10]
+    assert 0 < len(rows) == len(clear) < len(named().by_region)
     region, after = clear[0]
     assert words(rows[0]).startswith(region_name(region))
     was, now = length(classed(rows[0], "was")[0]), length(classed(rows[0], "is")[0])
@@ -337,10 +335,3 @@ def test_words_of_numbers_and_regions() -> None:
     )
     for (axis, low, high), name in rows:
         assert region_name(Region(axis, low, high, 0.1, 0.1, 1.0, (0.0, 2.0), 0.5)) == name
-
-
-def test_file_is_the_page(tmp_path: Path) -> None:
-    write_report(tmp_path / "report.html", ambiguous(), "Rear damper", FACTS)
-    assert (tmp_path / "report.html").read_text(encoding="utf-8") == report_page(ambiguous(), "Rear damper", FACTS)
-    with pytest.raises(CesError, match="cannot be written"):
-        write_report(tmp_path / "none" / "report.html", ambiguous(), "Rear damper")

@@ -36,7 +36,7 @@ from ces_gap.effects.library import (
     position_delay,
     valve_lag,
 )
-from ces_gap.trace import F, Trace
+from ces_gap.trace import F, Inputs, Trace
 
 MODULES = (
     backlash,
@@ -75,8 +75,7 @@ def refit(trace: Trace, effect: Effect, damper: Damper | Brake | None = None) ->
         return np.clip(near, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
 
     low, high = np.array([p.search_bounds() for p in effect.parameters]).T
-    given = getattr(effect, "starts_for", None)
-    starts = given(trace) if given else list(product(*(p.starts for p in effect.parameters)))
+    starts = effect.starts_for(trace)
     start = min((searched(s) for s in starts), key=lambda u: float(np.sum(residual(u) ** 2)))
     span = np.maximum(np.abs(start), 0.05 * (high - low))
     found = least_squares(residual, start, bounds=(low, high), x_scale=span, diff_step=1e-3, max_nfev=10)
@@ -106,12 +105,16 @@ def neutral(effect: Effect) -> tuple[float, ...]:
     return tuple(p.neutral if p.magnitude else p.starts[0] for p in effect.parameters)
 
 
+def arrays_of(inputs: Inputs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return inputs.position, inputs.speed, inputs.current
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_neutral_changes_nothing(form: str) -> None:
     trace, values = plain(), neutral(FORMS[form])
     inputs = FORMS[form].drive(trace, trace.inputs, trace.simulated, values)
     force = FORMS[form].respond(trace, inputs, trace.simulated, values)
-    for was, now in zip(vars(trace.inputs).values(), vars(inputs).values(), strict=True):
+    for was, now in zip(arrays_of(trace.inputs), arrays_of(inputs), strict=True):
         np.testing.assert_allclose(now, was, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(force, trace.simulated, rtol=0.0, atol=1e-9)
 
@@ -122,7 +125,7 @@ def test_finite_in_every_corner_and_at_a_constant_current(form: str) -> None:
     for trace, values in product((plain(), still), corners(effect)):
         inputs = effect.drive(trace, trace.inputs, trace.simulated, values)
         force = effect.respond(trace, inputs, trace.simulated, values)
-        assert all(np.isfinite(a).all() for a in (*vars(inputs).values(), force))
+        assert all(np.isfinite(a).all() for a in (*arrays_of(inputs), force))
     if effect.name in ("valve_lag", "current_hysteresis"):
         np.testing.assert_allclose(inputs.current, 0.7, rtol=0.0, atol=1e-12)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import output_plants as plants
@@ -80,8 +79,7 @@ CASES: list[tuple[tuple[str, str], Planted, Sequence[float], Sequence[float]]] =
 def recovered(effect: Effect, trace: Trace) -> tuple[float, ...]:
     """Return the values that fit best from the effect's starts, as searched inside the bounds."""
     low, high = np.array([p.search_bounds() for p in effect.parameters]).T
-    given = getattr(effect, "starts_for", None)
-    starts = given(trace) if given else list(product(*(p.starts for p in effect.parameters)))
+    starts = effect.starts_for(trace)
 
     def values(u: np.ndarray) -> tuple[float, ...]:
         return tuple(p.to_value(x) for p, x in zip(effect.parameters, u, strict=True))
@@ -206,8 +204,8 @@ def test_a_stop_out_of_reach_does_nothing_and_within_reach_pushes_back() -> None
 def test_stops_and_valves_are_searched_from_where_the_recording_goes() -> None:
     trace = plants.trace(seconds=5.0)
     furthest, hardest = trace.inputs.position.max(), -trace.simulated.min()
-    contacts = [start[2] for start in FORMS["bump_stop", "compression"].starts_for(trace)]  # type: ignore[attr-defined]
-    levels = [start[0] for start in FORMS["blow_off", "rebound"].starts_for(trace)]  # type: ignore[attr-defined]
+    contacts = [start[2] for start in FORMS["bump_stop", "compression"].starts_for(trace)]
+    levels = [start[0] for start in FORMS["blow_off", "rebound"].starts_for(trace)]
     assert all(0.3 * furthest < at < furthest for at in contacts)
     assert all(0.4 * hardest < level < hardest for level in levels)
 

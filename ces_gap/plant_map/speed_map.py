@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from ces_gap.effects.series_kernels import spline_normal, steep_values
-from ces_gap.trace import Inputs, Trace
+from ces_gap.plant_map.map_kernels import spline_normal, steep_values
 
 F = NDArray[np.float64]
+B = NDArray[np.bool_]
 
 CELLS, LEVELS = 24, 4  # of speed and of current
 MOST = 4000  # ticks that the map is learnt from
@@ -65,11 +65,14 @@ class SpeedMap:
         return np.asarray((warped / self.reach + 1.0) * (0.5 * CELLS))
 
 
-def learn_map(trace: Trace, inputs: Inputs, force: F) -> SpeedMap:
-    """Return the map of `force` [N] (n,) by penalised least squares over the usable ticks (Eilers and Marx 1996)."""
-    ticks = np.flatnonzero(trace.usable) if trace.usable.any() else np.arange(len(trace))
+def learn_map(speed: F, current: F, force: F, usable: B) -> SpeedMap:
+    """Return the map of `force` [N] over speed [m/s] and current [A], each (n,), by penalised least squares.
+
+    It is learnt from the `usable` ticks (n,), from all if there is none (Eilers and Marx 1996).
+    """
+    ticks = np.flatnonzero(usable) if usable.any() else np.arange(len(usable))
     ticks = ticks[:: max(1, len(ticks) // MOST)]
-    speed, current = inputs.speed[ticks], inputs.current[ticks]
+    speed, current = speed[ticks], current[ticks]
     narrow = NARROW * float(np.sqrt(np.mean(speed**2))) + 1e-6
     reach = float(np.sqrt(1.0 + np.max(np.abs(speed)) / narrow)) - 1.0 + 1e-3
     low, span = float(current.min()), float(np.ptp(current))

@@ -1,9 +1,9 @@
-"""What a diagnosis is given, made ready: traces to fit on, to judge on, free of the effect; a simulation to rerun."""
+"""The intake: recordings and a simulation in; traces to fit on, to judge on and free of the effect out."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,23 +12,21 @@ from ces_gap.baseline.plant import Called, Rerun
 from ces_gap.baseline.surrogate import Surrogate, explored, learn_surrogate, recorded
 from ces_gap.errors import GapError
 from ces_gap.intake.saturation import without_saturated
-from ces_gap.recorded import recorded_in
+from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, open_trace, require_usable
 from ces_identify.recordings.recording import Recording
-from ces_identify.simulations.simulation import Simulation
+from ces_identify.simulations.simulation import Simulation, find_predictions
 
 LEAST_FIT_S = 4.0  # [s] usable for the fit
 PARTS, PART_S = 10, 1.0  # of a single recording, the shortest [s]: every third is set aside
 SLOW_S = 0.025  # [s] of computing: a rerun of all real recordings that is slower is asked seldom
 
-Progress = Callable[[str, float], None]
-
 
 @dataclass(frozen=True)
-class Given:
+class DiagnosisInput:
     """Traces to fit on, to judge on, and free of the effect.
 
-    `exact` runs the simulation again (None if it cannot be), `cheap` does so quickly, perhaps by `surrogate`.
+    `exact` runs the simulation again (None if it cannot be), `cheap` does so quickly: by `surrogate`, if there is one.
     """
 
     real: tuple[Trace, ...]
@@ -38,37 +36,42 @@ class Given:
     cheap: Rerun
     surrogate: Surrogate | None
 
+    @property
+    def best(self) -> Rerun:
+        """What reruns the simulation best: itself, or the surrogate of what was only recorded."""
+        return self.exact or self.cheap
 
-def make_ready(
+    @property
+    def slow(self) -> Rerun | None:
+        """The simulation itself where a surrogate replaces it in the search, None where it is run at once or never."""
+        return None if self.surrogate is None else self.exact
+
+
+def prepare_recordings(
     simulation: Simulation,
     real: Sequence[Recording],
     held_out: Sequence[Recording],
     reference: Sequence[Recording],
-    progress: Progress,
-) -> Given:
+    progress: Progress = ignore_progress,
+) -> DiagnosisInput:
     """Return everything on its grid; recordings to judge on are set aside if none are given. Raises GapError."""
-    everything = [*real, *held_out, *reference]
-    traces: list[Trace] = []
-    for recording in everything:
-        progress(f"simulating {recording.name}", len(traces) / len(everything))
-        trace = open_trace(simulation, recording, as_given=_judged(recording, held_out, real))
-        traces.append(without_saturated(trace))
-        require_usable(traces[-1])
-    fitted, judged, free = (
-        traces[: len(real)],
-        traces[len(real) : len(real) + len(held_out)],
-        traces[len(real) + len(held_out) :],
-    )
+    roles = [(real, not held_out), (held_out, True), (reference, False)]  # with whether the gap is judged on them
+    count, begun = len(real) + len(held_out) + len(reference), 0
+    traces: list[list[Trace]] = []
+    for recordings, judged_on in roles:
+        traces.append([])
+        for recording in recordings:
+            progress(f"simulating {recording.name}", begun / count)
+            trace = without_saturated(open_trace(simulation, recording, as_given=judged_on))
+            require_usable(trace)
+            traces[-1].append(trace)
+            begun += 1
+    fitted, judged, free = traces
     if not judged:
         fitted, judged = set_aside(fitted)
     _require_length(fitted)
     exact, cheap, surrogate = _reruns(simulation, fitted, [*judged, *free])
-    return Given(tuple(fitted), tuple(judged), tuple(free), exact, cheap, surrogate)
-
-
-def _judged(recording: Recording, held_out: Sequence[Recording], real: Sequence[Recording]) -> bool:
-    """True if the gap is judged on this recording, and so needs the simulation on its position as logged."""
-    return any(recording is r for r in (held_out or real))
+    return DiagnosisInput(tuple(fitted), tuple(judged), tuple(free), exact, cheap, surrogate)
 
 
 def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
@@ -79,7 +82,8 @@ def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
     only = traces[0]
     part = np.maximum(PART_S, only.time_s[-1] / PARTS)
     judged = (only.time_s / part).astype(np.int64) % 3 == 2
-    return [replace(only, usable=only.usable & ~judged)], [replace(only, usable=only.usable & judged)]
+    fitted = replace(only, usable=only.usable & ~judged)
+    return [fitted], [replace(only, usable=only.usable & judged, map_ticks=fitted.usable)]
 
 
 def _require_length(traces: Sequence[Trace]) -> None:
@@ -95,13 +99,13 @@ def _reruns(
     simulation: Simulation, fitted: Sequence[Trace], others: Sequence[Trace]
 ) -> tuple[Rerun | None, Rerun, Surrogate | None]:
     """Return who reruns the simulation exactly and quickly; the slow or only recorded one gets a surrogate."""
-    if recorded_in(simulation) is not None:
+    if find_predictions(simulation) is not None:
         surrogate = learn_surrogate(recorded([*fitted, *others]))
         return None, surrogate, surrogate
     called = Called(simulation)
     began = time.process_time()
     for trace in fitted:
-        called.force(trace, trace.inputs.moved(trace.inputs.position + 0.0, trace.rate_Hz))
+        called.force(trace, trace.inputs)
     if time.process_time() - began <= SLOW_S:
         return called, called, None
     surrogate = learn_surrogate([*explored(fitted, called), *recorded(others)])

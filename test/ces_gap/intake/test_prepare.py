@@ -12,14 +12,14 @@ from engine_plant import SIMULATION, F, recorded, traced
 from ces_gap.baseline.plant import Called
 from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.errors import GapError
-from ces_gap.intake import given as given_module
-from ces_gap.intake.given import Given, make_ready, set_aside
+from ces_gap.intake import prepare as prepare_module
+from ces_gap.intake.prepare import DiagnosisInput, prepare_recordings, set_aside
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import RecordedSimulation
 
 
-def ready(real: list[Recording], held_out: list[Recording] | None = None, **more: list[Recording]) -> Given:
-    return make_ready(SIMULATION, real, held_out or [], more.get("reference", []), lambda what, share: None)
+def ready(real: list[Recording], held_out: list[Recording] | None = None, **more: list[Recording]) -> DiagnosisInput:
+    return prepare_recordings(SIMULATION, real, held_out or [], more.get("reference", []))
 
 
 @pytest.mark.parametrize(("count", "kept"), [(2, 1), (3, 2), (4, 3), (6, 4), (7, 5)])
@@ -50,15 +50,17 @@ def test_recordings_are_sorted_by_what_they_are_for() -> None:
 
 
 def test_a_simulation_that_answers_at_once_is_asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(given_module, "SLOW_S", 60.0)
+    monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
     made = ready([recorded()])
     assert isinstance(made.exact, Called) and made.cheap is made.exact and made.surrogate is None
+    assert made.best is made.exact and made.slow is None
 
 
 def test_a_slow_one_gets_a_surrogate_that_has_seen_changed_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(given_module, "SLOW_S", 0.0)
+    monkeypatch.setattr(prepare_module, "SLOW_S", 0.0)
     made = ready([recorded(seed=1), recorded(seed=2)])
     assert isinstance(made.exact, Called) and made.cheap is made.surrogate and isinstance(made.surrogate, Surrogate)
+    assert made.best is made.exact and made.slow is made.exact
     (trace, *_) = made.real
     weaker = trace.inputs.powered(0.95 * trace.inputs.current)
     changed = made.exact.force(trace, weaker) - trace.simulated
@@ -73,8 +75,8 @@ def with_predictions(recording: Recording) -> Recording:
 
 def test_recorded_predictions_cannot_be_rerun() -> None:
     recordings = [with_predictions(recorded(seed=s)) for s in (1, 2)]
-    made = make_ready(RecordedSimulation("/prediction"), recordings, [], [], lambda what, share: None)
-    assert made.exact is None and made.cheap is made.surrogate
+    made = prepare_recordings(RecordedSimulation("/prediction"), recordings, [], [])
+    assert made.exact is None and made.slow is None and made.best is made.cheap is made.surrogate
     assert made.surrogate is not None and 0.0 < made.surrogate.cost_J < 20.0
 
 
@@ -101,5 +103,5 @@ def test_too_little_to_fit_on_is_refused() -> None:
 
 def test_progress_is_told_for_each_recording() -> None:
     told: list[str] = []
-    make_ready(SIMULATION, [recorded()], [recorded(seed=2)], [], lambda what, share: told.append(what))
+    prepare_recordings(SIMULATION, [recorded()], [recorded(seed=2)], [], lambda what, share: told.append(what))
     assert [name in what for name, what in zip(("made1", "made2"), told, strict=False)] == [True, True]

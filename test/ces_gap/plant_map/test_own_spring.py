@@ -12,7 +12,6 @@ from numba import njit
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.library.leakage import BothWays
-from ces_gap.effects.own_spring import learn_sprung
 from ces_gap.trace import Trace
 
 LEAK = 3e-5  # [m/(s N)]
@@ -42,12 +41,21 @@ def left(trace: Trace, leak: float) -> float:
 @pytest.mark.parametrize("stiffness", [9.5e5, 5e6])
 def test_the_spring_of_a_plant_is_found(stiffness: float) -> None:
     trace = recorded(series(TABLE / stiffness))
-    found = learn_sprung(replace(trace, simulated=trace.force)).compliance
+    found = replace(trace, simulated=trace.force).sprung_map.compliance
     assert 0.5 < found * stiffness < 2.0  # compliances are tried by factors of 1.8
 
 
 def test_a_plant_without_a_spring_has_none() -> None:
-    assert learn_sprung(plain()).compliance == 0.0
+    assert plain().sprung_map.compliance == 0.0
+
+
+def test_a_map_is_learnt_once_for_a_trace_from_the_ticks_it_names() -> None:
+    trace = plain()
+    early = trace.usable & (trace.time_s < 0.5 * trace.time_s[-1])
+    assert trace.sprung_map is trace.sprung_map and trace.pumped_map is trace.pumped_map
+    part, judged = replace(trace, usable=early), replace(trace, usable=trace.usable & ~early, map_ticks=early)
+    np.testing.assert_array_equal(judged.sprung_map.map.table, part.sprung_map.map.table)
+    assert not np.array_equal(judged.sprung_map.map.table, trace.sprung_map.map.table)
 
 
 def test_a_leak_relaxes_the_force_that_a_friction_holds() -> None:

@@ -1,0 +1,36 @@
+"""What effects explain, as records: their parameters with intervals, and what they leave of the gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ces_gap.effects.effect import Composition
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter's value with its 95 % interval, SI; `at_bound` if it stuck there, `drifts` if folds disagree."""
+
+    name: str
+    value: float
+    ci95: Interval
+    at_bound: bool = False
+    drifts: bool = False
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What an effect, or several together, explain. Shrink and gap are on held-out recordings, noise taken out."""
+
+    effects: tuple[str, ...]
+    forms: tuple[str, ...]
+    composition: Composition
+    estimates: tuple[tuple[Estimate, ...], ...]  # by effect
+    gap_after_N: float
+    shrink: float
+    shrink_ci95: Interval
+    gain: float = 0.0  # cross-fitted share of the gap's energy explained on the recordings the fit saw in part
+    gain_error: float = 0.0
+    probability: float = 0.0

@@ -1,0 +1,99 @@
+"""The plant's own elasticity: what its force lags behind its speed by, learnt from the simulation itself.
+
+A plant with memory (oil that is squeezed, friction that holds before it slides) is not a map of speed and current; it
+is nearer to such a map in series with a spring of its own (Maxwell): F = f(v - c·dF/dt).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.derivative import derivative
+from ces_gap.plant_map.map_kernels import forward_backward, pole_of
+from ces_gap.plant_map.speed_map import SpeedMap, learn_map
+
+F = NDArray[np.float64]
+B = NDArray[np.bool_]
+
+CORNER_HZ = 100.0  # [Hz] above it a simulated force is noise rather than motion
+COMPLIANCES = (0.0, *(1.0 / np.geomspace(3e5, 3e7, 9)))  # [m/N] none, then from soft to stiff
+SOFT = 0.03  # of the RMS of force and speed: width of the change from one compliance to the other
+
+
+@dataclass(frozen=True)
+class SprungMap:
+    """A map of speed and current behind a spring of `compliance` c [m/N]; `rest` [N] is the force at standstill."""
+
+    map: SpeedMap
+    compliance: float
+    rest: float
+
+
+@dataclass(frozen=True)
+class PumpedMap:
+    """A map behind a spring of one compliance [m/N] while pushed and moving in, another otherwise (`own`).
+
+    `memory` [N] (n,) is what the plant's force is more than that.
+    """
+
+    map: SpeedMap
+    own: tuple[float, float]
+    widths: tuple[float, float]
+    memory: F
+
+
+def banded(force: F, rate_Hz: float) -> F:
+    """Return the force (n,) without what is above `CORNER_HZ`, not delayed."""
+    corner = min(CORNER_HZ, 0.25 * rate_Hz)
+    return np.asarray(forward_backward(np.ascontiguousarray(force), pole_of(corner, rate_Hz)))
+
+
+def learn_sprung(speed: F, current: F, force: F, usable: B, rate_Hz: float) -> SprungMap:
+    """Return the map and the spring that explain the simulated `force` [N] (n,) best over the usable ticks.
+
+    `speed` [m/s] and `current` [A] (n,) are those that it was simulated for.
+    """
+    rate, used = derivative(banded(force, rate_Hz), rate_Hz), _used(usable)
+    best, least, compliant = learn_map(speed, current, force, usable), np.inf, 0.0
+    for compliance in COMPLIANCES:
+        through = speed - compliance * rate
+        found = learn_map(through, current, force, usable)
+        left = (force - found.force(through, current))[used]
+        if float(left @ left) < least:
+            best, least, compliant = found, float(left @ left), compliance
+    return SprungMap(best, compliant, best.rest(current))
+
+
+def learn_pumped(speed: F, current: F, force: F, usable: B, rate_Hz: float, alike: float) -> PumpedMap:
+    """Return the map and the two compliances that explain the simulated force [N] best, each searched in turn.
+
+    The search begins with both at `alike` [m/N], that of `learn_sprung`. Arrays as there.
+    """
+    smooth, used = banded(force, rate_Hz), _used(usable)
+    widths = (SOFT * _rms(smooth[used]) + 1e-3, SOFT * _rms(speed[used]) + 1e-6)
+    pumping = 0.25 * (1.0 + np.tanh(smooth / widths[0])) * (1.0 + np.tanh(speed / widths[1]))
+    rate = derivative(smooth, rate_Hz)
+
+    def left(own: tuple[float, float]) -> tuple[float, SpeedMap, F]:
+        through = speed - (own[1] + pumping * (own[0] - own[1])) * rate
+        found = learn_map(through, current, force, usable)
+        residual = force - found.force(through, current)
+        return float(residual[used] @ residual[used]), found, residual
+
+    own = (alike, alike)
+    for _ in range(2):
+        own = min(((c, own[1]) for c in COMPLIANCES), key=lambda o: left(o)[0])
+        own = min(((own[0], c) for c in COMPLIANCES), key=lambda o: left(o)[0])
+    _, found, residual = left(own)
+    return PumpedMap(found, own, widths, banded(residual, rate_Hz))
+
+
+def _used(usable: B) -> B:
+    return usable if usable.any() else np.ones(len(usable), bool)
+
+
+def _rms(values: F) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,47 @@
+"""The locating stage: where the gap lies, what is left of it in each region, and where an unknown rest lies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_gap.baseline.noise import Noise
+from ces_gap.inference.evidence import Evidence
+from ces_gap.inference.held_out import Series
+from ces_gap.trace import Trace
+from ces_gap.where.locate import gap_within, locate
+from ces_gap.where.regions import Region, Where
+
+F = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GapLocation:
+    """Where the gap lies, the gap after [N] in each of its regions, and where the rest lies if it was looked for."""
+
+    where: Where
+    by_region: tuple[tuple[Region, float], ...]
+    rest: Where | None
+
+
+def locate_gap(evidence: Evidence, held_out: Sequence[Series], seed: int, with_rest: bool) -> GapLocation:
+    """Return where the gap of all recordings lies, and what the effects leave of it on the held-out ones."""
+    judged = [s.trace for s in held_out]
+    traces, corrected = [*evidence.traces, *judged], [*evidence.alone, *(s.corrected for s in held_out)]
+    where = locate(traces, _gaps(traces, corrected), _noise(evidence, traces), seed)
+    left, noise = _gaps(judged, [s.augmented for s in held_out]), _noise(evidence, judged)
+    within = gap_within(where.regions, judged, left, noise)
+    rest = locate(judged, left, noise, seed) if with_rest else None
+    return GapLocation(where, tuple(zip(where.regions, within, strict=True)), rest)
+
+
+def _gaps(traces: Sequence[Trace], forces: Sequence[F]) -> list[F]:
+    """Return measured less modelled force [N] (n,) on each trace."""
+    return [t.force - f for t, f in zip(traces, forces, strict=True)]
+
+
+def _noise(evidence: Evidence, traces: Sequence[Trace]) -> Noise | list[float]:
+    return evidence.noise if evidence.noise_known else [t.noise_N for t in traces]

@@ -1,0 +1,68 @@
+"""The diagnosis as a pipeline: each thing is computed once and handed on, and nothing is left behind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import pytest
+from engine_plant import SIMULATION, WEIGHTS, recorded
+from test_whole_diagnosis import sprung, wrong
+from twin_effects import CurrentGain, Friction, Spring
+
+from ces_gap import diagnose as pipeline
+from ces_gap.diagnose import Options, diagnose
+from ces_gap.diagnosis import NAMED, Diagnosis
+from ces_gap.effects.effect import Effect
+from ces_gap.inference import decide, learn_baseline
+from ces_gap.inference.explaining import HeldOutScorer
+from ces_gap.intake import prepare
+
+FEW: tuple[Effect, ...] = (CurrentGain(), Friction(), Spring())
+
+
+@pytest.fixture(autouse=True)
+def _few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pipeline, "library", lambda: FEW)
+    monkeypatch.setattr(pipeline, "calibration", lambda: WEIGHTS)
+    monkeypatch.setattr(prepare, "SLOW_S", 60.0)
+
+
+def diagnosed(with_references: bool = True) -> Diagnosis:
+    reference = [recorded(wrong, s, 8.0) for s in (11, 12)] if with_references else []
+    real, held_out = [recorded(sprung, s, 4.0) for s in (1, 2)], [recorded(sprung, 3, 4.0)]
+    return diagnose(SIMULATION, "damper", real, held_out, reference, Options(experiment=False))
+
+
+def count(monkeypatch: pytest.MonkeyPatch, places: list[Any], name: str) -> list[Any]:
+    """Return a list that gets the arguments of every call."""
+    calls: list[Any] = []
+    for place in places:
+        plain: Callable[..., Any] = getattr(place, name)
+        monkeypatch.setattr(place, name, lambda *given, _plain=plain: (calls.append(given), _plain(*given))[1])
+    return calls
+
+
+@pytest.mark.parametrize("with_references", [True, False])
+def test_the_ceiling_is_learnt_once_of_the_gap_and_once_of_the_rest(
+    monkeypatch: pytest.MonkeyPatch, with_references: bool
+) -> None:
+    calls = count(monkeypatch, [learn_baseline, decide], "learn_ceiling")
+    found = diagnosed(with_references)
+    assert found.figures is not None and len(calls) == 2
+
+
+def test_the_held_out_forces_of_each_explanation_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = count(monkeypatch, [HeldOutScorer], "forces")
+    found = diagnosed()
+    assert found.verdict == NAMED and found.composition.effects == ("spring",)
+    compositions = [fit.composition for _, fit, _ in calls]
+    assert len(compositions) == len(FEW) and all(compositions.count(c) == 1 for c in compositions)
+
+
+def test_records_of_the_same_recordings_are_the_same_and_frozen() -> None:
+    first, again = diagnosed(), diagnosed()
+    assert first.figures == again.figures and first.gap == again.gap and first.causes == again.causes
+    for record in (first, first.gap, first.where, first.causes[0], first.held_out[0].trace):
+        assert is_dataclass(record) and fields(record) and type(record).__dataclass_params__.frozen  # type: ignore[attr-defined]
