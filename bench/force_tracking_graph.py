@@ -26,9 +26,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ces_observer.model import load_model
+from ces_rig.drive.vehicle_kernel import STROKE
 from ces_rig.live.node import CLOCK_START_NS
 from ces_rig.live.rig import LiveRig
-from ces_rig.live.vehicle import STROKE
 
 SAMPLE = Path(__file__).resolve().parent.parent / "config" / "models" / "sample.json"
 MODES = {"in process": None, "graph, half of real time": "0.5", "graph, real time": "1.0"}

@@ -22,8 +22,8 @@ from ces_observer.damper_observer import DamperObserver
 from ces_observer.model import Model
 from ces_observer.nodes.controller_table import CURVE
 from ces_rig.dampers.hydraulic.stepper import Stepper, rest_force, spline_speed
+from ces_rig.drive.vehicle_kernel import FORCE, STROKE
 from ces_rig.live.rig import LiveRig, Sample, Settings
-from ces_rig.live.vehicle import FORCE, STROKE
 
 F = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def judged(rig: LiveRig, stroke_m: F, force_N: F, estimate_N: F, command_A: F) -
     time = np.arange(1, len(stroke_m) + 1) * interval
     speed = spline_speed(time, stroke_m)
     desired = np.array([DESIRED.at(v) for v in speed])
-    soft, firm = (held_force(rig, stroke_m, speed, current) for current in rig.damper.current_A)
+    soft, firm = (held_force(rig, stroke_m, speed, current) for current in rig.damper.model.current_A)
     low, high = np.minimum(soft, firm), np.maximum(soft, firm)
     reachable = (high - low > LEAST_SPAN_N) & (desired >= low) & (desired <= high) & (time > SKIPPED_S)
     return Tracked(time, speed, force_N, desired, estimate_N, command_A, reachable)

@@ -16,8 +16,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ces_observer.nodes.executors import collect, run
+from ces_rig.drive import vehicle_kernel as qv
 from ces_rig.errors import RigError
-from ces_rig.live import vehicle as qv
 from ces_rig.live.node_parameters import declare_settings
 from ces_rig.live.pace import Pace
 from ces_rig.live.rig import LIVE, VEHICLE, LiveRig, Settings
