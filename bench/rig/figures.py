@@ -1,6 +1,6 @@
 """The figures of docs/rig.md.
 
-python -m ces_rig.figures docs/img
+python -m bench.rig.figures docs/img
 """
 
 from __future__ import annotations

@@ -55,6 +55,19 @@ class Design:
 
 
 @dataclass(frozen=True)
+class Figure:
+    """The outcome of one run."""
+
+    case: str
+    stroke: str
+    way: str
+    seed: int
+    J: float
+    rms_N: float
+    reachable: float
+
+
+@dataclass(frozen=True)
 class Tracked:
     """A run: true force, desired force at the true speed, commands, and where the desired force could be had; (n,)."""
 
