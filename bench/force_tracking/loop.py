@@ -31,8 +31,7 @@ EPOCH_NS = 10**18
 DELAY_TICKS = 2  # from a sample to the tick that feels its command: three hops of a ROS graph at 1 kHz
 SKIPPED_S = 2.0  # of a run, until controller and observer have warmed up
 LEAST_SPAN_N = 50.0  # between softest and firmest force: below, the valve has no say
-SPEEDS, FORCES = (default for _, default, _ in CURVE)
-DESIRED = ForceCurve.of(SPEEDS, FORCES)
+DESIRED = ForceCurve.of(*(spec.default for spec in CURVE))
 
 
 @dataclass(frozen=True)
