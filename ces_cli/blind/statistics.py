@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import nan, sqrt
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 
 F = NDArray[np.float64]
 
-Z95 = 1.959964
 RESAMPLES = 500
 BINS = 10
 
@@ -31,18 +31,12 @@ class Figure:
 def rate(hits: Sequence[bool]) -> Figure:
     """Return the share of hits with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
     n = len(hits)
-    p = sum(hits) / n if n else nan
-    return Figure(p, n, lambda: wilson(p, n))
 
+    def interval() -> Interval:
+        low, high = binomtest(sum(hits), n).proportion_ci(method="wilson") if n else (nan, nan)
+        return float(low), float(high)
 
-def wilson(share: float, count: int) -> Interval:
-    """Return the 95 % interval of a share of so many."""
-    if count == 0:
-        return nan, nan
-    z2 = Z95 * Z95
-    middle = (share + z2 / (2 * count)) / (1 + z2 / count)
-    half = Z95 / (1 + z2 / count) * sqrt(share * (1 - share) / count + z2 / (4 * count * count))
-    return max(0.0, middle - half), min(1.0, middle + half)
+    return Figure(sum(hits) / n if n else nan, n, interval)
 
 
 def quantile(values: Sequence[float], share: float) -> Figure:
