@@ -49,8 +49,6 @@ PARAMETERS = (
     Option("bandwidth", 0.0, "of the differentiator [Hz], at least 0.01; 0: from the data", 0, 5e4, unset=0),
 )
 EXIT_WHEN_DONE = ParameterSpec("exit_when_done", False, "end when the model is published")
-# What a node has no use for: a cluster's and a folder's worth of work, pictures, text to standard output.
-LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "picture", "show_candidates", "help"})
 
 
 def words(values: Mapping[str, Value]) -> list[str]:

@@ -14,7 +14,7 @@ from ces_identify.numerics import kernels
 from ces_identify.polynomial.compiled import compile_terms, power_table
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_identify.preparation.series import Series, prepare, track_samples, usable_samples
-from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.recordings.recording import Recording
 from ces_identify.trained.lagged_run import run_fuzzy, run_network
 from ces_observer.model import Model
 
@@ -86,13 +86,3 @@ def sample_force(model: Model, recording: Recording) -> F:
     out = np.full(len(recording.channel("position")), np.nan)
     out[samples.index] = at_samples
     return out
-
-
-def simulate_samples(model: Model, time_s: F, position: F, current: F) -> F:
-    """Return the force [N] for arrays (n,) of time [s], position [m] and current [A]; NaN where it is withheld."""
-    stamps = np.rint(np.asarray(time_s) * 1e9).astype(np.int64)
-    channels = {
-        "position": Channel("position", "m", stamps, np.asarray(position, np.float64)),
-        "current": Channel("current", "A", stamps, np.asarray(current, np.float64)),
-    }
-    return sample_force(model, Recording("arrays", channels))

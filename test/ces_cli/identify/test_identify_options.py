@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ces_cli.identify.options import EXIT_WHEN_DONE, LEFT_OUT, PARAMETERS, words
+from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, words
 from ces_cli.identify.program import parser
 from ces_observer.errors import CesError
 from ces_observer.nodes.parameter_table import NO_WORDS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
+# What a node has no use for: a cluster's and a folder's worth of work, pictures, text to standard output.
+LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "picture", "show_candidates", "help"})
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 RANGED = [p for p in PARAMETERS if p.lowest is not None]
