@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from ces_observer.control.control_loop import FEEDBACKS
 from ces_observer.nodes.parameter_table import ALLOW_UNCERTIFIED, EXECUTOR, MODEL_TOPIC, ParameterSpec
 
+tunable = partial(ParameterSpec, live=True)
 MOST_A = 100.0
 AS_THE_MODEL = -1.0
 SPEEDS, FORCES = "curve.speeds_m_s", "curve.forces_N"
 CURVE = (
-    ParameterSpec(
-        SPEEDS,
-        [-1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0],
-        "desired curve: rising speeds [m/s]",
-        live=True,
-    ),
-    ParameterSpec(
+    tunable(SPEEDS, [-1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0], "desired curve: rising speeds [m/s]"),
+    tunable(
         FORCES,
         [-2900.0, -2300.0, -1500.0, -700.0, 0.0, 380.0, 750.0, 1100.0, 1500.0],
         "desired curve: the force at each of its speeds [N], of the speed's sign",
-        live=True,
     ),
 )
 FIXED = (
     EXECUTOR,
-    ParameterSpec(
+    tunable(
         "model",
         "",
         "path of the model file (model.json), the observer's own, whose inverse is fed forward; set anew, it is "
         "checked and adopted while running",
-        live=True,
     ),
     MODEL_TOPIC,
     ALLOW_UNCERTIFIED,
@@ -38,41 +34,33 @@ FIXED = (
     ParameterSpec("force_topic", "measured_force", "topic of the measured force (WrenchStamped: wrench.force.z)"),
 )
 LOOP = (
-    ParameterSpec("feedback", "estimate", "which force is fed back", one_of=FEEDBACKS, live=True),
-    ParameterSpec(
+    tunable("feedback", "estimate", "which force is fed back", one_of=FEEDBACKS),
+    tunable(
         "max_age_s",
         0.05,
         "largest difference between an estimate's stamp and the clock at which it is followed [s]; 0: any",
-        live=True,
         lowest=0.0,
         highest=3600.0,
     ),
 )
 TUNING = (
-    ParameterSpec("low_A", 0.29, "lowest current to command [A]", 0.0, MOST_A, live=True),
-    ParameterSpec("high_A", 0.70, "highest current to command [A]", 0.0, MOST_A, live=True),
-    ParameterSpec("safe_A", 0.40, "current without a usable estimate [A], within the limits", 0.0, MOST_A, live=True),
-    ParameterSpec("rate_A_s", 100.0, "fastest change of the command [A/s]", 0.01, 1e6, live=True),
-    ParameterSpec(
-        "timeout_s", 0.05, "time without estimates after which the current is the safe one [s]", 0.005, 10.0, live=True
-    ),
-    ParameterSpec("loop_gain_1_s", 4.0, "gain of the feedback [1/s]; 0: feed-forward alone", 0.0, 100.0, live=True),
-    ParameterSpec(
-        "settle_m", 0.003, "stroke after a reversal from which the force is fed back [m]", 0.0, 1.0, live=True
-    ),
-    ParameterSpec(
+    tunable("low_A", 0.29, "lowest current to command [A]", 0.0, MOST_A),
+    tunable("high_A", 0.70, "highest current to command [A]", 0.0, MOST_A),
+    tunable("safe_A", 0.40, "current without a usable estimate [A], within the limits", 0.0, MOST_A),
+    tunable("rate_A_s", 100.0, "fastest change of the command [A/s]", 0.01, 1e6),
+    tunable("timeout_s", 0.05, "time without estimates after which the current is the safe one [s]", 0.005, 10.0),
+    tunable("loop_gain_1_s", 4.0, "gain of the feedback [1/s]; 0: feed-forward alone", 0.0, 100.0),
+    tunable("settle_m", 0.003, "stroke after a reversal from which the force is fed back [m]", 0.0, 1.0),
+    tunable(
         "valve_lag_s",
         AS_THE_MODEL,
         "lag of the force behind the current, against which the command leads [s]; 0: no lead, below: what preview_s "
         "leaves of the model's",
-        live=True,
         lowest=AS_THE_MODEL,
         highest=0.2,
     ),
-    ParameterSpec(
-        "preview_s", 0.006, "time by which the feed-forward looks ahead of the speed [s]", 0.0, 0.05, live=True
-    ),
-    ParameterSpec("lead_filter_s", 0.003, "time constant of the filters of lead and preview [s]", 0.0, 0.1, live=True),
-    ParameterSpec("recovery_s", 0.2, "time of fading in after an interruption [s]", 0.0, 60.0, live=True),
+    tunable("preview_s", 0.006, "time by which the feed-forward looks ahead of the speed [s]", 0.0, 0.05),
+    tunable("lead_filter_s", 0.003, "time constant of the filters of lead and preview [s]", 0.0, 0.1),
+    tunable("recovery_s", 0.2, "time of fading in after an interruption [s]", 0.0, 60.0),
 )
 ALL = (*FIXED, *LOOP, *TUNING, *CURVE)
