@@ -38,7 +38,7 @@ bench: $(VENV)/.installed-dev
 	@for script in bench/bench_*.py; do echo "== $$script"; $(RUN)/python $$script || exit 1; done
 
 tables: $(VENV)/.installed-dev
-	$(RUN)/python bench/thesis_tables.py --seconds $(SECONDS)
+	$(RUN)/python -m bench.thesis.tables --seconds $(SECONDS)
 
 clean:
 	rm -rf $(OUT) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

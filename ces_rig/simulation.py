@@ -5,7 +5,7 @@ The recorded position is noisy and its derivative drives a stiff bushing, so it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,18 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from ces_rig.dampers.bouc_wen.parameters import BoucWen
 from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
 from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
-from ces_rig.dampers.polyviscous.parameters import Polyviscous
-from ces_rig.descriptions import build, read_yaml
+from ces_rig.dampers.kinds import read_lumped
+from ces_rig.dampers.lumped import LumpedDamper
+from ces_rig.descriptions import read_yaml
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, experiment_from
 
 Array = NDArray[np.float64]
 RigForce = Callable[[Array, Array, Array], Array]
 
-LUMPED: Mapping[str, type[BoucWen] | type[Polyviscous]] = {"bouc_wen": BoucWen, "calibration": Polyviscous}
 SMOOTHING_HZ = 70.0  # [Hz] zero-phase 4th-order low-pass of the position: well above any stroke, well below its noise
 
 
@@ -38,11 +37,9 @@ def load_rig(path: Path | str) -> RigForce:
     """
     path = Path(path)
     given = read_yaml(path)
-    kind = given.pop("kind", "hydraulic")
-    if kind in LUMPED:
-        return driven_force(build(LUMPED[kind], given, str(path)).without_coil())
-    if kind != "hydraulic":
-        raise RigError(f"{path}: kind is {kind!r}; expected one of hydraulic, {', '.join(LUMPED)}")
+    lumped = read_lumped(given, str(path))
+    if lumped is not None:
+        return driven_force(lumped.without_coil())
     if "stroke" in given:
         experiment = experiment_from(given, str(path), path)
         measured = experiment.sensors.current_source == "measured"
@@ -57,7 +54,7 @@ def recorded_force(damper: Damper, tare: bool = True, measured_current: bool = T
     return _on_samples(lambda stroke, current: simulate(driven, GRID_S, stroke, current).force_N - zero)
 
 
-def driven_force(damper: BoucWen | Polyviscous) -> RigForce:
+def driven_force(damper: LumpedDamper) -> RigForce:
     """Return the function that `load_rig` returns, for one of the other dampers as it is driven."""
     return _on_samples(lambda stroke, current: damper.run(GRID_S, stroke, current)[0])
 

@@ -48,7 +48,6 @@ NODE_MODULES = {
     "ces_observer.nodes.controller_parameters",
     "ces_observer.nodes.controller_topics",
     "ces_rig.live.node",
-    "ces_rig.live.node_parameters",
     "ces_rig.live.patched_message",
     "ces_rig.live.topics",
     "ces_cli.identify.node",

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -34,11 +33,12 @@ from contestants import (
 from figures import row, spread, targets
 
 sys.path.insert(0, str(ROOT))
+from bench.markdown import put_between
+from bench.measuring import processor
 from ces_observer.model import load_model
 
 PAGE = ROOT / "docs" / "benchmarks.md"
 MODEL = ROOT / "config" / "models" / "sample.json"
-BLOCK = re.compile(r"(<!-- live: begin [^\n]* -->\n).*?(<!-- live: end -->)", re.DOTALL)
 TARGET_HZ = 1000.0
 HEADER = ("rate Hz", "node", "median µs", "p99 µs", "worst ms", "CPU % of a core", "lost")
 RATIOS = ("median ÷ C++", "CPU ÷ C++", "p99 ÷ same executor's relay")
@@ -136,21 +136,11 @@ def report(options: argparse.Namespace, folder: Path) -> list[str]:
 def machine() -> str:
     import rclpy
 
-    sys.path.insert(0, str(ROOT / "bench"))
-    from measuring import processor
-
     rclpy.init()
     middleware = rclpy.get_rmw_implementation_identifier()
     rclpy.shutdown()
     versions = f"ROS 2 {os.environ.get('ROS_DISTRO')}, {middleware}, Python {sys.version.split()[0]}"
     return f"{processor()}, {len(os.sched_getaffinity(0))} cores; {versions}."
-
-
-def write(lines: Sequence[str]) -> None:
-    """Put the lines between the comments that are meant for them."""
-    text = PAGE.read_text(encoding="utf-8")
-    body = "\n".join(lines)
-    PAGE.write_text(BLOCK.sub(lambda found: f"{found[1]}{body}\n{found[2]}", text), encoding="utf-8")
 
 
 def asked() -> argparse.Namespace:
@@ -182,7 +172,7 @@ def main() -> None:
         lines = report(options, Path(folder))
     print("\n".join(lines))
     if options.write:
-        write(lines)
+        put_between(PAGE, "live", "\n".join(lines))
 
 
 if __name__ == "__main__":

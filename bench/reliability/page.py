@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from math import isnan
 from pathlib import Path
@@ -10,6 +9,8 @@ from pathlib import Path
 from faults import REAL
 from judge import Outcome
 from memory import MOST_GROWTH_KB, Memory
+
+from bench.markdown import put_between
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PAGE = ROOT / "docs" / "reliability.md"
@@ -78,11 +79,6 @@ def _verdict(outcomes: list[Outcome]) -> str:
 
 def write(record: Record, memory: Memory) -> None:
     """Put the table between the comments that are meant for it, and the plot beside."""
-    block = re.compile(
-        rf"(<!-- faults in {record.times} time: begin [^\n]* -->\n).*?(<!-- faults[^\n]*: end -->)", re.DOTALL
-    )
-    body = "\n".join(record.lines())
-    text = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(block.sub(lambda found: f"{found[1]}{body}\n{found[2]}", text), encoding="utf-8")
+    put_between(PAGE, f"faults in {record.times} time", "\n".join(record.lines()))
     if record.times == REAL:
         memory.plot(ROOT / "docs" / "img" / "reliability_memory.png")

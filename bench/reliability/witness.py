@@ -19,17 +19,18 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from wire import read_estimate
 
+from ces_observer.nodes.qos import LATCHED
+
 NODE = "observer"
 MODEL_TOPIC = "model"
 DEEP = QoSProfile(depth=5000)
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 CHECK_EVERY = 997  # estimates: the middleware's own code has to read the same
 
 

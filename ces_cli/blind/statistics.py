@@ -31,15 +31,12 @@ class Figure:
 def rate(hits: Sequence[bool]) -> Figure:
     """Return the share of hits with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
     n = len(hits)
-    p = sum(hits) / n if n else nan
 
     def interval() -> Interval:
-        if not n:
-            return nan, nan
-        ends = binomtest(sum(hits), n).proportion_ci(0.95, method="wilson")
-        return float(ends.low), float(ends.high)
+        low, high = binomtest(sum(hits), n).proportion_ci(method="wilson") if n else (nan, nan)
+        return float(low), float(high)
 
-    return Figure(p, n, interval)
+    return Figure(sum(hits) / n if n else nan, n, interval)
 
 
 def quantile(values: Sequence[float], share: float) -> Figure:

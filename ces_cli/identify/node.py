@@ -14,20 +14,18 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.logging import get_logger
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_msgs.msg import String
 
-from ces_cli.identify.options import PARAMETERS, Parameter, Value, words
+from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, words
 from ces_cli.identify.process import EXIT_STATUS, WARNING, IdentifyProcess
 from ces_cli.identify.progress import DONE, SEARCHING, WRITING, SearchState
 from ces_observer.nodes.executors import START_ERRORS, USER_ERROR
-from ces_observer.nodes.node_parameters import TableNode
+from ces_observer.nodes.node_parameters import TableNode, declare_table
 from ces_observer.nodes.qos import LATCHED
 
 LOOK_S = 0.1
@@ -35,8 +33,7 @@ TELL_S = 1.0  # period of ~/progress while nothing happens
 LOG_S = 5.0
 ONE_SIGNAL_S = 2.0  # a terminal and ros2 launch each pass the same Ctrl-C on
 LAST_WORDS = Duration(seconds=1)
-EXIT_WHEN_DONE = "exit_when_done"
-_OTHERS = ("qos_overrides.", "use_sim_time", "start_type_description_service", "position", "current", "force")
+SIGNALS = ("position", "current", "force")  # which a parameter file for several nodes may describe
 
 
 class Stop:
@@ -58,9 +55,8 @@ class IdentifyNode(TableNode):
 
     def __init__(self, stop: Stop) -> None:
         super().__init__("identify")
-        values = {parameter.name: _declared(self, parameter) for parameter in PARAMETERS}
-        self._exits = _declared(self, Parameter(EXIT_WHEN_DONE, False, "end when the model is published"))
-        _warn_of_unknown(self)
+        values = declare_table(self, (*PARAMETERS, EXIT_WHEN_DONE), SIGNALS)
+        self._exits = values[EXIT_WHEN_DONE.name]
         self.status: Future = Future()
         self._stop, self._obeyed = stop, 0
         self._progress = self.create_publisher(DiagnosticArray, "~/progress", LATCHED)
@@ -178,29 +174,6 @@ def _run(stop: Stop) -> int:
         return int(node.status.result())
     finally:
         node.end()
-
-
-def _declared(node: Node, parameter: Parameter) -> Value:
-    """Declare a parameter anew with its description, as all given ones are first declared without, and return it."""
-    descriptor = ParameterDescriptor(description=parameter.meaning, read_only=True)
-    low, high = parameter.lowest, parameter.highest
-    if low is not None and high is not None and isinstance(parameter.default, float):
-        descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
-    elif low is not None and high is not None:
-        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
-    if parameter.one_of:
-        descriptor.additional_constraints = f"one of {', '.join(parameter.one_of)}"
-    if node.has_parameter(parameter.name):
-        node.undeclare_parameter(parameter.name)
-    value: Value = node.declare_parameter(parameter.name, parameter.default, descriptor).value
-    return value
-
-
-def _warn_of_unknown(node: Node) -> None:
-    known = (*(parameter.name for parameter in PARAMETERS), EXIT_WHEN_DONE)
-    for name in node.get_parameters_by_prefix(""):
-        if name not in known and not name.startswith(_OTHERS):
-            node.get_logger().warning(f"parameter '{name}' is unknown and ignored; known are {', '.join(known)}")
 
 
 def _status(name: str, message: str, values: dict[str, str]) -> DiagnosticStatus:

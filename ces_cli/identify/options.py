@@ -12,52 +12,43 @@ from pathlib import Path
 
 from ces_identify.structures import KITS
 from ces_observer.errors import CesError
-
-Value = bool | int | float | str | list[str]
-NONE = [""]  # ROS 2 has no empty list of texts; empty texts are left out
+from ces_observer.nodes.parameter_table import NO_WORDS, ParameterSpec, Value
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """One option. `unset` is the number that leaves it to the program; `lowest` and `highest` are both allowed."""
+class Option(ParameterSpec):
+    """An option of the program as a parameter; `unset` is the number that leaves it to the program."""
 
-    name: str
-    default: Value
-    meaning: str
-    lowest: float | None = None
-    highest: float | None = None
-    one_of: tuple[str, ...] = ()
     unset: float | None = None
     is_path: bool = False
 
 
 PARAMETERS = (
-    Parameter("bags", NONE, "recordings with a measured force; at least one must be given", is_path=True),
-    Parameter("validate", NONE, "recordings only to judge the model on", is_path=True),
-    Parameter("signals", "", "file that says where each signal is; empty: the packaged one", is_path=True),
-    Parameter("out", "model.json", "model file to write; its folder must exist", is_path=True),
-    Parameter("report", "", "report page to write (HTML); empty: none", is_path=True),
-    Parameter("structure", next(iter(KITS)), "structure of the model", one_of=tuple(KITS)),
-    *(Parameter(s.name, s.default, s.meaning, *(s.whole or ())) for kit in KITS.values() for s in kit.sizes),
-    Parameter("split", 0.0, "first share of each recording to identify on; 0: 0.75, or 1 with validate", 0, 1, unset=0),
-    Parameter("teacher", "", "simulation whose force is learnt instead of the measured one; empty: none"),
-    Parameter("candidates", "", "file of candidate rules; empty: the built-in ones", is_path=True),
-    Parameter("construct", NONE, "constructed inputs for terms to use, such as hysteresis:0.001"),
-    Parameter("blend", NONE, "sub-models blended between values of a signal, such as speed:-0.3,0.3"),
-    Parameter("method", "both", "how terms are chosen", one_of=("both", "random", "gauss-newton")),
-    Parameter("weight", NONE, "regions whose ticks count more, each as REGION=W"),
-    Parameter("terms", 25, "most terms", 1, 200),
-    Parameter("time", 60.0, "most time for the search [s]", 0.1, 1e6),
-    Parameter("target", 0.0, "cost at which the search stops [%]", 0, 100),
-    Parameter("starts", 8, "starts of the search", 1, 10000),
-    Parameter("seed", 1, "seed of the first start", 0, 2**31),
-    Parameter("threads", 0, "threads of the search; 0: as many as processors", 0, 256, unset=0),
-    Parameter("no_certificate", False, "consider models whose stability is not proved, too (unsafe)"),
-    Parameter("rate", 0.0, "rate of the model [Hz], at least 1; 0: from the data", 0, 1e5, unset=0),
-    Parameter("bandwidth", 0.0, "of the differentiator [Hz], at least 0.01; 0: from the data", 0, 5e4, unset=0),
+    Option("bags", NO_WORDS, "recordings with a measured force; at least one must be given", is_path=True),
+    Option("validate", NO_WORDS, "recordings only to judge the model on", is_path=True),
+    Option("signals", "", "file that says where each signal is; empty: the packaged one", is_path=True),
+    Option("out", "model.json", "model file to write; its folder must exist", is_path=True),
+    Option("report", "", "report page to write (HTML); empty: none", is_path=True),
+    Option("structure", next(iter(KITS)), "structure of the model", one_of=tuple(KITS)),
+    *(Option(s.name, s.default, s.meaning, *(s.whole or ())) for kit in KITS.values() for s in kit.sizes),
+    Option("split", 0.0, "first share of each recording to identify on; 0: 0.75, or 1 with validate", 0, 1, unset=0),
+    Option("teacher", "", "simulation whose force is learnt instead of the measured one; empty: none"),
+    Option("candidates", "", "file of candidate rules; empty: the built-in ones", is_path=True),
+    Option("construct", NO_WORDS, "constructed inputs for terms to use, such as hysteresis:0.001"),
+    Option("blend", NO_WORDS, "sub-models blended between values of a signal, such as speed:-0.3,0.3"),
+    Option("method", "both", "how terms are chosen", one_of=("both", "random", "gauss-newton")),
+    Option("weight", NO_WORDS, "regions whose ticks count more, each as REGION=W"),
+    Option("terms", 25, "most terms", 1, 200),
+    Option("time", 60.0, "most time for the search [s]", 0.1, 1e6),
+    Option("target", 0.0, "cost at which the search stops [%]", 0, 100),
+    Option("starts", 8, "starts of the search", 1, 10000),
+    Option("seed", 1, "seed of the first start", 0, 2**31),
+    Option("threads", 0, "threads of the search; 0: as many as processors", 0, 256, unset=0),
+    Option("no_certificate", False, "consider models whose stability is not proved, too (unsafe)"),
+    Option("rate", 0.0, "rate of the model [Hz], at least 1; 0: from the data", 0, 1e5, unset=0),
+    Option("bandwidth", 0.0, "of the differentiator [Hz], at least 0.01; 0: from the data", 0, 5e4, unset=0),
 )
-# What a node has no use for: a cluster's and a folder's worth of work, pictures, text to standard output.
-LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "picture", "show_candidates", "help"})
+EXIT_WHEN_DONE = ParameterSpec("exit_when_done", False, "end when the model is published")
 
 
 def words(values: Mapping[str, Value]) -> list[str]:
@@ -71,7 +62,7 @@ def words(values: Mapping[str, Value]) -> list[str]:
     return [*found, *(["--validate", *validate] if validate else []), "--", *bags]
 
 
-def _texts(parameter: Parameter, value: Value) -> list[str]:
+def _texts(parameter: Option, value: Value) -> list[str]:
     """Return what follows the option's name, once for each time it is given: nothing for what was left out."""
     if isinstance(value, bool):
         return [""] if value else []
@@ -83,9 +74,7 @@ def _texts(parameter: Parameter, value: Value) -> list[str]:
     return [f"={_text(parameter, value)}"]
 
 
-def _text(parameter: Parameter, value: float | str) -> str:
+def _text(parameter: Option, value: float | str) -> str:
     if isinstance(value, float):
         return f"{value:.17g}"
-    if parameter.one_of and value not in parameter.one_of:
-        raise CesError(f"parameter '{parameter.name}' is '{value}'; expected one of {', '.join(parameter.one_of)}")
     return str(Path(value).expanduser()) if parameter.is_path else str(value)

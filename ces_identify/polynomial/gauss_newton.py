@@ -9,16 +9,16 @@ random part of the candidates at each step.
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.numerics import kernels, search_clock
+from ces_identify.numerics import kernels
 from ces_identify.polynomial.free_run_fit import Fit, fit_free_run
-from ces_identify.polynomial.limits import Found, Limits, Listener
-from ces_identify.polynomial.problem import Problem
+from ces_identify.polynomial.limits import Found
+from ces_identify.polynomial.search_start import SearchStart
 from ces_identify.polynomial.sensitivity_kernels import candidate_products, output_gains
 
 F = NDArray[np.float64]
@@ -38,29 +38,25 @@ DEPENDENT = 1e-6  # share of a candidate's sensitivity that must be its own
 BACKING = (1.0, 0.5, 0.2, 0.05)  # shares of a Gauss-Newton step tried
 
 
-class GaussNewtonStart:
+class GaussNewtonStart(SearchStart):
     """One start, from nothing or from the model `begin`: `run` returns the best model found."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        limits: Limits,
-        seed: int,
-        deadline: float,
-        stop: threading.Event,
-        listener: Listener,
-        begin: Found | None = None,
-    ) -> None:
-        self.problem, self.limits, self.seed = problem, limits, seed
-        self.deadline, self.stop, self.listener = deadline, stop, listener
-        self.random = np.random.default_rng(seed)
-        self.part = 1.0 if seed == limits.seed else PART
-        self.weights = np.where(problem.selection > 0.0, 0.0, problem.everything)
-        self.sampled = np.zeros_like(self.weights)
-        self.sampled[np.flatnonzero(self.weights)[:: _thinning(self.weights)]] = 1.0
-        self.sampled *= self.weights
-        self.found = begin or self._pole()
-        self.trials = self.found.trials
+    @property
+    def part(self) -> float:
+        """The share of the candidates seen at a step."""
+        return 1.0 if self.seed == self.limits.seed else PART
+
+    @cached_property
+    def weights(self) -> F:
+        """The weights of the estimation ticks, 0 elsewhere."""
+        return np.where(self.problem.selection > 0.0, 0.0, self.problem.everything)
+
+    @cached_property
+    def sampled(self) -> F:
+        """Those weights on the few ticks that tell the gains, 0 elsewhere."""
+        sampled = np.zeros_like(self.weights)
+        sampled[np.flatnonzero(self.weights)[:: _thinning(self.weights)]] = 1.0
+        return sampled * self.weights
 
     def run(self) -> Found:
         """Grow, prune and exchange until nothing helps, the target is reached, time is up or it is interrupted."""
@@ -71,7 +67,7 @@ class GaussNewtonStart:
         self._keep(replace(self.found, trials=self.trials, ended=ended))
         return self.found
 
-    def _pole(self) -> Found:
+    def _first_model(self) -> Found:
         """Return the model that only fades, a past force alone: every candidate's gain is then told behind a lag."""
         terms = self.problem.candidates
         alone = [i for i, term in enumerate(terms) if term.output_lag == 1 and not term.inputs]
@@ -82,13 +78,6 @@ class GaussNewtonStart:
     def _keep(self, found: Found) -> None:
         self.found = found
         self.listener(found)
-
-    def _reason_to_end(self) -> str:
-        if self.stop.is_set():
-            return "interrupted"
-        if self.found.cost <= self.limits.target:
-            return "target cost reached"
-        return "time is up" if search_clock.now() > self.deadline else ""
 
     def _grow(self) -> None:
         """Add terms for as long as one in a few of them lowers the cost; take out what is no longer needed."""

@@ -9,15 +9,14 @@ local search); it ends after them, when the target cost is reached, or when time
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.numerics import kernels, search_clock
-from ces_identify.polynomial.limits import Found, Limits, Listener
-from ces_identify.polynomial.problem import Problem
+from ces_identify.numerics import kernels
+from ces_identify.polynomial.limits import Found
+from ces_identify.polynomial.search_start import SearchStart
 
 I = NDArray[np.int64]  # noqa: E741
 
@@ -28,23 +27,8 @@ BATCH = 32  # candidates tried between two looks at the clock
 RIDGE = 1e-9  # least pivot of the scaled Gram matrix, below which columns count as dependent
 
 
-class RandomForwardStart:
+class RandomForwardStart(SearchStart):
     """One seeded start of the search."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        limits: Limits,
-        seed: int,
-        deadline: float,
-        stop: threading.Event,
-        listener: Listener,
-    ) -> None:
-        self.problem, self.limits, self.seed = problem, limits, seed
-        self.deadline, self.stop, self.listener = deadline, stop, listener
-        self.random = np.random.default_rng(seed)
-        self.found = Found(np.empty(0, np.int64), np.empty(0), np.inf, seed, 0, "running")
-        self.trials = 0
 
     def run(self) -> Found:
         """Search, then shake and search again; return the best model."""
@@ -78,13 +62,6 @@ class RandomForwardStart:
         if place < 0:
             less, cost, coefficients = np.empty(0, np.int64), np.inf, np.empty(0)
         self.found = Found(less, coefficients, cost, self.seed, self.trials, "running")
-
-    def _reason_to_end(self) -> str:
-        if self.stop.is_set():
-            return "interrupted"
-        if self.found.cost <= self.limits.target:
-            return "target cost reached"
-        return "time is up" if search_clock.now() > self.deadline else ""
 
     def _one_success(self, gain: float) -> bool:
         """Try the candidates in random order until one lowers the cost by `gain`; prune; False when exhausted."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -17,10 +16,9 @@ from ces_observer.control.model_inverse import ModelInverse
 from ces_observer.model import Model, load_model
 from ces_observer.nodes.controller_table import ALL, CURVE, FORCES, LOOP, SPEEDS, TUNING
 from ces_observer.nodes.model_check import require_stable
-from ces_observer.nodes.node_parameters import declare, declare_anew, model_path
+from ces_observer.nodes.node_parameters import declare_table, model_path
 
-LIVE = (*(spec for spec in LOOP if spec.live), *(spec for spec in TUNING if spec.live))
-_OTHERS = ("qos_overrides.", "use_sim_time", "start_type_description_service")
+LIVE = tuple(spec.name for spec in (*LOOP, *TUNING, *CURVE) if spec.live)
 
 
 @dataclass(frozen=True)
@@ -46,10 +44,7 @@ class Settings:
 
 def declare_settings(node: Node) -> Settings:
     """Declare and read the node's parameters; raises CesError or rclpy's ParameterException."""
-    values = {spec.name: declare(node, spec) for spec in ALL}
-    for name, default, meaning in CURVE:
-        values[name] = declare_anew(node, name, default, ParameterDescriptor(description=meaning))
-    _warn_of_unknown(node, values)
+    values = declare_table(node, ALL)
     path = model_path(values["model"])
     model = load_model(path)
     if not values["allow_uncertified"]:
@@ -66,8 +61,7 @@ def changed_settings(node: Node, parameters: Sequence[Parameter], model_lag_s: f
     for parameter in parameters:
         if parameter.name == "model":
             load_model(model_path(parameter.value))
-    names = (*(spec.name for spec in LIVE), SPEEDS, FORCES)
-    values = {name: node.get_parameter(name).value for name in names}
+    values = {name: node.get_parameter(name).value for name in LIVE}
     values.update({parameter.name: parameter.value for parameter in parameters if parameter.name in values})
     return live_settings(values, model_lag_s)
 
@@ -75,18 +69,10 @@ def changed_settings(node: Node, parameters: Sequence[Parameter], model_lag_s: f
 def live_settings(values: Mapping[str, Any], model_lag_s: float) -> LiveSettings:
     """Return the settings in `values`, by parameter name; raises CesError if they cannot be used."""
     for spec in LOOP:
-        spec.checked(values[spec.name], spec.name)
+        spec.checked(values[spec.name])
     own = {"timeout_s": "max_gap_s"}
     tuning = {own.get(spec.name, spec.name): values[spec.name] for spec in TUNING}
     if tuning["valve_lag_s"] < 0.0:
         tuning["valve_lag_s"] = Tuning.lead_s(model_lag_s, tuning["preview_s"])
     curve = ForceCurve.of(values[SPEEDS], values[FORCES])
     return LiveSettings(curve, Tuning(**tuning), values["feedback"], values["max_age_s"])
-
-
-def _warn_of_unknown(node: Node, known: Mapping[str, Any]) -> None:
-    for name in node.get_parameters_by_prefix(""):
-        if name not in known and not name.startswith(_OTHERS):
-            node.get_logger().warning(
-                f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known))}"
-            )

@@ -1,19 +1,19 @@
-"""The controller node's parameters as a table: name, default, meaning, range, and whether they can change.
-
-Knows no ROS, so that the node declares them, and documentation and tests read them, from one place.
-"""
+"""The controller node's parameters as a table."""
 
 from __future__ import annotations
 
-from ces_observer.control.control_loop import FEEDBACKS
-from ces_observer.nodes.parameter_table import ALLOW_UNCERTIFIED, EXECUTOR, MODEL_TOPIC, Spec
+from functools import partial
 
+from ces_observer.control.control_loop import FEEDBACKS
+from ces_observer.nodes.parameter_table import ALLOW_UNCERTIFIED, EXECUTOR, MODEL_TOPIC, ParameterSpec
+
+tunable = partial(ParameterSpec, live=True)
 MOST_A = 100.0
 AS_THE_MODEL = -1.0
 SPEEDS, FORCES = "curve.speeds_m_s", "curve.forces_N"
 CURVE = (
-    (SPEEDS, [-1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0], "desired curve: rising speeds [m/s]"),
-    (
+    tunable(SPEEDS, [-1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0], "desired curve: rising speeds [m/s]"),
+    tunable(
         FORCES,
         [-2900.0, -2300.0, -1500.0, -700.0, 0.0, 380.0, 750.0, 1100.0, 1500.0],
         "desired curve: the force at each of its speeds [N], of the speed's sign",
@@ -21,49 +21,46 @@ CURVE = (
 )
 FIXED = (
     EXECUTOR,
-    Spec(
+    tunable(
         "model",
         "",
         "path of the model file (model.json), the observer's own, whose inverse is fed forward; set anew, it is "
         "checked and adopted while running",
-        live=True,
     ),
     MODEL_TOPIC,
     ALLOW_UNCERTIFIED,
-    Spec("estimate_topic", "observer/estimate", "topic of the estimates (JointState: velocity, effort)"),
-    Spec("joint", "", "joint of the estimates to control; empty: the first in the message"),
-    Spec("force_topic", "measured_force", "topic of the measured force (WrenchStamped: wrench.force.z)"),
+    ParameterSpec("estimate_topic", "observer/estimate", "topic of the estimates (JointState: velocity, effort)"),
+    ParameterSpec("joint", "", "joint of the estimates to control; empty: the first in the message"),
+    ParameterSpec("force_topic", "measured_force", "topic of the measured force (WrenchStamped: wrench.force.z)"),
 )
 LOOP = (
-    Spec("feedback", "estimate", "which force is fed back", True, one_of=FEEDBACKS),
-    Spec(
+    tunable("feedback", "estimate", "which force is fed back", one_of=FEEDBACKS),
+    tunable(
         "max_age_s",
         0.05,
         "largest difference between an estimate's stamp and the clock at which it is followed [s]; 0: any",
-        live=True,
         lowest=0.0,
         highest=3600.0,
     ),
 )
 TUNING = (
-    Spec("low_A", 0.29, "lowest current to command [A]", True, 0.0, MOST_A),
-    Spec("high_A", 0.70, "highest current to command [A]", True, 0.0, MOST_A),
-    Spec("safe_A", 0.40, "current without a usable estimate [A], within the limits", True, 0.0, MOST_A),
-    Spec("rate_A_s", 100.0, "fastest change of the command [A/s]", True, 0.01, 1e6),
-    Spec("timeout_s", 0.05, "time without estimates after which the current is the safe one [s]", True, 0.005, 10.0),
-    Spec("loop_gain_1_s", 4.0, "gain of the feedback [1/s]; 0: feed-forward alone", True, 0.0, 100.0),
-    Spec("settle_m", 0.003, "stroke after a reversal from which the force is fed back [m]", True, 0.0, 1.0),
-    Spec(
+    tunable("low_A", 0.29, "lowest current to command [A]", 0.0, MOST_A),
+    tunable("high_A", 0.70, "highest current to command [A]", 0.0, MOST_A),
+    tunable("safe_A", 0.40, "current without a usable estimate [A], within the limits", 0.0, MOST_A),
+    tunable("rate_A_s", 100.0, "fastest change of the command [A/s]", 0.01, 1e6),
+    tunable("timeout_s", 0.05, "time without estimates after which the current is the safe one [s]", 0.005, 10.0),
+    tunable("loop_gain_1_s", 4.0, "gain of the feedback [1/s]; 0: feed-forward alone", 0.0, 100.0),
+    tunable("settle_m", 0.003, "stroke after a reversal from which the force is fed back [m]", 0.0, 1.0),
+    tunable(
         "valve_lag_s",
         AS_THE_MODEL,
         "lag of the force behind the current, against which the command leads [s]; 0: no lead, below: what preview_s "
         "leaves of the model's",
-        live=True,
         lowest=AS_THE_MODEL,
         highest=0.2,
     ),
-    Spec("preview_s", 0.006, "time by which the feed-forward looks ahead of the speed [s]", True, 0.0, 0.05),
-    Spec("lead_filter_s", 0.003, "time constant of the filters of lead and preview [s]", True, 0.0, 0.1),
-    Spec("recovery_s", 0.2, "time of fading in after an interruption [s]", True, 0.0, 60.0),
+    tunable("preview_s", 0.006, "time by which the feed-forward looks ahead of the speed [s]", 0.0, 0.05),
+    tunable("lead_filter_s", 0.003, "time constant of the filters of lead and preview [s]", 0.0, 0.1),
+    tunable("recovery_s", 0.2, "time of fading in after an interruption [s]", 0.0, 60.0),
 )
-ALL = (*FIXED, *LOOP, *TUNING)
+ALL = (*FIXED, *LOOP, *TUNING, *CURVE)

@@ -18,14 +18,14 @@ from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 
 from ces_observer.errors import CesError
+from ces_observer.nodes.parameter_table import EXECUTOR
 
 try:
     from rclpy.experimental import EventsExecutor
 except ImportError:  # an rclpy before 7.1, or one that gave it another place
     EventsExecutor = None
 
-AUTO, EVENTS, SINGLE = "auto", "events", "single"
-CHOICES = (AUTO, EVENTS, SINGLE)
+AUTO, EVENTS, SINGLE = EXECUTOR.one_of
 USER_ERROR = 2
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # What a wrong parameter, name or QoS raises while a node is built; rcl's own errors are RuntimeErrors.
@@ -36,7 +36,7 @@ def run(name: str, make: Callable[[], Node], argv: Sequence[str] | None = None) 
     """Build the node `name` with `make` and run it; returns the program's exit status.
 
     0 when a signal ended it, 2 with one FATAL line if what START_ERRORS lists was raised. The node says by its
-    attribute `executor_choice`, one of CHOICES, how it wants to be run; without it, `auto` holds.
+    attribute `executor_choice`, a word of EXECUTOR, how it wants to be run; without it, `auto` holds.
     """
     ends: list[int] = []
     for number in END_SIGNALS:
@@ -57,8 +57,7 @@ def run(name: str, make: Callable[[], Node], argv: Sequence[str] | None = None) 
 
 def chosen_executor(choice: str) -> Executor:
     """Return a new executor for `choice`; raises CesError if it is unknown or this rclpy has no such executor."""
-    if choice not in CHOICES:
-        raise CesError(f"parameter 'executor' is '{choice}'; expected one of {', '.join(CHOICES)}")
+    EXECUTOR.checked(choice)
     if choice == EVENTS and EventsExecutor is None:
         raise CesError("parameter 'executor' is 'events'; this rclpy has no EventsExecutor: set auto or single")
     return SingleThreadedExecutor() if choice == SINGLE or EventsExecutor is None else EventsExecutor()

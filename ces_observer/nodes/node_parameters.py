@@ -6,18 +6,24 @@ is how a parameter that nobody knows is found.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
 from ces_observer.errors import CesError, ModelError
-from ces_observer.nodes.parameter_table import Spec
+from ces_observer.nodes.parameter_table import ParameterSpec, find_unknown
 
 
 class TableNode(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
-    """A node whose parameters are declared from a table; raises CesError for one given without a type."""
+    """A node whose parameters are declared from a table; raises CesError for one given without a type.
+
+    `MAY_BE_EMPTY` names the lists that may be given as an empty one, to which ROS 2 gives no type.
+    """
+
+    MAY_BE_EMPTY: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, name: str) -> None:
         try:
@@ -25,14 +31,38 @@ class TableNode(Node):  # type: ignore[misc]  # rclpy is not there where types a
         except ValueError:
             raise CesError("a parameter is given without a value or as an empty list; leave it out instead") from None
 
+    def declare_parameters(self, namespace: str, parameters: list[Any], ignore_override: bool = False) -> list[Any]:
+        """Do what rclpy does, but leave an empty list that may be one to `declare`."""
+        typed = [one for one in parameters if not (ignore_override and one[0] in self.MAY_BE_EMPTY and one[1] is None)]
+        declared: list[Any] = super().declare_parameters(namespace, typed, ignore_override)
+        return declared
 
-def declare(node: Node, spec: Spec) -> Any:
+
+def declare_table(node: Node, table: Iterable[ParameterSpec], groups: Collection[str] = ()) -> dict[str, Any]:
+    """Declare all of `table`, warn of other parameters that were given, and return the values by name.
+
+    Names below one of `groups` belong to others. Raises CesError or rclpy's ParameterException if a value is wrong.
+    """
+    values = {spec.name: declare(node, spec) for spec in table}
+    warn_of_unknown(node, values, groups)
+    return values
+
+
+def warn_of_unknown(
+    node: Node, known: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
+) -> None:
+    """Log a warning for each parameter that was given and that `find_unknown` does not know."""
+    for name in find_unknown(node.get_parameters_by_prefix(""), known, groups, owners):
+        node.get_logger().warning(f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known))}")
+
+
+def declare(node: Node, spec: ParameterSpec) -> Any:
     """Declare `spec` and return its value; raises CesError or rclpy's ParameterException if what was given is wrong."""
     value = declare_anew(node, spec.name, spec.default, descriptor_of(spec))
-    return spec.checked(value, spec.name)
+    return spec.checked([] if value is None and isinstance(spec.default, list) else value)
 
 
-def declare_unset(node: Node, spec: Spec, name: str) -> None:
+def declare_unset(node: Node, spec: ParameterSpec, name: str) -> None:
     """Declare `spec` as `name` without a default: not set if it was not given. Raises CesError if what was is wrong.
 
     It is typed dynamically, as rclpy answers no question about several parameters if one of a known type is not set.
@@ -45,16 +75,18 @@ def declare_unset(node: Node, spec: Spec, name: str) -> None:
         spec.checked(value, name)
 
 
-def descriptor_of(spec: Spec) -> ParameterDescriptor:
+def descriptor_of(spec: ParameterSpec) -> ParameterDescriptor:
     """Return description, range and whether it is read-only."""
     constraints = f"one of {', '.join(spec.one_of)}" if spec.one_of else ""
     descriptor = ParameterDescriptor(
         description=spec.meaning, read_only=not spec.live, additional_constraints=constraints
     )
     if spec.range is not None and isinstance(spec.default, int):
-        descriptor.integer_range = [IntegerRange(from_value=int(spec.range[0]), to_value=int(spec.range[1]))]
+        descriptor.integer_range = [IntegerRange(from_value=int(spec.range[0]), to_value=int(spec.range[1]), step=1)]
     elif spec.range is not None:
-        descriptor.floating_point_range = [FloatingPointRange(from_value=spec.range[0], to_value=spec.range[1])]
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(spec.range[0]), to_value=float(spec.range[1]))
+        ]
     return descriptor
 
 

@@ -18,20 +18,20 @@ from rclpy.parameter import Parameter
 from ces_observer.errors import CesError, SignalsError
 from ces_observer.model import Model, load_model
 from ces_observer.nodes.model_check import require_stable
-from ces_observer.nodes.node_parameters import declare, declare_anew, declare_unset, model_path, value_of
-from ces_observer.nodes.parameter_table import (
-    DAMPERS,
-    DAMPERS_MEANING,
-    NAME,
-    OF_A_DAMPER,
-    OF_THE_NODE,
-    Spec,
+from ces_observer.nodes.node_parameters import (
+    declare,
+    declare_anew,
+    declare_unset,
+    model_path,
+    value_of,
+    warn_of_unknown,
 )
+from ces_observer.nodes.observer_table import DAMPERS, DAMPERS_MEANING, NAME, OF_A_DAMPER, OF_THE_NODE
+from ces_observer.nodes.parameter_table import ParameterSpec
 from ces_observer.nodes.signal_parameters import declare_signals, read_signals
 from ces_observer.signals import NAMES, Constant, Signal, Signals
 
 LIVE = {spec.name: spec for spec in OF_A_DAMPER if spec.live}
-_OTHERS = ("qos_overrides.", "use_sim_time", "start_type_description_service")
 _PLAIN_NAME = "expected letters, digits and underscores that do not begin with a digit"
 
 
@@ -75,7 +75,8 @@ def declare_settings(node: Node) -> NodeSettings:
             declare_unset(node, spec, f"{key}.{spec.name}")
     for prefix in ("", *(f"{key}." for key in keys)):
         declare_signals(node, prefix)
-    _warn_of_unknown(node, keys)
+    known = {spec.name for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)} | {DAMPERS}
+    warn_of_unknown(node, known, NAMES, keys)
     return NodeSettings(values, tuple(_settings(node, key) for key in keys or ("",)))
 
 
@@ -121,7 +122,7 @@ def _settings(node: Node, key: str) -> Settings:
     return Settings(key, name, model, path, signals, values)
 
 
-def _value(node: Node, prefix: str, spec: Spec) -> Any:
+def _value(node: Node, prefix: str, spec: ParameterSpec) -> Any:
     own = value_of(node, prefix + spec.name)
     return value_of(node, spec.name) if own is None else own
 
@@ -137,17 +138,6 @@ def _declare_dampers(node: Node) -> tuple[str, ...]:
     if len(set(keys)) < len(keys):
         raise CesError(f"parameter '{DAMPERS}' is {list(keys)}; expected each name once")
     return tuple(keys)
-
-
-def _warn_of_unknown(node: Node, keys: Sequence[str]) -> None:
-    known = {spec.name for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)} | {DAMPERS}
-    for name in node.get_parameters_by_prefix(""):
-        first, _, rest = name.partition(".")
-        told = rest if first in keys else name
-        if told not in known and told.partition(".")[0] not in NAMES and not name.startswith(_OTHERS):
-            node.get_logger().warning(
-                f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known))}"
-            )
 
 
 def _joint(position: Signal | Constant) -> str:

@@ -8,7 +8,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from ces_observer.nodes.node_parameters import declare_anew, value_of
-from ces_observer.nodes.parameter_table import SIGNAL_KEYS
+from ces_observer.nodes.observer_table import SIGNAL_KEYS
 from ces_observer.signals import DEFAULTS, Signals, overridden
 
 SIGNALS = ("position", "current", "force")

@@ -6,9 +6,10 @@ Stribeck beside how much Coulomb friction); all its physical numbers grow from t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import exp, isfinite, log
+from typing import Any
 
 from numpy.random import Generator
 
@@ -43,6 +44,8 @@ class Spread:
 
 
 Proportions = Mapping[str, Spread]
+Change = Callable[[Any, float, Mapping[str, float]], dict[str, float]]
+"""(description of the damper, severity, proportions) -> the description's numbers under the effect, by path."""
 
 
 @dataclass(frozen=True)
@@ -78,3 +81,8 @@ def even(low: float, high: float) -> Spread:
 def either_sign(low: float, high: float) -> Spread:
     """Return a spread of either sign, log-uniform in magnitude."""
     return Spread(low, high, signed=True)
+
+
+def grown(start: float, target: float, share: float) -> float:
+    """Return a number on its way from the plant's own to the effect's, geometrically."""
+    return float(start ** (1.0 - share) * target**share)

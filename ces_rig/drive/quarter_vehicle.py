@@ -42,11 +42,6 @@ class QuarterVehicle:
         return np.asarray(wheel_height * (1.0 - suspension / body), dtype=np.complex128)
 
 
-def road_height(road_class: str, vehicle_m_s: float, time_s: Array, rng: Generator) -> Array:
-    """Return the road's height [m] under the wheel at uniform times, shape (n,); ISO 8608, waviness 2."""
-    return _in_time(_road_spectrum(road_class, vehicle_m_s, time_s, rng), time_s)
-
-
 def road_stroke(
     road_class: str, vehicle_m_s: float, time_s: Array, rng: Generator, vehicle: QuarterVehicle | None = None
 ) -> Array:

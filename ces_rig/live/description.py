@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -14,51 +13,33 @@ from ces_rig.dampers.effects import Spread, Withheld
 from ces_rig.dampers.hydraulic.effects import Hydraulic
 from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
 from ces_rig.dampers.hydraulic.stepper import rest_force
-from ces_rig.dampers.lumped import Lumped
-from ces_rig.descriptions import build, read_yaml
+from ces_rig.dampers.kinds import HYDRAULIC, KINDS, DamperModel, read_lumped
+from ces_rig.descriptions import read_yaml
 from ces_rig.errors import RigError
 from ces_rig.experiment import Experiment, experiment_from
 from ces_rig.sensors import Sensors
-from ces_rig.simulation import LUMPED
 from ces_rig.withheld import plants, sensing
 
-HYDRAULIC = "hydraulic"
-LUMPED_REACH_M = 0.06  # [m] the stroke the lumped dampers' gas is made for
 LIVE_SENSING = ("current_scale", "force_offset", "force_drift", "force_scale", "mains_hum", "position_wave")
 
 
 @dataclass(frozen=True)
 class Description:
-    """A damper of a kind (`withheld.plants.PLANTS`), its sensors, and what the cell reads at mid-stroke [N]."""
+    """A damper of a kind (`dampers.kinds.KINDS`), its sensors, and what the cell reads at mid-stroke [N]."""
 
     kind: str = HYDRAULIC
-    model: Any = field(default_factory=lambda: Hydraulic(Damper()))  # of withheld.plants.Model
+    model: DamperModel = field(default_factory=lambda: Hydraulic(Damper()))
     sensors: Sensors = field(default_factory=Sensors)
     rest_N: float = 0.0
     sensed: tuple[tuple[str, Mapping[str, float]], ...] = ()  # effects of the sensors: name and physical numbers
-
-    @property
-    def current_A(self) -> tuple[float, float]:
-        """The range [A] of the current that acts."""
-        if isinstance(self.model, Hydraulic):
-            valve = self.model.damper.ces_valve
-            return valve.current_low_A, valve.current_high_A
-        return plants.KINDS[self.kind].current_A
-
-    @property
-    def reach_m(self) -> float:
-        """Travel [m] from mid-stroke to either end."""
-        return self.model.damper.body.half_stroke_m if isinstance(self.model, Hydraulic) else LUMPED_REACH_M
 
 
 def load_description(path: Path) -> Description:
     """Return the damper in a rig YAML (a damper of any kind, or an experiment); raises RigError, OSError."""
     given = read_yaml(path)
-    kind = given.pop("kind", HYDRAULIC)
-    if kind in LUMPED:
-        return Description(kind, Lumped(kind, build(LUMPED[kind], given, str(path))))
-    if kind != HYDRAULIC:
-        raise RigError(f"{path}: kind is {kind!r}; expected one of {HYDRAULIC}, {', '.join(LUMPED)}")
+    lumped = read_lumped(given, str(path))
+    if lumped is not None:
+        return Description(lumped.kind, lumped)
     if "stroke" in given:
         return of_experiment(experiment_from(given, str(path), path))
     return Description(model=Hydraulic(damper_from(given, str(path))))
@@ -77,10 +58,10 @@ def with_effects(damper: Description, given: Iterable[str]) -> Description:
     """
     for effect in (effect_from(text, damper.kind) for text in given):
         if effect.name in sensing.SENSING:
-            numbers = sensing.numbers(effect, damper.current_A[1])
+            numbers = sensing.numbers(effect, damper.model.current_A[1])
             damper = replace(damper, sensed=(*damper.sensed, (effect.name, numbers)))
         else:
-            changed = damper.model.changed(plants.KINDS[damper.kind].numbers(damper.model, effect))
+            changed = damper.model.changed(KINDS[damper.kind].numbers(damper.model, effect))
             damper = replace(damper, model=changed)
     return damper
 
@@ -92,7 +73,7 @@ def effect_from(text: str, kind: str) -> Withheld:
     if name not in known:
         there = ", ".join(known)
         raise RigError(f"withheld '{text}': no effect '{name}' on a live {kind} damper; there are {there}")
-    spreads = {**plants.KINDS[kind].spreads, **sensing.SPREADS}[name]
+    spreads = {**KINDS[kind].spreads, **sensing.SPREADS}[name]
     middle = {key: _middle(spread) for key, spread in spreads.items()}
     for key in numbers:
         if key != "severity" and key not in middle:

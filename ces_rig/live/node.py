@@ -16,9 +16,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ces_observer.nodes.executors import collect, run
+from ces_observer.nodes.node_parameters import TableNode, declare_table
+from ces_rig.drive import vehicle_kernel as qv
 from ces_rig.errors import RigError
-from ces_rig.live import vehicle as qv
-from ces_rig.live.node_parameters import declare_settings
+from ces_rig.live.node_table import OF_THE_NODE, OF_THE_RIG, NodeSettings, read_settings
 from ces_rig.live.pace import Pace
 from ces_rig.live.rig import LIVE, VEHICLE, LiveRig, Settings
 from ces_rig.live.topics import RigTopics
@@ -33,8 +34,10 @@ SOONEST_S = 1e-4
 QUIET = 1000  # of these idle periods without a command, and no answer to earlier samples is on its way
 
 
-class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
+class Rig(TableNode):
     """The node `rig`; raises what executors.START_ERRORS lists if it cannot be built."""
+
+    MAY_BE_EMPTY = frozenset({"withheld"})
 
     def __init__(self) -> None:
         super().__init__("rig")
@@ -164,6 +167,16 @@ class Rig(Node):  # type: ignore[misc]  # rclpy is not there where types are che
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node; returns 0 when stopped by a signal, 2 if a parameter cannot be used."""
     return run("rig", Rig, argv)
+
+
+def declare_settings(node: Node) -> tuple[NodeSettings, Settings]:
+    """Declare and read all parameters; raises CesError or rclpy's ParameterException."""
+    own, rig = read_settings(declare_table(node, (*OF_THE_NODE, *OF_THE_RIG)))
+    if node.get_parameter("use_sim_time").value and not own.publish_clock:
+        raise RigError(
+            "use_sim_time is true, but the rig makes time itself; set publish_clock: true as well, or neither"
+        )
+    return own, rig
 
 
 def _live(parameters: Sequence[Parameter]) -> dict[str, object]:

@@ -11,16 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ces_rig.descriptions import choice, quantity
+from ces_rig.drive import vehicle_kernel as qv
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, Experiment, find_experiment, load_experiment
-from ces_rig.live import vehicle as qv
 from ces_rig.live.command import Command
 from ces_rig.live.description import Description, load_description, of_experiment, with_effects
 from ces_rig.live.plant import LivePlant
 from ces_rig.live.road import Road
 from ces_rig.live.script import Actuator, Loop, Script, loop_of, loop_of_experiment, still
 from ces_rig.live.sensing import LiveSensors
-from ces_rig.live.vehicle import Vehicle
+from ces_rig.live.vehicle import Vehicle, numbers_of
 from ces_rig.parts import put
 
 SCRIPT, EXPERIMENT, VEHICLE = "script", "experiment", "vehicle"
@@ -75,11 +75,11 @@ class LiveRig:
         self._count = ceil(self.period_s / GRID_S - 1e-9)
         self._interval_s = self.period_s / self._count
         self._plant = LivePlant(self.damper, self._interval_s, self._count, settings.step_s or None)
-        self.command = Command(self.damper.current_A, settings.safe_current_A, settings.command_timeout_s)
+        self.command = Command(self.damper.model.current_A, settings.safe_current_A, settings.command_timeout_s)
         self.sensors = LiveSensors(self.damper.sensors, settings.seed, settings.rate_hz, self.damper.sensed)
         self.sensors.set(settings.noise, settings.dropout)
         self.motion = np.zeros(qv.MOTION_SIZE)
-        self._numbers = qv.numbers_of(settings.vehicle, self.damper.reach_m)
+        self._numbers = numbers_of(settings.vehicle, self.damper.model.reach_m)
         self._road = _road(settings, self._interval_s)
         self._actuator = self._actuated(settings, experiment)
         self.ticks = 0
@@ -127,7 +127,7 @@ class LiveRig:
         changed = with_values(self.settings, values)
         if changed.script == self.settings.script or self.settings.drive != SCRIPT:
             return changed, None
-        return changed, loop_of(changed.script, self._interval_s, changed.seed).checked(self.damper.reach_m)
+        return changed, loop_of(changed.script, self._interval_s, changed.seed).checked(self.damper.model.reach_m)
 
     def _sample(self, command: float, body: float) -> Sample:
         motion, sensors = self.motion, self.sensors
@@ -149,12 +149,12 @@ class LiveRig:
     def _actuated(self, settings: Settings, experiment: Experiment | None) -> Actuator:
         """An experiment fades in by itself; a script is blended in from rest."""
         if experiment is not None:
-            loop = loop_of_experiment(experiment, self._interval_s).checked(self.damper.reach_m)
+            loop = loop_of_experiment(experiment, self._interval_s).checked(self.damper.model.reach_m)
             return Actuator(loop, self._interval_s)
         actuator = Actuator(still(self._interval_s), self._interval_s)
         if settings.drive == SCRIPT:
             loop = loop_of(settings.script, self._interval_s, settings.seed)
-            actuator.change(loop.checked(self.damper.reach_m))
+            actuator.change(loop.checked(self.damper.model.reach_m))
         return actuator
 
 

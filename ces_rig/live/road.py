@@ -27,13 +27,6 @@ def roughness_m3(road_class: str) -> float:
     return float(16e-6 * 4.0 ** CLASSES.index(road_class))
 
 
-def density_m3(road_class: str, wave_1_m: Array) -> Array:
-    """Return the one-sided density [m³] of the road as generated, under the tyre, at wave numbers [cycles/m]."""
-    corner, patch = 1.0 / LONGEST_M, 2.0 * pi * CONTACT_M / AVERAGING
-    profile = roughness_m3(road_class) * REFERENCE_1_M**2 / (wave_1_m**2 + corner**2)
-    return np.asarray(profile / (1.0 + (patch * wave_1_m) ** 2))
-
-
 AVERAGING = 2.8  # contact length over the length of a first-order filter that is 3 dB down at the same wave
 
 

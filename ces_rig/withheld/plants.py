@@ -10,59 +10,21 @@ The plant itself is free of every effect; its description simulates it exactly.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ces_rig.dampers.bouc_wen import effects as bouc_wen
-from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Proportions, Withheld
-from ces_rig.dampers.hydraulic import effects as hydraulic
-from ces_rig.dampers.polyviscous import effects as calibration
+from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Withheld
+from ces_rig.dampers.kinds import KINDS, DamperKind, DamperModel
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, Truth
 from ces_rig.withheld import sensing
 
 Array = NDArray[np.float64]
-
-
-class Model(Protocol):
-    """A damper with numbers that can be changed by path."""
-
-    def run(self, interval_s: float, stroke_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
-        """Return tared force [N], coil current [A] and temperature [°C], each (n,)."""
-
-    def without_coil(self) -> Self:
-        """Return the damper as driven with a measured coil current."""
-
-    def changed(self, numbers: Mapping[str, float]) -> Self:
-        """Return the damper with other numbers; raises RigError for one that no real damper has."""
-
-    def number(self, path: str) -> float:
-        """Return the number at a path."""
-
-    def description(self) -> dict[str, Any]:
-        """Return what its YAML file holds."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of plant: how it is drawn, the range [A] of its current, its effects, and what a simulation has wrong."""
-
-    base: Callable[[Generator], Any]
-    current_A: tuple[float, float]
-    spreads: Mapping[str, Proportions]
-    numbers: Callable[[Any, Withheld], dict[str, float]]
-    wrong: Mapping[tuple[str, ...], float]
-
-
-KINDS: Mapping[str, Kind] = {
-    name: Kind(part.base, part.CURRENT_A, part.SPREADS, part.numbers, part.WRONG)
-    for name, part in (("hydraulic", hydraulic), ("bouc_wen", bouc_wen), ("calibration", calibration))
-}
 PLANTS = tuple(KINDS)
 
 
@@ -71,7 +33,7 @@ class Plant:
     """A drawn damper of a kind, free of every effect."""
 
     kind: str
-    model: Model
+    model: DamperModel
 
     @property
     def current_A(self) -> tuple[float, float]:
@@ -87,7 +49,7 @@ def available(kind: str) -> tuple[str, ...]:
 
 def draw_plant(kind: str, rng: Generator) -> Plant:
     """Return a drawn damper of the kind; raises RigError for a kind that is not in PLANTS."""
-    return Plant(kind, _kind(kind).base(rng))
+    return Plant(kind, _kind(kind).draw_plant(rng))
 
 
 def draw(kind: str, name: str, rng: Generator) -> Withheld:
@@ -158,7 +120,7 @@ def gap_from(plant: Plant, free: Truth, true: Truth) -> float:
     return float(np.sqrt(np.mean((true.force_N - without) ** 2)))
 
 
-def _kind(kind: str) -> Kind:
+def _kind(kind: str) -> DamperKind:
     if kind not in KINDS:
         raise RigError(f"plant kind '{kind}' is unknown; known are {', '.join(KINDS)}")
     return KINDS[kind]

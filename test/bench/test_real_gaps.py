@@ -1,19 +1,15 @@
-"""Diagnoses on measured data, and the changes that bench/real_gaps.py puts into recordings."""
+"""Diagnoses on measured data, and the changes that bench/gaps/real_gaps.py puts into recordings."""
 
 import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
-
-import real_gaps
-from real_gaps_effects import CHANGES, later
-from real_gaps_simulations import BandBrake, StaticMap, settled, stopped
-
+from bench.gaps import real_gaps
+from bench.gaps.effects import CHANGES, later
+from bench.gaps.simulations import BandBrake, StaticMap, settled, stopped
 from ces_gap.diagnosis import AMBIGUOUS, NAMED
 from ces_identify.recordings.recording import Channel, Recording
 

@@ -1,22 +1,16 @@
 """The parts of `make tables` that its figures stand on: the damper on estimates, one-step training, markers, store."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
-
-import thesis_models
-import thesis_tables
-from thesis_markdown import between, markdown, put_between
-from thesis_models import OURS, POLYNOMIAL, THESIS, Job, Outcome, described, trained
-from thesis_one_step import OneStepFuzzy, OneStepNetwork
-from thesis_plant import PULL, integrated, plant_cost
-from thesis_tables import ROWS, jobs, judge, table
-
+from bench.markdown import between, markdown, put_between
+from bench.thesis import models, tables
+from bench.thesis.models import OURS, POLYNOMIAL, THESIS, Job, Outcome, described, trained
+from bench.thesis.one_step import OneStepFuzzy, OneStepNetwork
+from bench.thesis.plant import PULL, integrated, plant_cost
+from bench.thesis.tables import ROWS, jobs, judge, table
 from ces_identify.preparation.series import prepare
 from ces_identify.trained.fuzzy_fit import Grid
 from ces_identify.trained.lagged_fit import Lags, regressors
@@ -114,7 +108,7 @@ def test_markdown_aligns_figures_to_the_right():
 
 
 def test_thesis_figures_stand_in_table_5_1_alone_and_missing_models_are_said(monkeypatch):
-    monkeypatch.setattr(thesis_tables, "noise_floor", lambda name: 0.5)
+    monkeypatch.setattr(tables, "noise_floor", lambda name: 0.5)
     judged = {(s, p, row): None for s in (POLYNOMIAL, "anfis") for p in (THESIS, OURS) for row in ROWS}
     polynomial, anfis = (table(s, judged).splitlines()[2:] for s in (POLYNOMIAL, "anfis"))
     assert [line.split(" | ")[1] for line in polynomial] == ["2.34", "6.92", "14.79", "63.8", "136"]
@@ -129,8 +123,8 @@ def test_every_table_has_its_jobs_once():
 
 
 def test_a_model_is_trained_once_kept_and_judged_on_another_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(thesis_models, "code_digest", lambda: "fixed")
-    monkeypatch.setattr(thesis_models, "POLYNOMIAL_STARTS", 1)
+    monkeypatch.setattr(models, "code_digest", lambda: "fixed")
+    monkeypatch.setattr(models, "POLYNOMIAL_STARTS", 1)
     job = Job(POLYNOMIAL, THESIS, ("sine_4hz",), terms=3)
     first, again = (dict(trained([job], 120.0, 1, tmp_path))[job] for _ in range(2))
     assert first.seconds == again.seconds, "the second time it comes from the store"

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ces_rig.dampers.hydraulic.characteristic import steady_force
+from bench.rig.characteristic import steady_force
+from bench.thesis.noise_floor import cost, driven, floors
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.errors import RigError
 from ces_rig.experiment import experiment_from, load_experiment, measure, packaged, truth
-from ces_rig.floor import cost, driven, floors
 from ces_rig.simulation import load_rig
 
 

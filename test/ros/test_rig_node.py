@@ -215,7 +215,7 @@ def test_as_fast_as_it_is_answered(bench: Bench, rig: Start) -> None:
 
 MISTAKES = {
     "use_sim_time is true, but the rig makes time itself": {"use_sim_time": "true"},
-    "script: kind is 'square'; expected one of rest, sine": {"script__kind": "square"},
+    "parameter 'script.kind' is 'square'; expected one of rest, sine": {"script__kind": "square"},
     "the stroke reaches 0.07 m": {"script__amplitude_m": 0.07},
     "no effect 'frction'": {"withheld": "['frction']"},
     "rate_hz": {"rate_hz": 100},
@@ -234,7 +234,7 @@ def test_a_mistake_at_start_is_one_fatal_line_and_status_2(rig: Start) -> None:
 def test_every_mistake_is_refused_while_the_node_is_built(line: str) -> None:
     """The same in this process, which is quicker."""
     from ces_observer.nodes.executors import START_ERRORS
-    from ces_rig.live.node_parameters import declare_settings
+    from ces_rig.live.node import declare_settings
     from ces_rig.live.rig import LiveRig
 
     context = rclpy.Context()

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
-from numpy.random import Generator
+from collections.abc import Mapping
 
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
-from ces_rig.dampers.effects import Proportions, Withheld, even, log_spread
-from ces_rig.dampers.lumped import Lumped, drawn, grown
+from ces_rig.dampers.effects import Change, Proportions, even, grown, log_spread
+from ces_rig.dampers.lumped import LUMPED_CHANGES, LUMPED_SPREADS, gas_spring
 
-Change = Callable[[BoucWen, float, Mapping[str, float]], dict[str, float]]
-
-CURRENT_A = (0.1, 1.6)
 VARIED: Mapping[str, float] = {
     "yield_N": 0.2, "yield_N_A": 0.15, "saturation_A": 0.15, "yield_m": 0.25, "viscous_Ns_m": 0.2,
     "viscous_Ns_mA": 0.2, "series_Ns_m": 0.2, "inner_N_m": 0.2, "field_s": 0.2, "gas_Pa": 0.15, "gas_m3": 0.1,
@@ -24,6 +19,7 @@ WRONG: Mapping[tuple[str, ...], float] = {
 }  # fmt: skip
 
 SPREADS: Mapping[str, Proportions] = {
+    **LUMPED_SPREADS,
     "friction": {
         "seal_N": log_spread(25.0, 60.0), "static": even(1.1, 1.9), "stribeck_m_s": log_spread(0.006, 0.04),
         "bristle_N_m": log_spread(1e5, 1e6),
@@ -33,7 +29,6 @@ SPREADS: Mapping[str, Proportions] = {
     },
     "mount_compliance": {"compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4)},
     "backlash": {"play_m": log_spread(2e-4, 6e-4)},
-    "inertia": {"mass_kg": log_spread(1.5, 4.0)},
     "gas_spring": {"pressure": even(0.3, 1.2), "volume": log_spread(0.5, 2.0), "exponent": even(1.05, 1.4)},
     "cavitation": {"gas_loss": log_spread(60.0, 120.0)},
     "temperature_fade": {
@@ -45,20 +40,8 @@ SPREADS: Mapping[str, Proportions] = {
     "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "progression_1_m": even(0.0, 120.0)},
     "valve_lag": {"field_s": log_spread(5e-3, 2e-2), "eddy_s": even(0.0, 6e-3)},
     "current_hysteresis": {"loop_A": log_spread(0.04, 0.12), "bend_A": log_spread(0.06, 0.3)},
-    "groove": {"bypass_m_Ns": log_spread(6e-5, 2e-4), "at_m": even(-0.012, 0.012), "half_m": log_spread(0.004, 0.01)},
     "foaming": {"growth_m_J": log_spread(2e-7, 1e-6)},
-    "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": even(-0.01, 0.01)},
 }  # fmt: skip
-
-
-def base(rng: Generator) -> Lumped:
-    """Return a drawn damper that has next to none of any effect."""
-    return drawn(Lumped("bouc_wen", BoucWen()), VARIED, rng)
-
-
-def numbers(plant: Lumped, withheld: Withheld) -> dict[str, float]:
-    """Return the plant's physical numbers under the effect, by name."""
-    return CHANGES[withheld.name](plant.damper, withheld.severity, withheld.proportions)
 
 
 def _friction(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
@@ -88,12 +71,7 @@ def _mount_compliance(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str,
 
 
 def _gas_spring(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    least = 1.2 * d.rod_m2 * 0.06
-    return {
-        "gas_Pa": d.gas_Pa * (1.0 + s * p["pressure"]),
-        "gas_m3": least + (d.gas_m3 - least) / (1.0 + s * p["volume"]),
-        "gas_exponent": grown(d.gas_exponent, p["exponent"], s / (1.0 + s)),
-    }
+    return {**gas_spring(d, s, p), "gas_exponent": grown(d.gas_exponent, p["exponent"], s / (1.0 + s))}
 
 
 def _temperature_fade(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
@@ -117,20 +95,16 @@ def _current_hysteresis(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[st
 
 
 CHANGES: Mapping[str, Change] = {
+    **LUMPED_CHANGES,
     "friction": _friction,
     "compressibility": _compressibility,
     "mount_compliance": _mount_compliance,
     "backlash": lambda d, s, p: {"play_m": d.play_m + s * p["play_m"]},
-    "inertia": lambda d, s, p: {"mass_kg": d.mass_kg + s * p["mass_kg"]},
     "gas_spring": _gas_spring,
     "cavitation": lambda d, s, p: {"void_N": d.void_N / (1.0 + s * p["gas_loss"])},
     "temperature_fade": _temperature_fade,
     "leakage": lambda d, s, p: {"bypass_m_Ns": d.bypass_m_Ns + s * p["bypass_m_Ns"]},
-    "blow_off": lambda d, s, p: {"relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_Ns_m": p["beyond_Ns_m"]},
     "bump_stop": _bump_stop,
     "valve_lag": lambda d, s, p: {"field_s": d.field_s + s * p["field_s"], "eddy_s": d.eddy_s + s * p["eddy_s"]},
     "current_hysteresis": _current_hysteresis,
-    "groove": lambda _d, s, p: {"groove_m_Ns": s * p["bypass_m_Ns"], "groove_at_m": p["at_m"], "groove_m": p["half_m"]},
-    "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_m_J"]},
-    "side_load": lambda _d, s, p: {"side_load_N_m": s * p["slope_N_m"], "side_at_m": p["at_m"]},
 }

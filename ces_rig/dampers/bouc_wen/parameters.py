@@ -1,30 +1,31 @@
 """A magneto-rheological damper: Spencer's modified Bouc–Wen model with what surrounds it, on the same rig.
 
 The model is that of B. F. Spencer et al., J. Eng. Mech. 123 (1997), its hysteresis normalised (|z| <= 1); the spring of
-the fluid, the gas, seals, stops, a mass and a bushing are around it. `bouc_wen_kernel.py` holds the equations.
+the fluid, the gas, seals, stops, a mass and a bushing are around it. `kernel.py` holds the equations.
 """
 
 from __future__ import annotations
 
 from collections import namedtuple
-from dataclasses import astuple, dataclass, fields, replace
-from typing import Any
+from dataclasses import astuple, dataclass, fields
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_rig.dampers.bouc_wen.kernel import STATE_SIZE, advance
-from ces_rig.dampers.hydraulic.stepper import spline_speed
+from ces_rig.dampers.bouc_wen.kernel import STATE_SIZE, advance, settle
+from ces_rig.dampers.lumped import LumpedDamper
 from ces_rig.descriptions import quantity
-from ces_rig.errors import RigError
 
 Array = NDArray[np.float64]
-STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_withheld_kernels)
 
 
 @dataclass(frozen=True)
-class BoucWen:
+class BoucWen(LumpedDamper):
     """An MR damper; raises RigError if a number is out of range."""
+
+    kind: ClassVar[str] = "bouc_wen"
+    current_A: ClassVar[tuple[float, float]] = (0.1, 1.6)
 
     yield_N: float = quantity(70.0, "N", "yield force of the fluid without field", 0.0, 1e5)
     yield_N_A: float = quantity(650.0, "N/A", "its growth with the field", 0.0, 1e5)
@@ -78,22 +79,15 @@ class BoucWen:
     side_load_N_m: float = quantity(0.0, "N/m", "growth of friction away from `side_at_m`", 0.0, 1e5)
     side_at_m: float = quantity(0.0, "m", "stroke without side load", -0.5, 0.5)
 
-    def __post_init__(self) -> None:
-        if self.gas_m3 <= 1.05 * self.rod_m2 * 0.06:
-            raise RigError(f"bouc_wen: gas_m3 {self.gas_m3:g} cannot take up the rod's volume; enlarge it")
+    def _simulate(
+        self, time_s: Array, moves: tuple[Array, Array, Array], interval_s: float, substeps: int, out: Array
+    ) -> None:
+        advance(Numbers(*astuple(self)), np.zeros(STATE_SIZE), *moves, interval_s, substeps, out)
 
-    def run(self, interval_s: float, stroke_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
-        """Return force [N] without the gas force at mid-stroke, coil current [A], temperature [°C], each (n,)."""
-        stroke, current = (np.ascontiguousarray(a, dtype=np.float64) for a in (stroke_m, current_A))
-        speed = spline_speed(np.arange(len(stroke), dtype=np.float64) * interval_s, stroke)
-        out = np.empty((3, len(stroke)))
-        substeps = max(1, round(interval_s / STEP_S))
-        advance(Numbers(*astuple(self)), np.zeros(STATE_SIZE), stroke, speed, current, interval_s, substeps, out)
-        return out[0], out[1], out[2]
-
-    def without_coil(self) -> BoucWen:
-        """Return the damper as driven with a measured coil current."""
-        return replace(self, coil_s=0.0)
+    def settle(self, stroke_m: float, speed_m_s: float, current_A: float) -> tuple[Array, float]:
+        """Return the kernel's state at rest at this input and the force [N] there, tared at mid-stroke."""
+        state = np.zeros(STATE_SIZE)
+        return state, float(settle(Numbers(*astuple(self)), state, stroke_m, speed_m_s, current_A))
 
 
 Numbers: Any = namedtuple("Numbers", [f.name for f in fields(BoucWen)])  # type: ignore[misc]

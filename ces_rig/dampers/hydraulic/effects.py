@@ -6,24 +6,23 @@ from outside.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from math import exp
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_rig.dampers.effects import Proportions, Withheld, even, log_spread
+from ces_rig.dampers.effects import Change, Proportions, even, grown, log_spread
 from ces_rig.dampers.hydraulic import kernel as hy
+from ces_rig.dampers.hydraulic.coefficients import coefficients
 from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.hydraulic.stepper import STEP_S, Run, Stepper, rest_force, simulate, spline_speed
-from ces_rig.dampers.lumped import grown
+from ces_rig.dampers.hydraulic.stepper import STEP_S, Run, Stepper, equilibrium, rest_force, simulate, spline_speed
 from ces_rig.parts import paths, put, value
 
 Array = NDArray[np.float64]
-Change = Callable[[Damper, float, Mapping[str, float]], dict[str, float]]
 
-CURRENT_A = (0.29, 0.70)
 MOST_AIR = 0.25
 RELEASE_PA = 8.5e4  # [Pa] at which oil full of dissolved gas lets it go
 FOAM_EVERY_S = 5e-3  # [s] between updates of a growing air content
@@ -95,6 +94,7 @@ class Hydraulic:
     damper: Damper
     extras: Mapping[str, float] = field(default_factory=dict)
     foaming_1_J: float = 0.0
+    delay_s: ClassVar[float] = 0.0
 
     def run(self, interval_s: float, stroke_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
         """Return force [N], tared at mid-stroke, coil current [A] and oil temperature [°C], each (n,)."""
@@ -103,6 +103,26 @@ class Hydraulic:
         else:
             run = simulate(self.damper, interval_s, stroke_m, current_A, extras=self.extras)
         return run.force_N - rest_force(self.damper), run.state("coil_A"), run.state("oil_degC")
+
+    @property
+    def current_A(self) -> tuple[float, float]:
+        """The range [A] of the current that acts."""
+        return self.damper.ces_valve.current_low_A, self.damper.ces_valve.current_high_A
+
+    @property
+    def reach_m(self) -> float:
+        """Travel [m] from mid-stroke to either end."""
+        return self.damper.body.half_stroke_m
+
+    def coefficients(self) -> Array:
+        """Return the kernel's numbers."""
+        return np.array(coefficients(self.damper)._replace(**self.extras))
+
+    def settle(self, stroke_m: float, speed_m_s: float, current_A: float) -> tuple[Array, float]:
+        """Return the kernel's state at rest at this input and the force [N] there, tared at mid-stroke."""
+        state = equilibrium(self.damper, stroke_m, speed_m_s, current_A)
+        c = hy.Coefficients(*self.coefficients())
+        return state, float(hy.mount_force(c, state, stroke_m, speed_m_s)[0] - rest_force(self.damper))
 
     def without_coil(self) -> Hydraulic:
         """Return the damper as driven with a measured coil current."""
@@ -125,13 +145,6 @@ class Hydraulic:
 
 
 PATHS = frozenset(paths(Damper()))
-
-
-def base(rng: np.random.Generator) -> Hydraulic:
-    """Return a drawn damper that has next to none of any effect."""
-    plain = put(Damper(), DESIGN)
-    drawn = {path: value(plain, path) * float(np.exp(s * rng.standard_normal())) for path, s in VARIED.items()}
-    return Hydraulic(put(plain, drawn))
 
 
 def foamed(plant: Hydraulic, interval_s: float, stroke_m: Array, current_A: Array) -> Run:
@@ -261,8 +274,3 @@ CHANGES: Mapping[str, Change] = {
     "side_load": lambda _d, s, p: {"extras.side_load": s * p["slope_N_m"], "extras.side_at": p["at_m"]},
     "sticking_check": lambda _d, s, p: {"extras.check_stick": s * p["adhesion_Pa"]},
 }
-
-
-def numbers(plant: Hydraulic, withheld: Withheld) -> dict[str, float]:
-    """Return the plant's physical numbers under the effect, by path."""
-    return CHANGES[withheld.name](plant.damper, withheld.severity, withheld.proportions)

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
-from numpy.random import Generator
-
-from ces_rig.dampers.effects import Proportions, Withheld, even, log_spread
-from ces_rig.dampers.lumped import Lumped, drawn, grown
+from ces_rig.dampers.effects import Change, Proportions, even, grown, log_spread
+from ces_rig.dampers.lumped import LUMPED_CHANGES, LUMPED_SPREADS
 from ces_rig.dampers.polyviscous.parameters import Polyviscous
 
-Change = Callable[[Polyviscous, float, Mapping[str, float]], dict[str, float]]
-
-CURRENT_A = (0.5, 4.0)
 VARIED: Mapping[str, float] = {
     "bleed_Ns_m": 0.2, "thinning_N": 0.2, "knee_N": 0.2, "knee_N_A2": 0.15, "knee_rebound": 0.1, "knee_width_N": 0.25,
     "beyond_Ns_m": 0.2, "beyond_rebound": 0.1, "field_s": 0.2, "gas_Pa": 0.15, "gas_m3": 0.1,
@@ -24,6 +19,7 @@ WRONG: Mapping[tuple[str, ...], float] = {
 }  # fmt: skip
 
 SPREADS: Mapping[str, Proportions] = {
+    **LUMPED_SPREADS,
     "friction": {
         "seal_N": log_spread(25.0, 60.0), "rise": even(0.0, 0.8), "rise_m_s": log_spread(0.006, 0.05),
         "travel_m": log_spread(4e-5, 4e-4),
@@ -33,7 +29,6 @@ SPREADS: Mapping[str, Proportions] = {
         "compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxing": even(0.1, 1.0), "stiffening_1_mm2": even(0.0, 3.0),
     },
     "backlash": {"play_m": log_spread(2e-4, 6e-4), "edge_m": log_spread(3e-6, 3e-5)},
-    "inertia": {"mass_kg": log_spread(1.5, 4.0)},
     "gas_spring": {"pressure": even(0.5, 2.0), "volume": log_spread(0.5, 2.0)},
     "cavitation": {"starving": log_spread(15.0, 40.0)},
     "temperature_fade": {"fade_1_K": log_spread(0.004, 0.015), "heat_J_K": log_spread(40.0, 150.0)},
@@ -42,21 +37,9 @@ SPREADS: Mapping[str, Proportions] = {
     "bump_stop": {"stiffness_N_m": log_spread(2e4, 8e4), "hardening_m": log_spread(3e-3, 1e-2)},
     "valve_lag": {"field_s": log_spread(2e-3, 8e-3), "delay_s": even(0.0, 6e-3)},
     "current_hysteresis": {"loop_A": log_spread(0.08, 0.25)},
-    "groove": {"bypass_m_Ns": log_spread(6e-5, 2e-4), "at_m": even(-0.012, 0.012), "half_m": log_spread(0.004, 0.01)},
     "foaming": {"growth_m_J": log_spread(2e-8, 2e-7)},
-    "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": even(-0.01, 0.01)},
     "sticking_check": {"adhesion_N": log_spread(60.0, 150.0)},
 }  # fmt: skip
-
-
-def base(rng: Generator) -> Lumped:
-    """Return a drawn damper that has next to none of any effect."""
-    return drawn(Lumped("calibration", Polyviscous()), VARIED, rng)
-
-
-def numbers(plant: Lumped, withheld: Withheld) -> dict[str, float]:
-    """Return the plant's physical numbers under the effect, by name."""
-    return CHANGES[withheld.name](plant.damper, withheld.severity, withheld.proportions)
 
 
 def _friction(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, float]:
@@ -85,14 +68,6 @@ def _mount_compliance(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[
     }
 
 
-def _gas_spring(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    least = 1.2 * d.rod_m2 * 0.06
-    return {
-        "gas_Pa": d.gas_Pa * (1.0 + s * p["pressure"]),
-        "gas_m3": least + (d.gas_m3 - least) / (1.0 + s * p["volume"]),
-    }
-
-
 def _temperature_fade(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, float]:
     return {"fade_1_K": d.fade_1_K + s * p["fade_1_K"], "heat_J_K": grown(d.heat_J_K, p["heat_J_K"], s / (0.1 + s))}
 
@@ -106,21 +81,16 @@ def _bump_stop(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, fl
 
 
 CHANGES: Mapping[str, Change] = {
+    **LUMPED_CHANGES,
     "friction": _friction,
     "compressibility": _compressibility,
     "mount_compliance": _mount_compliance,
     "backlash": lambda d, s, p: {"play_m": d.play_m + s * p["play_m"], "play_edge_m": p["edge_m"]},
-    "inertia": lambda d, s, p: {"mass_kg": d.mass_kg + s * p["mass_kg"]},
-    "gas_spring": _gas_spring,
     "cavitation": lambda d, s, p: {"foot_m_s": d.foot_m_s / (1.0 + s * p["starving"])},
     "temperature_fade": _temperature_fade,
     "leakage": lambda d, s, p: {"bypass_m_sN": d.bypass_m_sN + s * p["bypass_m_sN"]},
-    "blow_off": lambda d, s, p: {"relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_Ns_m": p["beyond_Ns_m"]},
     "bump_stop": _bump_stop,
     "valve_lag": lambda d, s, p: {"field_s": d.field_s + s * p["field_s"], "delay_s": d.delay_s + s * p["delay_s"]},
     "current_hysteresis": lambda d, s, p: {"loop_A": d.loop_A + s * p["loop_A"]},
-    "groove": lambda _d, s, p: {"groove_m_Ns": s * p["bypass_m_Ns"], "groove_at_m": p["at_m"], "groove_m": p["half_m"]},
-    "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_m_J"]},
-    "side_load": lambda _d, s, p: {"side_load_N_m": s * p["slope_N_m"], "side_at_m": p["at_m"]},
     "sticking_check": lambda _d, s, p: {"stick_N": s * p["adhesion_N"]},
 }

@@ -2,30 +2,31 @@
 
 Its "current" is the field's voltage in kV. Unlike both other dampers in every law: motion follows from force (Eyring's
 shear thinning beside knee valves that differ by side), seals are Jenkins elements, the bushing relaxes, the gas
-exchanges heat. `polyviscous_kernel.py` holds the equations.
+exchanges heat. `kernel.py` holds the equations.
 """
 
 from __future__ import annotations
 
 from collections import namedtuple
-from dataclasses import astuple, dataclass, fields, replace
-from typing import Any
+from dataclasses import astuple, dataclass, fields
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_rig.dampers.hydraulic.stepper import spline_speed
-from ces_rig.dampers.polyviscous.kernel import STATE_SIZE, advance
+from ces_rig.dampers.lumped import LumpedDamper
+from ces_rig.dampers.polyviscous.kernel import STATE_SIZE, advance, settle
 from ces_rig.descriptions import quantity
-from ces_rig.errors import RigError
 
 Array = NDArray[np.float64]
-STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_withheld_kernels)
 
 
 @dataclass(frozen=True)
-class Polyviscous:
+class Polyviscous(LumpedDamper):
     """An ER damper; raises RigError if a number is out of range. `_A` in names stands for the input's unit (kV)."""
+
+    kind: ClassVar[str] = "calibration"
+    current_A: ClassVar[tuple[float, float]] = (0.5, 4.0)
 
     bleed_Ns_m: float = quantity(7000.0, "N·s/m", "damping of the bleed at small force", 100.0, 1e7)
     thinning_N: float = quantity(1400.0, "N", "Eyring force beyond which the bleed's oil thins", 50.0, 1e6)
@@ -80,24 +81,17 @@ class Polyviscous:
     side_at_m: float = quantity(0.0, "m", "stroke without side load", -0.5, 0.5)
     stick_N: float = quantity(0.0, "N", "further force that tears the closed valves off their seats", 0.0, 1e5)
 
-    def __post_init__(self) -> None:
-        if self.gas_m3 <= 1.05 * self.rod_m2 * 0.06:
-            raise RigError(f"calibration: gas_m3 {self.gas_m3:g} cannot take up the rod's volume; enlarge it")
+    def _simulate(
+        self, time_s: Array, moves: tuple[Array, Array, Array], interval_s: float, substeps: int, out: Array
+    ) -> None:
+        current = moves[2]
+        late = np.interp(time_s - self.delay_s, time_s, current) if self.delay_s > 0.0 else current
+        advance(Numbers(*astuple(self)), np.zeros(STATE_SIZE), *moves, late, interval_s, substeps, out)
 
-    def run(self, interval_s: float, stroke_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
-        """Return force [N] without the gas force at mid-stroke, voltage [kV], temperature [°C], each (n,)."""
-        stroke, current = (np.ascontiguousarray(a, dtype=np.float64) for a in (stroke_m, current_A))
-        time = np.arange(len(stroke), dtype=np.float64) * interval_s
-        late = np.interp(time - self.delay_s, time, current) if self.delay_s > 0.0 else current
-        out = np.empty((3, len(stroke)))
-        substeps = max(1, round(interval_s / STEP_S))
-        state, speed = np.zeros(STATE_SIZE), spline_speed(time, stroke)
-        advance(Numbers(*astuple(self)), state, stroke, speed, current, late, interval_s, substeps, out)
-        return out[0], out[1], out[2]
-
-    def without_coil(self) -> Polyviscous:
-        """Return the damper as driven with a measured voltage."""
-        return replace(self, coil_s=0.0)
+    def settle(self, stroke_m: float, speed_m_s: float, current_A: float) -> tuple[Array, float]:
+        """Return the kernel's state at rest at this input and the force [N] there, tared at mid-stroke."""
+        state = np.zeros(STATE_SIZE)
+        return state, float(settle(Numbers(*astuple(self)), state, stroke_m, speed_m_s, current_A))
 
 
 Numbers: Any = namedtuple("Numbers", [f.name for f in fields(Polyviscous)])  # type: ignore[misc]

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sampled_arrays import simulate_samples
 from schema_rules import SCHEMA, faults
 
 from ces_cli.main import main
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulate import sample_force
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.signals import Signals
 from ces_observer.structures.polynomial import Polynomial
@@ -41,7 +41,11 @@ def ride(name, seed, coulomb_N, seconds=8.0):
     tones = zip(random.uniform(0.001, 0.005, 5), random.uniform(0.5, 7.0, 5), random.uniform(0.0, 6.0, 5), strict=True)
     position = sum(a * np.sin(2.0 * np.pi * f * t + p) for a, f, p in tones)
     current = 0.6 + 0.3 * np.sign(np.sin(2.0 * np.pi * 0.7 * t + seed))
-    predicted = np.nan_to_num(simulate_samples(MODEL, t, position, current))
+    from_zero = np.rint(t * 1e9).astype(np.int64)
+    inputs = {
+        key: Channel(key, "", from_zero, values) for key, values in (("position", position), ("current", current))
+    }
+    predicted = np.nan_to_num(sample_force(MODEL, Recording("inputs", inputs)))
     friction = coulomb_N * np.tanh(np.gradient(position, t) / 0.015)
     force = predicted + friction + random.normal(0.0, NOISE_N, len(t))
     stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)

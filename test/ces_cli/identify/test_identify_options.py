@@ -8,11 +8,14 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ces_cli.identify.options import LEFT_OUT, NONE, PARAMETERS, words
+from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, words
 from ces_cli.identify.program import parser
 from ces_observer.errors import CesError
+from ces_observer.nodes.parameter_table import NO_WORDS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
+# What a node has no use for: a cluster's and a folder's worth of work, pictures, text to standard output.
+LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "picture", "show_candidates", "help"})
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 RANGED = [p for p in PARAMETERS if p.lowest is not None]
@@ -80,11 +83,11 @@ def test_no_recording_and_a_wrong_word_are_named():
     with pytest.raises(CesError, match="parameter 'bags' is not set; give the recordings' paths"):
         words(DEFAULTS)
     with pytest.raises(CesError, match="parameter 'method' is 'best'; expected one of both, random, gauss-newton"):
-        words({**DEFAULTS, "bags": ["one"], "method": "best"})
+        BY_NAME["method"].checked("best")
 
 
 def test_the_shipped_file_says_every_parameter_with_its_default():
     said = yaml.safe_load(CONFIG.read_text())["/**"]["ros__parameters"]
-    assert said.pop("exit_when_done") is False
-    assert {**said, "bags": NONE} == DEFAULTS
+    assert said.pop(EXIT_WHEN_DONE.name) is EXIT_WHEN_DONE.default
+    assert {**said, "bags": NO_WORDS} == DEFAULTS
     assert "bags" not in said

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from sampled_arrays import simulate_samples
 
 from ces_identify.preparation.series import held_current
 from ces_identify.recordings.recording import Channel, Recording
@@ -64,12 +63,3 @@ def test_estimator_and_batch_agree(m, recording):
     assert np.isfinite(batch).sum() > 1000
     np.testing.assert_array_equal(np.isfinite(batch), np.isfinite(steps))
     np.testing.assert_allclose(batch, steps, rtol=1e-9, atol=1e-9 * np.nanmax(np.abs(steps)))
-
-
-def test_arrays_are_simulated_as_a_recording_is():
-    t = np.arange(2000) * 1e-3
-    x, i = 0.01 * np.sin(20 * t), np.full(2000, 0.5)
-    force = simulate_samples(model(), t, x, i)
-    stamps = np.rint(t * 1e9).astype(np.int64)
-    channels = {"position": Channel("position", "m", stamps, x), "current": Channel("current", "A", stamps, i)}
-    np.testing.assert_array_equal(force, sample_force(model(), Recording("same", channels)))

@@ -50,5 +50,4 @@ def test_a_curve_that_cannot_be_used_is_refused(speeds: list[float], forces: lis
 
 
 def test_the_default_curve_is_one() -> None:
-    (_, speeds, _), (_, forces, _) = CURVE
-    assert ForceCurve.of(speeds, forces).at(0.0) == 0.0
+    assert ForceCurve.of(*(spec.default for spec in CURVE)).at(0.0) == 0.0

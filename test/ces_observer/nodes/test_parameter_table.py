@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 from ces_observer.errors import CesError
-from ces_observer.nodes.parameter_table import DAMPERS, NAME, OF_A_DAMPER, OF_THE_NODE
+from ces_observer.nodes.observer_table import DAMPERS, NAME, OF_A_DAMPER, OF_THE_NODE
+from ces_observer.nodes.parameter_table import find_unknown
 from ces_observer.signals import NAMES, Signals
 
 SPECS = {spec.name: spec for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)}
@@ -49,6 +50,13 @@ def test_wrong_values_say_what_was_expected(name: str, value: object, told: str)
 def test_a_whole_number_will_do_for_a_number() -> None:
     value = SPECS["max_age_s"].checked(1, "max_age_s")
     assert (value, type(value)) == (1.0, float)
+
+
+def test_names_that_nobody_knows_are_found():
+    names = ["model", "modle", "front.model", "front.modle", "front.position.field", "rear.model", "current.constant"]
+    names += ["use_sim_time", "qos_overrides./parameter_events.publisher.depth"]
+    assert find_unknown(names, SPECS, NAMES, ["front"]) == ["modle", "front.modle", "rear.model"]
+    assert find_unknown(["model.topic"], ["model"]) == ["model.topic"]
 
 
 def test_the_shipped_file_shows_the_defaults() -> None:

@@ -44,7 +44,7 @@ def described(tmp_path, kind: str) -> Description:
 @pytest.mark.parametrize("kind", plants.PLANTS)
 def test_a_live_plant_equals_the_batch(tmp_path, kind):
     damper = described(tmp_path, kind)
-    command = commands(*damper.current_A)
+    command = commands(*damper.model.current_A)
     force, coil, _ = damper.model.run(GRID_S, STROKE, command)
     assert np.abs(driven(damper, command) - force).max() <= ROUNDING_N[kind]
     assert np.ptp(coil) > 0.5 * np.ptp(command) / 2
@@ -53,7 +53,7 @@ def test_a_live_plant_equals_the_batch(tmp_path, kind):
 @pytest.mark.parametrize("kind", plants.PLANTS)
 def test_twice_the_step_stays_within_the_integrators_tolerance(tmp_path, kind):
     damper = described(tmp_path, kind)
-    command = commands(*damper.current_A)
+    command = commands(*damper.model.current_A)
     force = driven(damper, command)
     rough = driven(damper, command, 1e-4 if kind == "hydraulic" else 2e-4)
     assert 0.0 < np.sqrt(np.mean((rough - force) ** 2)) < 0.01 * force.std()
@@ -63,7 +63,7 @@ def test_twice_the_step_stays_within_the_integrators_tolerance(tmp_path, kind):
 @pytest.mark.parametrize("name", ["friction", "valve_lag"])
 def test_withheld_effects_are_those_of_the_blind_test(tmp_path, kind, name):
     damper = described(tmp_path, kind)
-    command = commands(*damper.current_A)
+    command = commands(*damper.model.current_A)
     plant = plants.Plant(kind, damper.model)
     expected = plants.signals(plant, [effect_from(name, kind)], TIME, STROKE, command).force_N
     with_it = driven(with_effects(damper, [name]), command)

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import welch
 
 from ces_rig.drive.quarter_vehicle import ROUGHNESS_M3
-from ces_rig.live.road import BLOCK, CLASSES, Road, density_m3, roughness_m3
+from ces_rig.live.road import AVERAGING, BLOCK, CLASSES, CONTACT_M, LONGEST_M, Road, roughness_m3
 
 INTERVAL = 0.5e-3
 
@@ -33,7 +33,9 @@ def test_density_as_declared_holds_down_to_the_contact_patch():
     road = Road("C", 10.0, INTERVAL, np.random.default_rng(2))
     wave, density = welch(heights(road, 2_000_000), 1 / (10.0 * INTERVAL), nperseg=2**15)
     band = (wave > 0.05) & (wave < 10.0)
-    ratio = density[band] / density_m3("C", wave[band])
+    patch = 2.0 * np.pi * CONTACT_M / AVERAGING
+    profile = roughness_m3("C") * 0.1**2 / (wave[band] ** 2 + LONGEST_M**-2)
+    ratio = density[band] * (1.0 + (patch * wave[band]) ** 2) / profile
     for part in np.array_split(ratio, 10):
         assert part.mean() == pytest.approx(1.0, abs=0.1)
 

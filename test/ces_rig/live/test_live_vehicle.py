@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
-from ces_rig.dampers.lumped import Lumped
+from ces_rig.drive import vehicle_kernel as qv
 from ces_rig.drive.quarter_vehicle import QuarterVehicle
 from ces_rig.errors import RigError
-from ces_rig.live import vehicle as qv
 from ces_rig.live.description import Description
 from ces_rig.live.plant import LivePlant
 from ces_rig.live.rig import LiveRig, Settings
-from ces_rig.live.vehicle import Vehicle
+from ces_rig.live.vehicle import Vehicle, numbers_of
 
 GRID = 0.5e-3
 WEIGHT_N = (145.0 + 17.0) * 9.81
@@ -21,7 +20,7 @@ WEIGHT_N = (145.0 + 17.0) * 9.81
 
 def ridden(plant: LivePlant, heights: np.ndarray, current: float) -> np.ndarray:
     """Return the motion after each grid interval, shape (n, MOTION_SIZE)."""
-    motion, numbers = np.zeros(qv.MOTION_SIZE), qv.numbers_of(Vehicle(), 0.06)
+    motion, numbers = np.zeros(qv.MOTION_SIZE), numbers_of(Vehicle(), 0.06)
     plant.settle(0.0, 0.0, current)
     out = []
     for height in heights:
@@ -53,7 +52,7 @@ def test_with_a_linear_damper_it_moves_as_the_linear_vehicle():
         yield_N=0.0, yield_N_A=0.0, viscous_Ns_m=1400.0, viscous_Ns_mA=0.0, series_Ns_m=1e8, inner_N_m=0.0,
         fluid_N_m=1e8, seal_N=0.0, rod_m2=1e-6, gas_Pa=1.1e5, mount_N_m=1e8, mount_Ns_m=1e4, mass_kg=0.05,
     )  # fmt: skip
-    plant = LivePlant(Description("bouc_wen", Lumped("bouc_wen", dashpot)), GRID, 1, 5e-5)
+    plant = LivePlant(Description("bouc_wen", dashpot), GRID, 1, 5e-5)
     time = np.arange(0, 4, GRID) + GRID
     for frequency in (1.5, 4.0, 12.0):
         amplitude = 0.004
@@ -105,7 +104,7 @@ def test_the_worst_road_stays_between_the_dampers_ends(rate_hz):
 
 
 def test_a_blow_keeps_momentum_and_takes_energy():
-    b = qv.VehicleNumbers(*qv.numbers_of(Vehicle(), 0.06))
+    b = qv.VehicleNumbers(*numbers_of(Vehicle(), 0.06))
     motion = np.zeros(qv.MOTION_SIZE)
     motion[qv.WHEEL], motion[qv.BODY_SPEED], motion[qv.WHEEL_SPEED] = 0.0605, -1.0, 3.0
     before = 145.0 * -1.0 + 17.0 * 3.0

@@ -5,8 +5,9 @@ import pytest
 
 from ces_rig.dampers.effects import scaled
 from ces_rig.dampers.hydraulic.stepper import simulate
+from ces_rig.dampers.kinds import KINDS
 from ces_rig.experiment import GRID_S
-from ces_rig.withheld.plants import KINDS, PLANTS, draw, draw_plant, gap_N, physical, signals
+from ces_rig.withheld.plants import PLANTS, draw, draw_plant, gap_N, physical, signals
 from ces_rig.withheld.scaling import scale_to
 
 FREQUENCY = 2.0

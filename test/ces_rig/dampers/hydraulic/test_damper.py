@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from bench.rig.parameter_table import as_markdown, as_yaml, number, rows
 from ces_rig.dampers.hydraulic.coefficients import coefficients
-from ces_rig.dampers.hydraulic.parameter_table import as_markdown, as_yaml, number, rows
 from ces_rig.dampers.hydraulic.parameters import Damper, damper_from, load_damper
 from ces_rig.errors import RigError
 

@@ -1,6 +1,6 @@
 """What no model can beat: the cost J that measurement noise alone makes on each packaged experiment.
 
-    python -m ces_rig.floor
+    python -m bench.thesis.noise_floor
 
 prints a Markdown table: J of the measured against the noise-free force, and J of the damper itself driven with the
 recorded, noisy position and current (`load_rig`).

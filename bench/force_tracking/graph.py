@@ -1,8 +1,8 @@
 """Force tracking on a real ROS graph, beside the same run in process: launches closed_loop.launch.py and listens.
 
-Usage, where the package is installed and sourced: python3 bench/force_tracking_graph.py [--seconds 20]
+Usage, where the package is installed and sourced: python3 -m bench.force_tracking.graph [--seconds 20]
 The rig makes time, so that every sample is known by its tick: at real time, and at half of it for slow computers. The
-stroke is that of bench/force_tracking.py. The force is the load cell's, whose noise of 8 N is small beside the errors.
+stroke is that of `compare.py`. The force is the load cell's, whose noise of 8 N is small beside the errors.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from force_tracking_cases import CASES, STROKES, rigged
-from force_tracking_loop import Design, Tracked, judged, track
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from bench.force_tracking.cases import CASES, STROKES, rigged
+from bench.force_tracking.loop import Design, Tracked, judged, track
 from ces_observer.model import load_model
+from ces_rig.drive.vehicle_kernel import STROKE
 from ces_rig.live.node import CLOCK_START_NS
 from ces_rig.live.rig import LiveRig
-from ces_rig.live.vehicle import STROKE
 
-SAMPLE = Path(__file__).resolve().parent.parent / "config" / "models" / "sample.json"
+SAMPLE = Path(__file__).resolve().parents[2] / "config" / "models" / "sample.json"
 MODES = {"in process": None, "graph, half of real time": "0.5", "graph, real time": "1.0"}
 FEEDBACKS = ("none", "estimate", "measured")
 SETTINGS = rigged(STROKES["noise stroke"], CASES[0].drawn(0), 0)

@@ -22,8 +22,8 @@ from ces_observer.damper_observer import DamperObserver
 from ces_observer.model import Model
 from ces_observer.nodes.controller_table import CURVE
 from ces_rig.dampers.hydraulic.stepper import Stepper, rest_force, spline_speed
+from ces_rig.drive.vehicle_kernel import FORCE, STROKE
 from ces_rig.live.rig import LiveRig, Sample, Settings
-from ces_rig.live.vehicle import FORCE, STROKE
 
 F = NDArray[np.float64]
 
@@ -31,8 +31,7 @@ EPOCH_NS = 10**18
 DELAY_TICKS = 2  # from a sample to the tick that feels its command: three hops of a ROS graph at 1 kHz
 SKIPPED_S = 2.0  # of a run, until controller and observer have warmed up
 LEAST_SPAN_N = 50.0  # between softest and firmest force: below, the valve has no say
-SPEEDS, FORCES = (default for _, default, _ in CURVE)
-DESIRED = ForceCurve.of(SPEEDS, FORCES)
+DESIRED = ForceCurve.of(*(spec.default for spec in CURVE))
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,19 @@ class Design:
         """Return a loop at its beginning."""
         made = self.controller
         return ControlLoop(ForceController(made.curve, made.inverse, made.tuning), feedback, max_age_s=0.05)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """The outcome of one run."""
+
+    case: str
+    stroke: str
+    way: str
+    seed: int
+    J: float
+    rms_N: float
+    reachable: float
 
 
 @dataclass(frozen=True)
@@ -125,7 +137,7 @@ def judged(rig: LiveRig, stroke_m: F, force_N: F, estimate_N: F, command_A: F) -
     time = np.arange(1, len(stroke_m) + 1) * interval
     speed = spline_speed(time, stroke_m)
     desired = np.array([DESIRED.at(v) for v in speed])
-    soft, firm = (held_force(rig, stroke_m, speed, current) for current in rig.damper.current_A)
+    soft, firm = (held_force(rig, stroke_m, speed, current) for current in rig.damper.model.current_A)
     low, high = np.minimum(soft, firm), np.maximum(soft, firm)
     reachable = (high - low > LEAST_SPAN_N) & (desired >= low) & (desired <= high) & (time > SKIPPED_S)
     return Tracked(time, speed, force_N, desired, estimate_N, command_A, reachable)

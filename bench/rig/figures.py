@@ -1,6 +1,6 @@
 """The figures of docs/rig.md.
 
-python -m ces_rig.figures docs/img
+python -m bench.rig.figures docs/img
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from ces_rig.dampers.hydraulic.characteristic import current_step, cycle, rise_time, steady_force
+from bench.rig.characteristic import current_step, cycle, rise_time, steady_force
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.dampers.hydraulic.stepper import rest_force
 from ces_rig.experiment import Truth, load_experiment, packaged, truth

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
-from thesis_models import ANFIS, BY_THESIS, NETWORK, OURS, POLYNOMIAL, THESIS, Row
 
+from bench.small_png import save_small
+from bench.thesis.models import ANFIS, BY_THESIS, NETWORK, OURS, POLYNOMIAL, THESIS, Judged, Row
 from ces_cli.terminal.cost_picture import MEASURED, SIMULATED
 from ces_cli.terminal.tables import percent
 from ces_identify.report.window import choose_window
@@ -23,8 +22,6 @@ from ces_identify.validation.evaluate import Evaluation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from thesis_tables import Judged
 
 F = NDArray[np.float64]
 
@@ -79,7 +76,7 @@ def draw(shown: Mapping[Row, tuple[Evaluation, Evaluation | None]], by_thesis: s
     lower.set_xlabel("time [s]")
     lines = upper.get_legend_handles_labels()
     figure.legend(*lines, loc="outside upper right", ncols=3, frameon=False, fontsize=8)
-    put_small(figure, path)
+    save_small(figure, path, COLOURS)
 
 
 def title(row: Row, ours: Evaluation, by_thesis: str, other: Evaluation | None) -> str:
@@ -119,13 +116,3 @@ def stretch(evaluation: Evaluation, low: float) -> tuple[F, F, F]:
     series = evaluation.series
     near = (series.time_s >= low) & (series.time_s <= low + LENGTH_S)
     return series.time_s[near], series.force[near] / 1e3, evaluation.run.force[near] / 1e3
-
-
-def put_small(figure: Figure, path: Path) -> None:
-    """Save a figure with few colours, a third of the size; the file appears under its name only when it is complete."""
-    drawn = BytesIO()
-    figure.savefig(drawn, dpi=130)
-    plt.close(figure)
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
-    Image.open(drawn).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(part, optimize=True)
-    part.replace(path)

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
-from PIL import Image
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
+from bench.force_tracking.loop import Figure, Tracked
+from bench.small_png import save_small
+
 if TYPE_CHECKING:
-    from force_tracking import Figure
-    from force_tracking_loop import Tracked
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Drawing
 
 COLOURS = {
     "none": "#8a8f98", "estimate": "#d9722e", "measured": "#3b6ea5", "anew none": "#c9a227", "anew estimate": "#2e8b57",
@@ -49,7 +47,7 @@ def draw(
             axis.set_title(stroke, loc="left", fontsize=10)
         upper.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False)
         over_time(lower, shown, ways, window_s)
-        put_small(drawing, path)
+        save_small(drawing, path, PALETTE)
 
 
 def by_case(axis: Axes, figures: Sequence[Figure], ways: Mapping[str, str]) -> None:
@@ -100,13 +98,3 @@ def over_time(
     current.set_ylabel("command [A]")
     current.set_xlabel("time [s]")
     current.set_xlim(*window_s)
-
-
-def put_small(drawing: Drawing, path: Path) -> None:
-    """Save with few colours; the file appears under its name only when it is complete."""
-    drawn = BytesIO()
-    drawing.savefig(drawn, dpi=130)
-    plt.close(drawing)
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
-    Image.open(drawn).convert("RGB").quantize(PALETTE, dither=Image.Dither.NONE).save(part, optimize=True)
-    part.replace(path)

@@ -1,4 +1,4 @@
-"""Known changes for real recordings, each in a form of its own that `ces_gap` does not use, for `bench/real_gaps.py`.
+"""Known changes for real recordings, each in a form of its own that `ces_gap` does not use, for `real_gaps.py`.
 
 A change takes a measured recording and returns it as another rig, or another damper, would have logged it.
 """
@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from real_gaps_simulations import SPEED_HZ, low_passed, rate_of, stopped
 
+from bench.gaps.simulations import SPEED_HZ, low_passed, rate_of, stopped
 from ces_identify.recordings.recording import Recording
 
 F = NDArray[np.float64]

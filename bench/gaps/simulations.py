@@ -1,4 +1,4 @@
-"""Simulations that lack something on purpose, for `bench/real_gaps.py`: a brake without play, a damper without lag.
+"""Simulations that lack something on purpose, for `real_gaps.py`: a brake without play, a damper without lag.
 
 Each is fitted to those parts of a measured recording where what it lacks is hardly at work.
 """

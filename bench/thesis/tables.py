@@ -1,6 +1,6 @@
 """Tables 5.1 to 5.3 of the thesis on the virtual rig (synthetic data), its figures beside ours, and plots 5.1 to 5.8.
 
-Usage: python bench/thesis_tables.py [--seconds S] [--processes N] [--dry]. Each experiment is run twice with different
+Usage: python -m bench.thesis.tables [--seconds S] [--processes N] [--dry]. Each experiment is run twice with different
 seeds: models are identified on the first run and judged on the second, once by the thesis' procedure, once by ours
 (the defaults, proved stable). A fourth table judges one model from noise and sweep on recordings it never saw, beside
 the damper itself driven with the same estimates. Tables go between the markers in docs/results.md and docs/rig.md,
@@ -15,8 +15,8 @@ import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 
-from thesis_markdown import between, markdown, put_between
-from thesis_models import (
+from bench.markdown import between, markdown, put_between
+from bench.thesis.models import (
     ANFIS,
     BY_THESIS,
     NETWORK,
@@ -27,20 +27,19 @@ from thesis_models import (
     SEVERAL,
     THESIS,
     Job,
+    Judged,
     Outcome,
-    Row,
     described,
     processors,
     trained,
 )
-from thesis_plant import plant_cost
-from thesis_plots import draw_all, figures
-
+from bench.thesis.noise_floor import floors
+from bench.thesis.plant import plant_cost
+from bench.thesis.plots import draw_all, figures
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Recording
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_rig.experiment import run
-from ces_rig.floor import floors
 
 STORE = ROOT / "out" / "tables"
 RESULTS, RIG, IMAGES = ROOT / "docs/results.md", ROOT / "docs/rig.md", ROOT / "docs/img"
@@ -95,9 +94,6 @@ def train_all(seconds: float, processes: int) -> dict[Job, Outcome]:
         size = outcome.model.size if outcome.model else outcome.why_none
         print(f"[{len(outcomes):2}/{len(wanted)}] {outcome.seconds:4.0f} s  {job}: {size}", flush=True)
     return outcomes
-
-
-Judged = dict[tuple[str, str, Row], Evaluation | None]  # by structure, procedure and row; None where there is no model
 
 
 def judge_all(outcomes: Outcomes, recordings: Mapping[str, Recording]) -> Judged:

@@ -2,7 +2,7 @@
 
     ces blind make --plants calibration --grid small --cases 110 --seed 501 --out cal
     ces blind run cal --out cal_results
-    python bench/calibrate_gap.py cal cal_results
+    python -m bench.gaps.calibrate cal cal_results
 
 writes ces_gap/inference/calibration.json: two logistic regressions (is there a gap, is its cause known) and the
 sharpness of the choice among effects, by penalised maximum likelihood. Several pairs of folders may be given.
@@ -27,7 +27,7 @@ F = NDArray[np.float64]
 
 PENALTY = 0.0003  # of the squared weights, features scaled
 FALSE_REJECTION = 0.05  # share of known effects that may be called unknown
-OUT = Path(__file__).resolve().parent.parent / "ces_gap" / "inference" / "calibration.json"
+OUT = Path(__file__).resolve().parents[2] / "ces_gap" / "inference" / "calibration.json"
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def calibrated(some: list[Case]) -> dict[str, object]:
     known = np.sort(1.0 / (1.0 + np.exp(-(features[~outside] @ unknown))))
     threshold = float(np.clip(known[min(int((1.0 - FALSE_REJECTION) * len(known)), len(known) - 1)], 0.2, 0.7))
     return {
-        "made_on": f"{len(some)} blind cases of the plant 'calibration' (bench/calibrate_gap.py)",
+        "made_on": f"{len(some)} blind cases of the plant 'calibration' (bench/gaps/calibrate.py)",
         "gap": [round(float(w), 4) for w in gap],
         "unknown": [round(float(w), 4) for w in unknown],
         "sharpness": round(sharpness([c for c in some if c.kind == "effect" and c.left]), 3),

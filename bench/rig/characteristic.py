@@ -22,12 +22,6 @@ class Cycle:
     speed_m_s: Array
     force_N: Array
 
-    @property
-    def work_J(self) -> float:
-        """Work the damper took up, the integral of force over stroke."""
-        closed = np.append(self.stroke_m, self.stroke_m[0])
-        return float(np.sum((self.force_N + np.roll(self.force_N, -1)) / 2 * np.diff(closed)))
-
 
 def steady_force(damper: Damper, speed_m_s: float, current_A: float) -> float:
     """Return the force [N] at mid-stroke after a run there at constant speed, without the gas force.

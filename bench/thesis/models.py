@@ -18,8 +18,8 @@ from pathlib import Path
 
 import yaml
 from joblib import Memory, Parallel, delayed, parallel_config
-from thesis_one_step import one_step_model
 
+from bench.thesis.one_step import one_step_model
 from ces_identify.identify import identify
 from ces_identify.polynomial.limits import BOTH, RANDOM, Limits
 from ces_identify.polynomial.regressors import load_rules, parse_rules
@@ -28,12 +28,13 @@ from ces_identify.recordings.recording import Recording
 from ces_identify.structure_kit import Options
 from ces_identify.trained.fuzzy_structure import FuzzyShape
 from ces_identify.trained.network_structure import NetworkShape
+from ces_identify.validation.evaluate import Evaluation
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, reseeded, run
 
-ROOT = Path(__file__).resolve().parent.parent
-MADE_BY = ("ces_observer", "ces_identify", "ces_rig", "thesis_models", "thesis_one_step")
+ROOT = Path(__file__).resolve().parents[2]
+MADE_BY = ("ces_observer", "ces_identify", "ces_rig", "bench.thesis.models", "bench.thesis.one_step")
 FRESH = 1000  # is added to the seed of an experiment for the run that models are judged on
 
 POLYNOMIAL, NETWORK, ANFIS = "polynomial", "sigmoid", "anfis"
@@ -113,6 +114,9 @@ class Outcome:
     seconds: float
 
 
+Judged = dict[tuple[str, str, Row], Evaluation | None]  # by structure, procedure and row; None where there is no model
+
+
 def described(name: str, fresh: bool) -> Experiment:
     """Return a packaged experiment, with another seed if `fresh`."""
     experiment = load_experiment(find_experiment(name))
@@ -129,7 +133,7 @@ def trained(jobs: Sequence[Job], seconds: float, processes: int, store: Path) ->
 
 def code_digest() -> str:
     """Return a digest of what makes models: the loaded modules among MADE_BY, and the rig's descriptions."""
-    files = {Path(m.__file__) for n, m in sys.modules.items() if n.partition(".")[0] in MADE_BY and m.__file__}
+    files = {Path(m.__file__) for n, m in sys.modules.items() if {n, n.partition(".")[0]} & {*MADE_BY} and m.__file__}
     digest = hashlib.sha256()
     for path in sorted(files | set((ROOT / "ces_rig").rglob("*.yaml"))):
         digest.update(path.read_bytes())

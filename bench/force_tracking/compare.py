@@ -1,6 +1,6 @@
 """What the observer buys: how well the force follows its curve with and without feedback, while the plant changes.
 
-Usage: python bench/force_tracking.py [--seeds 5] [--seconds 15] [--jobs 1] [--write-docs]
+Usage: python -m bench.force_tracking.compare [--seeds 5] [--seconds 15] [--jobs 1] [--write-docs]
 On every plant, seed and stroke runs the loop with the inverse of the sample model alone (feed-forward), with feedback
 from the estimate, and from the measured force; then again with a model identified anew on the changed plant. Figures
 are kept in out/force_tracking.json; --write-docs puts table and picture into docs/, with --kept from what is kept.
@@ -10,28 +10,27 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
-import blas_one_thread  # noqa: F401  # before numpy
 import numpy as np
-from force_tracking_cases import CASES, STROKES, Case, identified_anew, rigged
-from force_tracking_loop import Design, Tracked, track
-from force_tracking_plot import draw
 from joblib import Parallel, delayed
 
+import bench.blas_one_thread  # noqa: F401  # before numpy
+from bench.force_tracking.cases import CASES, STROKES, Case, identified_anew, rigged
+from bench.force_tracking.loop import Design, Figure, Tracked, track
+from bench.force_tracking.plot import draw
+from bench.markdown import put_between
 from ces_observer.model import load_model
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "config" / "models" / "sample.json"
 KEPT = ROOT / "out" / "force_tracking.json"
 PAGE = ROOT / "docs" / "results.md"
 PICTURE = ROOT / "docs" / "img" / "force_tracking.png"
-BLOCK = re.compile(r"(<!-- force tracking: begin .*?-->\n).*?(<!-- force tracking: end -->)", re.DOTALL)
 WAYS = {
     "none": "feed-forward alone",
     "estimate": "feedback from the estimate",
@@ -42,26 +41,13 @@ WAYS = {
 SHOWN_S = 4.0, 5.0  # of the first run, in the picture
 
 
-@dataclass(frozen=True)
-class Figure:
-    """The outcome of one run."""
-
-    case: str
-    stroke: str
-    way: str
-    seed: int
-    J: float
-    rms_N: float
-    reachable: float
-
-
 def main() -> None:
     options = _options()
     figures = _kept() if options.kept else _measured(options)
     if options.write_docs:
         shown = {way: run("noise stroke", CASES[0], 0, way, 8.0) for way in ("none", "estimate")}
         draw(figures, WAYS, shown, SHOWN_S, PICTURE)
-        _write(table(figures))
+        put_between(PAGE, "force tracking", table(figures))
     print(table(figures))
 
 
@@ -140,11 +126,6 @@ def _cell(figures: Sequence[Figure]) -> str:
     costs = [figure.J for figure in figures]
     middle, rms = np.median(costs), np.median([figure.rms_N for figure in figures])
     return f"{middle:.1f} [{min(costs):.1f}-{max(costs):.1f}] ({rms:.0f} N)"
-
-
-def _write(text: str) -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(BLOCK.sub(lambda found: f"{found[1]}{text}\n{found[2]}", page), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Diagnoses of sim-to-real gaps on measured data, printed as the Markdown table of docs/results.md.
 
-    python bench/real_gaps.py DATA [--only CASE ...] [--threads N]
+    python -m bench.gaps.real_gaps DATA [--only CASE ...] [--threads N]
 
 DATA holds brfd_backlash/*.json and dyke_mr/ranran_50.csv. First simulations that lack what the real machine has: a
 band brake without play, and a damper without lag of its valve. Then an identified model and real recordings with a
@@ -19,11 +19,10 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-import blas_one_thread  # noqa: F401 - before NumPy
-from measuring import say
-from real_gaps_effects import CHANGES, Change
-from real_gaps_simulations import BandBrake, StaticMap
-
+import bench.blas_one_thread  # noqa: F401 - before NumPy
+from bench.gaps.effects import CHANGES, Change
+from bench.gaps.simulations import BandBrake, StaticMap
+from bench.measuring import say
 from ces_cli.bags import import_
 from ces_gap.diagnose import Options, diagnose
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis, Estimate
@@ -35,7 +34,7 @@ from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
 from ces_identify.structure_kit import Options as IdentifyOptions
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 BRFD_BOTH = ("0.25Hz30lbtension1amplitude", "1Hz30lbtension1amplitude")
 BRFD_OTHER = ("0.5Hz36lbtension1.5amplitude",)
 DYKE = "ranran_50"

@@ -1,0 +1,46 @@
+"""One seeded start of a search for terms: what it works on, when it ends, and the best model so far."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from ces_identify.numerics import search_clock
+from ces_identify.polynomial.limits import Found, Limits, Listener
+from ces_identify.polynomial.problem import Problem
+
+
+class SearchStart(ABC):
+    """A start from nothing or from the model `begin`; `listener` is called with each better model."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        limits: Limits,
+        seed: int,
+        deadline: float,
+        stop: threading.Event,
+        listener: Listener,
+        begin: Found | None = None,
+    ) -> None:
+        self.problem, self.limits, self.seed = problem, limits, seed
+        self.deadline, self.stop, self.listener = deadline, stop, listener
+        self.random = np.random.default_rng(seed)
+        self.found = begin or self._first_model()
+        self.trials = self.found.trials
+
+    @abstractmethod
+    def run(self) -> Found:
+        """Search until nothing helps, the target is reached, time is up or it is interrupted; return the best model."""
+
+    def _first_model(self) -> Found:
+        return Found(np.empty(0, np.int64), np.empty(0), np.inf, self.seed, 0, "running")
+
+    def _reason_to_end(self) -> str:
+        if self.stop.is_set():
+            return "interrupted"
+        if self.found.cost <= self.limits.target:
+            return "target cost reached"
+        return "time is up" if search_clock.now() > self.deadline else ""

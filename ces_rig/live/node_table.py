@@ -1,0 +1,59 @@
+"""Parameters of the rig node as a table: the fields of its settings with the ranges and descriptions they carry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import Field, dataclass, field, fields, is_dataclass
+from typing import Any
+
+from ces_observer.nodes.parameter_table import EXECUTOR, NO_WORDS, ParameterSpec
+from ces_rig.descriptions import choice, quantity
+from ces_rig.live.rig import LIVE, Settings
+from ces_rig.parts import put
+
+
+@dataclass(frozen=True)
+class NodeSettings:
+    """What the node adds to a live rig; with `publish_clock` it is the source of time."""
+
+    joint: str = field(default="rear_damper", metadata={"unit": "", "what": "joint name, and frame of all stamps"})
+    stamped_current: bool = field(
+        default=False,
+        metadata={"unit": "", "what": "publish the current as JointState (effort[joint], in A) instead of Float64"},
+    )
+    publish_clock: bool = field(default=False, metadata={"unit": "", "what": "make simulated time and publish /clock"})
+    real_time_factor: float = quantity(
+        1.0, "1", "with publish_clock: simulated over real time; 0: as fast as samples are taken", 0.0, 1e3
+    )
+    answer_s: float = quantity(
+        0.0, "s", "with real_time_factor 0: longest wait for a command after each sample; 0: none", 0.0, 10.0
+    )
+    executor: str = choice(str(EXECUTOR.default), EXECUTOR.meaning, EXECUTOR.one_of)
+
+
+def specs(defaults: Any, prefix: str = "") -> Iterator[ParameterSpec]:
+    """Yield a parameter for each field of a dataclass, nested ones with a dotted name."""
+    for f in fields(defaults):
+        value, name = getattr(defaults, f.name), f"{prefix}{f.name}"
+        if is_dataclass(value):
+            yield from specs(value, f"{name}.")
+        else:
+            yield _spec(f, name, list(value) or NO_WORDS if isinstance(value, tuple) else value)
+
+
+def _spec(f: Field[Any], name: str, default: Any) -> ParameterSpec:
+    unit, meta = f.metadata["unit"], f.metadata
+    meaning = meta["what"] + (f" [{unit}]" if unit else "")
+    return ParameterSpec(
+        name, default, meaning, meta.get("low"), meta.get("high"), meta.get("options", ()), live=name in LIVE
+    )
+
+
+OF_THE_NODE, OF_THE_RIG = tuple(specs(NodeSettings())), tuple(specs(Settings()))
+
+
+def read_settings(values: Mapping[str, Any]) -> tuple[NodeSettings, Settings]:
+    """Return what the values by parameter name say; raises RigError for one out of range."""
+    own, rig = ({spec.name: values[spec.name] for spec in table} for table in (OF_THE_NODE, OF_THE_RIG))
+    rig["withheld"] = [text for text in rig["withheld"] if text]
+    return put(NodeSettings(), own, "parameters"), put(Settings(), rig, "parameters")
