@@ -18,7 +18,7 @@ from ces_observer.recorder.black_box import BlackBox
 from ces_observer.recorder.mcap_file import require_mcap
 
 TAIL = 1.0 / 3.0  # of the time before the drift that is recorded after it
-WORK_S = 0.0005  # what writing may take of each look of the watch
+WORK_S = 0.001  # what writing may take of each look of the watch
 
 
 class Recording:

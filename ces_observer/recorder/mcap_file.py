@@ -14,7 +14,7 @@ from pathlib import Path
 from ces_observer import __version__
 from ces_observer.errors import RecordingError
 
-CHUNK_BYTES = 96 << 10  # smaller chunks take less time to end, but more to list in the summary: bench/bench_write.py
+CHUNK_BYTES = 1 << 16  # smaller chunks take less time to end, but more to list in the summary: bench/bench_write.py
 
 
 @dataclass(frozen=True)
