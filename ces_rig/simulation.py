@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from ces_identify.config_file import read_yaml_mapping
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
 from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
 from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
 from ces_rig.dampers.polyviscous.parameters import Polyviscous
-from ces_rig.descriptions import build, read_yaml
+from ces_rig.descriptions import build
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, experiment_from
 
@@ -34,10 +35,10 @@ def load_rig(path: Path | str) -> RigForce:
     `path` is an experiment (its damper, `tare` and logged current count) or a damper description alone (tared,
     measured current); one with `kind: bouc_wen` or `kind: calibration` is of another damper. The force is noise-free
     and positive in compression. A measured current is taken as the coil's, so the coil's lag is not applied twice.
-    Raises RigError, OSError.
+    Raises RigError.
     """
     path = Path(path)
-    given = read_yaml(path)
+    given = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
     kind = given.pop("kind", "hydraulic")
     if kind in LUMPED:
         return driven_force(build(LUMPED[kind], given, str(path)).without_coil())

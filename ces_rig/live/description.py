@@ -8,14 +8,13 @@ from math import sqrt
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from ces_identify.config_file import parse_yaml_mapping, read_yaml_mapping, require_known_keys
 from ces_rig.dampers.effects import Spread, Withheld
 from ces_rig.dampers.hydraulic.effects import Hydraulic
 from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
 from ces_rig.dampers.hydraulic.stepper import rest_force
 from ces_rig.dampers.lumped import Lumped
-from ces_rig.descriptions import build, read_yaml
+from ces_rig.descriptions import build
 from ces_rig.errors import RigError
 from ces_rig.experiment import Experiment, experiment_from
 from ces_rig.sensors import Sensors
@@ -52,8 +51,8 @@ class Description:
 
 
 def load_description(path: Path) -> Description:
-    """Return the damper in a rig YAML (a damper of any kind, or an experiment); raises RigError, OSError."""
-    given = read_yaml(path)
+    """Return the damper in a rig YAML (a damper of any kind, or an experiment); raises RigError."""
+    given = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
     kind = given.pop("kind", HYDRAULIC)
     if kind in LUMPED:
         return Description(kind, Lumped(kind, build(LUMPED[kind], given, str(path))))
@@ -94,9 +93,7 @@ def effect_from(text: str, kind: str) -> Withheld:
         raise RigError(f"withheld '{text}': no effect '{name}' on a live {kind} damper; there are {there}")
     spreads = {**plants.KINDS[kind].spreads, **sensing.SPREADS}[name]
     middle = {key: _middle(spread) for key, spread in spreads.items()}
-    for key in numbers:
-        if key != "severity" and key not in middle:
-            raise RigError(f"withheld '{text}': unknown key '{key}'; known are severity, {', '.join(middle)}")
+    require_known_keys(numbers, ("severity", *middle), f"withheld '{text}'", RigError)
     severity = numbers.pop("severity", 1.0)
     return Withheld(name, severity, {**middle, **numbers})
 
@@ -108,13 +105,12 @@ def _available(kind: str) -> Sequence[str]:
 
 
 def _read(text: str) -> tuple[str, dict[str, float]]:
+    if text.strip().isidentifier():
+        return text.strip(), {}
     try:
-        given = yaml.safe_load(text)
-        if isinstance(given, str):
-            return given, {}
-        ((name, numbers),) = given.items()
+        ((name, numbers),) = parse_yaml_mapping(text, "withheld", "an effect", error=RigError).items()
         return str(name), {str(key): float(number) for key, number in numbers.items()}
-    except (yaml.YAMLError, AttributeError, TypeError, ValueError):
+    except (RigError, AttributeError, TypeError, ValueError):
         raise RigError(f"withheld '{text}': expected a name, or such as 'friction: {{severity: 0.5}}'") from None
 
 
