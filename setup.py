@@ -67,8 +67,8 @@ setup(
         "rich>=13",
         "PyYAML>=6",
         "rosbags>=0.11",
-        "lz4>=4",
-        "backports.zstd; python_version < '3.14'",
+        "mcap>=1.1",  # with lz4 and zstandard
+        "zstandard>=0.15",
         "joblib>=1.3",
     ],
     extras_require={
@@ -81,7 +81,6 @@ setup(
             "pytest>=7.4",
             "pytest-xdist>=3.4",
             "hypothesis>=6.98",
-            "mcap>=1.1",
             "distributed>=2022.12",
             "fmpy>=0.3.20",
             "ruff>=0.6",

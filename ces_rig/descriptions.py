@@ -9,11 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, asdict, field, fields, is_dataclass
-from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-import yaml
-
+from ces_identify.config_file import require_known_keys
 from ces_rig.errors import RigError
 
 T = TypeVar("T")
@@ -33,17 +31,6 @@ def choice(default: str, what: str, options: tuple[str, ...]) -> Any:
     return field(default=default, metadata={"unit": "", "what": what, "options": options})
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Return the mapping in the YAML file `path`; raises RigError if it is not one, OSError if it cannot be read."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise RigError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(content, dict):
-        raise RigError(f"{path}: expected a mapping of keys to values, found {type(content).__name__}")
-    return content
-
-
 def build(cls: type[T], given: object, where: str) -> T:
     """Return `cls(**given)` with every value checked against its field, nested dataclasses included.
 
@@ -52,9 +39,7 @@ def build(cls: type[T], given: object, where: str) -> T:
     if not isinstance(given, Mapping):
         raise RigError(f"{where}: expected a mapping of keys to values, found {given!r}")
     known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
-    for key in given:
-        if key not in known:
-            raise RigError(f"{where}: unknown key '{key}'; known are {', '.join(known)}")
+    require_known_keys(given, known, where, RigError)
     for name, f in known.items():
         if name not in given and f.default is MISSING and f.default_factory is MISSING:
             raise RigError(f"{where}: '{name}' is missing; expected {expected(f)}")

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_identify.config_file import read_yaml_mapping, require_known_keys
 from ces_identify.recordings.recording import Channel, Recording
 from ces_rig.dampers.hydraulic.parameters import Damper, damper_from, load_damper
 from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
-from ces_rig.descriptions import build, filled, quantity, read_yaml
+from ces_rig.descriptions import build, filled, quantity
 from ces_rig.drive.currents import Current, make_current
 from ces_rig.drive.strokes import Stroke, make_stroke
 from ces_rig.errors import RigError
@@ -83,15 +84,13 @@ def find_experiment(name_or_path: str) -> Path:
 
 
 def load_experiment(path: Path) -> Experiment:
-    """Return the experiment described in the YAML file `path`; raises RigError, OSError."""
-    return experiment_from(read_yaml(path), str(path), path)
+    """Return the experiment described in the YAML file `path`; raises RigError."""
+    return experiment_from(read_yaml_mapping(path, "an experiment description", error=RigError), str(path), path)
 
 
 def experiment_from(given: Mapping[str, Any], where: str, path: Path | None = None) -> Experiment:
     """Return the experiment that the mapping `given` describes; files it names are looked up beside `path`."""
-    for key in given:
-        if key not in KEYS:
-            raise RigError(f"{where}: unknown key '{key}'; known are {', '.join(KEYS)}")
+    require_known_keys(given, KEYS, where, RigError)
     for key in ("stroke", "current"):
         if key not in given:
             raise RigError(f"{where}: '{key}' is missing; expected a mapping with its kind")

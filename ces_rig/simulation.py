@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from ces_identify.config_file import read_yaml_mapping
 from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
 from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
 from ces_rig.dampers.kinds import read_lumped
 from ces_rig.dampers.lumped import LumpedDamper
-from ces_rig.descriptions import read_yaml
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, experiment_from
 
@@ -33,10 +33,10 @@ def load_rig(path: Path | str) -> RigForce:
     `path` is an experiment (its damper, `tare` and logged current count) or a damper description alone (tared,
     measured current); one with `kind: bouc_wen` or `kind: calibration` is of another damper. The force is noise-free
     and positive in compression. A measured current is taken as the coil's, so the coil's lag is not applied twice.
-    Raises RigError, OSError.
+    Raises RigError.
     """
     path = Path(path)
-    given = read_yaml(path)
+    given = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
     lumped = read_lumped(given, str(path))
     if lumped is not None:
         return driven_force(lumped.without_coil())

@@ -59,6 +59,8 @@ BAG_MODULES = {
     "ces_identify.recordings.bag_storage",
     "ces_identify.recordings.bag_writer",
 }
+VEHICLE_MCAP_MODULE = "ces_observer.recorder.mcap_file"
+MCAP_MODULES = {VEHICLE_MCAP_MODULE, "ces_identify.recordings.mcap_records"}
 
 
 def modules(*packages: str) -> Iterator[tuple[str, Path]]:
@@ -105,14 +107,25 @@ def test_only_node_modules_touch_ros(name: str, path: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "path"), ALL)
-def test_only_bag_modules_touch_rosbags(name: str, path: Path) -> None:
-    assert not tops(name, path) & {"rosbags", "mcap"} or name in BAG_MODULES
+def test_only_bag_modules_touch_rosbags_and_mcap(name: str, path: Path) -> None:
+    assert "rosbags" not in tops(name, path) or name in BAG_MODULES
+    assert "mcap" not in tops(name, path) or name in MCAP_MODULES
 
 
 @pytest.mark.parametrize(("name", "path"), [p for p in ALL if str(p.id).startswith("ces_observer")])
 def test_the_vehicle_needs_the_standard_library_only(name: str, path: Path) -> None:
     foreign = {top for top in tops(name, path) if top not in sys.stdlib_module_names and top != "ces_observer"}
-    assert not {top for top in foreign if not is_ros(top)}
+    assert {top for top in foreign if not is_ros(top)} == ({"mcap"} if name == VEHICLE_MCAP_MODULE else set())
+
+
+def test_the_vehicle_imports_mcap_only_for_a_black_box() -> None:
+    tree = ast.parse(dict(modules("ces_observer"))[VEHICLE_MCAP_MODULE].read_text(encoding="utf-8"))
+    inside = {
+        node for function in ast.walk(tree) if isinstance(function, ast.FunctionDef) for node in ast.walk(function)
+    }
+    imports = {node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)}
+    assert not {ast.unparse(node) for node in imports - inside if "mcap" in ast.unparse(node)}
+    assert {ast.unparse(node) for node in imports & inside if "mcap" in ast.unparse(node)}
 
 
 @pytest.mark.parametrize(("name", "path"), [p for p in ALL if p.id not in NODE_MODULES])
@@ -124,6 +137,7 @@ def test_the_listed_modules_exist_and_use_what_they_are_listed_for() -> None:
     paths = dict(modules(*PACKAGES))
     assert all(any(is_ros(top) for top in tops(name, paths[name])) for name in NODE_MODULES)
     assert all("rosbags" in tops(name, paths[name]) for name in BAG_MODULES)
+    assert all("mcap" in tops(name, paths[name]) for name in MCAP_MODULES)
 
 
 @pytest.mark.parametrize("package", ["ces_observer", "ces_identify"])

@@ -14,9 +14,9 @@ from typing import Any
 
 from ces_identify.campaign.axes import COMMON, LIMITS, STRUCTURES, Axis, number
 from ces_identify.campaign.plan import BUILT_IN, Campaign, Candidates, CellLimits, Setting
+from ces_identify.config_file import read_yaml_mapping, require_known_keys
 from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
 from ces_identify.polynomial_structure import POLYNOMIAL
-from ces_identify.recordings.safe_yaml import load_mapping
 from ces_observer.errors import CesError
 
 KEYS = (
@@ -42,7 +42,7 @@ class CampaignError(CesError):
 
 def load_campaign(path: Path) -> Campaign:
     """Read a campaign file; raises CampaignError, or CesError about a file with candidate rules that it names."""
-    content = load_mapping(path, CampaignError, "a campaign with bags and structures")
+    content = read_yaml_mapping(path, "a campaign with bags and structures", KEYS, CampaignError)
     return _Reader(path, content).campaign()
 
 
@@ -51,7 +51,6 @@ class _Reader:
 
     def __init__(self, path: Path, content: Mapping[str, Any]) -> None:
         self.path, self.content = path, content
-        self._only("", content, KEYS)
 
     def campaign(self) -> Campaign:
         if "structures" not in self.content:
@@ -147,10 +146,7 @@ class _Reader:
         return self.path.parent / Path(given).expanduser()
 
     def _only(self, where: str, given: Mapping[str, Any], known: Any) -> None:
-        for key in given:
-            if key not in known:
-                at = f"{self.path}: {where}" if where else f"{self.path}"
-                raise CampaignError(f"{at}: unknown key '{key}'; known are {', '.join(known)}")
+        require_known_keys(given, known, f"{self.path}: {where}", CampaignError)
 
     def _require_different(self, where: str, values: list[Any]) -> None:
         for i, value in enumerate(values):

@@ -12,8 +12,7 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from ces_identify.config_file import parse_yaml_mapping, read_yaml_mapping, require_known_keys
 from ces_identify.polynomial.constructed_rules import Constructions, constructions_from, without_auto
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed import Constructed, Hat, Lag
@@ -24,6 +23,7 @@ from ces_observer.structures.terms_file import MAX_POWER
 MOST_CANDIDATES = 6000
 MOST_LAG_MS = 200.0
 SIGNALS = ("force", "speed", "current", "position")
+EXPECTED = f"candidate rules: {', '.join(SIGNALS)} and products"
 FORMS = {"signed": True, "magnitude": False}
 
 
@@ -177,25 +177,18 @@ products:
 
 def load_rules(path: Path | None) -> Rules:
     """Read candidate rules, the built-in ones if `path` is None; raises CesError naming file and key."""
-    source = "built-in candidate rules" if path is None else str(path)
-    try:
-        text = DEFAULT_RULES if path is None else path.read_text(encoding="utf-8")
-        raw = yaml.safe_load(text)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise CesError(f"{source}: cannot be read as candidate rules: {' '.join(str(error).split())}") from None
-    return parse_rules(raw, source)
+    if path is not None:
+        return parse_rules(read_yaml_mapping(path, EXPECTED), str(path))
+    source = "built-in candidate rules"
+    return parse_rules(parse_yaml_mapping(DEFAULT_RULES, source, EXPECTED), source)
 
 
-def parse_rules(raw: object, source: str) -> Rules:
+def parse_rules(raw: Mapping[str, Any], source: str) -> Rules:
     """Check candidate rules given as nested mappings; raises CesError."""
-    if not isinstance(raw, Mapping):
-        raise CesError(f"{source}: expected a mapping with {', '.join(SIGNALS)} and products")
     block, open_lags = without_auto(raw.get("constructed", {}))
     constructed = constructions_from(block, f"{source}: constructed")
     names = (*SIGNALS, *constructed)
-    unknown = sorted(set(map(str, raw)) - {*names, "products", "constructed"})
-    if unknown:
-        raise CesError(f"{source}: unknown key '{unknown[0]}'; expected {', '.join(names)}, constructed or products")
+    require_known_keys(raw, (*names, "constructed", "products"), source)
     hats = {name for name, made in constructed.items() if isinstance(made[0], Hat)}
     force, beside = _split_force(raw.get("force"), names[1:], hats, source)
     given = {**raw, "force": force} if "force" in raw else raw
@@ -217,9 +210,7 @@ def _signal_rule(signal: str, raw: object, where: str, hat: bool = False) -> Sig
     if not isinstance(raw, Mapping):
         raise CesError(f"{where}: expected lags, powers and forms")
     keys = ("lags", "lags_ms") if hat else ("lags", "lags_ms", "powers", "forms")
-    unknown = sorted(set(map(str, raw)) - {*keys})
-    if unknown:
-        raise CesError(f"{where}: unknown key '{unknown[0]}'; expected {' or '.join(keys)}")
+    require_known_keys(raw, keys, where)
     least = 1 if signal == "force" else 0
     in_ms = "lags_ms" in raw
     if in_ms and (signal == "force" or "lags" in raw):

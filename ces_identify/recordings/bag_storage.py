@@ -6,7 +6,6 @@ rosbags opens the bag and reads metadata and definitions; the messages themselve
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import zstandard
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.interfaces.typing import Typesdict
 from rosbags.rosbag2 import Reader
@@ -23,11 +23,6 @@ from rosbags.typesys.store import Typestore
 from ces_identify.recordings import mcap_records, sqlite_records
 from ces_identify.recordings.bulk_decode import Block
 from ces_observer.errors import RecordingError
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
 
 IDL_SEPARATOR = "=" * 80 + "\n"
 
@@ -116,7 +111,11 @@ class Bag:
         """Undo the compression of single messages, if the bag has it."""
         if not self._packed:
             return block
-        payloads = [zstd.decompress(block.payload(i)) for i in range(len(block))]
+        unpack = zstandard.ZstdDecompressor().decompress
+        try:
+            payloads = [unpack(block.payload(i)) for i in range(len(block))]
+        except zstandard.ZstdError as error:
+            raise RecordingError(f"{self.path}: a compressed message is damaged: {error}; copy it again") from None
         lengths = np.array([len(payload) for payload in payloads], dtype=np.int64)
         buffer = np.frombuffer(b"".join(payloads), dtype=np.uint8)
         return Block(buffer, block.topics, block.log_ns, np.cumsum(lengths) - lengths, lengths)

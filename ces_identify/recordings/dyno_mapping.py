@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ces_identify.recordings.safe_yaml import load_mapping
+from ces_identify.config_file import read_yaml_mapping
 from ces_observer.errors import CesError
 from ces_observer.signals import NAMES, UNITS
 
@@ -99,10 +99,8 @@ class DynoMapping:
 
 def load_dyno_mapping(path: Path) -> DynoMapping:
     """Read a mapping file; raises MappingError naming the file and the key."""
-    content = load_mapping(path, MappingError, "a mapping for ces import; ces import --template prints one")
-    unknown = [key for key in content if key not in (*LAYOUT_KEYS, *NAMES)]
-    if unknown:
-        raise MappingError(f"{path}: unknown key '{unknown[0]}'; known are {', '.join((*LAYOUT_KEYS, *NAMES))}")
+    what = "a mapping for ces import; ces import --template prints one"
+    content = read_yaml_mapping(path, what, (*LAYOUT_KEYS, *NAMES), MappingError)
     for name in ("position", "current", "force"):
         if name not in content:
             raise MappingError(f"{path}: no '{name}'; give its column, or a constant if it is known")

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from ces_identify.recordings.safe_yaml import compose, plain
+from ces_identify.config_file import read_yaml_tree, to_python
 from ces_observer.errors import SignalsError
 from ces_observer.signals import NAMES, Signals, overridden, quoted
 
@@ -45,7 +45,7 @@ def load_signals(path: Path | None = None) -> Signals:
     if path is None:
         return Signals.from_mapping({}, "defaults")
     path, damper = _file_and_damper(path)
-    root = compose(path, SignalsError, "a signals description, '/**: ros__parameters: position: ...'")
+    root = read_yaml_tree(path, "a signals description, '/**: ros__parameters: position: ...'", SignalsError)
     sections = list(_sections(root, "")) or [("/**", root)]
     damper = _chosen(damper, _dampers(sections, path), path)
     common = _signals_of("", sections, path)
@@ -72,7 +72,7 @@ def _dampers(sections: _Sections, path: Path) -> list[str]:
     for _, parameters in sections:
         for key, value in parameters.value:
             if key.value == "dampers":
-                given = plain(value, path, SignalsError)
+                given = to_python(value, path, SignalsError)
                 if not isinstance(given, list) or not all(
                     isinstance(name, str) and name.isprintable() for name in given
                 ):
@@ -103,7 +103,7 @@ def _signals_of(damper: str, sections: _Sections, path: Path) -> dict[str, tuple
             signal, dot, rest = name.partition(".")
             if signal not in NAMES:
                 continue
-            content = {rest: plain(value, path, SignalsError)} if dot else plain(value, path, SignalsError)
+            content = {rest: to_python(value, path, SignalsError)} if dot else to_python(value, path, SignalsError)
             if _is_signal(content, sections):
                 found.setdefault(signal, []).append(_Description(section, key.start_mark.line + 1, content))
     return {name: _merge(name, parts, path) for name, parts in found.items()}

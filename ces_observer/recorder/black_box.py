@@ -111,8 +111,10 @@ class BlackBox:
                 self._begin()
             elif self._ender is not None:
                 self._look_after_end()
-            elif self._bag is not None:
+            elif self._bag is not None and self._writing:
                 self._write(self._bag, budget_s)
+            elif self._bag is not None:
+                self._end(self._bag)
             else:
                 self._drop_old(now_ns)
         except OSError as error:
@@ -125,6 +127,7 @@ class BlackBox:
                 self._begin()
             if self._bag is not None and self._ender is None:
                 self._write(self._bag, float("inf"))
+                self._end(self._bag)
             if self._ender is not None:
                 self._ender.join()
                 self._look_after_end()
@@ -164,10 +167,13 @@ class BlackBox:
             for _ in range(min(BATCH, len(writing))):
                 bag.write(*writing.popleft())
         if not writing:
-            bag.end()
-            self._error = None
-            self._ender = Thread(target=self._place, args=(bag,), name="black box", daemon=True)
-            self._ender.start()
+            bag.end_chunk()
+
+    def _end(self, bag: BagFolder) -> None:
+        bag.end()
+        self._error = None
+        self._ender = Thread(target=self._place, args=(bag,), name="black box", daemon=True)
+        self._ender.start()
 
     def _place(self, bag: BagFolder) -> None:
         """Wait for the disk; runs in a thread, and does nothing there that holds up the others."""

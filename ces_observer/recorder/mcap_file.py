@@ -1,27 +1,20 @@
-"""An MCAP file written message by message: chunks without compression, each indexed, and a summary at the end.
+"""An MCAP file written message by message, by the mcap library: the one part of the vehicle that is not Python's own.
 
-The format is https://mcap.dev/spec, profile `ros2`; Foxglove, PlotJuggler, rosbags, rosbag2 and `mcap info` read it.
+The library is imported here alone, and only once there is a black box. Profile `ros2`, chunks without compression:
+Foxglove, PlotJuggler, rosbags, rosbag2 and `mcap info` read it.
 """
 
 from __future__ import annotations
 
-import struct
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
 from ces_observer import __version__
+from ces_observer.errors import RecordingError
 
-MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
-STATISTICS, SUMMARY_OFFSET, DATA_END = 0x0B, 0x0E, 0x0F
-MOST_NS = (1 << 64) - 1
-CHUNK_BYTES = 1 << 16  # a chunk is written when it is this full: small, so that ending one takes little time
-_PREFIX = struct.Struct("<BQ")  # opcode, length
-_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
-_INDEX_ENTRY = struct.Struct("<QQ")  # log time, offset in the chunk
+CHUNK_BYTES = 1 << 16  # smaller chunks take less time to end, but more to list in the summary: bench/bench_write.py
 
 
 @dataclass(frozen=True)
@@ -34,6 +27,14 @@ class BagChannel:
     type_hash: str = ""
 
 
+def require_mcap() -> None:
+    """Import the mcap library, so that nothing waits for it later; raises RecordingError if it is not installed."""
+    try:
+        import mcap.writer  # noqa: F401
+    except ImportError:
+        raise RecordingError("the Python package mcap is missing; install it with: pip install mcap") from None
+
+
 class McapFile:
     """Writes one file; raises OSError where the file system does. `close` makes it complete.
 
@@ -41,116 +42,43 @@ class McapFile:
     """
 
     def __init__(self, path: Path, channels: Sequence[BagChannel]) -> None:
+        from mcap.writer import CompressionType, Writer
+
         self.counts = [0] * len(channels)
         self.start_ns = self.end_ns = 0
         self._file = path.open("xb")
-        self._size = 0
-        self._definitions = _definitions(channels)
-        self._chunk_indices: list[bytes] = []
-        self._chunk, self._index = BytesIO(), dict[int, bytearray]()
-        self._first_ns, self._last_ns = MOST_NS, 0  # of the chunk
-        self._put(MAGIC + _record(HEADER, _text("ros2") + _text(f"ces_observer {__version__}")))
-        self._put(b"".join(self._definitions))
+        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.NONE)
+        self._writer.start("ros2", f"ces_observer {__version__}")
+        definitions = {channel.type: channel.definition.encode() for channel in channels}
+        schemas = {name: self._writer.register_schema(name, "ros2msg", text) for name, text in definitions.items()}
+        self._ids = [
+            self._writer.register_channel(
+                channel.topic,
+                "cdr",
+                schemas[channel.type],
+                {"offered_qos_profiles": "[]", "topic_type_hash": channel.type_hash},
+            )
+            for channel in channels
+        ]
 
     def write(self, channel: int, log_ns: int, raw: bytes) -> None:
         """Write a message of a channel, given by its place among `channels`, that was received at `log_ns` >= 0."""
-        chunk = self._chunk
-        if channel not in self._index:
-            self._index[channel] = bytearray()
-        self._index[channel] += _INDEX_ENTRY.pack(log_ns, chunk.tell())
-        self._first_ns, self._last_ns = min(self._first_ns, log_ns), max(self._last_ns, log_ns)
-        chunk.write(_MESSAGE.pack(MESSAGE, 22 + len(raw), channel, self.counts[channel], log_ns, log_ns))
-        chunk.write(raw)
+        self.start_ns = min(self.start_ns, log_ns) if any(self.counts) else log_ns
+        self.end_ns = max(self.end_ns, log_ns)
+        self._writer.add_message(self._ids[channel], log_ns, raw, log_ns, self.counts[channel])
         self.counts[channel] += 1
-        if chunk.tell() >= CHUNK_BYTES:
-            self._end_chunk()
+
+    def end_chunk(self) -> None:
+        """Write the last chunk, so that `close` has less to do."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
         """Write what is left and the summary, and close the file; further calls do nothing."""
-        if self._file.closed:
-            return
-        with self._file:
-            if self._index:
-                self._end_chunk()
-            self._put(_record(DATA_END, struct.pack("<I", 0)))
-            self._put(self._summary())
-            self._file.flush()
+        if not self._file.closed:
+            with self._file:
+                self._writer.finish()  # type: ignore[no-untyped-call]
 
     def abandon(self) -> None:
         """Close the file as it is."""
-        self._file.close()
-
-    def _put(self, data: bytes) -> None:
-        self._file.write(data)
-        self._size += len(data)
-
-    def _end_chunk(self) -> None:
-        """Write the chunk and an index of its messages, and keep where they are for the summary."""
-        records, times = self._chunk.getvalue(), (self._first_ns, self._last_ns)
-        self.start_ns = min(times[0], self.start_ns) if self._chunk_indices else times[0]
-        self.end_ns = max(times[1], self.end_ns)
-        head = struct.pack("<QQQI", *times, len(records), zlib.crc32(records)) + _text("")
-        chunk = _record(CHUNK, head + struct.pack("<Q", len(records)) + records)
-        begin, place = self._size, self._size + len(chunk)
-        indices, places = [], []
-        for channel, entries in self._index.items():
-            indices.append(_record(MESSAGE_INDEX, struct.pack("<H", channel) + _sized(entries)))
-            places.append(struct.pack("<HQ", channel, place))
-            place += len(indices[-1])
-        self._put(chunk + b"".join(indices))
-        where = struct.pack("<QQQQ", *times, begin, len(chunk)) + _sized(b"".join(places))
-        sizes = struct.pack("<Q", place - begin - len(chunk)) + _text("") + struct.pack("<QQ", *[len(records)] * 2)
-        self._chunk_indices.append(_record(CHUNK_INDEX, where + sizes))
-        self._chunk, self._index = BytesIO(), {}
-        self._first_ns, self._last_ns = MOST_NS, 0
-
-    def _summary(self) -> bytes:
-        """Return summary, summary offsets and footer, to stand at the file's end."""
-        schemas = [one for one in self._definitions if one[0] == SCHEMA]
-        channels = [one for one in self._definitions if one[0] == CHANNEL]
-        start, groups, offsets = self._size, b"", b""
-        for group in (schemas, channels, self._chunk_indices, [self._statistics(len(schemas))]):
-            if group:
-                joined = b"".join(group)
-                offsets += _record(SUMMARY_OFFSET, struct.pack("<BQQ", group[0][0], start + len(groups), len(joined)))
-                groups += joined
-        footer = _PREFIX.pack(FOOTER, 20) + struct.pack("<QQ", start, start + len(groups))
-        checksum = zlib.crc32(groups + offsets + footer)
-        return groups + offsets + footer + struct.pack("<I", checksum) + MAGIC
-
-    def _statistics(self, schemas: int) -> bytes:
-        counts = b"".join(struct.pack("<HQ", channel, count) for channel, count in enumerate(self.counts))
-        figures = (sum(self.counts), schemas, len(self.counts), 0, 0, len(self._chunk_indices))
-        times = (self.start_ns, self.end_ns)
-        return _record(STATISTICS, struct.pack("<QHIIIIQQ", *figures, *times) + _sized(counts))
-
-
-def _definitions(channels: Sequence[BagChannel]) -> list[bytes]:
-    """Return the records that define the channels and, each before its first channel, their schemas."""
-    records: list[bytes] = []
-    schemas: dict[str, int] = {}
-    for number, channel in enumerate(channels):
-        if channel.type not in schemas:
-            schemas[channel.type] = len(schemas) + 1
-            body = _text(channel.type) + _text("ros2msg") + _text(channel.definition)
-            records.append(_record(SCHEMA, struct.pack("<H", schemas[channel.type]) + body))
-        facts = {"offered_qos_profiles": "[]", "topic_type_hash": channel.type_hash}
-        body = _text(channel.topic) + _text("cdr") + _map(facts)
-        records.append(_record(CHANNEL, struct.pack("<HH", number, schemas[channel.type]) + body))
-    return records
-
-
-def _record(opcode: int, body: bytes) -> bytes:
-    return _PREFIX.pack(opcode, len(body)) + body
-
-
-def _sized(data: bytes | bytearray) -> bytes:
-    return struct.pack("<I", len(data)) + data
-
-
-def _text(text: str) -> bytes:
-    return _sized(text.encode())
-
-
-def _map(texts: Mapping[str, str]) -> bytes:
-    return _sized(b"".join(_text(key) + _text(value) for key, value in texts.items()))
+        with suppress(OSError):
+            self._file.close()

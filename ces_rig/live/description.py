@@ -7,14 +7,12 @@ from dataclasses import dataclass, field, replace
 from math import sqrt
 from pathlib import Path
 
-import yaml
-
+from ces_identify.config_file import parse_yaml_mapping, read_yaml_mapping, require_known_keys
 from ces_rig.dampers.effects import Spread, Withheld
 from ces_rig.dampers.hydraulic.effects import Hydraulic
 from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
 from ces_rig.dampers.hydraulic.stepper import rest_force
 from ces_rig.dampers.kinds import HYDRAULIC, KINDS, DamperModel, read_lumped
-from ces_rig.descriptions import read_yaml
 from ces_rig.errors import RigError
 from ces_rig.experiment import Experiment, experiment_from
 from ces_rig.sensors import Sensors
@@ -35,8 +33,8 @@ class Description:
 
 
 def load_description(path: Path) -> Description:
-    """Return the damper in a rig YAML (a damper of any kind, or an experiment); raises RigError, OSError."""
-    given = read_yaml(path)
+    """Return the damper in a rig YAML (a damper of any kind, or an experiment); raises RigError."""
+    given = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
     lumped = read_lumped(given, str(path))
     if lumped is not None:
         return Description(lumped.kind, lumped)
@@ -75,9 +73,7 @@ def effect_from(text: str, kind: str) -> Withheld:
         raise RigError(f"withheld '{text}': no effect '{name}' on a live {kind} damper; there are {there}")
     spreads = {**KINDS[kind].spreads, **sensing.SPREADS}[name]
     middle = {key: _middle(spread) for key, spread in spreads.items()}
-    for key in numbers:
-        if key != "severity" and key not in middle:
-            raise RigError(f"withheld '{text}': unknown key '{key}'; known are severity, {', '.join(middle)}")
+    require_known_keys(numbers, ("severity", *middle), f"withheld '{text}'", RigError)
     severity = numbers.pop("severity", 1.0)
     return Withheld(name, severity, {**middle, **numbers})
 
@@ -89,13 +85,12 @@ def _available(kind: str) -> Sequence[str]:
 
 
 def _read(text: str) -> tuple[str, dict[str, float]]:
+    if text.strip().isidentifier():
+        return text.strip(), {}
     try:
-        given = yaml.safe_load(text)
-        if isinstance(given, str):
-            return given, {}
-        ((name, numbers),) = given.items()
+        ((name, numbers),) = parse_yaml_mapping(text, "withheld", "an effect", error=RigError).items()
         return str(name), {str(key): float(number) for key, number in numbers.items()}
-    except (yaml.YAMLError, AttributeError, TypeError, ValueError):
+    except (RigError, AttributeError, TypeError, ValueError):
         raise RigError(f"withheld '{text}': expected a name, or such as 'friction: {{severity: 0.5}}'") from None
 
 

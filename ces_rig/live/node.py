@@ -186,10 +186,7 @@ def _live(parameters: Sequence[Parameter]) -> dict[str, object]:
 def _compiled(settings: Settings, node: Node) -> LiveRig:
     """Return the rig at rest, its kernels compiled, so that no sample is late for that."""
     begin = monotonic()
-    try:
-        LiveRig(settings).tick()
-    except OSError as error:
-        raise RigError(f"{error.filename}: {error.strerror}") from None
+    LiveRig(settings).tick()
     took = monotonic() - begin
     if took > 5.0:
         node.get_logger().info(f"compiled in {took:.0f} s; the next start takes it from the cache")

@@ -65,7 +65,7 @@ class Sample(NamedTuple):
 
 
 class LiveRig:
-    """The rig at tick 0, at rest; raises RigError or OSError for settings that cannot be used."""
+    """The rig at tick 0, at rest; raises RigError for settings that cannot be used."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

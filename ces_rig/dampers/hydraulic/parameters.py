@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from math import pi
 from pathlib import Path
 
-from ces_rig.descriptions import build, filled, quantity, read_yaml
+from ces_identify.config_file import read_yaml_mapping
+from ces_rig.descriptions import build, filled, quantity
 from ces_rig.errors import RigError
 
 
@@ -196,5 +197,5 @@ def damper_from(mapping: object, where: str) -> Damper:
 
 
 def load_damper(path: Path) -> Damper:
-    """Return the damper described in the YAML file `path`; raises RigError, or OSError if it cannot be read."""
-    return damper_from(read_yaml(path), str(path))
+    """Return the damper described in the YAML file `path`; raises RigError."""
+    return damper_from(read_yaml_mapping(path, "a damper description", error=RigError), str(path))

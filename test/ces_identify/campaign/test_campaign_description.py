@@ -55,7 +55,7 @@ def test_what_is_left_out_is_as_in_identify(load):
         ("terms: [2, 4]", "terms: [0]", "structures: polynomial: terms is [0]"),
         ("terms: [2, 4]", "units: 3", "structures: polynomial: unknown key 'units'; known are terms"),
         ("method: random", "method: best", "structures: polynomial: method is 'best'"),
-        ("rules.yaml", "none.yaml", "none.yaml: cannot be read as candidate rules"),
+        ("rules.yaml", "none.yaml", "none.yaml: cannot be read: No such file or directory; expected candidate rules"),
         ("sigmoid: {units: 2}", "spline: {}", "structures: unknown key 'spline'; known are polynomial"),
         ("sigmoid: {units: 2}", "anfis: {rules: 40x2}", "structures: anfis: rules is '40x2'; expected one or a list"),
         ("limits: {seconds: 20}", "limits: {second: 20}", "limits: unknown key 'second'; known are seconds"),

@@ -81,9 +81,9 @@ def test_what_is_wrong_is_named(change, message):
 
 
 def test_hats_take_lags_alone_and_names_need_definitions():
-    with pytest.raises(CesError, match="region: unknown key 'powers'; expected lags"):
+    with pytest.raises(CesError, match="region: unknown key 'powers'; known are lags"):
         parse_rules({**RULES, "region": {"lags": [0], "powers": [2.0]}}, "rules.yaml")
-    with pytest.raises(CesError, match="unknown key 'frequency'"):
+    with pytest.raises(CesError, match="unknown key 'region'"):
         parse_rules({**RULES, "constructed": {}}, "rules.yaml")
     with pytest.raises(CesError, match="constructed: expected names"):
         parse_rules({**RULES, "constructed": [1]}, "rules.yaml")

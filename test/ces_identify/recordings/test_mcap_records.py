@@ -1,46 +1,64 @@
 import struct
+import tracemalloc
 from io import BytesIO
 
+import lz4.frame
 import numpy as np
 import pytest
-from mcap.writer import CompressionType, IndexType
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 
 from ces_identify.recordings import mcap_records
-from ces_identify.recordings.mcap_records import blocks, index_records, require_complete
+from ces_identify.recordings.mcap_records import blocks, require_complete, split_messages
 from ces_observer.errors import RecordingError
 
 
 def slow_twin(data):
-    """Index records one after the other, as the format's description reads."""
+    """Walk along the records one after the other, as the format's description reads."""
     found, stream = [], BytesIO(data)
     while len(head := stream.read(9)) == 9:
         opcode, length = struct.unpack("<BQ", head)
         start = stream.tell()
-        if len(stream.read(length)) < length:
+        body = stream.read(length)
+        if len(body) < length or (opcode == 5 and length < 22):
             return found, start - 9
-        found.append((opcode, start, length))
+        if opcode == 5:
+            channel, _, log_ns, _ = struct.unpack("<HIqQ", body[:22])
+            found.append((channel, log_ns, start + 22, length - 22))
     return found, stream.tell() - len(head)
+
+
+def split(data):
+    messages, end = split_messages(np.frombuffer(data, dtype=np.uint8))
+    return [tuple(row) for row in messages.tolist()], end
 
 
 def record(opcode, body):
     return struct.pack("<BQ", opcode, len(body)) + body
 
 
-@pytest.mark.parametrize("cut", [0, 1, 5, 9, 12])
-def test_index_is_that_of_the_slow_twin(cut):
+@pytest.mark.parametrize("cut", [0, 1, 5, 9, 12, 400])
+def test_split_is_that_of_the_slow_twin(cut):
     rng = np.random.default_rng(2)
-    data = b"".join(record(int(rng.integers(1, 15)), rng.bytes(rng.integers(0, 300))) for _ in range(200))
+    data = b"".join(record(int(rng.integers(1, 15)), rng.bytes(rng.integers(22, 300))) for _ in range(200))
     data = data[: len(data) - cut]
-    opcodes, starts, lengths, end = index_records(np.frombuffer(data, dtype=np.uint8))
-    found = list(zip(opcodes.tolist(), starts.tolist(), lengths.tolist(), strict=True))
-    assert (found, end) == slow_twin(data)
+    assert split(data) == slow_twin(data)
+    assert len(split(data)[0]) > 5
 
 
 def test_length_beyond_all_memory_is_an_unfinished_record():
-    data = record(5, b"abc") + b"\x05" + b"\xff" * 8 + b"x"
-    *_, end = index_records(np.frombuffer(data, dtype=np.uint8))
-    assert end == 12
+    data = record(5, bytes(22)) + b"\x05" + b"\xff" * 8 + b"x"
+    assert split(data) == ([(0, 0, 31, 0)], 31)
+
+
+def test_message_too_short_for_its_header_ends_the_split():
+    data = record(3, b"abc") + record(5, bytes(21)) + record(5, bytes(22))
+    assert split(data) == slow_twin(data) == ([], 12)
 
 
 def write(path, messages, **options):
@@ -65,11 +83,10 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize("window", [64, 1000, 8 << 20])
+@pytest.mark.parametrize("size", [64, 3000, 4 << 20])
 @pytest.mark.parametrize("way", WAYS)
-def test_every_way_of_storing_gives_the_messages_in_recorded_order(tmp_path, monkeypatch, way, window):
-    monkeypatch.setattr(mcap_records, "WINDOW", window)
-    monkeypatch.setattr(mcap_records, "BLOCK", 3000)
+def test_every_way_of_storing_gives_the_messages_in_recorded_order(tmp_path, monkeypatch, way, size):
+    monkeypatch.setattr(mcap_records, "BLOCK", size)
     rng = np.random.default_rng(4)
     messages = [(int(rng.integers(2)), int(rng.integers(10**15)), rng.bytes(rng.integers(0, 90))) for _ in range(400)]
     channels = write(tmp_path / "x.mcap", messages, **WAYS[way])
@@ -109,9 +126,9 @@ def test_damaged_chunk_is_never_read(tmp_path, way):
     rng = np.random.default_rng(5)
     write(path, [(0, i, rng.bytes(30)) for i in range(400)], **WAYS[way])
     whole = bytearray(path.read_bytes())
-    opcodes, starts, lengths, _ = index_records(np.frombuffer(bytes(whole[8:]), dtype=np.uint8))
-    second = np.flatnonzero(opcodes == mcap_records.CHUNK)[1]
-    whole[8 + int(starts[second] + lengths[second] * 3 // 4)] ^= 0x10
+    with path.open("rb") as file:
+        second = make_reader(file).get_summary().chunk_indexes[1]
+    whole[second.chunk_start_offset + second.chunk_length * 3 // 4] ^= 0x10
     path.write_bytes(whole)
     with pytest.raises(RecordingError, match="damaged"):
         list(blocks(path))
@@ -121,3 +138,42 @@ def test_empty_file(tmp_path):
     (tmp_path / "x.mcap").touch()
     with pytest.raises(RecordingError, match="the file is empty"):
         require_complete(tmp_path / "x.mcap")
+
+
+BOMB = {"zstd": zstandard.compress(bytes(50_000_000)), "lz4": lz4.frame.compress(bytes(1_000_000)), "": bytes(101)}
+
+
+@pytest.mark.parametrize("compression", BOMB)
+def test_chunk_with_more_data_than_it_states_is_refused(tmp_path, compression):
+    chunk = Chunk(compression, BOMB[compression], 0, 0, 0, uncompressed_size=100)
+    tracemalloc.start()
+    assert "a chunk is damaged" in refusal(tmp_path / "x.mcap", chunk)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10_000_000
+
+
+def test_chunk_in_an_unknown_compression_is_refused(tmp_path):
+    assert "compression 'br' is none of zstd and lz4" in refusal(tmp_path / "x.mcap", Chunk("br", b"abc", 0, 0, 0, 3))
+
+
+@pytest.mark.parametrize("stated", [10**6, 2**62, 2**64 - 1])
+@pytest.mark.parametrize("at", [1, 9 + 32])  # length of the record, length of the data in it
+def test_length_beyond_the_file_is_refused(tmp_path, stated, at):
+    path = tmp_path / "x.mcap"
+    refusal(path, Chunk("", bytes(100), 0, 0, 1, 100))
+    whole = bytearray(path.read_bytes())
+    whole[8 + at : 16 + at] = struct.pack("<Q", stated)
+    path.write_bytes(whole)
+    with pytest.raises(RecordingError, match=r"a chunk is damaged|the file ends early"):
+        list(blocks(path))
+
+
+def refusal(path, chunk):
+    """Return the error about a file with this chunk alone."""
+    builder = RecordBuilder()
+    chunk.write(builder)
+    path.write_bytes(MCAP0_MAGIC + builder.end() + record(Opcode.DATA_END, bytes(4)))
+    with pytest.raises(RecordingError) as caught:
+        list(blocks(path))
+    return str(caught.value)

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from ces_identify.recordings.safe_yaml import SIZE_LIMIT
+from ces_identify.config_file import MAX_BYTES
 from ces_identify.recordings.signals_file import load_signals
 from ces_observer.errors import SignalsError
 from ces_observer.signals import DEFAULTS, Constant, Signal
@@ -109,7 +109,7 @@ def test_mistake_is_told_with_file_and_line(tmp_path, text, line, told):
         ("- position\n", "not a mapping"),
         ("/**: {ros__parameters: {rate: 500.0}}\n", "describes no signal"),
         ("x: " + "[" * 50_000, "nested more than"),
-        ("#" * (SIZE_LIMIT + 1), "larger than"),
+        ("#" * (MAX_BYTES + 1), "larger than"),
     ],
 )
 def test_file_that_is_no_description(tmp_path, text, told):

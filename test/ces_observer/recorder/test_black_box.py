@@ -200,8 +200,9 @@ def test_a_disk_that_fills_up_while_writing(tmp_path: Path, monkeypatch: pytest.
     box.save("drift", START, {})
     box.work(1e-6, START + SECOND)
     assert box._bag is not None
-    box._bag._file._file.close()
-    box._bag._file._file = open("/dev/full", "wb", buffering=0)  # noqa: SIM115, PTH123  # no write to it finds space
+    full = os.open("/dev/full", os.O_WRONLY)  # no write to it finds space
+    os.dup2(full, box._bag._file._file.fileno())
+    os.close(full)
     finish(box, START + SECOND)
     assert box.problem.endswith("No space left on device")
     assert list(tmp_path.iterdir()) == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -15,8 +16,9 @@ from raw_messages import CURRENT, FORCE, POSITION, SECOND, TOPICS, channels, dri
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
+from ces_observer.errors import RecordingError
 from ces_observer.recorder.bag_folder import BagFolder
-from ces_observer.recorder.mcap_file import CHUNK_BYTES, BagChannel, McapFile
+from ces_observer.recorder.mcap_file import CHUNK_BYTES, BagChannel, McapFile, require_mcap
 
 Message = tuple[int, int, bytes]
 START = 1_700_000_000 * SECOND
@@ -58,7 +60,7 @@ def test_the_mcap_package_reads_every_byte(tmp_path: Path) -> None:
         only = [m.data for _, _, m in reader.iter_messages(["/valve_current"])]  # by the index
     assert summary is not None and summary.statistics is not None
     assert summary.statistics.message_count == len(messages)
-    assert summary.statistics.channel_message_counts == {0: 2000, 1: 400, 2: 2000, 3: 2000}
+    assert summary.statistics.channel_message_counts == {1: 2000, 2: 400, 3: 2000, 4: 2000}
     times = [time for _, time, _ in messages]
     assert (summary.statistics.message_start_time, summary.statistics.message_end_time) == (min(times), max(times))
     assert (summary.statistics.schema_count, summary.statistics.channel_count) == (3, 4)
@@ -132,6 +134,14 @@ def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError):
         McapFile(path, channels())
     assert path.read_bytes() == before
+
+
+def test_without_the_mcap_package_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    require_mcap()
+    monkeypatch.setitem(sys.modules, "mcap", None)
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    with pytest.raises(RecordingError, match=r"package mcap is missing; install it with: pip install mcap"):
+        require_mcap()
 
 
 @pytest.mark.skipif(shutil.which("mcap") is None, reason="the mcap program is not installed")
