@@ -1,13 +1,14 @@
 """Result files into values and wording, and what differs between two of them.
 
-Values are numbers, and names without blanks in JSON and CSV, each list under its place in the file; they have to be
-equal. Wording is everything else that is told. Versions, dates and hashes, which have to differ, are blanked.
+Values are numbers, and in JSON and CSV names without blanks, too, each list under its place in the file; they must be
+equal. Wording is all other text. Versions, dates and hashes, which may differ, are replaced by a placeholder.
 """
 
 from __future__ import annotations
 
 import csv
 import dataclasses
+import html
 import json
 import math
 import re
@@ -64,7 +65,7 @@ class Content:
             if part.startswith("<"):  # what plots are made of
                 self.values[part.split()[0]] += map(float, IN_PLOT.findall(part))
             else:
-                self.add_text("text", part)
+                self.add_text("text", html.unescape(part))
 
     def _read_bag(self, folder: Path) -> None:
         with AnyReader([folder], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:

@@ -4,8 +4,10 @@ Usage: python bench/compare_results.py [--before REVISION|TREE | --before-result
 
 --before is a revision of this repository (default HEAD) or a folder with a source tree, --after such a folder (default:
 this working tree). With --results DIR the results are kept: DIR/before can be the --before-results of later runs. Exit
-status 1 if a number or a name differs or a command fails; other wording is listed, but allowed. compare_cases.py has
-the cases: all of them take some four minutes of one core for each tree.
+status 1 if a number or a name differs or a command fails; different wording is listed, but allowed.
+
+compare_cases.py has the cases; all of them take some five minutes of one core for each tree. Exported C is compared as
+text, and by the forces of the FMU that holds it.
 """
 
 from __future__ import annotations
