@@ -17,7 +17,7 @@ PART = ".part"
 class BagFolder:
     """Writes the bag `path`, in a hidden folder beside it that `place` renames; raises OSError where that cannot be.
 
-    `notes` become the bag's custom data. Call `write` for each message, then `end_chunk`, `end` and `place`.
+    `notes` become the bag's custom data. Call `write` for each message, then `end` and `place`.
     """
 
     def __init__(self, path: Path, channels: Sequence[BagChannel], notes: Mapping[str, str]) -> None:
@@ -28,7 +28,6 @@ class BagFolder:
         self._part.mkdir(parents=True)
         self._file = McapFile(self._part / f"{path.name}.mcap", channels)
         self.write = self._file.write  # takes (channel, log_ns, raw), at once: it is called with every message
-        self.end_chunk = self._file.end_chunk
 
     def end(self) -> None:
         """Complete the files."""

@@ -166,8 +166,6 @@ class BlackBox:
         while writing and time.perf_counter() < end:
             for _ in range(min(BATCH, len(writing))):
                 bag.write(*writing.popleft())
-        if not writing:
-            bag.end_chunk()
 
     def _end(self, bag: BagFolder) -> None:
         bag.end()

@@ -68,10 +68,6 @@ class McapFile:
         self._writer.add_message(self._ids[channel], log_ns, raw, log_ns, self.counts[channel])
         self.counts[channel] += 1
 
-    def end_chunk(self) -> None:
-        """Write the last chunk, so that `close` has less to do."""
-        self._writer.flush()  # type: ignore[no-untyped-call]
-
     def close(self) -> None:
         """Write what is left and the summary, and close the file; further calls do nothing."""
         if not self._file.closed:
