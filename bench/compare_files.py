@@ -28,7 +28,7 @@ Value = float | str
 Pair = tuple[str, Value | None, Value | None]  # place, before, after; None where there is none
 
 PROVENANCE = (
-    (re.compile(r"[0-9a-f]{20,}"), "<hash>"),
+    (re.compile(r"[0-9a-f]{20,}|(?<=\w-)[0-9a-f]{8}\b"), "<hash>"),
     (re.compile(r"(ces_observer) \d+(\.\d+)+"), r"\1 <version>"),
     (re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d+)?)?)?"), "<date>"),
 )
@@ -64,7 +64,7 @@ class Content:
     def _read_page(self, text: str) -> None:
         for part in re.split(r"(<[^>]+>)", text):
             if part.startswith("<"):  # what plots are made of
-                self.values[part.split()[0]] += map(float, IN_PLOT.findall(part))
+                self.values[part.split()[0]] += map(float, IN_PLOT.findall(without_provenance(part)))
             else:
                 self.add_text("text", html.unescape(part))
 
@@ -97,14 +97,19 @@ class Content:
 
     def add_text(self, place: str, text: str, whole: bool = False) -> None:
         """Add the numbers in a text as values, the rest as wording; a name that is a `whole` text is a value."""
-        for pattern, blank in PROVENANCE:
-            text = pattern.sub(blank, text)
-        text = " ".join(text.split())
+        text = " ".join(without_provenance(text).split())
         if whole and " " not in text:
             self.values[place].append(text)
         else:
             self.values[place] += [float(found.replace("−", "-")) for found in NUMBER.findall(text)]
             self.words += [NUMBER.sub("#", text)] if text else []
+
+
+def without_provenance(text: str) -> str:
+    """Return a text with placeholders for what may differ."""
+    for pattern, placeholder in PROVENANCE:
+        text = pattern.sub(placeholder, text)
+    return text
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,7 +26,7 @@ from io import BytesIO
 from pathlib import Path
 
 from compare_cases import CASES, INPUTS, write_inputs
-from compare_files import SUFFIXES, Comparison, compare_files
+from compare_files import SUFFIXES, Comparison, compare_files, without_provenance
 from measuring import print_table, say, timed
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -83,9 +83,9 @@ class Tree:
 
     def _python(self, words: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
         settings = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-        settings |= {"NUMBA_CACHE_DIR": str(self.results / "numba"), "COLUMNS": "160", "NO_COLOR": "1"}
-        settings["PYTHONPATH"] = f"{self.results / 'startup'}{os.pathsep}{self.source}"
-        env = {**os.environ, **settings}
+        settings |= {"NUMBA_CACHE_DIR": str(self.results / "numba"), "PYTHONDONTWRITEBYTECODE": "1"}
+        settings |= {"PYTHONPATH": f"{self.results / 'startup'}{os.pathsep}{self.source}"}
+        env = {**os.environ, **settings, "COLUMNS": "160", "NO_COLOR": "1"}
         return subprocess.run(
             [sys.executable, *words], cwd=folder, env=env, capture_output=True, text=True, check=False
         )
@@ -102,10 +102,17 @@ def find_source(given: str, folder: Path) -> Path:
 
 
 def compare_results(before: Path, after: Path, cases: Sequence[str]) -> dict[str, Comparison]:
-    """Return the comparison of every file that either tree wrote."""
-    found = {p.relative_to(tree) for tree in (before, after) for case in cases for p in (tree / case).rglob("*.*")}
-    kept = sorted(p for p in found if p.suffix in SUFFIXES and LEFT_OUT.isdisjoint(p.parts))
-    return {str(p): compare_files(before / p, after / p) for p in kept}
+    """Return the comparison of every file that either tree wrote, by its name without hashes."""
+    old, new = (_files(results, cases) for results in (before, after))
+    return {
+        name: compare_files(old.get(name, before / name), new.get(name, after / name)) for name in sorted(old | new)
+    }
+
+
+def _files(results: Path, cases: Sequence[str]) -> dict[str, Path]:
+    found = (p for case in cases for p in (results / case).rglob("*.*") if p.suffix in SUFFIXES)
+    kept = (p for p in found if LEFT_OUT.isdisjoint(p.relative_to(results).parts))
+    return {without_provenance(str(p.relative_to(results))): p for p in kept}
 
 
 def print_comparisons(comparisons: Mapping[str, Comparison]) -> None:
