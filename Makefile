@@ -42,7 +42,7 @@ tables: $(VENV)/.installed-dev
 	$(RUN)/python bench/thesis_tables.py --seconds $(SECONDS)
 
 docs: $(VENV)/.installed-docs
-	$(RUN)/mkdocs build --quiet --strict --site-dir $(OUT)/site
+	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --quiet --strict --site-dir $(OUT)/site
 	@echo "$(OUT)/site/index.html"
 
 clean:
