@@ -3,7 +3,7 @@
 # make bench   speed, each beside what it is compared with
 # make tables  tables 5.1 to 5.3 and plots 5.1 to 5.8 of the thesis on the virtual rig, into docs/; SECONDS=60 is the
 #              most for one model's search (18 models, and 2 of four times that; done ones are kept in out/tables)
-# make docs    the documentation site, into out/site (open out/site/index.html)
+# make docs    the documentation site, into out/site (its search needs a server: python3 -m http.server -d out/site)
 # make clean   remove what make made
 #
 # VENV=.venv and PYTHON=python3 can be given. Nothing is installed outside VENV.
