@@ -3,6 +3,7 @@
 # make bench   speed, each beside what it is compared with
 # make tables  tables 5.1 to 5.3 and plots 5.1 to 5.8 of the thesis on the virtual rig, into docs/; SECONDS=60 is the
 #              most for one model's search (18 models, and 2 of four times that; done ones are kept in out/tables)
+# make docs    the documentation site, into out/site (its search needs a server: python3 -m http.server -d out/site)
 # make clean   remove what make made
 #
 # VENV=.venv and PYTHON=python3 can be given. Nothing is installed outside VENV.
@@ -14,7 +15,7 @@ RUN := env -u PYTHONPATH $(VENV)/bin
 OUT := out
 SECONDS ?= 60
 
-.PHONY: demo test lint suite test-ros bench tables clean
+.PHONY: demo test lint suite test-ros bench tables docs clean
 
 demo: $(VENV)/.installed
 	@mkdir -p $(OUT)
@@ -40,6 +41,10 @@ bench: $(VENV)/.installed-dev
 tables: $(VENV)/.installed-dev
 	$(RUN)/python -m bench.thesis.tables --seconds $(SECONDS)
 
+docs: $(VENV)/.installed-docs
+	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --quiet --strict --site-dir $(OUT)/site
+	@echo "$(OUT)/site/index.html"
+
 clean:
 	rm -rf $(OUT) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	@if [ -f $(VENV)/.made ]; then echo "rm -rf $(VENV)"; rm -rf $(VENV); fi
@@ -50,6 +55,10 @@ $(VENV)/.installed: setup.py pyproject.toml | $(VENV)/bin/python
 
 $(VENV)/.installed-dev: setup.py pyproject.toml | $(VENV)/bin/python
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@ $(VENV)/.installed
+
+$(VENV)/.installed-docs: setup.py pyproject.toml | $(VENV)/bin/python
+	$(RUN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@ $(VENV)/.installed
 
 $(VENV)/bin/python:
