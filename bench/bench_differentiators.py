@@ -26,19 +26,19 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from ces_identify.numerics.kernels import free_run
-from ces_identify.polynomial.compiled import compile_terms, power_table
+from ces_identify.polynomial.compiled_terms import compile_terms, power_table
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.selection import search
-from ces_identify.polynomial_structure import posed
+from ces_identify.polynomial_structure import build_problem
 from ces_identify.preparation.cost import series_cost
 from ces_identify.preparation.position_spectrum import position_spectrum, sample_rate
 from ces_identify.preparation.sampling import best_differentiator, choose_sampling
 from ces_identify.preparation.series import Series, prepare, usable_samples
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_observer.model import Sampling
 from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
-from ces_rig.experiment import GRID_S, Experiment, Truth, find_experiment, load_experiment, measure, truth
+from ces_rig.experiment import GRID_S, Experiment, Truth, find_experiment, load_experiment, measure, simulate_truth
 
 RIG = ("sine_4hz", "sine_12hz", "sweep", "noise", "road")
 RATE = 1000.0
@@ -48,7 +48,7 @@ OWN = "**ours, by its rule**"
 
 
 @dataclass(frozen=True)
-class Run:
+class RigRun:
     """A rig recording with its truth: true time, position and speed at each logged position sample."""
 
     experiment: Experiment
@@ -63,13 +63,13 @@ class Run:
         return self.recording.channel("position").values
 
 
-def rig_run(name: str) -> Run:
+def rig_run(name: str) -> RigRun:
     experiment = load_experiment(find_experiment(name))
-    true = truth(experiment)
+    true = simulate_truth(experiment)
     recording = measure(experiment, true)
     at = experiment.sensors.position.phase_s + np.arange(len(recording.channel("position"))) / RATE
     stroke = CubicSpline(true.time_s, true.stroke_m)
-    return Run(experiment, true, recording, at, stroke(at), stroke(at, 1))
+    return RigRun(experiment, true, recording, at, stroke(at), stroke(at, 1))
 
 
 def relative_error(estimate: F, speed: F) -> float:
@@ -78,7 +78,7 @@ def relative_error(estimate: F, speed: F) -> float:
     return float(100.0 * np.std((estimate - speed)[late]) / np.std(speed[late]))
 
 
-def clean_estimate(peer: Peer, number: float, run: Run) -> F:
+def clean_estimate(peer: Peer, number: float, run: RigRun) -> F:
     """The estimate from the noise-free stroke at the sampling times: distortion alone."""
     return peer.speeds(run.stroke, RATE, number)
 
@@ -91,7 +91,7 @@ def delay_ms(estimate: F, speed: F, frequency: float) -> float:
     return float(1e3 * lag / (2.0 * np.pi * frequency))
 
 
-def plant_cost(estimate: F, run: Run, seconds: float = 12.0) -> float:
+def plant_cost(estimate: F, run: RigRun, seconds: float = 12.0) -> float:
     """J [%] between the rig's plant driven by the estimated and by the true speed.
 
     The error of the speed is integrated to a stroke, less what lies below 0.5 Hz, which would be a drift.
@@ -122,7 +122,7 @@ def sample_times(recording: Recording) -> F:
     return np.asarray((stamps - usable_samples(recording, 1e6).stamps_ns[0]) * 1e-9)
 
 
-def tuned(peer: Peer, positions: Sequence[F], speeds: Sequence[F], rate: float) -> float:
+def tune(peer: Peer, positions: Sequence[F], speeds: Sequence[F], rate: float) -> float:
     """The peer's number of least mean relative error; frequencies scale with the rate."""
     grid = [g * (rate / RATE if peer.unit == "Hz" else 1.0) for g in peer.grid]
     pairs = list(zip(positions, speeds, strict=True))
@@ -134,11 +134,11 @@ def tuned(peer: Peer, positions: Sequence[F], speeds: Sequence[F], rate: float) 
     return min(grid, key=error)
 
 
-def rig_table(runs: dict[str, Run]) -> list[str]:
+def rig_table(runs: dict[str, RigRun]) -> list[str]:
     head = ["differentiator", "its number", *(f"{n} v" for n in RIG), "noise", "delay 4 Hz", "delay 12 Hz"]
     rows = [[*head, *(f"{n} F" for n in RIG)]]
     for peer in PEERS:
-        number = tuned(peer, [r.positions for r in runs.values()], [r.speed for r in runs.values()], RATE)
+        number = tune(peer, [r.positions for r in runs.values()], [r.speed for r in runs.values()], RATE)
         estimates = {n: peer.speeds(r.positions, RATE, number) for n, r in runs.items()}
         clean = clean_estimate(peer, number, runs["noise"])
         noise = noise_share(estimates["noise"], clean, runs["noise"].speed)
@@ -152,35 +152,35 @@ def rig_table(runs: dict[str, Run]) -> list[str]:
     return markdown(rows)
 
 
-def rig_row(estimates: dict[str, F], runs: dict[str, Run], noise: str) -> list[str]:
+def rig_row(estimates: dict[str, F], runs: dict[str, RigRun], noise: str) -> list[str]:
     errors = [f"{relative_error(estimates[n], runs[n].speed):.1f}" for n in RIG]
     delays = [delay_ms(estimates[n], runs[n].speed, f) for n, f in (("sine_4hz", 4.0), ("sine_12hz", 12.0))]
     forces = [f"{plant_cost(estimates[n], runs[n]):.1f}" for n in RIG]
     return [*errors, noise, *(f"{d:+.2f}" for d in delays), *forces]
 
 
-def quiet_position(run: Run) -> Channel:
+def quiet_position(run: RigRun) -> Channel:
     """The position channel without noise, jitter and quantum."""
     channel = run.recording.channel("position")
     stamps = channel.stamps_ns[0] + np.arange(len(channel)) * round(1e9 / RATE)
     return Channel("position", "m", stamps, run.stroke)
 
 
-def search_table(runs: dict[str, Run], data: Path, seconds: float) -> list[str]:
+def search_table(runs: dict[str, RigRun], data: Path, seconds: float) -> list[str]:
     """J on held-out ticks: of the best found on the selection ticks and, in brackets, of the other start."""
-    sets = {"rig noise + sweep": [runs["noise"].recording, runs["sweep"].recording], **measured_sets(data)}
+    sets = {"rig noise + sweep": [runs["noise"].recording, runs["sweep"].recording], **load_measured_sets(data)}
     columns = {name: search_costs(recordings, seconds) for name, recordings in sets.items()}
     names = list(next(iter(columns.values())))
     return markdown([["J [%], 60 % / 40 %", *columns], *([n, *(c[n] for c in columns.values())] for n in names)])
 
 
-def measured_sets(data: Path) -> dict[str, list[Recording]]:
+def load_measured_sets(data: Path) -> dict[str, list[Recording]]:
     if not data.is_dir():
         return {}
     return {
-        "Dyke ranran_50": [dyke(data / "dyke_mr" / "ranran_50.csv")],
-        "UTFSM sweeps": [utfsm(p) for p in sorted((data / "utfsm_mr").glob("sweep_15Hz_*A.csv"))],
-        "UTFSM sines": [utfsm(p) for p in sorted((data / "utfsm_mr").glob("sine_10mm2Hz_*A.csv"))],
+        "Dyke ranran_50": [load_dyke(data / "dyke_mr" / "ranran_50.csv")],
+        "UTFSM sweeps": [load_utfsm(p) for p in sorted((data / "utfsm_mr").glob("sweep_15Hz_*A.csv"))],
+        "UTFSM sines": [load_utfsm(p) for p in sorted((data / "utfsm_mr").glob("sine_10mm2Hz_*A.csv"))],
     }
 
 
@@ -191,13 +191,13 @@ def search_costs(recordings: list[Recording], seconds: float) -> dict[str, str]:
     positions = [r.channel("position").values for r in recordings]
     low = butter(4, min(REFERENCE_HZ, 0.4 * rate), fs=rate, output="sos")
     reference = [sosfiltfilt(low, np.gradient(x) * rate) for x in positions]
-    out = {"zero phase (not causal)": found_cost(with_speed(prepared, recordings, reference), seconds)}
+    out = {"zero phase (not causal)": search_and_score(with_speed(prepared, recordings, reference), seconds)}
     for peer in PEERS:
-        number = tuned(peer, positions, reference, rate)
+        number = tune(peer, positions, reference, rate)
         speeds = [peer.speeds(x, rate, number) for x in positions]
-        out[peer.name] = found_cost(with_speed(prepared, recordings, speeds), seconds)
+        out[peer.name] = search_and_score(with_speed(prepared, recordings, speeds), seconds)
     own = [kalman(sampling.order)(x, rate, sampling.bandwidth_Hz) for x in positions]
-    out[OWN] = found_cost(with_speed(prepared, recordings, own), seconds)
+    out[OWN] = search_and_score(with_speed(prepared, recordings, own), seconds)
     return out
 
 
@@ -208,10 +208,12 @@ def with_speed(prepared: list[Series], recordings: list[Recording], speeds: list
     return out
 
 
-def found_cost(series: list[Series], seconds: float, terms: int = 20) -> str:
-    problem = posed([s.part(0.0, 0.6) for s in series], Options(limits=Limits(terms, seconds, threads=2)))
+def search_and_score(series: list[Series], seconds: float, terms: int = 20) -> str:
+    problem = build_problem(
+        [s.part(0.0, 0.6) for s in series], IdentifyOptions(limits=Limits(terms, seconds, threads=2))
+    )
     costs = []
-    for found in search(problem, Limits(most_terms=terms, seconds=seconds, starts=2, threads=2)):
+    for found in search(problem, Limits(max_terms=terms, seconds=seconds, starts=2, threads=2)):
         chosen = [problem.candidates[i] for i in found.chosen]
         compiled = compile_terms(chosen)
         held_out = [s.part(0.6, 1.0) for s in series]
@@ -225,8 +227,8 @@ def cost_of(compiled, coefficients, problem, series: Series) -> float:  # type: 
     return series_cost(series, force)
 
 
-def rule_table(runs: dict[str, Run], data: Path) -> list[str]:
-    sets = {f"rig {name}": [run.recording] for name, run in runs.items()} | measured_sets(data)
+def rule_table(runs: dict[str, RigRun], data: Path) -> list[str]:
+    sets = {f"rig {name}": [run.recording] for name, run in runs.items()} | load_measured_sets(data)
     rows = [["recordings", "rate [Hz]", "order", "bandwidth [Hz]", "best of order 2 [Hz]", "best of order 3 [Hz]"]]
     for name, recordings in sets.items():
         spectra = [position_spectrum(r, 0.1) for r in recordings]
@@ -236,13 +238,13 @@ def rule_table(runs: dict[str, Run], data: Path) -> list[str]:
     return markdown(rows)
 
 
-def dyke(path: Path) -> Recording:
+def load_dyke(path: Path) -> Recording:
     rate, table = 3004.8, np.genfromtxt(path, delimiter=",", skip_header=1)
     stamps = np.rint(np.arange(len(table)) / rate * 1e9).astype(np.int64)
     return three_channels(path.stem, stamps, 0.01 * table[:, 2], table[:, 3], table[:, 6])
 
 
-def utfsm(path: Path) -> Recording:
+def load_utfsm(path: Path) -> Recording:
     table = np.genfromtxt(path, delimiter=",", names=True)
     stamps = np.rint(table["t_s"] * 1e9).astype(np.int64)
     return three_channels(path.stem, stamps, 1e-3 * table["x_mm"], table["current_A"], table["F_N"])
@@ -264,7 +266,7 @@ SHOWN = {
 }
 
 
-def draw(runs: dict[str, Run], path: Path) -> None:
+def draw(runs: dict[str, RigRun], path: Path) -> None:
     """Left, noise against distortion of the speed on the noise recording; right, the plant's J on the road."""
     import matplotlib.pyplot as plt
 
@@ -301,7 +303,7 @@ def draw(runs: dict[str, Run], path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
-def trade_off(peer: Peer, run: Run) -> tuple[list[float], list[float]]:
+def trade_off(peer: Peer, run: RigRun) -> tuple[list[float], list[float]]:
     """Distortion and noise [% of RMS speed] over the peer's grid."""
     clean = [clean_estimate(peer, number, run) for number in peer.grid]
     noisy = [peer.speeds(run.positions, RATE, number) for number in peer.grid]

@@ -57,7 +57,7 @@ double ticks(int64_t n, const double *positions, const double *speeds, const dou
 
 
 @dataclass(frozen=True)
-class Samples:
+class StepInputs:
     """Stamps [ns], positions [m], speeds [m/s] and currents [A], each (N,)."""
 
     stamps: NDArray[np.int64]
@@ -66,14 +66,14 @@ class Samples:
     current: NDArray[np.float64]
 
 
-def samples(jitter_ns: float) -> Samples:
+def make_inputs(jitter_ns: float) -> StepInputs:
     dice = np.random.default_rng(1)
     stamps = (np.arange(N) * 1_000_000 + dice.uniform(-jitter_ns, jitter_ns, N)).astype(np.int64)
     t = stamps * 1e-9
-    return Samples(stamps, 0.02 * np.sin(25 * t), 0.5 * np.cos(25 * t), 0.5 + 0.1 * np.sin(3 * t))
+    return StepInputs(stamps, 0.02 * np.sin(25 * t), 0.5 * np.cos(25 * t), 0.5 + 0.1 * np.sin(3 * t))
 
 
-def compiled(model: Model, compiler: str, folder: Path) -> ctypes.CDLL:
+def compile_estimator(model: Model, compiler: str, folder: Path) -> ctypes.CDLL:
     """Export `model`, compile it apart from the loop (no inlining across), and load both."""
     source, header = export_c(model, "damper", "damper", model.certify())
     for name, text in (("damper.c", source), ("damper.h", header), ("loop.c", LOOP)):
@@ -85,13 +85,13 @@ def compiled(model: Model, compiler: str, folder: Path) -> ctypes.CDLL:
     return library
 
 
-def called(function: Callable[..., float], *arrays: NDArray[np.generic]) -> Callable[[], float]:
+def bind_arrays(function: Callable[..., float], *arrays: NDArray[np.generic]) -> Callable[[], float]:
     pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
     return lambda: function(ctypes.c_int64(N), *pointers)
 
 
-def python_steps(model: Model, given: Samples) -> Callable[[], float]:
-    rows = list(zip(given.stamps.tolist(), given.position.tolist(), given.current.tolist(), strict=True))
+def python_steps(model: Model, inputs: StepInputs) -> Callable[[], float]:
+    rows = list(zip(inputs.stamps.tolist(), inputs.position.tolist(), inputs.current.tolist(), strict=True))
     estimator = Estimator(model)
 
     def run() -> float:
@@ -120,13 +120,13 @@ def main() -> int:
     for order in (2, 3):
         model = Model(Sampling(1000.0, 100.0, 0.01, order=order), Polynomial(terms), envelope, (-1e6, 1e6))
         with tempfile.TemporaryDirectory() as folder:
-            library = compiled(model, compiler, Path(folder))
+            library = compile_estimator(model, compiler, Path(folder))
             print(f"differentiator of order {order}")
             for what, jitter_ns in (("steady stamps", 0.0), ("jittered stamps", 2e5)):
-                given = samples(jitter_ns)
-                c = called(library.steps, given.stamps, given.position, given.current)
+                given = make_inputs(jitter_ns)
+                c = bind_arrays(library.steps, given.stamps, given.position, given.current)
                 compare(what, c, python_steps(model, given))
-            tick = median_seconds(called(library.ticks, given.position, given.speed, given.current), 41) / N
+            tick = median_seconds(bind_arrays(library.ticks, given.position, given.speed, given.current), 41) / N
             print(f"  tick of the bare polynomial  {1e6 * tick:7.4f} us")
     return 0
 

@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ces_identify.numerics.kernels import free_run
-from ces_identify.polynomial.compiled import compile_terms, power_table
+from ces_identify.polynomial.compiled_terms import compile_terms, power_table
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial

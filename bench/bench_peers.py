@@ -21,30 +21,30 @@ import identification_peers as peers
 import numpy as np
 from bench_time_to_cost import SAMPLING, model_of
 from damper_set import RATE, WARM_UP, F, series
-from identification_peers import FED, HELPED, POWER_FED, RAW, Columns, Feed, Fitted
-from measuring import Spent, installed, print_table, say, timed
+from identification_peers import FED, HELPED, POWER_FED, RAW, Columns, Feed, PeerModel
+from measurement import Spent, is_installed, print_note, print_table, time_call
 
 from ces_identify.polynomial.limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
-from ces_identify.polynomial.refit import refitted
+from ces_identify.polynomial.refit import refit_coefficients
 from ces_identify.polynomial.selection import search
-from ces_identify.polynomial_structure import posed
+from ces_identify.polynomial_structure import build_problem
 from ces_identify.preparation.cost import cost
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structure_kit import Options
-from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
 from ces_identify.trained.fuzzy_structure import FuzzyShape
-from ces_identify.trained.lagged_fit import Lags, regressors
+from ces_identify.trained.lagged_fit import Lags, build_regressors
 from ces_identify.trained.network_fit import NetworkFit
 from ces_identify.trained.network_structure import NetworkShape
 from ces_identify.trained.simulation_error import Family, train
-from ces_identify.trained.training import Training, training
+from ces_identify.trained.training import Training, build_training
 from ces_observer.model import Model
 from ces_observer.structures.fuzzy import Fuzzy
 from ces_observer.structures.network import Network
 
 LAGS = Lags(position_s=(0.0,))
-GIVEN = "position, speed, current"
+INPUTS = "position, speed, current"
 SECONDS = 60.0  # most of a search
 QUICK_S, REPEATS = 2.0, 5  # what takes less is repeated
 
@@ -54,13 +54,13 @@ class Entry:
     """A tool, what it is given, how it fits, and how J on the test and the number of terms follow from the fit."""
 
     tool: str
-    given: str
+    inputs: str
     fit: Callable[[], object]
     judge: Callable[[object], tuple[float, int]]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PeerOutcome:
     """J [%] on the test recording, the number of terms or parameters, and what the fit took."""
 
     entry: Entry
@@ -72,14 +72,14 @@ class Outcome:
 def peer_entries(seeds: Sequence[int]) -> list[Entry]:
     """Return the installed peers with every feed."""
     both_currents = tuple(replace(feed, current_now=True) for feed in (RAW, HELPED, FED))
-    tools: list[tuple[str, str, Callable[[Columns, Columns], Fitted], tuple[Feed, ...]]] = [
+    tools: list[tuple[str, str, Callable[[Columns, Columns], PeerModel], tuple[Feed, ...]]] = [
         ("sysidentpy", "SysIdentPy FROLS", peers.frols, (RAW, HELPED, FED)),
         ("sysidentpy", "SysIdentPy MetaMSS", peers.metamss, (RAW, FED)),
         ("fastcan", "fastcan NARX, one-step", peers.fastcan_one_step, both_currents),
         ("fastcan", "fastcan NARX, free run", peers.fastcan_free_run, both_currents),
         ("anfis-toolbox", "anfis-toolbox", peers.anfis_toolbox, (RAW, POWER_FED)),
     ]
-    present = {package for package in dict.fromkeys(row[0] for row in tools) if installed(package)}
+    present = {package for package in dict.fromkeys(row[0] for row in tools) if is_installed(package)}
     return [
         peer_entry(tool, fit, feed, seeds)
         for package, tool, fit, feeds in tools
@@ -88,12 +88,12 @@ def peer_entries(seeds: Sequence[int]) -> list[Entry]:
     ]
 
 
-def peer_entry(tool: str, fit: Callable[[Columns, Columns], Fitted], feed: Feed, seeds: Sequence[int]) -> Entry:
+def peer_entry(tool: str, fit: Callable[[Columns, Columns], PeerModel], feed: Feed, seeds: Sequence[int]) -> Entry:
     """Return a peer's run with one feed."""
     estimation, selection, test = (feed.columns(seed) for seed in seeds)
 
     def judge(fitted: object) -> tuple[float, int]:
-        assert isinstance(fitted, Fitted)
+        assert isinstance(fitted, PeerModel)
         return free_run_cost(test.force, fitted.simulate(test)), fitted.terms
 
     return Entry(tool, feed.name, partial(fit, estimation, selection), judge)
@@ -108,38 +108,43 @@ def our_entries(seeds: Sequence[int]) -> list[Entry]:
         return free_run_cost(test.force, simulate_series(model, test).force), _size(model)
 
     polynomials = [
-        Entry(f"**polynomial, {method}**", GIVEN, partial(polynomial, seen, method), judge)
+        Entry(f"**polynomial, {method}**", INPUTS, partial(identify_polynomial, seen, method), judge)
         for method in (RANDOM, GAUSS_NEWTON, BOTH)
     ]
     trained = [
-        Entry("**sigmoid network**", GIVEN, partial(trained_model, seen, network), judge),
-        Entry("**ANFIS**", GIVEN, partial(trained_model, seen, fuzzy), judge),
+        Entry("**sigmoid network**", INPUTS, partial(train_model, seen, network), judge),
+        Entry("**ANFIS**", INPUTS, partial(train_model, seen, fuzzy), judge),
     ]
     return [*polynomials, *trained]
 
 
-def polynomial(seen: Sequence[Series], method: str, most_terms: int = peers.TERMS, seconds: float = SECONDS) -> Model:
+def identify_polynomial(
+    data: Sequence[Series], method: str, max_terms: int = peers.TERMS, seconds: float = SECONDS
+) -> Model:
     """Identify a polynomial as `ces identify` does: a start of each kind, one thread, stable models only, refitted."""
-    limits = Limits(most_terms, seconds, starts=2 if method == BOTH else 1, threads=1, method=method)
-    problem = posed(seen, Options(limits=limits))
+    limits = Limits(max_terms, seconds, starts=2 if method == BOTH else 1, threads=1, method=method)
+    problem = build_problem(data, IdentifyOptions(limits=limits))
     found = search(problem, limits)[0]
-    return model_of(problem, replace(found, coefficients=refitted(problem, found)))
+    return model_of(problem, replace(found, coefficients=refit_coefficients(problem, found)))
 
 
 def network(data: Training) -> Family:
     shape = NetworkShape(lags=LAGS)
-    return NetworkFit(data, regressors(data, shape.lags, RATE), shape.units, shape.decay)
+    return NetworkFit(data, build_regressors(data, shape.lags, RATE), shape.units, shape.decay)
 
 
 def fuzzy(data: Training) -> Family:
     shape = FuzzyShape(lags=LAGS)
-    grid = (Grid("speed", 0, shape.speeds), Grid("current", round(shape.current_delay_s * RATE), shape.currents))
-    return FuzzyFit(data, regressors(data, shape.lags, RATE), grid, shape.decay)
+    grid = (
+        PremiseGrid("speed", 0, shape.speeds),
+        PremiseGrid("current", round(shape.current_delay_s * RATE), shape.currents),
+    )
+    return FuzzyFit(data, build_regressors(data, shape.lags, RATE), grid, shape.decay)
 
 
-def trained_model(seen: Sequence[Series], family: Callable[[Training], Family], seconds: float = SECONDS) -> Model:
+def train_model(data: Sequence[Series], family: Callable[[Training], Family], seconds: float = SECONDS) -> Model:
     """Train on the free run: one start, one thread, stable models only."""
-    of = family(training(seen))
+    of = family(build_training(data))
     found = train(of, Limits(seconds=seconds, starts=1, threads=1))[0]
     return of.model(found.coefficients, SAMPLING)
 
@@ -158,26 +163,26 @@ def free_run_cost(measured: F, simulated: F) -> float:
     return cost(measured[WARM_UP:], simulated[WARM_UP:])
 
 
-def run(entry: Entry) -> Outcome:
+def run(entry: Entry) -> PeerOutcome:
     """Fit and judge; what is quick is fitted several times, and the medians are taken."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        fitted, spent = timed(entry.fit)
+        fitted, spent = time_call(entry.fit)
         more = REPEATS - 1 if spent.wall < QUICK_S else 0
-        times = [spent, *(timed(entry.fit)[1] for _ in range(more))]
+        times = [spent, *(time_call(entry.fit)[1] for _ in range(more))]
         j, terms = entry.judge(fitted)
     median = Spent(statistics.median(t.cpu for t in times), statistics.median(t.wall for t in times))
-    say(f"{entry.tool}, {entry.given}: J {j:.2f}, {median.cpu:.2f} CPU s, {terms} terms")
-    return Outcome(entry, j, terms, median)
+    print_note(f"{entry.tool}, {entry.inputs}: J {j:.2f}, {median.cpu:.2f} CPU s, {terms} terms")
+    return PeerOutcome(entry, j, terms, median)
 
 
 def warm_up(seeds: Sequence[int]) -> None:
     """Compile what the runs call."""
     short = [series(seed, 6.0) for seed in seeds[:2]]
     for method in (RANDOM, GAUSS_NEWTON):
-        polynomial(short, method, 3, 2.0)
+        identify_polynomial(short, method, 3, 2.0)
     for family in (network, fuzzy):
-        trained_model(short, family, 2.0)
+        train_model(short, family, 2.0)
 
 
 def main() -> None:
@@ -191,12 +196,12 @@ def main() -> None:
     print_table(header, [row(o, ours) for o in outcomes], left=2)
 
 
-def row(outcome: Outcome, ours: Outcome) -> tuple[str, ...]:
+def row(outcome: PeerOutcome, ours: PeerOutcome) -> tuple[str, ...]:
     """Return a row of the table; `ours` is what the ratios are to."""
     spent, j = outcome.spent, f"{outcome.cost:.2f}" if outcome.cost < 1000.0 else "diverges"
     ratio = f"{outcome.cost / ours.cost:.2f}" if outcome.cost < 1000.0 else ""
     times = (f"{spent.cpu:.2f}", f"{spent.wall:.2f}", str(outcome.terms))
-    return (outcome.entry.tool, outcome.entry.given, j, *times, ratio, f"{spent.cpu / ours.spent.cpu:.2f}")
+    return (outcome.entry.tool, outcome.entry.inputs, j, *times, ratio, f"{spent.cpu / ours.spent.cpu:.2f}")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from timeit import Timer
 from typing import Any
 
 import numpy as np
-from measuring import interleaved, print_table, say, verdict
+from measurement import print_note, print_table, time_interleaved, verdict
 from rosbags.typesys import Stores, get_typestore
 
 from ces_observer.cdr.joint_state import RawEstimate
@@ -58,7 +58,7 @@ ESTIMATE: dict[str, Any] = {
 def main() -> None:
     works = {f"raw {name}": work for name, work in raw_works().items()}
     works |= {f"rclpy {name}": work for name, work in rclpy_works().items()}
-    seconds = interleaved({name: partial(work.timeit, CALLS) for name, work in works.items()}, REPEATS)
+    seconds = time_interleaved({name: partial(work.timeit, CALLS) for name, work in works.items()}, REPEATS)
     us = {name: 1e6 * time / CALLS for name, time in seconds.items()}
     targets = {name: target for name, (_, _, target) in READS.items()} | {WRITE: WRITE_TARGET}
     rows = [row(name, us[f"raw {name}"], target, us.get(f"rclpy {name}")) for name, target in targets.items()]
@@ -75,7 +75,7 @@ def raw_works() -> dict[str, Timer]:
     works: dict[str, Timer] = {}
     for name, (kind, field, _) in READS.items():
         reader = RawSignal(Signal("position", "t", kind, FieldPath.parse(field)), FIELDS.__getitem__)
-        works[name] = Timer("read(raw)", globals={"read": reader.read, "raw": serialised(kind)})
+        works[name] = Timer("read(raw)", globals={"read": reader.read, "raw": serialise(kind)})
     estimate = {**ESTIMATE, "frame_id": ESTIMATE["frame_id"].encode(), "fill": RawEstimate("rear_damper").fill}
     works[WRITE] = Timer("fill(stamp_ns, frame_id, position, speed, force)", globals=estimate)
     return works
@@ -86,13 +86,13 @@ def rclpy_works() -> dict[str, Timer]:
         from rclpy.serialization import deserialize_message, serialize_message
         from rosidl_runtime_py.utilities import get_message
     except ImportError:
-        say("ROS 2 is not sourced: without the columns of rclpy")
+        print_note("ROS 2 is not sourced: without the columns of rclpy")
         return {}
     from ces_observer.nodes.message_types import header_stamp_ns, is_stamped
 
     works: dict[str, Timer] = {}
     for name, (kind, field, _) in READS.items():
-        raw, of_type, read = serialised(kind), get_message(kind), FieldPath.parse(field).read
+        raw, of_type, read = serialise(kind), get_message(kind), FieldPath.parse(field).read
         names = {
             "raw": raw,
             "kind": of_type,
@@ -115,7 +115,7 @@ def write_ordinarily(message: Any, stamp_ns: int, frame_id: str, position: float
     message.position[0], message.velocity[0], message.effort[0] = position, speed, force
 
 
-def serialised(kind: str) -> bytes:
+def serialise(kind: str) -> bytes:
     """Return a message of one of the types in READS."""
     types = STORE.types
     sec, nanosec = divmod(STAMP_NS, 1_000_000_000)

@@ -21,16 +21,16 @@ from pathlib import Path
 import blas_one_thread  # noqa: F401 - before NumPy
 import identification_peers as peers
 import numpy as np
-from bench_export import N, called, compiled, python_steps, samples
+from bench_export import N, bind_arrays, compile_estimator, make_inputs, python_steps
 from bench_free_run import ten_terms
 from bench_time_to_cost import model_of
 from damper_set import series
 from identification_peers import FED
-from measuring import free_cores, installed, interleaved, print_table, say, timed, verdict
+from measurement import free_cores, is_installed, print_note, print_table, time_call, time_interleaved, verdict
 
-from ces_identify.polynomial.free_run_fit import Fit, fit_free_run
-from ces_identify.polynomial.limits import RANDOM, Found, Limits
-from ces_identify.polynomial.problem import Problem, pose
+from ces_identify.polynomial.free_run_fit import FreeRunFit, fit_free_run
+from ces_identify.polynomial.limits import RANDOM, Limits, SearchResult
+from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.regressors import load_rules
 from ces_identify.polynomial.selection import search
 from ces_identify.simulations.simulate import simulate_series
@@ -52,19 +52,19 @@ Row = tuple[str, str, str, str, str, str]
 def split_problem() -> Problem:
     """Fits on 30,000 ticks of one recording (the estimation part of 45 s), simulates and judges on another of 30 s."""
     candidates = load_rules(None).at_rate(1000.0).candidates()
-    fitted, judged = pose([series(1, 45.0)], candidates), pose([series(2)], candidates)
+    fitted, judged = assemble_problem([series(1, 45.0)], candidates), assemble_problem([series(2)], candidates)
     return replace(judged, gram=fitted.gram, selection=judged.everything)
 
 
-def trials(problem: Problem, threads: int, seconds: float) -> tuple[float, float, Found]:
+def trials(problem: Problem, threads: int, seconds: float) -> tuple[float, float, SearchResult]:
     """Keep every thread busy with a start; return trials a second, a CPU second, and the largest found."""
     limits = Limits(TERMS, seconds, starts=threads, threads=threads, rounds=ENDLESS, method=RANDOM)
-    found, spent = timed(lambda: search(problem, limits))
+    found, spent = time_call(lambda: search(problem, limits))
     total = sum(f.trials for f in found)
     return total / spent.wall, total / spent.cpu, max(found, key=lambda f: len(f.chosen))
 
 
-def trial_rows(problem: Problem, seconds: float) -> tuple[list[Row], Found]:
+def trial_rows(problem: Problem, seconds: float) -> tuple[list[Row], SearchResult]:
     """Return rows of trials a second, alone and in threads, and a model of TERMS terms."""
     trials(problem, 1, 1.0)  # compiles
     rates, scalings, machine = [], [], []
@@ -75,13 +75,13 @@ def trial_rows(problem: Problem, seconds: float) -> tuple[list[Row], Found]:
         scalings.append(together / alone)
         machine.append(free_cores(THREADS))
     rate, scaling, given = map(statistics.median, (rates, scalings, machine))
-    peer = peer_trials() if installed("sysidentpy") else None
+    peer = peer_trials() if is_installed("sysidentpy") else None
     what = f"candidates tried a CPU second, up to {TERMS} terms"
     beside = f"a hash without locks {given:.2f}"
     first = (
         what,
         f"{rate:,.0f}",
-        *_beside("SysIdentPy MetaMSS", peer, rate),
+        *_compare("SysIdentPy MetaMSS", peer, rate),
         "at least 2,000",
         verdict(rate, 2000.0, True),
     )
@@ -94,10 +94,10 @@ def peer_trials() -> float:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         trial = peers.metamss_trial(FED.columns(1), FED.columns(2))
-        return 1.0 / interleaved({"trial": trial}, SLOW_REPEATS)["trial"]
+        return 1.0 / time_interleaved({"trial": trial}, SLOW_REPEATS)["trial"]
 
 
-def _beside(peer: str, theirs: float | None, ours: float, faster_is_more: bool = True) -> tuple[str, str]:
+def _compare(peer: str, theirs: float | None, ours: float, faster_is_more: bool = True) -> tuple[str, str]:
     """Return the peer's figure and the ratio by which we are faster."""
     if theirs is None:
         return "", ""
@@ -105,7 +105,7 @@ def _beside(peer: str, theirs: float | None, ours: float, faster_is_more: bool =
     return f"{peer} {theirs:,.3g}", f"{ratio:,.0f}"
 
 
-def free_run_rows(problem: Problem, found: Found) -> list[Row]:
+def free_run_rows(problem: Problem, found: SearchResult) -> list[Row]:
     """Return rows of the free run, in ns a sample and term."""
     model, test = model_of(problem, found), series(2)
     terms = len(found.chosen)
@@ -115,12 +115,12 @@ def free_run_rows(problem: Problem, found: Found) -> list[Row]:
     }
     slow: dict[str, Callable[[], object]] = {}
     data = FED.columns(1)
-    if installed("sysidentpy"):
+    if is_installed("sysidentpy"):
         slow["SysIdentPy"] = partial(peers.frols(data, data).simulate, data)
-    if installed("fastcan"):
+    if is_installed("fastcan"):
         slow["fastcan"] = partial(peers.fastcan_one_step(data, data).simulate, data)
-    times = {k: 1e9 * t / TICKS / terms for k, t in interleaved(works, REPEATS).items()}
-    times |= {k: 1e9 * t / TICKS / TERMS for k, t in interleaved(slow, SLOW_REPEATS).items()}
+    times = {k: 1e9 * t / TICKS / terms for k, t in time_interleaved(works, REPEATS).items()}
+    times |= {k: 1e9 * t / TICKS / TERMS for k, t in time_interleaved(slow, SLOW_REPEATS).items()}
     beside = "; ".join(f"{name} {times[name]:,.0f}" for name in slow)
     ratio = "; ".join(f"{times[name] / times['ours']:,.0f}" for name in slow)
     what = f"free run with its cost, {terms} terms, ns a sample and term"
@@ -128,21 +128,21 @@ def free_run_rows(problem: Problem, found: Found) -> list[Row]:
     return [first, ("a model on a prepared series, powers included, the same", f"{times['whole']:.2f}", "", "", "", "")]
 
 
-def fit_rows(problem: Problem, found: Found) -> list[Row]:
+def fit_rows(problem: Problem, found: SearchResult) -> list[Row]:
     """Return the row of an iteration of the simulation-error fit."""
     dice = np.random.default_rng(1)
     start = found.coefficients * (1.0 + AWAY * dice.standard_normal(len(found.coefficients)))
 
-    def fit(iterations: int) -> Fit:
+    def fit(iterations: int) -> FreeRunFit:
         return fit_free_run(problem, found.chosen, start, problem.everything, iterations)
 
     if not fit(MORE).error < fit(MORE - 1).error < fit(FEW).error:
-        say("the simulation-error fit settled early: its iterations cannot be timed by their difference")
-    times = interleaved({"few": partial(fit, FEW), "more": partial(fit, MORE)}, REPEATS)
+        print_note("the simulation-error fit settled early: its iterations cannot be timed by their difference")
+    times = time_interleaved({"few": partial(fit, FEW), "more": partial(fit, MORE)}, REPEATS)
     ours = 1e3 * (times["more"] - times["few"]) / (MORE - FEW)
-    theirs = peer_iteration() if installed("fastcan") else None
+    theirs = peer_iteration() if is_installed("fastcan") else None
     what = f"iteration of the simulation-error fit, {len(start)} terms, {TICKS:,} samples, ms"
-    cells = (what, f"{ours:.2f}", *_beside("fastcan", theirs, ours, False), "at most 5", verdict(ours, 5.0))
+    cells = (what, f"{ours:.2f}", *_compare("fastcan", theirs, ours, False), "at most 5", verdict(ours, 5.0))
     return [cells]
 
 
@@ -155,7 +155,7 @@ def peer_iteration() -> float:
         return model.fit(data.inputs, data.force, coef_init="one_step_ahead", max_nfev=steps)
 
     works = {"few": partial(fit, PEER_FEW), "more": partial(fit, PEER_MORE)}
-    times = interleaved(works, 1)
+    times = time_interleaved(works, 1)
     return 1e3 * (times["more"] - times["few"]) / (PEER_MORE - PEER_FEW)
 
 
@@ -163,7 +163,7 @@ def step_rows() -> list[Row]:
     """Return rows of the estimator's step: the polynomial alone in Python, and all of it in exported C."""
     envelope = Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
     model = Model(Sampling(1000.0, 100.0, 0.01, order=3), Polynomial(ten_terms()), envelope, (-1e6, 1e6))
-    given = samples(0.0)
+    given = make_inputs(0.0)
     inputs = list(zip(given.position.tolist(), given.speed.tolist(), given.current.tolist(), strict=True))
     run = model.make_predictor()
 
@@ -173,7 +173,9 @@ def step_rows() -> list[Row]:
         for x, v, i in inputs:
             tick(x, v, i)
 
-    times = {k: 1e6 * t / N for k, t in interleaved({"tick": ticks, "step": python_steps(model, given)}, 5).items()}
+    times = {
+        k: 1e6 * t / N for k, t in time_interleaved({"tick": ticks, "step": python_steps(model, given)}, 5).items()
+    }
     rows: list[Row] = [
         (
             "tick of the 10-term polynomial in Python, µs",
@@ -192,16 +194,16 @@ def c_rows(model: Model, python_us: float) -> list[Row]:
     """Return rows of the exported C, none without a compiler."""
     compiler = shutil.which("cc")
     if compiler is None:
-        say("no C compiler (cc): exported C skipped")
+        print_note("no C compiler (cc): exported C skipped")
         return []
     with tempfile.TemporaryDirectory() as folder:
-        library = compiled(model, compiler, Path(folder))
-        steady, jittered = samples(0.0), samples(2e5)
+        library = compile_estimator(model, compiler, Path(folder))
+        steady, jittered = make_inputs(0.0), make_inputs(2e5)
         works = {
-            "steady": called(library.steps, steady.stamps, steady.position, steady.current),
-            "jittered": called(library.steps, jittered.stamps, jittered.position, jittered.current),
+            "steady": bind_arrays(library.steps, steady.stamps, steady.position, steady.current),
+            "jittered": bind_arrays(library.steps, jittered.stamps, jittered.position, jittered.current),
         }
-        times = {k: 1e6 * t / N for k, t in interleaved(works, 21).items()}
+        times = {k: 1e6 * t / N for k, t in time_interleaved(works, 21).items()}
     return [
         (
             f"whole estimator step in exported C, {stamps} stamps, µs",

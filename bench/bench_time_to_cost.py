@@ -19,16 +19,16 @@ from dataclasses import dataclass, field
 
 import blas_one_thread  # noqa: F401 - before NumPy
 from damper_set import RATE, series
-from measuring import print_table, say
+from measurement import print_note, print_table
 
-from ces_identify.polynomial.limits import BOTH, METHODS, Found, Limits
+from ces_identify.polynomial.limits import BOTH, METHODS, Limits, SearchResult
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.selection import search
-from ces_identify.polynomial_structure import posed
+from ces_identify.polynomial_structure import build_problem
 from ces_identify.preparation.cost import series_cost
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
@@ -42,7 +42,7 @@ SECONDS = 30.0
 class Watch:
     """Listens to starts one after the other: CPU time [s] of each improvement, the judging left out, and its test J.
 
-    `heard` holds (time [s], J [%]) by the seed of the start; posing took `spent` [s].
+    `improvements` holds (time [s], J [%]) by the seed of the start; posing took `spent` [s].
     """
 
     problem: Problem
@@ -50,36 +50,36 @@ class Watch:
     spent: float
     began: float = field(default_factory=time.process_time)
     left: float = field(default_factory=time.process_time)
-    heard: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
+    improvements: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
 
-    def __call__(self, found: Found) -> None:
+    def __call__(self, found: SearchResult) -> None:
         now = time.process_time()
-        if found.seed not in self.heard:
+        if found.seed not in self.improvements:
             self.began = self.left  # the start before ended when it was last heard of
         model = model_of(self.problem, found)
         j = series_cost(self.test, simulate_series(model, self.test).force)
-        self.heard.setdefault(found.seed, []).append((self.spent + now - self.began, j))
+        self.improvements.setdefault(found.seed, []).append((self.spent + now - self.began, j))
         self.left = time.process_time()
         self.began += self.left - now
 
     def first(self, seed: int, target: float) -> float:
         """Return the CPU time [s] at which a start's J was first at most `target`, infinite if it never was."""
-        return next((t for t, j in self.heard[seed] if j <= target), math.inf)
+        return next((t for t, j in self.improvements[seed] if j <= target), math.inf)
 
 
-def model_of(problem: Problem, found: Found) -> Model:
+def model_of(problem: Problem, found: SearchResult) -> Model:
     terms = [
         Term(float(c), problem.candidates[i].factors) for c, i in zip(found.coefficients, found.chosen, strict=True)
     ]
     return Model(SAMPLING, Polynomial(tuple(terms)), problem.envelope, problem.force_envelope)
 
 
-def watched(terms: int, seeds: Sequence[int], starts: int, method: str, seconds: float = SECONDS) -> Watch:
+def watch_starts(terms: int, seeds: Sequence[int], starts: int, method: str, seconds: float = SECONDS) -> Watch:
     """Return what was heard of so many starts on one data set."""
     estimation, selection, test = (series(seed) for seed in seeds)
     limits = Limits(terms, starts * seconds, starts=starts, threads=1, method=method)
     began = time.process_time()
-    problem = posed([estimation, selection], Options(limits=limits))
+    problem = build_problem([estimation, selection], IdentifyOptions(limits=limits))
     watch = Watch(problem, test, time.process_time() - began)
     search(problem, limits, watch)
     return watch
@@ -87,17 +87,17 @@ def watched(terms: int, seeds: Sequence[int], starts: int, method: str, seconds:
 
 def row(terms: int, seeds: Sequence[int], starts: int, method: str) -> tuple[str, ...]:
     """Return a row of the table: how every start on one data set did."""
-    watch = watched(terms, seeds, starts, method)
-    last = [heard[-1] for heard in watch.heard.values()]
+    watch = watch_starts(terms, seeds, starts, method)
+    last = [heard[-1] for heard in watch.improvements.values()]
     cells = [f"{watch.spent:.2f}"]
     for target, limit in TARGETS.items():
-        times = [watch.first(seed, target) for seed in watch.heard]
+        times = [watch.first(seed, target) for seed in watch.improvements]
         within = sum(t <= limit for t in times)
         mark = "met" if within == starts else f"**missed by {starts - within}**"
         cells += [*map(_seconds, (statistics.median(times), max(times))), f"{within} of {starts}", mark]
     costs = [j for _, j in last]
     final = (f"{min(costs):.2f} to {max(costs):.2f}", f"{statistics.median(t for t, _ in last):.1f}")
-    say(f"{terms} terms, {seeds}: {cells}, J at the end {final[0]}")
+    print_note(f"{terms} terms, {seeds}: {cells}, J at the end {final[0]}")
     return (str(terms), ", ".join(map(str, seeds)), *cells, *final)
 
 
@@ -112,7 +112,7 @@ def main() -> None:
     parser.add_argument("--data", nargs="+", default=["1,2,3", "11,12,13", "21,22,23"], metavar="E,S,T")
     parser.add_argument("--starts", type=int, default=10, help="seeds 1 to this, default 10")
     options = parser.parse_args()
-    watched(12, (1, 2, 3), 2, options.method, 3.0)  # compiles
+    watch_starts(12, (1, 2, 3), 2, options.method, 3.0)  # compiles
     header = ["most terms", "seeds of data", "posing CPU s"]
     for target, limit in TARGETS.items():
         to = f"to J {target:g}: "

@@ -27,7 +27,7 @@ from pathlib import Path
 
 from compare_cases import CASES, INPUTS, write_inputs
 from compare_files import SUFFIXES, Comparison, compare_files, without_provenance
-from measuring import print_table, say, timed
+from measurement import print_note, print_table, time_call
 
 ROOT = Path(__file__).resolve().parent.parent
 HEADER = ("file", "values compared", "values that differ", "largest relative difference", "texts that differ")
@@ -67,8 +67,8 @@ class Tree:
         if inputs is not None:
             shutil.copytree(inputs, self.results / "inputs")
         for name in (*(["inputs"] if inputs is None else []), *cases):
-            _, spent = timed(lambda name=name: self._case(self.results / name))
-            say(f"{self.results.name}: {name}: {spent.wall:.0f} s, {spent.cpu:.0f} s of one core")
+            _, spent = time_call(lambda name=name: self._case(self.results / name))
+            print_note(f"{self.results.name}: {name}: {spent.wall:.0f} s, {spent.cpu:.0f} s of one core")
 
     def _case(self, folder: Path) -> None:
         """Run the commands of a case; what each prints becomes a result file, too."""

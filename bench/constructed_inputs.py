@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from ces_identify.identify import identify
-from ces_identify.polynomial.constructed_options import with_blend, with_constructed
+from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
 from ces_identify.polynomial.limits import Limits
-from ces_identify.polynomial.regressors import Rules, load_rules
+from ces_identify.polynomial.regressors import CandidateRules, load_rules
 from ces_identify.recordings.bag_reader import RecordingWarning, read_recording
 from ces_identify.recordings.signals_file import load_signals
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 
 BAGS = Path(__file__).resolve().parent.parent / "bags"
 FITTED, JUDGED = ("noise", "sweep"), ("sine_4hz", "road")
@@ -35,17 +35,17 @@ ROWS: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (  # --construct, --
 )
 
 
-def rules_of(constructed: tuple[str, ...], blends: tuple[str, ...]) -> Rules:
+def rules_of(constructed: tuple[str, ...], blends: tuple[str, ...]) -> CandidateRules:
     """Return the built-in rules with these options."""
-    return reduce(with_blend, blends, reduce(with_constructed, constructed, load_rules(None)))
+    return reduce(add_blend, blends, reduce(add_constructed_inputs, constructed, load_rules(None)))
 
 
-def costs(rules: Rules, seconds: float, terms: int, seed: int) -> list[float]:
+def costs(rules: CandidateRules, seconds: float, terms: int, seed: int) -> list[float]:
     """Return J [%] on the recordings fitted, then on those judged; then the number of terms and the proved gain."""
     signals = load_signals(None)
     fitted, judged = ([read_recording(BAGS / name, signals) for name in names] for names in (FITTED, JUDGED))
     limits = Limits(terms, seconds, 0.0, 2, seed, 2)
-    found = identify(fitted, judged, Options(1.0, rules, limits))
+    found = identify(fitted, judged, IdentifyOptions(1.0, rules, limits))
     assert found.model.certificate is not None
     return [*(e.cost for e in found.evaluations), len(found.model.body.terms), found.model.certificate["gain"]]
 

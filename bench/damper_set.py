@@ -26,22 +26,22 @@ def make(seed: int, seconds: float = 30.0) -> tuple[F, F, F]:
     fine = RATE * OVERSAMPLING
     n = int((seconds + 2) * fine)
 
-    def low_passed(cutoff: float) -> F:
+    def low_pass(cutoff: float) -> F:
         white = rng.standard_normal(int((seconds + 2) * RATE))
         w = sosfiltfilt(butter(4, cutoff, fs=RATE, output="sos"), white)
         return np.asarray(np.interp(np.arange(n) / fine, np.arange(len(w)) / RATE, w / w.std()))
 
-    def lagged(u: F, tau: float) -> F:
+    def lag(u: F, tau: float) -> F:
         a = np.exp(-1.0 / (fine * tau))
         return np.asarray(lfilter([1 - a], [1, -a], u))
 
-    stroke = 0.018 * low_passed(4.0)
+    stroke = 0.018 * low_pass(4.0)
     speed = sosfiltfilt(butter(2, 100, fs=fine, output="sos"), np.gradient(stroke) * fine)
-    current = np.clip(0.495 + 0.12 * low_passed(3.0), 0.29, 0.70)
-    opening = (0.70 - (lagged(current - 0.495, 0.008) + 0.495)) / 0.41
+    current = np.clip(0.495 + 0.12 * low_pass(3.0), 0.29, 0.70)
+    opening = (0.70 - (lag(current - 0.495, 0.008) + 0.495)) / 0.41
     gain = np.where(speed > 0, 900 + 1900 * (1 - opening) ** 1.3, 500 + 900 * (1 - opening) ** 1.2)
     gas = 10e5 * 1.5e-4 * (1.0e-4 / (1.0e-4 - 1.5e-4 * np.clip(stroke, -0.1, 0.1))) ** 1.3
-    force = lagged(gain * np.sign(speed) * np.abs(speed) ** 0.62 + 45 * np.tanh(speed / 0.008) + gas, 0.005)
+    force = lag(gain * np.sign(speed) * np.abs(speed) ** 0.62 + 45 * np.tanh(speed / 0.008) + gas, 0.005)
     keep = slice(int(fine), int(fine) + int(seconds * fine), OVERSAMPLING)
     noise = 8.0 * rng.standard_normal(int(seconds * RATE))
     return current[keep].copy(), speed[keep].copy(), force[keep] + noise

@@ -41,7 +41,7 @@ def kalman(order: int) -> Filter:
         closed = advance - np.outer(gain, advance[0])
         select = np.eye(order)[1:2]
         b, a = ss2tf(closed, (closed @ gain)[:, None], select, np.array([[gain[1]]]))
-        return _filtered(b[0], a, x)
+        return _filter(b[0], a, x)
 
     return speeds
 
@@ -51,7 +51,7 @@ def difference(order: int) -> Filter:
 
     def speeds(x: F, rate: float, bandwidth: float) -> F:
         b, a = butter(order, min(bandwidth, 0.49 * rate), fs=rate)
-        return _filtered(np.convolve(b, [rate, -rate]), a, x)
+        return _filter(np.convolve(b, [rate, -rate]), a, x)
 
     return speeds
 
@@ -63,7 +63,7 @@ def savitzky_golay(degree: int, inside: int = 0) -> Filter:
         window = max(degree + 1 + inside, round(rate / bandwidth))
         at = window - 1 - inside
         b = savgol_coeffs(window, degree, deriv=1, delta=1.0 / rate, pos=at, use="dot")
-        return _filtered(b[::-1], np.ones(1), x)
+        return _filter(b[::-1], np.ones(1), x)
 
     return speeds
 
@@ -120,7 +120,7 @@ def _place(advance: NDArray[np.float64], see: NDArray[np.float64], poles: NDArra
     return np.asarray(wanted @ np.linalg.solve(seen, np.eye(n)[:, -1]))
 
 
-def _filtered(b: F, a: F, x: F) -> F:
+def _filter(b: F, a: F, x: F) -> F:
     return np.asarray(lfilter(b, a, x - x[0]))
 
 

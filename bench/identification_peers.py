@@ -62,14 +62,14 @@ POWER_FED = Feed("hand-fed: abs(v)^0.62, signed, for v", TRUE_POWER)
 
 
 @dataclass(frozen=True)
-class Fitted:
+class PeerModel:
     """A peer's model: how to run it freely, and the number of its terms (or parameters)."""
 
     simulate: Simulate
     terms: int
 
 
-def frols(estimation: Columns, selection: Columns, terms: int = TERMS) -> Fitted:
+def frols(estimation: Columns, selection: Columns, terms: int = TERMS) -> PeerModel:
     """SysIdentPy's forward regression by error reduction ratio, degree 3; it has no use for `selection`."""
     del selection
     from sysidentpy.basis_function import Polynomial
@@ -85,10 +85,10 @@ def frols(estimation: Columns, selection: Columns, terms: int = TERMS) -> Fitted
         estimator=LeastSquares(),
     )
     model.fit(X=_ahead(estimation.inputs), y=estimation.force[:, None])
-    return Fitted(_simulated_by(model), len(model.final_model))
+    return PeerModel(_simulate_with(model), len(model.final_model))
 
 
-def metamss(estimation: Columns, selection: Columns) -> Fitted:
+def metamss(estimation: Columns, selection: Columns) -> PeerModel:
     """SysIdentPy's search by free run, degree 3: fits on `estimation`, judges on `selection`."""
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import MetaMSS
@@ -107,7 +107,7 @@ def metamss(estimation: Columns, selection: Columns) -> Fitted:
         X=np.concatenate([_ahead(estimation.inputs), _ahead(selection.inputs)]),
         y=np.concatenate([estimation.force, selection.force])[:, None],
     )
-    return Fitted(_simulated_by(model), len(model.final_model))
+    return PeerModel(_simulate_with(model), len(model.final_model))
 
 
 def metamss_trial(estimation: Columns, selection: Columns) -> Callable[[], object]:
@@ -135,21 +135,21 @@ def fastcan_model(estimation: Columns) -> Any:
     )
 
 
-def fastcan_one_step(estimation: Columns, selection: Columns) -> Fitted:
+def fastcan_one_step(estimation: Columns, selection: Columns) -> PeerModel:
     """fastcan's selection, then least squares on measured past forces."""
     del selection
-    return _fastcan_fitted(fastcan_model(estimation).fit(estimation.inputs, estimation.force))
+    return _wrap_fastcan(fastcan_model(estimation).fit(estimation.inputs, estimation.force))
 
 
-def fastcan_free_run(estimation: Columns, selection: Columns) -> Fitted:
+def fastcan_free_run(estimation: Columns, selection: Columns) -> PeerModel:
     """fastcan's selection, then least squares on the free run."""
     del selection
     model = fastcan_model(estimation)
     model.fit(estimation.inputs, estimation.force, coef_init="one_step_ahead", max_nfev=STEPS)
-    return _fastcan_fitted(model)
+    return _wrap_fastcan(model)
 
 
-def anfis_toolbox(estimation: Columns, selection: Columns) -> Fitted:
+def anfis_toolbox(estimation: Columns, selection: Columns) -> PeerModel:
     """anfis-toolbox's hybrid learning on one-step errors: 27 rules on past force, speed and current."""
     del selection
     from anfis_toolbox import ANFISRegressor
@@ -169,15 +169,17 @@ def anfis_toolbox(estimation: Columns, selection: Columns) -> Fitted:
         return np.asarray(force * spread)
 
     rules = len(model.rules_ or ())
-    return Fitted(simulate, rules * (rows.shape[1] + 1) + 3 * MEMBERSHIPS * rows.shape[1])
+    return PeerModel(simulate, rules * (rows.shape[1] + 1) + 3 * MEMBERSHIPS * rows.shape[1])
 
 
-def _simulated_by(model: Any) -> Simulate:
+def _simulate_with(model: Any) -> Simulate:
     return lambda data: np.ravel(model.predict(X=_ahead(data.inputs), y=data.force[:, None]))
 
 
-def _fastcan_fitted(model: Any) -> Fitted:
-    return Fitted(lambda data: np.asarray(model.predict(data.inputs, y_init=data.force[: model.max_delay_])), TERMS + 1)
+def _wrap_fastcan(model: Any) -> PeerModel:
+    return PeerModel(
+        lambda data: np.asarray(model.predict(data.inputs, y_init=data.force[: model.max_delay_])), TERMS + 1
+    )
 
 
 def _frols_code(estimation: Columns) -> Any:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from ces_observer.checked import write_beside
+from ces_observer.json_checks import write_atomically
 
 
 def markdown(rows: Sequence[Sequence[str]]) -> str:
@@ -16,11 +16,11 @@ def markdown(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"|{line}|" if line.startswith("---") else f"| {line} |" for line in lines)
 
 
-def put_between(path: Path, name: str, body: str) -> None:
+def replace_between(path: Path, name: str, body: str) -> None:
     """Replace what stands between the markers `name` in a Markdown file; raises ValueError if they are not there."""
     found = between(path, name)
     text = path.read_text("utf-8")
-    write_beside(path, f"{text[: found.start(1)]}{body}\n{text[found.end(1) :]}")
+    write_atomically(path, f"{text[: found.start(1)]}{body}\n{text[found.end(1) :]}")
 
 
 def between(path: Path, name: str) -> re.Match[str]:

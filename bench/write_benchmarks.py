@@ -23,7 +23,7 @@ BLOCK = re.compile(
 )
 
 
-def made(command: str) -> str:
+def run_script(command: str) -> str:
     """Return what a script prints, as a Markdown table or, if it is not one, between fences."""
     print(f"python {command}", file=sys.stderr, flush=True)
     done = subprocess.run(
@@ -48,12 +48,12 @@ def main() -> None:
 def rewrite(name: str) -> None:
     """Put a table newly made in its place; the page is read after the script has run, which may take minutes."""
     block = next(b for b in BLOCK.finditer(PAGE.read_text(encoding="utf-8")) if b["name"] == name)
-    table = made(block["command"])
+    table = run_script(block["command"])
 
-    def put(found: re.Match[str]) -> str:
+    def insert_table(found: re.Match[str]) -> str:
         return f"{found['begin']}{table}\n{found['end']}" if found["name"] == name else found[0]
 
-    PAGE.write_text(BLOCK.sub(put, PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    PAGE.write_text(BLOCK.sub(insert_table, PAGE.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -15,24 +15,24 @@ from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library
 from ces_gap.effects.user_effects import require_sound
 from ces_gap.experiment.doubts import find_doubts, propose_experiment
-from ces_gap.inference.anchored import Refinement
+from ces_gap.inference.anchored_surrogate import Refinement
 from ces_gap.inference.decide import decide, name_by_simpler_rules
 from ces_gap.inference.held_out import score_held_out
 from ces_gap.inference.learn_baseline import learn_baseline
 from ces_gap.inference.search import search
-from ces_gap.inference.static_map import absorbed_by_map
+from ces_gap.inference.static_map import find_absorbed_effects
 from ces_gap.inference.verdict import calibration
-from ces_gap.intake.checks import check_traces, invisible
+from ces_gap.intake.checks import check_traces, find_invisible_effects
 from ces_gap.intake.prepare import prepare_recordings
 from ces_gap.progress import Progress, ignore_progress
-from ces_gap.sentence import sentence
+from ces_gap.sentence import format_verdict
 from ces_gap.where.gap_location import locate_gap
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
 
 
 @dataclass(frozen=True)
-class Options:
+class DiagnoseOptions:
     """`effects` of the user's own beside the library's; `threads` to fit with; `seed` of resampling.
 
     `experiment` False leaves out the search for the next experiment.
@@ -50,7 +50,7 @@ def diagnose(
     real: Sequence[Recording],
     held_out: Sequence[Recording] = (),
     reference: Sequence[Recording] = (),
-    options: Options | None = None,
+    options: DiagnoseOptions | None = None,
     progress: Progress = ignore_progress,
 ) -> Diagnosis:
     """Return what causes the gap between `simulation` (`spec` is how it was named) and the `real` recordings.
@@ -58,13 +58,13 @@ def diagnose(
     Judged on `held_out` (a part of `real` if none), the simulation's own error learnt from `reference`. `progress` is
     told what is being done and the share of that step. Raises CesError for what cannot be diagnosed.
     """
-    how = options or Options()
+    how = options or DiagnoseOptions()
     inputs = prepare_recordings(simulation, real, held_out, reference, progress)
     for effect in how.effects:
         require_sound(effect, inputs.real[0])
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)
     effects = (*library(), *how.effects)
-    unseen = invisible(effects, inputs.real)
+    unseen = find_invisible_effects(effects, inputs.real)
 
     progress("learning the simulation's own error", 0.0)
     baseline = learn_baseline(inputs)
@@ -98,7 +98,7 @@ def diagnose(
         wrong=next((c for c in scores.causes if c.effects[0] not in scores.composition.effects), None),
         ceiling_after_N=scores.ceiling_after_N,
         indistinguishable=doubts.indistinguishable,
-        not_separable=() if inputs.reference else absorbed_by_map(found.evidence, found.alone),
+        not_separable=() if inputs.reference else find_absorbed_effects(found.evidence, found.alone),
         invisible=unseen,
         probability_none=decision.probabilities.none,
         probability_unknown=decision.probabilities.unknown,
@@ -111,4 +111,4 @@ def diagnose(
         baselines=name_by_simpler_rules(found),
         figures=decision.figures,
     )
-    return replace(diagnosis, sentence=sentence(diagnosis))
+    return replace(diagnosis, sentence=format_verdict(diagnosis))

@@ -13,7 +13,7 @@ F = NDArray[np.float64]
 B = NDArray[np.bool_]
 
 GRID_HZ = 500.0  # [Hz] highest rate of the grid: an effect of a damper shows far below half of it
-GAP_S = 0.05  # [s] longer silence of a channel is not bridged
+MAX_SILENCE_S = 0.05  # [s] longer silence of a channel is not bridged
 SMOOTHING_HZ = (15.0, 70.0)  # [Hz] range of the position's low-pass
 ABOVE_NOISE = 10.0  # power of the position over its noise floor up to where it is kept
 
@@ -41,7 +41,7 @@ def bridge_gaps(seconds: F, values: F, grid: F) -> tuple[F, B]:
         return np.zeros_like(grid), np.zeros(len(grid), bool)
     at, first = np.unique(seconds[good], return_index=True)
     after = np.clip(np.searchsorted(at, grid), 1, len(at) - 1)
-    known = (grid >= at[0]) & (grid <= at[-1]) & (np.diff(at)[after - 1] <= GAP_S)
+    known = (grid >= at[0]) & (grid <= at[-1]) & (np.diff(at)[after - 1] <= MAX_SILENCE_S)
     return np.interp(grid, at, values[good][first]), known
 
 

@@ -8,23 +8,23 @@ from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.inference.verdict import POSSIBLE
 
 
-def sentence(found: Diagnosis) -> str:
+def format_verdict(diagnosis: Diagnosis) -> str:
     """Return what a person should take away."""
-    gap = found.gap
-    if found.verdict == NO_GAP:
+    gap = diagnosis.gap
+    if diagnosis.verdict == NO_GAP:
         if gap.rms_N > 1.5 * gap.corrected_N and gap.corrected_N < gap.rms_N:
             return (
                 f"No gap beyond the simulation's own error: of {gap.rms_N:.0f} N RMS the references explain "
                 f"all but {gap.corrected_N:.0f} N."
             )
         return f"No gap: what is left, {gap.corrected_N:.0f} N RMS, is not told from noise and calibration."
-    shrunk = _shrunk(gap.rms_N, found.composition.gap_after_N)
-    words = " and ".join(n.replace("_", " ") for n in found.composition.effects)
-    if found.verdict == UNKNOWN:
-        nearest = f"; the nearest, {words}, leaves {found.composition.gap_after_N:.0f} N" if words else ""
+    shrunk = _shrunk(gap.rms_N, diagnosis.composition.gap_after_N)
+    words = " and ".join(n.replace("_", " ") for n in diagnosis.composition.effects)
+    if diagnosis.verdict == UNKNOWN:
+        nearest = f"; the nearest, {words}, leaves {diagnosis.composition.gap_after_N:.0f} N" if words else ""
         return f"None of the known effects explains the gap of {gap.rms_N:.0f} N RMS{nearest}."
-    if found.verdict == AMBIGUOUS:
-        return f"{_doubt(found)}; with {words}, {shrunk}."
+    if diagnosis.verdict == AMBIGUOUS:
+        return f"{_doubt(diagnosis)}; with {words}, {shrunk}."
     return f"The gap is caused by {words}: once added, {shrunk} on recordings the fit never saw."
 
 

@@ -25,9 +25,9 @@ from ces_gap.grid import (
     thin_out,
     without_edges,
 )
-from ces_gap.plant_map.own_spring import PumpedMap, SprungMap, learn_pumped, learn_sprung
+from ces_gap.plant_map.own_spring import PumpedMap, SprungMap, learn_pumped_map, learn_sprung_map
 from ces_gap.plant_map.speed_map import SpeedMap, learn_map
-from ces_identify.preparation.series import held_current
+from ces_identify.preparation.series import hold_current
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation, find_predictions
 
@@ -36,11 +36,11 @@ B = NDArray[np.bool_]
 
 CURRENT_AGE_S = 0.5  # [s] a current older than this is not known
 EDGE_S = 0.1  # [s] at either end of a stretch, where filters run in
-LEAST_S = 1.0  # [s] of usable samples
+MIN_USABLE_S = 1.0  # [s] of usable samples
 
 
 @dataclass(frozen=True)
-class Inputs:
+class TraceInputs:
     """What drives the damper: `position` [m], `speed` [m/s] and `current` [A] on a trace's grid, each (n,)."""
 
     position: F
@@ -48,11 +48,11 @@ class Inputs:
     current: F
     current_as_logged: bool = False  # a simulation that is run again then gets the logged current, not the grid's
 
-    def moved(self, position: F, rate_Hz: float) -> Inputs:
+    def with_position(self, position: F, rate_Hz: float) -> TraceInputs:
         """Return the same with another position [m] (n,), and the speed changed by as much as the position is."""
         return replace(self, position=position, speed=self.speed + derivative(position - self.position, rate_Hz))
 
-    def powered(self, current: F) -> Inputs:
+    def with_current(self, current: F) -> TraceInputs:
         """Return the same with another current [A] (n,)."""
         return replace(self, current=current, current_as_logged=False)
 
@@ -62,21 +62,21 @@ class Trace:
     """A recording on a uniform grid.
 
     Arrays over n ticks: `time_s` from the first position sample; `inputs`; `acceleration` [m/s2]; `force` [N] measured;
-    `simulated` [N], the simulation on the smoothed position, `as_given` [N] on the position as logged. `usable` (n,)
-    marks the ticks at which all of them are known and filters have run in; elsewhere they are bridged with plain
-    numbers. `low_pass_Hz` is that of the position. `noise_N` is the RMS of the force's noise on the grid: white noise
-    as strong as what was logged in the top eighth of frequencies. `map_ticks` (n,) are the ticks from which
+    `simulated` [N], the simulation on the smoothed position, `simulated_as_logged` [N] on the position as logged.
+    `usable` (n,) marks the ticks at which all of them are known and filters have run in; elsewhere they are bridged
+    with plain numbers. `low_pass_Hz` is that of the position. `noise_N` is the RMS of the force's noise on the grid:
+    white noise as strong as what was logged in the top eighth of frequencies. `map_ticks` (n,) are the ticks from which
     `sprung_map` and `pumped_map` are learnt, the usable ones if None.
     """
 
     name: str
     rate_Hz: float
     time_s: F
-    inputs: Inputs
+    inputs: TraceInputs
     acceleration: F
     force: F
     simulated: F
-    as_given: F
+    simulated_as_logged: F
     usable: B
     recording: Recording
     low_pass_Hz: float
@@ -94,18 +94,18 @@ class Trace:
     @cached_property
     def sprung_map(self) -> SprungMap:
         """What the simulated force says of the plant: a map of speed and current behind one spring."""
-        return learn_sprung(*self._simulated())
+        return learn_sprung_map(*self._simulated())
 
     @cached_property
     def pumped_map(self) -> PumpedMap:
         """The same behind a spring that is another while the damper is pushed and moves in."""
-        return learn_pumped(*self._simulated(), self.sprung_map.compliance)
+        return learn_pumped_map(*self._simulated(), self.sprung_map.compliance)
 
     def _simulated(self) -> tuple[F, F, F, B, float]:
         ticks = self.usable if self.map_ticks is None else self.map_ticks
         return self.inputs.speed, self.inputs.current, self.simulated, ticks, self.rate_Hz
 
-    def learn_map(self, inputs: Inputs, force: F) -> SpeedMap:
+    def learn_map(self, inputs: TraceInputs, force: F) -> SpeedMap:
         """Return the map of speed and current that explains the `force` [N] (n,) under `inputs` best."""
         return learn_map(inputs.speed, inputs.current, force, self.usable)
 
@@ -133,7 +133,7 @@ def make_trace(recording: Recording, simulated_N: F) -> Trace:
         channel = recording.channel("force")
         force, known_f = bridge_gaps((channel.stamps_ns - clock[0]) * 1e-9, channel.values, base)
     simulated, known_s = bridge_gaps(seconds, simulated_N, base)
-    current = held_current(recording, clock[0] + np.round(base * 1e9).astype(np.int64), CURRENT_AGE_S)
+    current = hold_current(recording, clock[0] + np.round(base * 1e9).astype(np.int64), CURRENT_AGE_S)
     known_i = np.isfinite(current)
     current = np.interp(base, base[known_i], current[known_i]) if known_i.any() else np.zeros_like(base)
     usable = without_edges(known_x & known_f & known_s & known_i, round(EDGE_S * base_Hz))
@@ -144,11 +144,11 @@ def make_trace(recording: Recording, simulated_N: F) -> Trace:
         name=recording.name,
         rate_Hz=rate,
         time_s=base[keep],
-        inputs=Inputs(position[keep], speed[keep], current[keep], current_as_logged=True),
+        inputs=TraceInputs(position[keep], speed[keep], current[keep], current_as_logged=True),
         acceleration=derivative(speed, base_Hz)[keep],
         force=thin_out(force, factor),
         simulated=thin_out(simulated, factor),
-        as_given=thin_out(simulated, factor),
+        simulated_as_logged=thin_out(simulated, factor),
         usable=usable[keep],
         recording=recording,
         low_pass_Hz=low_pass,
@@ -156,25 +156,25 @@ def make_trace(recording: Recording, simulated_N: F) -> Trace:
     )
 
 
-def open_trace(simulation: Simulation, recording: Recording, as_given: bool = True) -> Trace:
+def open_trace(simulation: Simulation, recording: Recording, also_as_logged: bool = True) -> Trace:
     """Return the trace of a recording under a simulation, which is run on the smoothed position if it can be run.
 
-    Without `as_given` it is run once only. Raises what the simulation raises, and GapError.
+    Without `also_as_logged` it is run once only. Raises what the simulation raises, and GapError.
     """
     recorded = find_predictions(simulation) is not None
-    given = make_trace(recording, simulation.force(recording) if as_given or recorded else _nothing(recording))
+    given = make_trace(recording, simulation.force(recording) if also_as_logged or recorded else _nothing(recording))
     if recorded:
         return given
-    smooth = smoothed(recording, given)
+    smooth = smooth_recording(recording, given)
     trace = make_trace(smooth, simulation.force(smooth))
-    return replace(trace, as_given=given.simulated if as_given else trace.simulated)
+    return replace(trace, simulated_as_logged=given.simulated if also_as_logged else trace.simulated)
 
 
 def _nothing(recording: Recording) -> F:
     return np.zeros(len(recording.channel("position")))
 
 
-def on_grid(trace: Trace, simulated_N: F) -> F:
+def resample_to_grid(trace: Trace, simulated_N: F) -> F:
     """Return a force [N] given at each position sample of the trace's recording on its grid (n,)."""
     clock = trace.recording.channel("position").stamps_ns
     seconds = (clock - clock[0]) * 1e-9
@@ -182,7 +182,7 @@ def on_grid(trace: Trace, simulated_N: F) -> F:
     return thin_out(bridge_gaps(seconds, simulated_N, base_times(seconds, base_Hz))[0], factor)
 
 
-def smoothed(recording: Recording, trace: Trace) -> Recording:
+def smooth_recording(recording: Recording, trace: Trace) -> Recording:
     """Return the recording with the trace's smoothed position at the stamps of the logged one, where it is finite."""
     position = recording.channel("position")
     seconds = (position.stamps_ns - position.stamps_ns[0]) * 1e-9
@@ -194,8 +194,8 @@ def smoothed(recording: Recording, trace: Trace) -> Recording:
 def require_usable(trace: Trace) -> None:
     """Raise GapError if the trace has less than a second in which position, current, force and simulation are known."""
     seconds = float(trace.usable.sum()) / trace.rate_Hz
-    if seconds < LEAST_S:
+    if seconds < MIN_USABLE_S:
         raise GapError(
             f"{trace.name}: {seconds:.2f} s with position, current, force and a simulated force together; "
-            f"expected at least {LEAST_S:g} s; check --signals and that the channels overlap in time"
+            f"expected at least {MIN_USABLE_S:g} s; check --signals and that the channels overlap in time"
         )

@@ -12,27 +12,27 @@ from itertools import pairwise
 
 import numpy as np
 
-from ces_identify.identify import Identified
+from ces_identify.identify import IdentificationResult
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_identify.validation.cost_interval import CostInterval, cost_interval
 from ces_identify.validation.evaluate import VALIDATION, Evaluation
 from ces_observer.errors import CesError
 
-Identifier = Callable[[Sequence[Recording], Sequence[Recording], Options], Identified]
-LEAST_STRETCH_S = 2.0
+Identifier = Callable[[Sequence[Recording], Sequence[Recording], IdentifyOptions], IdentificationResult]
+MIN_STRETCH_S = 2.0
 
 
 @dataclass(frozen=True)
 class Fold:
     """Recordings to identify on, and those held out meanwhile."""
 
-    kept: tuple[Recording, ...]
+    identification: tuple[Recording, ...]
     held_out: tuple[Recording, ...]
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutCost:
     """A recording that was held out: in which fold, the cost J [%] there, its interval, and how large the model was."""
 
     fold: int
@@ -49,7 +49,7 @@ class CrossValidation:
     They are infinite where a free run diverged. The spread is not the standard error of the mean: the folds share data.
     """
 
-    rows: tuple[HeldOut, ...]
+    rows: tuple[HeldOutCost, ...]
 
     @property
     def mean(self) -> float:
@@ -64,7 +64,7 @@ class CrossValidation:
 
 
 def cross_validate(
-    recordings: Sequence[Recording], folds: int, identify: Identifier, options: Options
+    recordings: Sequence[Recording], folds: int, identify: Identifier, options: IdentifyOptions
 ) -> CrossValidation:
     """Return the held-out costs of `folds` identifications, each on all but one fold of `recordings`.
 
@@ -73,7 +73,7 @@ def cross_validate(
     """
     options, rows = replace(options, split=1.0), []
     for number, fold in enumerate(split_folds(recordings, folds), 1):
-        result = identify(fold.kept, fold.held_out, options)
+        result = identify(fold.identification, fold.held_out, options)
         judged = [e for e in result.evaluations if e.role == VALIDATION]
         rows += [_row(number, e, result.model.size) for e in judged]
     return CrossValidation(tuple(rows))
@@ -100,10 +100,10 @@ def split_folds(recordings: Sequence[Recording], folds: int) -> list[Fold]:
     ]
 
 
-def between(recording: Recording, start_ns: int, stop_ns: int) -> Recording:
+def cut_recording(recording: Recording, start_ns: int, stop_ns: int) -> Recording:
     """Return the samples stamped from `start_ns` to before `stop_ns`, as a recording of their own."""
     channels = {
-        name: channel.where((channel.stamps_ns >= start_ns) & (channel.stamps_ns < stop_ns))
+        name: channel.select((channel.stamps_ns >= start_ns) & (channel.stamps_ns < stop_ns))
         for name, channel in recording.channels.items()
     }
     origin = int(recording.channel("position").stamps_ns.min())
@@ -114,15 +114,15 @@ def between(recording: Recording, start_ns: int, stop_ns: int) -> Recording:
 def _stretches(recording: Recording, folds: int) -> Iterator[Fold]:
     stamps = recording.channel("position").stamps_ns
     edges = np.linspace(stamps.min(), stamps.max() + 1, folds + 1).round().astype(np.int64).tolist()
-    if edges[1] - edges[0] < LEAST_STRETCH_S * 1e9:
+    if edges[1] - edges[0] < MIN_STRETCH_S * 1e9:
         raise CesError(
             f"--folds {folds}: {recording.name} gives stretches of {(edges[1] - edges[0]) * 1e-9:.2f} s; expected at "
-            f"least {LEAST_STRETCH_S:g} s: ask for fewer"
+            f"least {MIN_STRETCH_S:g} s: ask for fewer"
         )
     for a, b in pairwise(edges):
-        rest = [between(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
-        yield Fold(tuple(rest), (between(recording, a, b),))
+        rest = [cut_recording(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
+        yield Fold(tuple(rest), (cut_recording(recording, a, b),))
 
 
-def _row(fold: int, evaluation: Evaluation, model: str) -> HeldOut:
-    return HeldOut(fold, evaluation.name, evaluation.cost, cost_interval([evaluation]), model)
+def _row(fold: int, evaluation: Evaluation, model: str) -> HeldOutCost:
+    return HeldOutCost(fold, evaluation.name, evaluation.cost, cost_interval([evaluation]), model)

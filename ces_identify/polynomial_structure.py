@@ -8,33 +8,35 @@ from dataclasses import replace
 import numpy as np
 
 from ces_identify.numerics import search_clock
-from ces_identify.polynomial.constructed_data import within_data
+from ces_identify.polynomial.constructed_data import restrict_to_data
 from ces_identify.polynomial.free_run import run_polynomial
-from ces_identify.polynomial.limits import Found, Listener
-from ces_identify.polynomial.problem import Problem, pose
-from ces_identify.polynomial.refit import refitted
-from ces_identify.polynomial.regressors import Rules
+from ces_identify.polynomial.limits import Listener, SearchResult
+from ces_identify.polynomial.problem import Problem, assemble_problem
+from ces_identify.polynomial.refit import refit_coefficients
+from ces_identify.polynomial.regressors import CandidateRules
 from ces_identify.polynomial.selection import search
 from ces_identify.polynomial.term_table import term_table
-from ces_identify.polynomial.time_constant import settled
+from ces_identify.polynomial.time_constant import find_time_constants
 from ces_identify.preparation.series import Series
-from ces_identify.structure_kit import Fitted, Options, StructureKit
+from ces_identify.structure_kit import Fitted, IdentifyOptions, StructureKit
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
 
-LEAST_SHARE = 0.5  # of the time that is left to the search, however long posing took
+MIN_SEARCH_SHARE = 0.5  # of the time that is left to the search, however long posing took
 
 
-def fit_polynomial(training: Sequence[Series], sampling: Sampling, options: Options, listener: Listener) -> Fitted:
+def fit_polynomial(
+    training: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
+) -> Fitted:
     """Return the best polynomial of the options' candidates; raises CesError if the series hold too little.
 
     A last fit on all identification data is kept only if it does not make their free run worse.
     """
     began = search_clock.now()
-    problem = posed(training, options)
-    seconds = max(LEAST_SHARE * options.limits.seconds, options.limits.seconds - (search_clock.now() - began))
+    problem = build_problem(training, options)
+    seconds = max(MIN_SEARCH_SHARE * options.limits.seconds, options.limits.seconds - (search_clock.now() - began))
     limits = replace(options.limits, seconds=seconds)
     found = [f for f in search(problem, limits, listener) if f.cost < 100.0]
     if not found:
@@ -43,26 +45,28 @@ def fit_polynomial(training: Sequence[Series], sampling: Sampling, options: Opti
     how = {
         "method": f"{options.limits.method}, judged by free run",
         "candidates": len(problem.candidates),
-        "most_terms": options.limits.most_terms,
+        "most_terms": options.limits.max_terms,
     }
     return Fitted(model, found, how)
 
 
-def posed(training: Sequence[Series], options: Options) -> Problem:
+def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Problem:
     """Return the problem of choosing terms on prepared series, with every open time constant found."""
-    rules = _useful_rules(options.rules.at_rate(training[0].rate_Hz), training)
-    rules = settled(rules, training, options.limits, options.certify, options.weighting)
-    return pose(training, rules.candidates(), options.certify, options.weighting)
+    rules = _restrict_rules(options.rules.at_rate(training[0].rate_Hz), training)
+    rules = find_time_constants(rules, training, options.limits, options.certify, options.weighting)
+    return assemble_problem(training, rules.candidates(), options.certify, options.weighting)
 
 
-def _useful_rules(rules: Rules, training: Sequence[Series]) -> Rules:
+def _restrict_rules(rules: CandidateRules, training: Sequence[Series]) -> CandidateRules:
     """Return the rules without products of a current that does not change, and with what they construct in range."""
     current = np.concatenate([series.current for series in training])
     constant = np.ptp(current) <= 1e-3 * max(1e-9, float(np.abs(current).max()))
-    return within_data(rules.without("current") if constant else rules, training)
+    return restrict_to_data(rules.without_signal("current") if constant else rules, training)
 
 
-def _best_model(problem: Problem, sampling: Sampling, found: Sequence[Found], prove: bool) -> tuple[Model, list[Found]]:
+def _best_model(
+    problem: Problem, sampling: Sampling, found: Sequence[SearchResult], prove: bool
+) -> tuple[Model, list[SearchResult]]:
     """Return the model of the best start, with `prove` of the best whose proof succeeds, and the starts from it on."""
     for i, best in enumerate(found):
         model = _model(problem, sampling, best)
@@ -76,9 +80,9 @@ def _best_model(problem: Problem, sampling: Sampling, found: Sequence[Found], pr
     )
 
 
-def _model(problem: Problem, sampling: Sampling, best: Found) -> Model:
+def _model(problem: Problem, sampling: Sampling, best: SearchResult) -> Model:
     try:
-        coefficients = refitted(problem, best)
+        coefficients = refit_coefficients(problem, best)
     except KeyboardInterrupt:
         coefficients = best.coefficients
     terms = [Term(float(c), problem.candidates[i].factors) for c, i in zip(coefficients, best.chosen, strict=True)]

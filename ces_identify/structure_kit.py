@@ -13,8 +13,8 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.polynomial.limits import Found, Limits, Listener
-from ces_identify.polynomial.regressors import Rules, load_rules
+from ces_identify.polynomial.limits import Limits, Listener, SearchResult
+from ces_identify.polynomial.regressors import CandidateRules, load_rules
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.simulated_series import SimulatedSeries
 from ces_identify.preparation.weighting import EQUAL, Weighting
@@ -29,7 +29,7 @@ Size = bool | int | float | str
 
 
 @dataclass(frozen=True)
-class Options:
+class IdentifyOptions:
     """What to identify and how: share of each recording to identify on, rules, limits, and numbers given by hand.
 
     `weighting` tells which ticks matter more in fit and selection. With `certify`, only models whose stability is
@@ -37,7 +37,7 @@ class Options:
     """
 
     split: float = 0.75
-    rules: Rules = field(default_factory=lambda: load_rules(None))
+    rules: CandidateRules = field(default_factory=lambda: load_rules(None))
     limits: Limits = field(default_factory=Limits)
     rate_Hz: float | None = None
     bandwidth_Hz: float | None = None
@@ -50,14 +50,16 @@ class Fitted:
     """A model, what every start found (best first), and how it was chosen, for the model's provenance."""
 
     model: Model
-    found: Sequence[Found]
+    found: Sequence[SearchResult]
     how: Mapping[str, Any]
 
 
 class Fitter(Protocol):
     """Fits models of one structure and size."""
 
-    def __call__(self, training: Sequence[Series], sampling: Sampling, options: Options, listener: Listener) -> Fitted:
+    def __call__(
+        self, training: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
+    ) -> Fitted:
         """Return the best model on prepared series; raises CesError if they hold too little."""
 
 

@@ -1,7 +1,7 @@
 """The current that holds at a position sample: the newest one stamped no later, if it is not too old.
 
 Stamped currents go in as they arrive; `at` gives the current for a position's stamp, by the same rule as offline
-(`ces_identify.preparation.series.held_current`). A short history is kept because position and current come in separate
+(`ces_identify.preparation.series.hold_current`). A short history is kept because position and current come in separate
 queues, so that a current may arrive before a position that was measured earlier.
 """
 
@@ -24,7 +24,7 @@ class CurrentHold:
         self._stamps: list[int] = []
         self._values: list[float] = []
 
-    def aged(self, max_age_s: float) -> CurrentHold:
+    def with_max_age(self, max_age_s: float) -> CurrentHold:
         """Return another view of the same currents, now and to come, under another age limit."""
         view = CurrentHold(max_age_s)
         view._stamps, view._values = self._stamps, self._values
@@ -40,7 +40,7 @@ class CurrentHold:
         self._stamps.clear()
         self._values.clear()
 
-    def put(self, stamp_ns: int, current_A: float) -> None:
+    def add(self, stamp_ns: int, current_A: float) -> None:
         """Take a current; one that is not finite counts as not received."""
         if not isfinite(current_A):
             return
@@ -60,7 +60,7 @@ class CurrentHold:
             return nan
         return self._values[newest]
 
-    def why(self, stamp_ns: int) -> str:
+    def explain(self, stamp_ns: int) -> str:
         """Return why `at` gives NaN at `stamp_ns`; empty if no current was received at all."""
         if not self._stamps:
             return ""
@@ -82,7 +82,7 @@ class ConstantCurrent:
     def __init__(self, current_A: float) -> None:
         self._value = current_A
 
-    def aged(self, max_age_s: float) -> ConstantCurrent:
+    def with_max_age(self, max_age_s: float) -> ConstantCurrent:
         """Return itself: it does not age."""
         del max_age_s
         return self
@@ -95,7 +95,7 @@ class ConstantCurrent:
         del stamp_ns
         return self._value
 
-    def why(self, stamp_ns: int) -> str:
+    def explain(self, stamp_ns: int) -> str:
         """Return nothing: a constant current is always there."""
         del stamp_ns
         return ""

@@ -57,16 +57,16 @@ class DamperObserver:
         self._next: Estimator | None = None
         self._next_current = current
         self.position = self.speed = 0.0
-        self.allow_age(max_age_s)
+        self.set_max_age(max_age_s)
 
-    def allow_age(self, max_age_s: float) -> None:
+    def set_max_age(self, max_age_s: float) -> None:
         """Set the largest difference [s] between stamp and clock; 0 for any."""
         self._max_age_ns = round(max_age_s * 1e9)
 
     def load(self, model: Model) -> None:
         """Let `model` take over as soon as it has warmed up; one that was still warming up is dropped for it."""
         self._next = Estimator(model)
-        self._next_current = self.current.aged(model.sampling.max_current_age_s)
+        self._next_current = self.current.with_max_age(model.sampling.max_current_age_s)
 
     @property
     def next_model(self) -> Model | None:
@@ -86,7 +86,7 @@ class DamperObserver:
         """Take a current sample; ignored if the current is constant."""
         self.current_error = "" if isfinite(current_A) else f"the current is {current_A}"
         if isinstance(self.current, CurrentHold):
-            self.current.put(stamp_ns, current_A)
+            self.current.add(stamp_ns, current_A)
 
     def step(self, stamp_ns: int, position_m: float, now_ns: int) -> float | None:
         """Return the force [N] at `stamp_ns`, or None with `reason` set; `now_ns` is the node's clock."""
@@ -102,7 +102,7 @@ class DamperObserver:
                 self._take_over(self._next)
                 force, current = force_then, current_then
         self.position, self.speed = self._estimator.position, self._estimator.speed
-        self.reason = self._judge(force, position_m, current)
+        self.reason = self._decide_reason(force, position_m, current)
         if self.reason != OK:
             self.tally.withheld[self.reason] = self.tally.withheld.get(self.reason, 0) + 1
             return None
@@ -114,17 +114,17 @@ class DamperObserver:
         self._estimator, self._next = estimator, None
         self.model, self.current = estimator.model, self._next_current
 
-    def unreadable_position(self, error: str) -> None:
+    def count_unreadable_position(self, error: str) -> None:
         """Count a position message without the described field; only silence that follows makes it a reason."""
         self.tally.unreadable += 1
         self.position_error = error
 
-    def unreadable_current(self, error: str) -> None:
+    def count_unreadable_current(self, error: str) -> None:
         """Count a current message without the described field; a current that grows too old makes it a reason."""
         self.tally.unreadable += 1
         self.current_error = error
 
-    def silence(self) -> None:
+    def report_silence(self) -> None:
         """Tell that no position sample has come for too long."""
         self.reason = SILENT
 
@@ -133,19 +133,19 @@ class DamperObserver:
         if self.reason == SILENT:
             return self.position_error
         if self.reason == NO_CURRENT:
-            return self.current_error or self.current.why(self.stamp_ns)
+            return self.current_error or self.current.explain(self.stamp_ns)
         if self.reason in (OFF_CLOCK, OUT_OF_ORDER) and self.stamp_ns == 0:
             return "the header stamp is 0: the publisher does not fill it in"
         return self._clock_difference() if self.reason == OFF_CLOCK else ""
 
-    def _judge(self, force: float | None, position: float, current: float) -> str:
+    def _decide_reason(self, force: float | None, position: float, current: float) -> str:
         late = self._max_age_ns and abs(self.age_ns) > self._max_age_ns
         # One sum instead of five questions: it is finite only if each of them is.
         if force is not None and not late and isfinite(force + position + current + self.position + self.speed):
             return OK
-        return self._why(force, position, current)
+        return self._find_reason(force, position, current)
 
-    def _why(self, force: float | None, position: float, current: float) -> str:
+    def _find_reason(self, force: float | None, position: float, current: float) -> str:
         if not isfinite(position):
             return POSITION_NOT_FINITE
         if self._max_age_ns and abs(self.age_ns) > self._max_age_ns:

@@ -19,8 +19,8 @@ LONGEST_TEXT = 10_000
 LARGEST_WHOLE = 2**63
 
 
-def read_bounded(path: Path, most_bytes: int) -> str:
-    """Return the text of a regular file, of which no more than `most_bytes` are read.
+def read_bounded(path: Path, max_bytes: int) -> str:
+    """Return the text of a regular file, of which no more than `max_bytes` are read.
 
     Raises OSError, and ModelError naming the file if it is none, too large or not UTF-8.
     """
@@ -30,9 +30,9 @@ def read_bounded(path: Path, most_bytes: int) -> str:
     except ValueError as error:  # a NUL in the name
         raise ModelError(f"{str(path)!r}: not the name of a file: {error}") from None
     with path.open("rb") as file:
-        raw = file.read(most_bytes + 1)
-    if len(raw) > most_bytes:
-        raise ModelError(f"{path}: too large; a model file has at most {most_bytes} bytes")
+        raw = file.read(max_bytes + 1)
+    if len(raw) > max_bytes:
+        raise ModelError(f"{path}: too large; a model file has at most {max_bytes} bytes")
     try:
         return raw.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -44,14 +44,14 @@ def parse_json(text: str, source: str) -> Any:
     try:
         values = json.loads(text, object_pairs_hook=_object)
     except RecursionError:
-        raise _too_deep(source) from None
+        raise _too_deep_error(source) from None
     except ValueError as error:
         raise ModelError(f"{source}: not a JSON file: {error}") from None
     _check(values, source, DEEPEST)
     return values
 
 
-def _too_deep(where: str) -> ModelError:
+def _too_deep_error(where: str) -> ModelError:
     return ModelError(f"{where}: nested more than {DEEPEST} deep; expected a file that `ces identify` wrote")
 
 
@@ -59,7 +59,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         twice = Counter(key for key, _ in pairs).most_common(1)[0][0]
-        raise ValueError(f"key {_short(twice)} is given twice; keep one")
+        raise ValueError(f"key {_shorten(twice)} is given twice; keep one")
     return found
 
 
@@ -78,22 +78,22 @@ def _check(value: object, where: str, depth: int) -> None:
 
 def _check_all(values: dict[str, Any] | list[Any], where: str, depth: int) -> None:
     if depth == 0:
-        raise _too_deep(where[:200])
+        raise _too_deep_error(where[:200])
     if isinstance(values, list):
         for i, value in enumerate(values):
             _check(value, f"{where}[{i}]", depth - 1)
         return
     for key, value in values.items():
         _check_text(key, where)
-        _check(value, f"{where}: {key if len(key) < 40 and key.isprintable() else _short(key)}", depth - 1)
+        _check(value, f"{where}: {key if len(key) < 40 and key.isprintable() else _shorten(key)}", depth - 1)
 
 
 def _check_text(text: str, where: str) -> None:
     if len(text) > LONGEST_TEXT:
         raise ModelError(f"{where}: a text of {len(text)} characters; expected at most {LONGEST_TEXT}")
     if any("\ud800" <= character <= "\udfff" for character in text):
-        raise ModelError(f"{where}: {_short(text)} has half of a surrogate pair; expected whole characters")
+        raise ModelError(f"{where}: {_shorten(text)} has half of a surrogate pair; expected whole characters")
 
 
-def _short(text: str) -> str:
+def _shorten(text: str) -> str:
     return repr(text[:40])

@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from ces_observer.checked import Checked, write_beside
 from ces_observer.errors import ModelError
+from ces_observer.json_checks import JsonObject, write_atomically
 from ces_observer.json_text import parse_json, read_bounded
 from ces_observer.proof.certificate import Certificate
 from ces_observer.structures import STRUCTURES
@@ -24,9 +24,9 @@ SCHEMA = "ces-model/1"
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
 KEYS = ("schema", "structure", "units", "sampling", "input_envelope", "force_envelope_N", "certificate", "provenance")
 MAX_BYTES = 1_000_000
-MOST_INPUT = 1e6  # [m, m/s, A] and [N]: beyond any damper, and far from where powers overflow
-MOST_FORCE_N = 1e9
-MOST_GAP_TICKS = 20_000  # what one position sample after the longest bridged gap may cost
+MAX_INPUT = 1e6  # [m, m/s, A] and [N]: beyond any damper, and far from where powers overflow
+MAX_FORCE_N = 1e9
+MAX_GAP_TICKS = 20_000  # what one position sample after the longest bridged gap may cost
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Model:
 
     def save(self, path: Path) -> None:
         """Write the model file beside `path`, then rename it into place."""
-        write_beside(path, self.to_json())
+        write_atomically(path, self.to_json())
 
     def digest(self) -> str:
         """Return the SHA-256 of the model file's text, by which a running observer names its model."""
@@ -141,7 +141,7 @@ def parse_model(text: str, source: str) -> Model:
     """Check the text of a model file; `source` names it in errors. Raises ModelError."""
     if len(text) > MAX_BYTES:
         raise ModelError(f"{source}: {len(text)} characters; a model file has at most {MAX_BYTES} bytes")
-    root = Checked(parse_json(text, source), source)
+    root = JsonObject(parse_json(text, source), source)
     schema = root.text("schema")
     if schema != SCHEMA:
         raise ModelError(f"{source}: schema is {schema[:40]!r}; this version reads '{SCHEMA}': identify the model anew")
@@ -153,16 +153,16 @@ def parse_model(text: str, source: str) -> Model:
         sampling=_sampling(root.at("sampling")),
         body=structure.from_json(root, envelope.by_signal),
         envelope=envelope,
-        force_envelope_N=root.range("force_envelope_N", MOST_FORCE_N),
+        force_envelope_N=root.range("force_envelope_N", MAX_FORCE_N),
         certificate=root.mapping_or_none("certificate"),
         provenance=root.mapping_or_none("provenance") or {},
     )
-    root.only(*KEYS, *structure.keys)
+    root.require_only_keys(*KEYS, *structure.keys)
     return model
 
 
-def _sampling(node: Checked) -> Sampling:
-    node.only(*(one.name for one in fields(Sampling)))
+def _sampling(node: JsonObject) -> Sampling:
+    node.require_only_keys(*(one.name for one in fields(Sampling)))
     sampling = Sampling(
         rate_Hz=node.number("rate_Hz", 1.0, 100e3),
         bandwidth_Hz=node.number("bandwidth_Hz", 1e-3, 50e3),
@@ -170,15 +170,15 @@ def _sampling(node: Checked) -> Sampling:
         max_gap_s=node.number("max_gap_s", 1e-4, 10.0),
         max_current_age_s=node.number("max_current_age_s", 1e-4, 1e6),
         warm_up_s=node.number("warm_up_s", 0.0, 60.0),
-        order=node.whole("order", 2, 3),
+        order=node.integer("order", 2, 3),
     )
     ticks = sampling.rate_Hz * sampling.max_gap_s
-    if ticks > MOST_GAP_TICKS:
-        raise ModelError(f"{node.where}: max_gap_s spans {ticks:.0f} ticks; expected at most {MOST_GAP_TICKS}")
+    if ticks > MAX_GAP_TICKS:
+        raise ModelError(f"{node.where}: max_gap_s spans {ticks:.0f} ticks; expected at most {MAX_GAP_TICKS}")
     return sampling
 
 
-def _envelope(node: Checked) -> Envelope:
+def _envelope(node: JsonObject) -> Envelope:
     keys = tuple(one.name for one in fields(Envelope))
-    node.only(*keys)
-    return Envelope(*(node.range(key, MOST_INPUT) for key in keys))
+    node.require_only_keys(*keys)
+    return Envelope(*(node.range(key, MAX_INPUT) for key in keys))

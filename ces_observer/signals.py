@@ -45,7 +45,7 @@ class FieldPath:
             match = _STEP.match(part.strip())
             if match is None:
                 raise SignalsError(
-                    f"field path {quoted(text)}: {quoted(part)} is not a field name with an optional [index] or "
+                    f"field path {quote(text)}: {quote(part)} is not a field name with an optional [index] or "
                     "[joint name]"
                 )
             name, element = match.group(1), match.group(2)
@@ -98,7 +98,7 @@ class Signal:
         """True if `topic` (fully resolved) is this signal's topic; a relative name resolves in the root namespace."""
         return topic.lstrip("/") == self.topic.lstrip("/")
 
-    def reader(self) -> Callable[[object], float]:
+    def make_reader(self) -> Callable[[object], float]:
         """Return a function message -> SI value."""
         read, scale, offset = self.field.read, self.scale, self.offset
         return lambda message: scale * read(message) + offset
@@ -125,7 +125,7 @@ class Signals:
             raise SignalsError(f"{self.source}: no signal '{name}'; described are {', '.join(self.by_name)}")
         return self.by_name[name]
 
-    def recorded(self) -> tuple[Signal, ...]:
+    def list_topic_signals(self) -> tuple[Signal, ...]:
         """Return the signals that are read from topics."""
         return tuple(s for s in self.by_name.values() if isinstance(s, Signal))
 
@@ -139,7 +139,7 @@ class Signals:
         return cls({name: _signal(name, mapping.get(name, {}), source) for name in described}, source)
 
 
-def overridden(common: Any, own: Any) -> Any:
+def override(common: Any, own: Any) -> Any:
     """Return what describes one damper's signal: what is said for all dampers, and over it what is said for its own.
 
     A topic of its own takes the place of a common constant, as its own constant takes that of a common topic.
@@ -151,39 +151,41 @@ def overridden(common: Any, own: Any) -> Any:
     return {**common, **own}
 
 
-def _signal(name: str, given: object, source: str) -> Signal | Constant:
+def _signal(name: str, description: object, source: str) -> Signal | Constant:
     where = f"{source}: signal '{name}'"
-    if not isinstance(given, Mapping):
-        raise SignalsError(f"{where} is {quoted(given)}; expected a mapping with topic, type and field, or constant")
-    unknown = sorted(map(str, set(given) - _KEYS))
+    if not isinstance(description, Mapping):
+        raise SignalsError(
+            f"{where} is {quote(description)}; expected a mapping with topic, type and field, or constant"
+        )
+    unknown = sorted(map(str, set(description) - _KEYS))
     if unknown:
-        raise SignalsError(f"{where}: unknown key {quoted(unknown[0])}; known are {', '.join(sorted(_KEYS))}")
-    if "constant" in given:
-        return Constant(name, _number(given["constant"], f"{where}: constant"))
-    settings = {**DEFAULTS.get(name, {}), **given}
+        raise SignalsError(f"{where}: unknown key {quote(unknown[0])}; known are {', '.join(sorted(_KEYS))}")
+    if "constant" in description:
+        return Constant(name, _check_number(description["constant"], f"{where}: constant"))
+    settings = {**DEFAULTS.get(name, {}), **description}
     for key in ("topic", "type", "field"):
         if not isinstance(settings.get(key), str) or not settings[key]:
             raise SignalsError(f"{where}: '{key}' is missing; give topic, type and field")
         if len(settings[key]) > LONGEST or not settings[key].isprintable():
             raise SignalsError(
-                f"{where}: {key} is {quoted(settings[key])}; expected at most {LONGEST} printable characters"
+                f"{where}: {key} is {quote(settings[key])}; expected at most {LONGEST} printable characters"
             )
     if not _TYPE.match(settings["type"]):
         raise SignalsError(f"{where}: type '{settings['type']}' is not of the form package/msg/Type")
-    scale = _number(settings.get("scale", 1.0), f"{where}: scale")
+    scale = _check_number(settings.get("scale", 1.0), f"{where}: scale")
     if scale == 0.0:
         raise SignalsError(f"{where}: scale is 0; expected the factor from the logged unit to SI")
-    offset = _number(settings.get("offset", 0.0), f"{where}: offset")
+    offset = _check_number(settings.get("offset", 0.0), f"{where}: offset")
     return Signal(name, settings["topic"], settings["type"], FieldPath.parse(settings["field"]), scale, offset)
 
 
-def _number(value: object, where: str) -> float:
+def _check_number(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST <= value <= LARGEST:
-        raise SignalsError(f"{where} is {quoted(value)}; expected a finite number, at most {LARGEST:g}")
+        raise SignalsError(f"{where} is {quote(value)}; expected a finite number, at most {LARGEST:g}")
     return float(value)
 
 
-def quoted(value: object) -> str:
+def quote(value: object) -> str:
     """Return a value as an error quotes it: on one line, not too long."""
     try:
         text = repr(value[:60] if isinstance(value, str) else value)

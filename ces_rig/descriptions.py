@@ -31,30 +31,33 @@ def choice(default: str, what: str, options: tuple[str, ...]) -> Any:
     return field(default=default, metadata={"unit": "", "what": what, "options": options})
 
 
-def build(cls: type[T], given: object, where: str) -> T:
+def build(cls: type[T], values: object, where: str) -> T:
     """Return `cls(**given)` with every value checked against its field, nested dataclasses included.
 
     `where` opens every message, such as `sine.yaml: stroke`. Raises RigError.
     """
-    if not isinstance(given, Mapping):
-        raise RigError(f"{where}: expected a mapping of keys to values, found {given!r}")
+    if not isinstance(values, Mapping):
+        raise RigError(f"{where}: expected a mapping of keys to values, found {values!r}")
     known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
-    require_known_keys(given, known, where, RigError)
+    require_known_keys(values, known, where, RigError)
     for name, f in known.items():
-        if name not in given and f.default is MISSING and f.default_factory is MISSING:
-            raise RigError(f"{where}: '{name}' is missing; expected {expected(f)}")
+        if name not in values and f.default is MISSING and f.default_factory is MISSING:
+            raise RigError(f"{where}: '{name}' is missing; expected {describe_field(f)}")
     hints = get_type_hints(cls)
-    return cls(**{key: _value(known[key], hints[key], value, f"{where}: {key}") for key, value in given.items()})
+    return cls(**{key: _value(known[key], hints[key], value, f"{where}: {key}") for key, value in values.items()})
 
 
-def filled(given: Any, default: Any) -> Any:
-    """Lay the nested mapping `given` over the values of the dataclass `default`, so that one key may be given alone."""
-    if not isinstance(given, Mapping) or not is_dataclass(default) or isinstance(default, type):
-        return given
-    return {**asdict(default), **{key: filled(value, getattr(default, key, None)) for key, value in given.items()}}
+def fill_defaults(values: Any, default: Any) -> Any:
+    """Return the values of the dataclass `default`, with those of the nested mapping `values` in their place."""
+    if not isinstance(values, Mapping) or not is_dataclass(default) or isinstance(default, type):
+        return values
+    return {
+        **asdict(default),
+        **{key: fill_defaults(value, getattr(default, key, None)) for key, value in values.items()},
+    }
 
 
-def expected(f: Field[Any]) -> str:
+def describe_field(f: Field[Any]) -> str:
     """Say in words what the field `f` takes."""
     meta = f.metadata
     if "options" in meta:
@@ -92,7 +95,7 @@ def _value(f: Field[Any], hint: Any, value: object, where: str) -> Any:
 
 def _word(f: Field[Any], value: object, where: str) -> str:
     if value not in f.metadata["options"]:
-        raise RigError(f"{where} is {value!r}; expected {expected(f)}")
+        raise RigError(f"{where} is {value!r}; expected {describe_field(f)}")
     return str(value)
 
 
@@ -104,5 +107,5 @@ def _number(f: Field[Any], value: object, where: str) -> float:
     low, high = f.metadata.get("low", -math.inf), f.metadata.get("high", math.inf)
     inside = low < number <= high if f.metadata.get("above") else low <= number <= high
     if not math.isfinite(number) or not inside:
-        raise RigError(f"{where} is {value!r}; expected {expected(f)}")
+        raise RigError(f"{where} is {value!r}; expected {describe_field(f)}")
     return number

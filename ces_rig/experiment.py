@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from ces_identify.config_file import read_yaml_mapping, require_known_keys
 from ces_identify.recordings.recording import Channel, Recording
-from ces_rig.dampers.hydraulic.parameters import Damper, damper_from, load_damper
+from ces_rig.dampers.hydraulic.parameters import Damper, load_damper, parse_damper
 from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
-from ces_rig.descriptions import build, filled, quantity
+from ces_rig.descriptions import build, fill_defaults, quantity
 from ces_rig.drive.currents import Current, make_current
 from ces_rig.drive.strokes import Stroke, make_stroke
 from ces_rig.errors import RigError
@@ -33,7 +33,7 @@ STREAMS = {"stroke": 0, "current": 1, "position": 2, "measured_current": 3, "for
 
 
 @dataclass(frozen=True)
-class Settings:
+class ExperimentSettings:
     """The plain settings of an experiment."""
 
     name: str = ""
@@ -47,7 +47,7 @@ class Settings:
 class Experiment:
     """What is moved how, with which current, damper and sensors; with `tare` the cell reads 0 under gas force alone."""
 
-    settings: Settings
+    settings: ExperimentSettings
     stroke: Stroke
     current: Current
     damper: Damper
@@ -66,7 +66,7 @@ class Truth:
     oil_degC: Array
 
 
-def packaged() -> dict[str, Path]:
+def packaged_experiments() -> dict[str, Path]:
     """Return the experiments that come with the package, by name."""
     folder = Path(str(files("ces_rig"))) / "experiments"
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
@@ -77,35 +77,37 @@ def find_experiment(name_or_path: str) -> Path:
     path = Path(name_or_path)
     if path.is_file():
         return path
-    if name_or_path in packaged():
-        return packaged()[name_or_path]
-    known = ", ".join(packaged())
+    if name_or_path in packaged_experiments():
+        return packaged_experiments()[name_or_path]
+    known = ", ".join(packaged_experiments())
     raise RigError(f"{name_or_path}: no such file, and no packaged experiment; packaged are {known}")
 
 
 def load_experiment(path: Path) -> Experiment:
     """Return the experiment described in the YAML file `path`; raises RigError."""
-    return experiment_from(read_yaml_mapping(path, "an experiment description", error=RigError), str(path), path)
+    return parse_experiment(read_yaml_mapping(path, "an experiment description", error=RigError), str(path), path)
 
 
-def experiment_from(given: Mapping[str, Any], where: str, path: Path | None = None) -> Experiment:
-    """Return the experiment that the mapping `given` describes; files it names are looked up beside `path`."""
-    require_known_keys(given, KEYS, where, RigError)
+def parse_experiment(description: Mapping[str, Any], where: str, path: Path | None = None) -> Experiment:
+    """Return the experiment that the mapping `description` describes; files it names are looked up beside `path`."""
+    require_known_keys(description, KEYS, where, RigError)
     for key in ("stroke", "current"):
-        if key not in given:
+        if key not in description:
             raise RigError(f"{where}: '{key}' is missing; expected a mapping with its kind")
-    plain = {key: given[key] for key in ("name", "description", "duration_s", "seed", "tare") if key in given}
+    plain = {
+        key: description[key] for key in ("name", "description", "duration_s", "seed", "tare") if key in description
+    }
     plain.setdefault("name", path.stem if path else "experiment")
     return Experiment(
-        build(Settings, plain, where),
-        make_stroke(given["stroke"], f"{where}: stroke"),
-        make_current(given["current"], f"{where}: current"),
-        _damper(given.get("damper", {}), f"{where}: damper", path),
-        _sensors(given.get("sensors", {}), f"{where}: sensors"),
+        build(ExperimentSettings, plain, where),
+        make_stroke(description["stroke"], f"{where}: stroke"),
+        make_current(description["current"], f"{where}: current"),
+        _read_damper(description.get("damper", {}), f"{where}: damper", path),
+        _read_sensors(description.get("sensors", {}), f"{where}: sensors"),
     )
 
 
-def truth(experiment: Experiment) -> Truth:
+def simulate_truth(experiment: Experiment) -> Truth:
     """Run the experiment and return its noise-free signals; raises RigError if the stroke leaves the damper."""
     settings = experiment.settings
     time = np.arange(round(settings.duration_s / GRID_S) + 1, dtype=np.float64) * GRID_S
@@ -118,33 +120,33 @@ def truth(experiment: Experiment) -> Truth:
 
 def run(experiment: Experiment) -> Recording:
     """Run the experiment and return what its sensors logged: position, current, force (and temperature)."""
-    return measure(experiment, truth(experiment))
+    return measure(experiment, simulate_truth(experiment))
 
 
 def measure(experiment: Experiment, true: Truth) -> Recording:
     """Return what the experiment's sensors log of the signals `true`."""
-    return measured(true, experiment.sensors, experiment.settings.seed, experiment.settings.name)
+    return measure_signals(true, experiment.sensors, experiment.settings.seed, experiment.settings.name)
 
 
-def measured(true: Truth, sensors: Sensors, seed: int, name: str) -> Recording:
+def measure_signals(true: Truth, sensors: Sensors, seed: int, name: str) -> Recording:
     """Return what `sensors` log of the signals `true`, as a recording of this name."""
     current = true.coil_A if sensors.current_source == "measured" else true.commanded_A
 
-    def logged(channel: str, unit: str, signal: Array, stream: str) -> Channel:
+    def log_channel(channel: str, unit: str, signal: Array, stream: str) -> Channel:
         sensor = getattr(sensors, channel)
         return sensor.measure(channel, unit, true.time_s, signal, EPOCH_NS, _rng(seed, stream))  # type: ignore[no-any-return]
 
     channels = [
-        logged("position", "m", true.stroke_m, "position"),
-        logged("current", "A", current, "measured_current"),
-        logged("force", "N", true.force_N, "force"),
+        log_channel("position", "m", true.stroke_m, "position"),
+        log_channel("current", "A", current, "measured_current"),
+        log_channel("force", "N", true.force_N, "force"),
     ]
     if sensors.log_temperature:
-        channels.append(logged("temperature", "degC", true.oil_degC, "temperature"))
+        channels.append(log_channel("temperature", "degC", true.oil_degC, "temperature"))
     return Recording(name, {c.name: c for c in channels})
 
 
-def reseeded(experiment: Experiment, seed: int) -> Experiment:
+def with_seed(experiment: Experiment, seed: int) -> Experiment:
     """Return the same experiment with another seed."""
     return replace(experiment, settings=replace(experiment.settings, seed=seed))
 
@@ -154,11 +156,11 @@ def _rng(seed: int, stream: str) -> np.random.Generator:
     return np.random.default_rng([seed, STREAMS[stream]])
 
 
-def _damper(given: object, where: str, path: Path | None) -> Damper:
-    if isinstance(given, str):
-        return load_damper((path.parent if path else Path()) / given)
-    return damper_from(given, where)
+def _read_damper(description: object, where: str, path: Path | None) -> Damper:
+    if isinstance(description, str):
+        return load_damper((path.parent if path else Path()) / description)
+    return parse_damper(description, where)
 
 
-def _sensors(given: object, where: str) -> Sensors:
-    return build(Sensors, filled(given, Sensors()), where)
+def _read_sensors(description: object, where: str) -> Sensors:
+    return build(Sensors, fill_defaults(description, Sensors()), where)

@@ -30,7 +30,7 @@ class Sensor:
     jitter_s: float = quantity(0.0, "s", "standard deviation of the stamp's error", 0.0, 0.1)
     dropout: float = quantity(0.0, "1", "probability that a sample is not logged", 0.0, 0.9)
 
-    def sampled(self, time_s: Array, true: Array) -> tuple[Array, Array]:
+    def sample(self, time_s: Array, true: Array) -> tuple[Array, Array]:
         """Return sampling times [s] and noise-free values of the signal `true` known at uniform `time_s`.
 
         Interpolation is monotone (PCHIP), so that a switched current does not ring.
@@ -40,7 +40,7 @@ class Sensor:
 
     def measure(self, name: str, unit: str, time_s: Array, true: Array, epoch_ns: int, rng: Generator) -> Channel:
         """Return the channel as logged; stamps stay in order however large the jitter."""
-        at, value = self.sampled(time_s, true)
+        at, value = self.sample(time_s, true)
         value = value + self.bias + self.noise * rng.standard_normal(len(at))
         if self.quantum > 0.0:
             value = self.quantum * np.round(value / self.quantum)

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from ces_identify.config_file import read_yaml_mapping
-from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
+from ces_rig.dampers.hydraulic.parameters import Damper, parse_damper
 from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
 from ces_rig.dampers.kinds import read_lumped
 from ces_rig.dampers.lumped import LumpedDamper
 from ces_rig.errors import RigError
-from ces_rig.experiment import GRID_S, experiment_from
+from ces_rig.experiment import GRID_S, parse_experiment
 
 Array = NDArray[np.float64]
 RigForce = Callable[[Array, Array, Array], Array]
@@ -39,22 +39,22 @@ def load_rig(path: Path | str) -> RigForce:
     given = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
     lumped = read_lumped(given, str(path))
     if lumped is not None:
-        return driven_force(lumped.without_coil())
+        return make_lumped_force(lumped.without_coil())
     if "stroke" in given:
-        experiment = experiment_from(given, str(path), path)
+        experiment = parse_experiment(given, str(path), path)
         measured = experiment.sensors.current_source == "measured"
-        return recorded_force(experiment.damper, experiment.settings.tare, measured)
-    return recorded_force(damper_from(given, str(path)))
+        return make_rig_force(experiment.damper, experiment.settings.tare, measured)
+    return make_rig_force(parse_damper(given, str(path)))
 
 
-def recorded_force(damper: Damper, tare: bool = True, measured_current: bool = True) -> RigForce:
+def make_rig_force(damper: Damper, tare: bool = True, measured_current: bool = True) -> RigForce:
     """Return the function that `load_rig` returns, for a damper already at hand."""
     driven = replace(damper, ces_valve=replace(damper.ces_valve, solenoid_s=0.0)) if measured_current else damper
     zero = rest_force(damper) if tare else 0.0
     return _on_samples(lambda stroke, current: simulate(driven, GRID_S, stroke, current).force_N - zero)
 
 
-def driven_force(damper: LumpedDamper) -> RigForce:
+def make_lumped_force(damper: LumpedDamper) -> RigForce:
     """Return the function that `load_rig` returns, for one of the other dampers as it is driven."""
     return _on_samples(lambda stroke, current: damper.run(GRID_S, stroke, current)[0])
 
@@ -63,21 +63,21 @@ def _on_samples(run: Callable[[Array, Array], Array]) -> RigForce:
     """Return a function of recorded samples from one of stroke and current on the rig's grid."""
 
     def force(time_s: Array, position_m: Array, current_A: Array) -> Array:
-        time, position, current = _checked(time_s, position_m, current_A)
+        time, position, current = _check_samples(time_s, position_m, current_A)
         grid = np.arange(time[0], time[-1] + GRID_S, GRID_S)
-        stroke = _smoothed(np.interp(grid, time, position))
+        stroke = _smooth(np.interp(grid, time, position))
         return np.asarray(np.interp(np.asarray(time_s), grid, run(stroke, np.interp(grid, time, current))))
 
     return force
 
 
-def _smoothed(position: Array) -> Array:
+def _smooth(position: Array) -> Array:
     sos = butter(4, SMOOTHING_HZ, fs=1.0 / GRID_S, output="sos")
     pad = min(len(position) - 1, round(0.2 / GRID_S))
     return np.asarray(sosfiltfilt(sos, position, padlen=pad))
 
 
-def _checked(time_s: Array, position_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
+def _check_samples(time_s: Array, position_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
     """Return the three as floats in order of time, repeated times once."""
     time, position, current = (np.asarray(a, dtype=np.float64) for a in (time_s, position_m, current_A))
     if time.ndim != 1 or not time.shape == position.shape == current.shape:

@@ -82,8 +82,8 @@ def diagnostics(model: Path) -> DiagnosticArray:
             stream.take(now_ns, now_ns + MS)
         health.latency.take(MS)
         assert health.cost is not None
-        health.cost.estimate(now_ns, force)
-        health.cost.measured(now_ns, 1.1 * force)
+        health.cost.add_estimate(now_ns, force)
+        health.cost.add_measured(now_ns, 1.1 * force)
         if k % 500 == 499:
             health.roll(0.5, now_ns)
     status = health.status("")

@@ -20,15 +20,15 @@ import numpy as np
 from joblib import Parallel, delayed
 
 import bench.blas_one_thread  # noqa: F401  # before numpy
-from bench.force_tracking.cases import CASES, STROKES, Case, identified_anew, rigged
-from bench.force_tracking.loop import Design, Figure, Tracked, track
+from bench.force_tracking.cases import CASES, STROKES, TrackingCase, identify_again, with_effect
+from bench.force_tracking.loop import Design, TrackedRun, TrackingResult, track
 from bench.force_tracking.plot import draw
-from bench.markdown import put_between
+from bench.markdown import replace_between
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "config" / "models" / "sample.json"
-KEPT = ROOT / "out" / "force_tracking.json"
+RESULTS_FILE = ROOT / "out" / "force_tracking.json"
 PAGE = ROOT / "docs" / "results.md"
 PICTURE = ROOT / "docs" / "img" / "force_tracking.png"
 WAYS = {
@@ -43,11 +43,11 @@ SHOWN_S = 4.0, 5.0  # of the first run, in the picture
 
 def main() -> None:
     options = _options()
-    figures = _kept() if options.kept else _measured(options)
+    figures = _load_results() if options.kept else _run_all(options)
     if options.write_docs:
         shown = {way: run("noise stroke", CASES[0], 0, way, 8.0) for way in ("none", "estimate")}
         draw(figures, WAYS, shown, SHOWN_S, PICTURE)
-        put_between(PAGE, "force tracking", table(figures))
+        replace_between(PAGE, "force tracking", table(figures))
     print(table(figures))
 
 
@@ -62,57 +62,57 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _measured(options: argparse.Namespace) -> list[Figure]:
+def _run_all(options: argparse.Namespace) -> list[TrackingResult]:
     tasks = [(case, seed) for seed in range(options.seeds) for case in CASES]
-    work = (delayed(_figures)(case, seed, options.seconds, options.starts) for case, seed in tasks)
+    work = (delayed(_run_case)(case, seed, options.seconds, options.starts) for case, seed in tasks)
     figures = [figure for several in Parallel(n_jobs=options.jobs)(work) for figure in several]
-    KEPT.parent.mkdir(exist_ok=True)
-    KEPT.write_text(json.dumps([asdict(figure) for figure in figures], indent=1), encoding="utf-8")
+    RESULTS_FILE.parent.mkdir(exist_ok=True)
+    RESULTS_FILE.write_text(json.dumps([asdict(figure) for figure in figures], indent=1), encoding="utf-8")
     return figures
 
 
-def _kept() -> list[Figure]:
-    return [Figure(**one) for one in json.loads(KEPT.read_text(encoding="utf-8"))]
+def _load_results() -> list[TrackingResult]:
+    return [TrackingResult(**one) for one in json.loads(RESULTS_FILE.read_text(encoding="utf-8"))]
 
 
-def _figures(case: Case, seed: int, seconds: float, starts: int) -> list[Figure]:
-    return list(_each_figure(case, seed, seconds, starts))
+def _run_case(case: TrackingCase, seed: int, seconds: float, starts: int) -> list[TrackingResult]:
+    return list(_iterate_results(case, seed, seconds, starts))
 
 
-def _each_figure(case: Case, seed: int, seconds: float, starts: int) -> Iterator[Figure]:
+def _iterate_results(case: TrackingCase, seed: int, seconds: float, starts: int) -> Iterator[TrackingResult]:
     """Identify anew only where the plant behind current and position has changed."""
-    withheld = case.drawn(seed)
+    withheld = case.draw_effect(seed)
     designs = {"": _sample()}
     if withheld is not None:
-        designs["anew "] = Design.of(identified_anew(withheld, seed, starts))
+        designs["anew "] = Design.from_model(identify_again(withheld, seed, starts))
     for stroke, settings in STROKES.items():
         for way in WAYS:
             prefix, feedback = ("anew ", way[5:]) if way.startswith("anew ") else ("", way)
             if prefix in designs:
-                rig = rigged(settings, withheld, seed)
+                rig = with_effect(settings, withheld, seed)
                 tracked = track(rig, designs[prefix], feedback, seconds, case.driver)
                 reachable = float(np.mean(tracked.reachable))
-                figure = Figure(case.name, stroke, way, seed, tracked.J, tracked.rms_N, reachable)
+                figure = TrackingResult(case.name, stroke, way, seed, tracked.J, tracked.rms_N, reachable)
                 print(figure, file=sys.stderr, flush=True)
                 yield figure
 
 
-def run(stroke: str, case: Case, seed: int, feedback: str, seconds: float) -> Tracked:
+def run(stroke: str, case: TrackingCase, seed: int, feedback: str, seconds: float) -> TrackedRun:
     """Return one run with the sample model."""
-    return track(rigged(STROKES[stroke], case.drawn(seed), seed), _sample(), feedback, seconds, case.driver)
+    return track(with_effect(STROKES[stroke], case.draw_effect(seed), seed), _sample(), feedback, seconds, case.driver)
 
 
 @cache
 def _sample() -> Design:
-    return Design.of(load_model(SAMPLE))
+    return Design.from_model(load_model(SAMPLE))
 
 
-def table(figures: Sequence[Figure]) -> str:
+def table(figures: Sequence[TrackingResult]) -> str:
     """Return the medians over seeds, with the smallest and largest of them, as a Markdown table for each stroke."""
     return "\n\n".join(_table(stroke, [f for f in figures if f.stroke == stroke]) for stroke in STROKES)
 
 
-def _table(stroke: str, figures: Sequence[Figure]) -> str:
+def _table(stroke: str, figures: Sequence[TrackingResult]) -> str:
     lines = [f"| {stroke}: J % (RMS N) | {' | '.join(WAYS.values())} |", f"|---|{'---:|' * len(WAYS)}"]
     for case in CASES:
         cells = [_cell([f for f in figures if (f.case, f.way) == (case.name, way)]) for way in WAYS]
@@ -120,7 +120,7 @@ def _table(stroke: str, figures: Sequence[Figure]) -> str:
     return "\n".join(lines)
 
 
-def _cell(figures: Sequence[Figure]) -> str:
+def _cell(figures: Sequence[TrackingResult]) -> str:
     if not figures:
         return "-"
     costs = [figure.J for figure in figures]

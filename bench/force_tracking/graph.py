@@ -23,8 +23,8 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from bench.force_tracking.cases import CASES, STROKES, rigged
-from bench.force_tracking.loop import Design, Tracked, judged, track
+from bench.force_tracking.cases import CASES, STROKES, with_effect
+from bench.force_tracking.loop import Design, TrackedRun, evaluate_run, track
 from ces_observer.model import load_model
 from ces_rig.drive.vehicle_kernel import STROKE
 from ces_rig.live.node import CLOCK_START_NS
@@ -33,12 +33,12 @@ from ces_rig.live.rig import LiveRig
 SAMPLE = Path(__file__).resolve().parents[2] / "config" / "models" / "sample.json"
 MODES = {"in process": None, "graph, half of real time": "0.5", "graph, real time": "1.0"}
 FEEDBACKS = ("none", "estimate", "measured")
-SETTINGS = rigged(STROKES["noise stroke"], CASES[0].drawn(0), 0)
+SETTINGS = with_effect(STROKES["noise stroke"], CASES[0].draw_effect(0), 0)
 PATIENCE_S = 120.0
 DEEP = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class Ears(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
+class ForceListener(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
     """Hears the measured force by tick."""
 
     def __init__(self) -> None:
@@ -67,14 +67,14 @@ def main() -> None:
     rclpy.shutdown()
 
 
-def in_process(feedback: str, seconds: float) -> Tracked:
-    return track(SETTINGS, Design.of(load_model(SAMPLE)), feedback, seconds)
+def in_process(feedback: str, seconds: float) -> TrackedRun:
+    return track(SETTINGS, Design.from_model(load_model(SAMPLE)), feedback, seconds)
 
 
-def on_graph(feedback: str, factor: str, seconds: float) -> Tracked:
+def on_graph(feedback: str, factor: str, seconds: float) -> TrackedRun:
     """Launch the loop, listen for `seconds` of the rig's time, and end it."""
     ticks = round(seconds * SETTINGS.rate_hz)
-    ears = Ears()
+    ears = ForceListener()
     with tempfile.TemporaryDirectory() as folder:
         launched = launch(Path(folder), feedback, factor)
         until = time.monotonic() + PATIENCE_S + seconds
@@ -83,7 +83,7 @@ def on_graph(feedback: str, factor: str, seconds: float) -> Tracked:
         os.killpg(launched.pid, signal.SIGINT)
         launched.wait()
     ears.destroy_node()
-    return compared(ears.force_N, ticks)
+    return evaluate_forces(ears.force_N, ticks)
 
 
 def launch(folder: Path, feedback: str, factor: str) -> subprocess.Popen[bytes]:
@@ -99,7 +99,7 @@ def launch(folder: Path, feedback: str, factor: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
-def compared(force_N: Mapping[int, float], ticks: int) -> Tracked:
+def evaluate_forces(force_N: Mapping[int, float], ticks: int) -> TrackedRun:
     """Judge the forces heard as those of a run in process; what was lost on the way to here does not count."""
     rig = LiveRig(replace(SETTINGS))
     stroke = np.empty(ticks)
@@ -108,7 +108,7 @@ def compared(force_N: Mapping[int, float], ticks: int) -> Tracked:
         stroke[k] = rig.motion[STROKE]
     force = np.array([force_N.get(k + 1, np.nan) for k in range(ticks)])
     nothing = np.full(ticks, np.nan)
-    run = judged(rig, stroke, force, nothing, nothing)
+    run = evaluate_run(rig, stroke, force, nothing, nothing)
     return replace(run, reachable=run.reachable & np.isfinite(force))
 
 

@@ -1,6 +1,6 @@
 """The closed loop in lockstep: the live rig, the observer and the controller that the nodes run, tick by tick at 1 kHz.
 
-A run ends in a `Tracked`: what the force should have been, what it was, and where the damper could have given it.
+A run ends in a `TrackedRun`: what the force should have been, what it was, and where the damper could have given it.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from ces_observer.control.control_loop import ControlLoop
 from ces_observer.control.controller_tuning import Tuning
 from ces_observer.control.force_controller import ForceController
 from ces_observer.control.force_curve import ForceCurve
-from ces_observer.control.steady_force import current_lag_s, inverse_map
+from ces_observer.control.steady_force import compute_inverse_map, current_lag_s
 from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.model import Model
 from ces_observer.nodes.controller_table import CURVE
 from ces_rig.dampers.hydraulic.stepper import Stepper, rest_force, spline_speed
 from ces_rig.drive.vehicle_kernel import FORCE, STROKE
-from ces_rig.live.rig import LiveRig, Sample, Settings
+from ces_rig.live.rig import LiveRig, RigSample, RigSettings
 
 F = NDArray[np.float64]
 
 EPOCH_NS = 10**18
 DELAY_TICKS = 2  # from a sample to the tick that feels its command: three hops of a ROS graph at 1 kHz
 SKIPPED_S = 2.0  # of a run, until controller and observer have warmed up
-LEAST_SPAN_N = 50.0  # between softest and firmest force: below, the valve has no say
-DESIRED = ForceCurve.of(*(spec.default for spec in CURVE))
+MIN_SPAN_N = 50.0  # between softest and firmest force: below, the valve has no say
+DESIRED = ForceCurve.from_points(*(spec.default for spec in CURVE))
 
 
 @dataclass(frozen=True)
@@ -42,10 +42,10 @@ class Design:
     controller: ForceController
 
     @classmethod
-    def of(cls, model: Model) -> Design:
+    def from_model(cls, model: Model) -> Design:
         tuning = Tuning(low_A=0.29, high_A=0.70, safe_A=0.40)
         tuning = replace(tuning, valve_lag_s=Tuning.lead_s(current_lag_s(model), tuning.preview_s))
-        return cls(model, ForceController(DESIRED, inverse_map(model), tuning))
+        return cls(model, ForceController(DESIRED, compute_inverse_map(model), tuning))
 
     def fresh_loop(self, feedback: str) -> ControlLoop:
         """Return a loop at its beginning."""
@@ -54,7 +54,7 @@ class Design:
 
 
 @dataclass(frozen=True)
-class Figure:
+class TrackingResult:
     """The outcome of one run."""
 
     case: str
@@ -67,7 +67,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Tracked:
+class TrackedRun:
     """A run: true force, desired force at the true speed, commands, and where the desired force could be had; (n,)."""
 
     time_s: F
@@ -89,7 +89,7 @@ class Tracked:
         return 100.0 * self.rms_N / float(np.std(self.desired_N[self.reachable]))
 
 
-def track(settings: Settings, design: Design, feedback: str, seconds: float, driver: float = 1.0) -> Tracked:
+def track(settings: RigSettings, design: Design, feedback: str, seconds: float, driver: float = 1.0) -> TrackedRun:
     """Close the loop for `seconds`; the valve's driver gives `driver` times the command."""
     rig, graph = LiveRig(settings), Graph(design, feedback)
     commands = deque([graph.command_A] * (DELAY_TICKS - 1))
@@ -97,9 +97,9 @@ def track(settings: Settings, design: Design, feedback: str, seconds: float, dri
     for k in range(seen.shape[1]):
         sample = rig.tick()
         commands.append(graph.answer(sample, rig.time_s))
-        rig.command.give(driver * commands.popleft(), rig.time_s)
+        rig.command.set_current(driver * commands.popleft(), rig.time_s)
         seen[:, k] = rig.motion[STROKE], rig.motion[FORCE], graph.estimate_N, graph.command_A
-    return judged(rig, *seen)
+    return evaluate_run(rig, *seen)
 
 
 class Graph:
@@ -115,35 +115,35 @@ class Graph:
         """The last command."""
         return self._loop.controller.command_A
 
-    def answer(self, sample: Sample, time_s: float) -> float:
+    def answer(self, sample: RigSample, time_s: float) -> float:
         """Return the command [A] that follows a sample of the rig."""
         stamp_ns = EPOCH_NS + round(time_s * 1e9)
         if sample.current_A is not None:
             self._observer.take_current(stamp_ns, sample.current_A)
         if sample.force_N is not None:
-            self._loop.measured(sample.force_N, time_s)
+            self._loop.take_measured_force(sample.force_N, time_s)
         force = None if sample.position_m is None else self._observer.step(stamp_ns, sample.position_m, stamp_ns)
         self.estimate_N = nan if force is None else force
         if force is None:
             self._loop.watch(time_s)
         else:
-            self._loop.estimate(stamp_ns, self._observer.speed, force, stamp_ns, time_s)
+            self._loop.take_estimate(stamp_ns, self._observer.speed, force, stamp_ns, time_s)
         return self.command_A
 
 
-def judged(rig: LiveRig, stroke_m: F, force_N: F, estimate_N: F, command_A: F) -> Tracked:
+def evaluate_run(rig: LiveRig, stroke_m: F, force_N: F, estimate_N: F, command_A: F) -> TrackedRun:
     """Say what was desired, and where the same damper could have given it on the same stroke."""
     interval = rig.period_s
     time = np.arange(1, len(stroke_m) + 1) * interval
     speed = spline_speed(time, stroke_m)
     desired = np.array([DESIRED.at(v) for v in speed])
-    soft, firm = (held_force(rig, stroke_m, speed, current) for current in rig.damper.model.current_A)
+    soft, firm = (force_at_current(rig, stroke_m, speed, current) for current in rig.damper.model.current_A)
     low, high = np.minimum(soft, firm), np.maximum(soft, firm)
-    reachable = (high - low > LEAST_SPAN_N) & (desired >= low) & (desired <= high) & (time > SKIPPED_S)
-    return Tracked(time, speed, force_N, desired, estimate_N, command_A, reachable)
+    reachable = (high - low > MIN_SPAN_N) & (desired >= low) & (desired <= high) & (time > SKIPPED_S)
+    return TrackedRun(time, speed, force_N, desired, estimate_N, command_A, reachable)
 
 
-def held_force(rig: LiveRig, stroke_m: F, speed_m_s: F, current_A: float) -> F:
+def force_at_current(rig: LiveRig, stroke_m: F, speed_m_s: F, current_A: float) -> F:
     """Return the force [N] of the rig's damper on this stroke at a current that is held."""
     hydraulic = rig.damper.model
     stepper = Stepper(hydraulic.damper, rig.period_s, extras=hydraulic.extras)

@@ -12,7 +12,7 @@ import numpy as np
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from bench.force_tracking.loop import Figure, Tracked
+from bench.force_tracking.loop import TrackedRun, TrackingResult
 from bench.small_png import save_small
 
 if TYPE_CHECKING:
@@ -30,9 +30,9 @@ STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": Fal
 
 
 def draw(
-    figures: Sequence[Figure],
+    figures: Sequence[TrackingResult],
     ways: Mapping[str, str],
-    shown: Mapping[str, Tracked],
+    shown: Mapping[str, TrackedRun],
     window_s: tuple[float, float],
     path: Path,
 ) -> None:
@@ -50,7 +50,7 @@ def draw(
         save_small(drawing, path, PALETTE)
 
 
-def by_case(axis: Axes, figures: Sequence[Figure], ways: Mapping[str, str]) -> None:
+def by_case(axis: Axes, figures: Sequence[TrackingResult], ways: Mapping[str, str]) -> None:
     """A row for each plant, its ways below one another: median as a mark, all seeds as a line."""
     cases = list(dict.fromkeys(figure.case for figure in figures))
     for place, way in enumerate(ways):
@@ -70,13 +70,13 @@ def by_case(axis: Axes, figures: Sequence[Figure], ways: Mapping[str, str]) -> N
     axis.set_xlabel("tracking error J [%]")
 
 
-def most_complete(figures: Sequence[Figure]) -> str:
+def most_complete(figures: Sequence[TrackingResult]) -> str:
     """Return the case that was run in most ways."""
     return max(figures, key=lambda figure: len({f.way for f in figures if f.case == figure.case})).case
 
 
 def over_time(
-    drawing: Any, shown: Mapping[str, Tracked], ways: Mapping[str, str], window_s: tuple[float, float]
+    drawing: Any, shown: Mapping[str, TrackedRun], ways: Mapping[str, str], window_s: tuple[float, float]
 ) -> None:
     """Draw desired and true forces, shaded where the damper could reach what is desired, and the currents below."""
     force, current = drawing.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))

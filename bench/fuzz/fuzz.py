@@ -2,8 +2,8 @@
 
     python bench/fuzz/fuzz.py --samples 1200000 --files 100000 --jobs 1
 
-Coverage-guided runs are in guided.py. Exit status 1 if anything broke a promise (fuzz_targets.py says which they are);
-what broke it is kept in out/fuzz.
+Coverage-guided runs are in coverage_fuzz.py. Exit status 1 if anything broke a promise (fuzz_targets.py says which they
+are); what broke it is kept in out/fuzz.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 sys.path[:0] = [str(ROOT), str(HERE)]
 
-from fuzz_mutations import spoilt_bytes, spoilt_model  # noqa: E402
+from fuzz_mutations import spoil_bytes, spoil_model  # noqa: E402
 from fuzz_samples import samples  # noqa: E402
 from fuzz_targets import FORCE, try_damper, try_estimator, try_model, try_signals  # noqa: E402
 
@@ -35,7 +35,7 @@ from ces_observer.estimator import Estimator  # noqa: E402
 from ces_observer.model import load_model  # noqa: E402
 
 SEEDS = HERE / "seeds"
-KEPT = ROOT / "out" / "fuzz"
+FAILURES_DIR = ROOT / "out" / "fuzz"
 BATCH_FILES, BATCH_SAMPLES = 500, 5_000
 DICTIONARY = tuple(
     line[1:-1].encode().decode("unicode_escape").encode("latin-1")
@@ -44,22 +44,24 @@ DICTIONARY = tuple(
 
 
 @dataclass
-class Tally:
+class FuzzTally:
     """Inputs by what became of them, the slowest one, and what broke a promise."""
 
     outcomes: Counter[str] = field(default_factory=Counter)
     slowest_s: float = 0.0
     broken: list[str] = field(default_factory=list)
 
-    def add(self, other: Tally) -> None:
+    def add(self, other: FuzzTally) -> None:
         self.outcomes += other.outcomes
         self.slowest_s = max(self.slowest_s, other.slowest_s)
         self.broken += other.broken
 
 
-def fuzz_files(spoil: Callable[[bytes, Random], bytes], target: Callable[[Path], str], name: str, seed: int) -> Tally:
+def fuzz_files(
+    spoil: Callable[[bytes, Random], bytes], target: Callable[[Path], str], name: str, seed: int
+) -> FuzzTally:
     """Spoil the seeds of `name` BATCH_FILES times and hand each file to `target`."""
-    random, tally = Random(f"{name} {seed}"), Tally()
+    random, tally = Random(f"{name} {seed}"), FuzzTally()
     raws = [path.read_bytes() for path in sorted((SEEDS / name).iterdir())]
     with TemporaryDirectory() as folder:
         path = Path(folder) / name
@@ -74,9 +76,9 @@ def fuzz_files(spoil: Callable[[bytes, Random], bytes], target: Callable[[Path],
     return tally
 
 
-def fuzz_estimator(seed: int) -> Tally:
+def fuzz_estimator(seed: int) -> FuzzTally:
     """Feed BATCH_SAMPLES samples to the estimator of a model, every other time through all of the damper's parts."""
-    random, tally = Random(f"samples {seed}"), Tally()
+    random, tally = Random(f"samples {seed}"), FuzzTally()
     models = [load_model(path) for path in sorted((SEEDS / "model").iterdir())]
     model = models[seed % len(models)]
     fed = list(samples(random, BATCH_SAMPLES))
@@ -93,43 +95,43 @@ def fuzz_estimator(seed: int) -> Tally:
 
 
 def _keep(name: str, raw: bytes, seed: int) -> str:
-    KEPT.mkdir(parents=True, exist_ok=True)
-    path = KEPT / f"{name}-{seed}-{abs(hash(raw)) % 10**8}"
+    FAILURES_DIR.mkdir(parents=True, exist_ok=True)
+    path = FAILURES_DIR / f"{name}-{seed}-{abs(hash(raw)) % 10**8}"
     path.write_bytes(raw)
     path.with_suffix(".txt").write_text(traceback.format_exc(), errors="backslashreplace")
     return ascii(f"{path}: {traceback.format_exc().splitlines()[-1]}")
 
 
-TARGETS: dict[str, Callable[[int], Tally]] = {
-    "model files": partial(fuzz_files, spoilt_model, try_model, "model"),
-    "signals files": partial(fuzz_files, partial(spoilt_bytes, clauses=DICTIONARY), try_signals, "signals"),
+TARGETS: dict[str, Callable[[int], FuzzTally]] = {
+    "model files": partial(fuzz_files, spoil_model, try_model, "model"),
+    "signals files": partial(fuzz_files, partial(spoil_bytes, clauses=DICTIONARY), try_signals, "signals"),
     "samples to the estimator": fuzz_estimator,
 }
 
 
-def _one(name: str, seed: int) -> Tally:
+def _run_one(name: str, seed: int) -> FuzzTally:
     return TARGETS[name](seed)
 
 
-def run(name: str, seeds: range, jobs: int) -> Tally:
+def run(name: str, seeds: range, jobs: int) -> FuzzTally:
     """Run a target's batches in `jobs` processes."""
-    total = Tally()
-    for tally in _mapped(name, seeds, jobs):
+    total = FuzzTally()
+    for tally in _map_seeds(name, seeds, jobs):
         total.add(tally)
         for broken in tally.broken:
             print(f"BROKEN: {broken}", flush=True)
     return total
 
 
-def _mapped(name: str, seeds: range, jobs: int) -> Iterator[Tally]:
+def _map_seeds(name: str, seeds: range, jobs: int) -> Iterator[FuzzTally]:
     if jobs == 1:
-        yield from map(_one, repeat(name), seeds)
+        yield from map(_run_one, repeat(name), seeds)
         return
     with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(_one, repeat(name), seeds)
+        yield from pool.map(_run_one, repeat(name), seeds)
 
 
-def row(name: str, total: Tally, seconds: float) -> str:
+def row(name: str, total: FuzzTally, seconds: float) -> str:
     """Return a row of the table."""
     count = total.outcomes.total() + len(total.broken)
     taken = sum(total.outcomes[key] for key in (FORCE, "read"))

@@ -26,20 +26,20 @@ CLAUSES = (
     *(b"\xef\xbb\xbf", b"\xff", b"\0", b"\x80", b"NaN", b"Infinity", b"1e400"),
     *(b"[" * 5000, b"{}", b"//", b",,", b'"'),
 )
-MOST_CHANGES = 4
+MAX_CHANGES = 4
 
 
-def spoilt_model(raw: bytes, random: Random) -> bytes:
+def spoil_model(raw: bytes, random: Random) -> bytes:
     """Return a model file's bytes, spoilt in its values, in its bytes or in both."""
     kind = random.random()
     if kind < 0.85:
-        raw = _spoilt_values(raw, random)
-    return spoilt_bytes(raw, random) if kind > 0.75 else raw
+        raw = _spoil_values(raw, random)
+    return spoil_bytes(raw, random) if kind > 0.75 else raw
 
 
-def spoilt_bytes(raw: bytes, random: Random, clauses: tuple[bytes, ...] = CLAUSES) -> bytes:
+def spoil_bytes(raw: bytes, random: Random, clauses: tuple[bytes, ...] = CLAUSES) -> bytes:
     """Return bytes with some flipped, cut, doubled, moved, or with one of `clauses` put in."""
-    for _ in range(random.randint(1, MOST_CHANGES)):
+    for _ in range(random.randint(1, MAX_CHANGES)):
         a, b = sorted(random.randrange(len(raw) + 1) for _ in range(2))
         raw = random.choice(
             (
@@ -53,26 +53,26 @@ def spoilt_bytes(raw: bytes, random: Random, clauses: tuple[bytes, ...] = CLAUSE
     return raw
 
 
-def _spoilt_values(raw: bytes, random: Random) -> bytes:
+def _spoil_values(raw: bytes, random: Random) -> bytes:
     try:
         tree = json.loads(raw)
     except (ValueError, RecursionError):
         return raw
-    for _ in range(random.choice((1, 1, 1, 2, MOST_CHANGES))):
-        tree = _changed(tree, random)
+    for _ in range(random.choice((1, 1, 1, 2, MAX_CHANGES))):
+        tree = _change_value(tree, random)
     text = json.dumps(tree)
     if random.random() < 0.05:  # a key twice
         text = text.replace("{", '{"lag": 1, "lag": 2, ', random.randint(1, 3))
     return text.encode()
 
 
-def _changed(tree: Any, random: Random) -> Any:
+def _change_value(tree: Any, random: Random) -> Any:
     """Change one value somewhere in a tree."""
     if isinstance(tree, dict | list) and tree and random.random() < 0.9:
         at = random.choice(list(tree) if isinstance(tree, dict) else range(len(tree)))
         if random.random() < 0.05:
             return random.choice(CHANGES)(tree, at, random)
-        tree[at] = _changed(tree[at], random)
+        tree[at] = _change_value(tree[at], random)
         return tree
     if isinstance(tree, float | int) and not isinstance(tree, bool) and random.random() < 0.8:
         return _other_number(tree, random)
@@ -87,22 +87,22 @@ def _other_number(number: float, random: Random) -> float:
     )
 
 
-def _without(tree: Any, at: Any, random: Random) -> Any:
+def _remove(tree: Any, at: Any, random: Random) -> Any:
     del tree[at]
     return tree
 
 
-def _again(tree: Any, at: Any, random: Random) -> Any:
+def _repeat(tree: Any, at: Any, random: Random) -> Any:
     """Put the value there once more: many times into a list, beneath another key into an object."""
     if isinstance(tree, list):
         return tree + [deepcopy(tree[at])] * random.choice((1, 2, 60, 600))
     return {**tree, random.choice(("power", "units", "terms", "x", at + "x")): tree[at]}
 
 
-def _deeper(tree: Any, at: Any, random: Random) -> Any:
+def _nest(tree: Any, at: Any, random: Random) -> Any:
     for _ in range(random.choice((1, 3, 40, 200))):
         tree = [tree] if random.random() < 0.5 else {"": tree}
     return tree
 
 
-CHANGES: tuple[Callable[[Any, Any, Random], Any], ...] = (_without, _without, _again, _again, _deeper)
+CHANGES: tuple[Callable[[Any, Any, Random], Any], ...] = (_remove, _remove, _repeat, _repeat, _nest)

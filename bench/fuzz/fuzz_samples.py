@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import inf, nan, sin
 from random import Random
 
-from fuzz_targets import Sample
+from fuzz_targets import FuzzSample
 
 MS = 1_000_000
 EPISODE = 500  # samples
@@ -20,7 +20,7 @@ STAMPS_NS = (
 )
 
 
-def samples(random: Random, count: int) -> Iterator[Sample]:
+def samples(random: Random, count: int) -> Iterator[FuzzSample]:
     """Yield `count` samples: good ones at a jittered rate, spoilt at random and in episodes."""
     stamp, spoilt, stuck = random.choice((0, 10**9, 1_700_000_000 * 10**9)), 0.0, None
     for k in range(count):
@@ -30,21 +30,21 @@ def samples(random: Random, count: int) -> Iterator[Sample]:
             size, beat = random.choice((0.0, 0.02, 0.02, 0.05, 5.0)), random.choice((0.01, 0.1, 3.0))
             period_ns = random.choice((MS, MS, MS, MS, MS, MS // 3, 5 * MS, 40 * MS, 1))
         odd = random.random() < spoilt
-        stamp += random.choice(STAMPS_NS) if odd and random.random() < 0.3 else _jittered(period_ns, random)
+        stamp += random.choice(STAMPS_NS) if odd and random.random() < 0.3 else _jitter(period_ns, random)
         position = stuck if stuck is not None else size * sin(beat * k)
         current = random.uniform(-0.2, 2.5) if k % 5 == 0 else None
-        yield Sample(
+        yield FuzzSample(
             stamp,
-            _odd(random) if odd and random.random() < 0.5 else position,
-            _odd(random) if odd and random.random() < 0.5 else current,
+            _odd_number(random) if odd and random.random() < 0.5 else position,
+            _odd_number(random) if odd and random.random() < 0.5 else current,
         )
 
 
-def _jittered(period_ns: int, random: Random) -> int:
+def _jitter(period_ns: int, random: Random) -> int:
     return max(1, round(period_ns * random.gauss(1.0, 0.1)))
 
 
-def _odd(random: Random) -> float:
+def _odd_number(random: Random) -> float:
     if random.random() < 0.5:
         return random.choice(ODD)
     return random.choice((-1.0, 1.0)) * 10.0 ** random.uniform(-320.0, 308.0)

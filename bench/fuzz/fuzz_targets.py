@@ -27,7 +27,7 @@ LITTLE_WORK = 20_000  # a proof broken off early is as good at finding what a pr
 
 
 @dataclass(frozen=True)
-class Sample:
+class FuzzSample:
     """What one position sample brings, and the current that came before it, None for none."""
 
     stamp_ns: int
@@ -40,10 +40,10 @@ def try_model(path: Path) -> str:
     try:
         model = load_model(path)
     except CesError as error:
-        return _refused(error)
+        return _check_refusal(error)
     assert parse_model(model.to_json(), "again") == model
     assert len(model.digest()) == 64
-    with patch.object(branch_and_bound, "MOST_WORK", LITTLE_WORK):
+    with patch.object(branch_and_bound, "MAX_WORK", LITTLE_WORK):
         model.is_stable()
     try_estimator(Estimator(model), _corners(model))
     return READ
@@ -54,13 +54,13 @@ def try_signals(path: Path) -> str:
     try:
         signals = load_signals(path)
     except CesError as error:
-        return _refused(error)
+        return _check_refusal(error)
     assert signals["position"]
-    assert all(s.reader() and isfinite(s.scale) and isfinite(s.offset) for s in signals.recorded())
+    assert all(s.make_reader() and isfinite(s.scale) and isfinite(s.offset) for s in signals.list_topic_signals())
     return READ
 
 
-def try_estimator(estimator: Estimator, samples: Iterable[Sample]) -> dict[str, int]:
+def try_estimator(estimator: Estimator, samples: Iterable[FuzzSample]) -> dict[str, int]:
     """Feed an estimator; return how many samples gave a force and how many did not."""
     low, high = estimator.model.force_envelope_N
     count = {FORCE: 0, WITHHELD: 0}
@@ -73,7 +73,7 @@ def try_estimator(estimator: Estimator, samples: Iterable[Sample]) -> dict[str, 
     return count
 
 
-def try_damper(model: Model, samples: Iterable[Sample], max_age_s: float) -> dict[str, int]:
+def try_damper(model: Model, samples: Iterable[FuzzSample], max_age_s: float) -> dict[str, int]:
     """Feed all that stands between a node and its estimator, with a clock that follows the stamps."""
     damper = DamperObserver(model, CurrentHold(model.sampling.max_current_age_s), max_age_s)
     low, high = model.force_envelope_N
@@ -91,17 +91,17 @@ def try_damper(model: Model, samples: Iterable[Sample], max_age_s: float) -> dic
     return count
 
 
-def _refused(error: CesError) -> str:
+def _check_refusal(error: CesError) -> str:
     line = str(error)
     assert line and "\n" not in line and "\r" not in line and line.isprintable(), repr(line)
     assert len(line) < 4000, len(line)
     return REFUSED
 
 
-def _corners(model: Model) -> Iterable[Sample]:
+def _corners(model: Model) -> Iterable[FuzzSample]:
     """Yield samples at corners of the model's envelope, and one after the longest gap that is bridged."""
     e, period_ns = model.envelope, max(1, round(1e9 / model.sampling.rate_Hz))
     for k in range(STEPS):
-        yield Sample(k * period_ns, e.position_m[k % 2], e.current_A[k // 2 % 2])
+        yield FuzzSample(k * period_ns, e.position_m[k % 2], e.current_A[k // 2 % 2])
     gap_ns = min(round(model.sampling.max_gap_s * 1e9), 200 * period_ns)
-    yield Sample(STEPS * period_ns + gap_ns, e.position_m[0], e.current_A[1])
+    yield FuzzSample(STEPS * period_ns + gap_ns, e.position_m[0], e.current_A[1])

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
-from ces_gap.inference.verdict import FLOOR, Figures, gap_features, unknown_features
-from ces_observer.checked import write_beside
+from ces_gap.inference.verdict import NEGLIGIBLE_SHARE, VerdictFigures, gap_features, unknown_features
+from ces_observer.json_checks import write_atomically
 from ces_rig.blind.seal import open_seal
 
 F = NDArray[np.float64]
@@ -31,30 +31,30 @@ OUT = Path(__file__).resolve().parents[2] / "ces_gap" / "inference" / "calibrati
 
 
 @dataclass(frozen=True)
-class Case:
+class CalibrationCase:
     """A case: its kind, what was withheld, the figures, and what each effect alone leaves unexplained."""
 
     kind: str
     truth: frozenset[str]
-    figures: Figures
+    figures: VerdictFigures
     left: dict[str, float]
     composition: tuple[str, ...]
 
 
-def cases(folder: Path, results: Path) -> list[Case]:
+def load_cases(folder: Path, results: Path) -> list[CalibrationCase]:
     """Return the diagnosed cases of a blind test, seal opened."""
     labels = {label["case"]: label for label in open_seal(folder)[1]}
     found = []
     for path in sorted(results.glob("*/decision.json")):
         label, gap = labels[path.parent.name], json.loads((path.parent / "gap.json").read_text(encoding="utf-8"))
-        figures = Figures(**json.loads(path.read_text(encoding="utf-8"))["figures"])
+        figures = VerdictFigures(**json.loads(path.read_text(encoding="utf-8"))["figures"])
         left = {cause["effect"]: 1.0 - (cause["gain"] or 0.0) for cause in gap["causes"]}
         truth = frozenset(effect["name"] for effect in label["effects"])
-        found.append(Case(label["kind"], truth, figures, left, tuple(gap["composition"]["effects"])))
+        found.append(CalibrationCase(label["kind"], truth, figures, left, tuple(gap["composition"]["effects"])))
     return found
 
 
-def logistic(features: F, positive: NDArray[np.bool_]) -> F:
+def fit_logistic(features: F, positive: NDArray[np.bool_]) -> F:
     """Return the weights (q,) of a penalised logistic regression on features (n, q), the first of them 1.
 
     Each feature can only speak for what it stands for: all weights but the first are 0 or above.
@@ -70,14 +70,14 @@ def logistic(features: F, positive: NDArray[np.bool_]) -> F:
     return np.asarray(minimize(cost, np.zeros(features.shape[1]), bounds=bounds).x / spread)
 
 
-def sharpness(some: list[Case]) -> float:
+def fit_sharpness(some: list[CalibrationCase]) -> float:
     """Return the sharpness with which the choice among effects is most likely."""
 
     def cost(log_sharpness: float) -> float:
         total = 0.0
         for case in some:
             names = list(case.left)
-            left = np.log(np.maximum([case.left[n] for n in names], 0.0) + FLOOR)
+            left = np.log(np.maximum([case.left[n] for n in names], 0.0) + NEGLIGIBLE_SHARE)
             share = np.exp(-np.exp(log_sharpness) * (left - left.min()))
             share /= share.sum()
             total -= np.log(max(float(share[[n in case.truth for n in names]].sum()), 1e-6))
@@ -86,20 +86,20 @@ def sharpness(some: list[Case]) -> float:
     return float(np.exp(minimize_scalar(cost, bounds=(-2.0, 3.0), method="bounded").x))
 
 
-def calibrated(some: list[Case]) -> dict[str, object]:
+def calibrate(some: list[CalibrationCase]) -> dict[str, object]:
     """Return what calibration.json holds."""
-    gap = logistic(np.stack([gap_features(c.figures) for c in some]), np.array([c.kind != "none" for c in some]))
+    gap = fit_logistic(np.stack([gap_features(c.figures) for c in some]), np.array([c.kind != "none" for c in some]))
     there = [c for c in some if c.kind != "none"]
     features = np.stack([unknown_features(c.figures) for c in there])
     outside = np.array([c.kind == "outside" for c in there])
-    unknown = logistic(features, outside)
+    unknown = fit_logistic(features, outside)
     known = np.sort(1.0 / (1.0 + np.exp(-(features[~outside] @ unknown))))
     threshold = float(np.clip(known[min(int((1.0 - FALSE_REJECTION) * len(known)), len(known) - 1)], 0.2, 0.7))
     return {
         "made_on": f"{len(some)} blind cases of the plant 'calibration' (bench/gaps/calibrate.py)",
         "gap": [round(float(w), 4) for w in gap],
         "unknown": [round(float(w), 4) for w in unknown],
-        "sharpness": round(sharpness([c for c in some if c.kind == "effect" and c.left]), 3),
+        "sharpness": round(fit_sharpness([c for c in some if c.kind == "effect" and c.left]), 3),
         "least_gap": 0.5,
         "least_known": round(1.0 - threshold, 3),
     }
@@ -107,8 +107,8 @@ def calibrated(some: list[Case]) -> dict[str, object]:
 
 def main() -> None:
     pairs = list(zip(sys.argv[1::2], sys.argv[2::2], strict=True))
-    found = calibrated([case for a, b in pairs for case in cases(Path(a), Path(b))])
-    write_beside(OUT, json.dumps(found, indent=1) + "\n")
+    found = calibrate([case for a, b in pairs for case in load_cases(Path(a), Path(b))])
+    write_atomically(OUT, json.dumps(found, indent=1) + "\n")
     print(json.dumps(found, indent=1))
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.gaps.simulations import SPEED_HZ, low_passed, rate_of, stopped
+from bench.gaps.simulations import SPEED_HZ, low_pass, rate_of, stop_operator
 from ces_identify.recordings.recording import Recording
 
 F = NDArray[np.float64]
@@ -29,7 +29,7 @@ class Change:
 
     effect: str
     words: str
-    put: Callable[[Recording], Recording]
+    apply: Callable[[Recording], Recording]
 
 
 def with_values(recording: Recording, name: str, values: F) -> Recording:
@@ -38,43 +38,45 @@ def with_values(recording: Recording, name: str, values: F) -> Recording:
     return replace(recording, channels={**recording.channels, name: channel}, source="", sha256="")
 
 
-def later(recording: Recording, name: str, by_s: float) -> Recording:
+def delay_channel(recording: Recording, name: str, by_s: float) -> Recording:
     """Return the recording with a channel that shows what was there `by_s` before."""
     channel = recording.channel(name)
     time = 1e-9 * (channel.stamps_ns - channel.stamps_ns[0])
     return with_values(recording, name, np.interp(time - by_s, time, channel.values))
 
 
-def with_force(recording: Recording, force: F) -> Recording:
+def add_force(recording: Recording, force: F) -> Recording:
     return with_values(recording, "force", recording.channel("force").values + force)
 
 
-def rubbed(recording: Recording) -> Recording:
+def add_friction(recording: Recording) -> Recording:
     """Three springs behind sliders (Iwan) that let go one after the other, where `ces_gap` has one smooth curve."""
-    position = low_passed(recording.channel("position").values, SPEED_HZ, rate_of(recording))
+    position = low_pass(recording.channel("position").values, SPEED_HZ, rate_of(recording))
     share = FRICTION_N / len(TRAVELS_M)
-    return with_force(recording, sum(stopped(position, share / x, -share, share) for x in TRAVELS_M))
+    return add_force(recording, sum(stop_operator(position, share / x, -share, share) for x in TRAVELS_M))
 
 
-def weighed(recording: Recording) -> Recording:
+def add_mass(recording: Recording) -> Recording:
     """A mass on the piston's side of the cell; the acceleration ends at 80 Hz, where the position's noise begins."""
     rate = rate_of(recording)
-    position = low_passed(recording.channel("position").values, SPEED_HZ, rate)
-    return with_force(recording, MASS_KG * rate**2 * np.gradient(np.gradient(position)))
+    position = low_pass(recording.channel("position").values, SPEED_HZ, rate)
+    return add_force(recording, MASS_KG * rate**2 * np.gradient(np.gradient(position)))
 
 
-def scaled(recording: Recording) -> Recording:
+def scale_force(recording: Recording) -> Recording:
     return with_values(recording, "force", GAIN * recording.channel("force").values)
 
 
 CHANGES = (
-    Change("friction", f"{FRICTION_N:.0f} N, let go after 0.05, 0.2 and 0.8 mm", rubbed),
-    Change("valve_lag", f"{1e3 * VALVE_LAG_S:.0f} ms of dead time", lambda r: later(r, "current", -VALVE_LAG_S)),
+    Change("friction", f"{FRICTION_N:.0f} N, let go after 0.05, 0.2 and 0.8 mm", add_friction),
+    Change(
+        "valve_lag", f"{1e3 * VALVE_LAG_S:.0f} ms of dead time", lambda r: delay_channel(r, "current", -VALVE_LAG_S)
+    ),
     Change(
         "position_delay",
         f"position logged {1e3 * POSITION_DELAY_S:.1f} ms late",
-        lambda r: later(r, "position", POSITION_DELAY_S),
+        lambda r: delay_channel(r, "position", POSITION_DELAY_S),
     ),
-    Change("force_scale", f"force cell reads {100.0 * (GAIN - 1.0):.0f} % more", scaled),
-    Change("inertia", f"{MASS_KG:.0f} kg between cell and piston", weighed),
+    Change("force_scale", f"force cell reads {100.0 * (GAIN - 1.0):.0f} % more", scale_force),
+    Change("inertia", f"{MASS_KG:.0f} kg between cell and piston", add_mass),
 )

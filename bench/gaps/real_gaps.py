@@ -22,9 +22,9 @@ from pathlib import Path
 import bench.blas_one_thread  # noqa: F401 - before NumPy
 from bench.gaps.effects import CHANGES, Change
 from bench.gaps.simulations import BandBrake, StaticMap
-from bench.measuring import say
+from bench.measurement import print_note
 from ces_cli.bags import import_
-from ces_gap.diagnose import Options, diagnose
+from ces_gap.diagnose import DiagnoseOptions, diagnose
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis, Estimate
 from ces_identify.identify import identify
 from ces_identify.polynomial.limits import Limits
@@ -32,14 +32,14 @@ from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
-from ces_identify.structure_kit import Options as IdentifyOptions
+from ces_identify.structure_kit import IdentifyOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 BRFD_BOTH = ("0.25Hz30lbtension1amplitude", "1Hz30lbtension1amplitude")
 BRFD_OTHER = ("0.5Hz36lbtension1.5amplitude",)
 DYKE = "ranran_50"
 FIT_S, REFERENCE_S, REAL_S = (0.0, 7.0), (7.0, 13.0), (13.0, 21.0)  # the damper rests after 21 s
-SEARCH = Limits(most_terms=25, seconds=300.0, starts=4, threads=1)  # ends by itself before
+SEARCH = Limits(max_terms=25, seconds=300.0, starts=4, threads=1)  # ends by itself before
 
 HEADER = ("simulation and recordings", "in truth", "verdict", "named", "gap N", "left N", "shrink", "parameters")
 
@@ -52,12 +52,12 @@ class Data:
     bags: Path
 
     def brfd(self, name: str) -> Recording:
-        return self._imported(f"brfd_backlash/{name}.json", "brfd_backlash.yaml")
+        return self._import_log(f"brfd_backlash/{name}.json", "brfd_backlash.yaml")
 
     def dyke(self) -> Recording:
-        return self._imported(f"dyke_mr/{DYKE}.csv", "dyke_mr.yaml")
+        return self._import_log(f"dyke_mr/{DYKE}.csv", "dyke_mr.yaml")
 
-    def _imported(self, log: str, mapping: str) -> Recording:
+    def _import_log(self, log: str, mapping: str) -> Recording:
         """Return a log by way of a bag, as `ces import` writes and `ces diagnose` reads it."""
         bag = self.bags / Path(log).stem
         if not bag.exists():
@@ -68,45 +68,45 @@ class Data:
 
 
 @dataclass(frozen=True)
-class Row:
+class DiagnosisRow:
     """A diagnosis to make: what simulation and recordings, what is so in truth."""
 
     case: str
     setup: str
     truth: str
-    made: Callable[[], Diagnosis]
+    run_diagnosis: Callable[[], Diagnosis]
 
 
 def brake_without_play(data: Data, names: Sequence[str], threads: int = 1) -> Diagnosis:
     """Diagnose the band brake, fitted to the first of the recordings, on all of them."""
     recordings = [data.brfd(name) for name in names]
-    return _diagnosed(FunctionSimulation("brake", BandBrake.fitted(recordings[0])), recordings, (), threads)
+    return _run_diagnosis(FunctionSimulation("brake", BandBrake.fit(recordings[0])), recordings, (), threads)
 
 
 def damper_without_lag(data: Data, threads: int = 1) -> Diagnosis:
     """Diagnose the static map of Dyke's damper, fitted where its voltage had settled."""
     recording = data.dyke()
-    return _diagnosed(FunctionSimulation("map", StaticMap.fitted(recording)), [recording], (), threads)
+    return _run_diagnosis(FunctionSimulation("map", StaticMap.fit(recording)), [recording], (), threads)
 
 
 def with_change(data: Data, change: Change | None, threads: int = 1) -> Diagnosis:
     """Diagnose an identified model on Dyke's damper with a known change; references are without it."""
     recording = data.dyke()
     real = between(recording, *REAL_S)
-    changed = real if change is None else change.put(real)
-    return _diagnosed(_identified(data), [changed], [between(recording, *REFERENCE_S)], threads)
+    changed = real if change is None else change.apply(real)
+    return _run_diagnosis(_identify_model(data), [changed], [between(recording, *REFERENCE_S)], threads)
 
 
 @cache
-def _identified(data: Data) -> Simulation:
+def _identify_model(data: Data) -> Simulation:
     options = IdentifyOptions(split=1.0, limits=SEARCH)
     return ModelSimulation(identify([between(data.dyke(), *FIT_S)], options=options).model)
 
 
-def _diagnosed(
+def _run_diagnosis(
     simulation: Simulation, real: Sequence[Recording], reference: Sequence[Recording], threads: int
 ) -> Diagnosis:
-    options = Options(threads=threads, experiment=False)
+    options = DiagnoseOptions(threads=threads, experiment=False)
     return diagnose(simulation, "simulation", real, reference=reference, options=options)
 
 
@@ -114,38 +114,46 @@ def between(recording: Recording, from_s: float, to_s: float) -> Recording:
     """Return what was logged from `from_s` to before `to_s` after the first position."""
     begin = recording.channel("position").stamps_ns[0]
     low, high = (begin + round(1e9 * s) for s in (from_s, to_s))
-    kept = {n: c.where((c.stamps_ns >= low) & (c.stamps_ns < high)) for n, c in recording.channels.items()}
+    kept = {n: c.select((c.stamps_ns >= low) & (c.stamps_ns < high)) for n, c in recording.channels.items()}
     return replace(recording, channels=kept, source="", sha256="")
 
 
-def rows(data: Data, threads: int) -> list[Row]:
+def rows(data: Data, threads: int) -> list[DiagnosisRow]:
     """Return all diagnoses, none of them made yet."""
     brake, model = "band brake without play", "Dyke: identified model, change put into the recording"
     found = [
-        Row("brfd", f"{brake}, 0.25 and 1 Hz", "backlash", lambda: brake_without_play(data, BRFD_BOTH, threads)),
-        Row("brfd_other", f"{brake}, 0.5 Hz", "backlash", lambda: brake_without_play(data, BRFD_OTHER, threads)),
-        Row("dyke", "Dyke: static map of speed and voltage", "valve lag", lambda: damper_without_lag(data, threads)),
-        Row("none", "Dyke: identified model, recording as it is", "nothing", lambda: with_change(data, None, threads)),
+        DiagnosisRow(
+            "brfd", f"{brake}, 0.25 and 1 Hz", "backlash", lambda: brake_without_play(data, BRFD_BOTH, threads)
+        ),
+        DiagnosisRow(
+            "brfd_other", f"{brake}, 0.5 Hz", "backlash", lambda: brake_without_play(data, BRFD_OTHER, threads)
+        ),
+        DiagnosisRow(
+            "dyke", "Dyke: static map of speed and voltage", "valve lag", lambda: damper_without_lag(data, threads)
+        ),
+        DiagnosisRow(
+            "none", "Dyke: identified model, recording as it is", "nothing", lambda: with_change(data, None, threads)
+        ),
     ]
     for change in CHANGES:
         truth = f"{change.effect.replace('_', ' ')}: {change.words}"
-        found.append(Row(change.effect, model, truth, lambda c=change: with_change(data, c, threads)))
+        found.append(DiagnosisRow(change.effect, model, truth, lambda c=change: with_change(data, c, threads)))
     return found
 
 
-def cells(row: Row, made: Diagnosis) -> tuple[str, ...]:
+def cells(row: DiagnosisRow, diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return a row of the table."""
-    best = made.composition
-    nothing = made.verdict == NO_GAP
+    best = diagnosis.composition
+    nothing = diagnosis.verdict == NO_GAP
     names = " + ".join(name.replace("_", " ") for name in best.effects) or "nothing"
-    names = f"(nearest: {names})" if made.verdict == UNKNOWN else names
-    told = "; ".join(_told(e) for estimates in best.estimates for e in estimates)
+    names = f"(nearest: {names})" if diagnosis.verdict == UNKNOWN else names
+    told = "; ".join(_format_estimate(e) for estimates in best.estimates for e in estimates)
     left, shrink = ("", "") if nothing else (f"{best.gap_after_N:,.0f}", f"{100.0 * best.shrink:.0f} %")
-    gap = f"{made.gap.rms_N:,.0f}"
-    return row.setup, row.truth, made.verdict.replace("_", " "), names, gap, left, shrink, told
+    gap = f"{diagnosis.gap.rms_N:,.0f}"
+    return row.setup, row.truth, diagnosis.verdict.replace("_", " "), names, gap, left, shrink, told
 
 
-def _told(estimate: Estimate) -> str:
+def _format_estimate(estimate: Estimate) -> str:
     low, high = estimate.ci95
     doubt = " at its bound" if estimate.at_bound else ""
     return f"{estimate.name} {estimate.value:.3g} ({low:.3g} to {high:.3g}){doubt}"
@@ -165,8 +173,8 @@ def main() -> None:
         print(f"| {' | '.join(HEADER)} |\n|---|---|---|---|---:|---:|---:|---|", flush=True)
         for case in chosen:
             began = time.monotonic()
-            print(f"| {' | '.join(cells(known[case], known[case].made()))} |", flush=True)
-            say(f"{case}: {time.monotonic() - began:.0f} s")
+            print(f"| {' | '.join(cells(known[case], known[case].run_diagnosis()))} |", flush=True)
+            print_note(f"{case}: {time.monotonic() - began:.0f} s")
 
 
 if __name__ == "__main__":

@@ -34,23 +34,23 @@ class BandBrake:
 
     def __call__(self, time_s: F, position_m: F, current_A: F) -> F:
         """Return the force [N] (n,) at positions [m] (n,)."""
-        return np.asarray(stopped(position_m, self.stiffness_N_m, -self.pull_N, self.push_N))
+        return np.asarray(stop_operator(position_m, self.stiffness_N_m, -self.pull_N, self.push_N))
 
     @classmethod
-    def fitted(cls, recording: Recording) -> BandBrake:
+    def fit(cls, recording: Recording) -> BandBrake:
         """Return the brake with the limits of full sliding and the stiffness of unloading, neither touched by play."""
         position, force = recording.channel("position").values, recording.channel("force").values
-        smooth = low_passed(position, 20.0, rate_of(recording))
+        smooth = low_pass(position, 20.0, rate_of(recording))
         speed = np.gradient(smooth)
         sliding = np.abs(smooth - smooth.mean()) < 0.5 * AWAY * float(np.ptp(smooth))
         moves = np.abs(speed) > 0.3 * np.abs(speed).max()
         push = float(np.median(force[sliding & moves & (speed > 0.0)]))
         pull = -float(np.median(force[sliding & moves & (speed < 0.0)]))
-        return cls(push, pull, _unloading(smooth, force, push, pull))
+        return cls(push, pull, _unloading_stiffness(smooth, force, push, pull))
 
 
 @njit(cache=True)
-def stopped(position: F, stiffness: float, low: float, high: float) -> F:
+def stop_operator(position: F, stiffness: float, low: float, high: float) -> F:
     """Return the force (n,) of a spring behind a slider, begun at rest (a stop operator)."""
     out = np.zeros_like(position)
     for k in range(1, len(position)):
@@ -58,7 +58,7 @@ def stopped(position: F, stiffness: float, low: float, high: float) -> F:
     return out
 
 
-def _unloading(position: F, force: F, push: float, pull: float) -> float:
+def _unloading_stiffness(position: F, force: F, push: float, pull: float) -> float:
     """Return the stiffness [N/m] from each turn of a stroke to where no force is left: the median."""
     found = []
     speed = np.gradient(position)
@@ -83,7 +83,7 @@ class StaticMap:
 
     def __call__(self, time_s: F, position_m: F, current_A: F) -> F:
         """Return the force [N] (n,) at positions [m] and voltages [V] (n,)."""
-        speed = np.gradient(low_passed(position_m, SPEED_HZ, 1.0 / float(np.median(np.diff(time_s)))), time_s)
+        speed = np.gradient(low_pass(position_m, SPEED_HZ, 1.0 / float(np.median(np.diff(time_s)))), time_s)
         return np.asarray(self._features(speed, current_A) @ np.array(self.table).ravel())
 
     def _features(self, speed: F, voltage: F) -> F:
@@ -94,20 +94,20 @@ class StaticMap:
         return np.asarray((hats[:, :, None] * sides[:, None, :]).reshape(len(speed), -1))
 
     @classmethod
-    def fitted(cls, recording: Recording, settled_s: float = SETTLED_S) -> StaticMap:
+    def fit(cls, recording: Recording, settled_s: float = SETTLED_S) -> StaticMap:
         """Return the map that the recording shows where the voltage has not changed for `settled_s`."""
         position, voltage = recording.channel("position").values, recording.channel("current").values
         force, rate = recording.channel("force").values, rate_of(recording)
         low, high = (float(v) for v in np.percentile(voltage, (5.0, 95.0)))
         blank = cls(tuple(KNOTS_M_S.tolist()), low, high, ((0.0,) * LEVELS,) * len(KNOTS_M_S))
-        speed = np.gradient(low_passed(position, SPEED_HZ, rate)) * rate
-        steady = settled(voltage, round(settled_s * rate), 0.1 * (high - low))
+        speed = np.gradient(low_pass(position, SPEED_HZ, rate)) * rate
+        steady = find_settled(voltage, round(settled_s * rate), 0.1 * (high - low))
         features = blank._features(speed[steady], voltage[steady])
         table = np.linalg.lstsq(features, force[steady], rcond=1e-6)[0].reshape(-1, LEVELS)
         return cls(blank.knots, low, high, tuple(tuple(row) for row in table.tolist()))
 
 
-def settled(voltage: F, ticks: int, step: float) -> NDArray[np.bool_]:
+def find_settled(voltage: F, ticks: int, step: float) -> NDArray[np.bool_]:
     """Return where (n,) the voltage has stayed within `step` of itself over the last `ticks`."""
     since, out = 0, np.zeros(len(voltage), bool)
     for k in range(1, len(voltage)):
@@ -116,7 +116,7 @@ def settled(voltage: F, ticks: int, step: float) -> NDArray[np.bool_]:
     return out
 
 
-def low_passed(values: F, corner_Hz: float, rate_Hz: float) -> F:
+def low_pass(values: F, corner_Hz: float, rate_Hz: float) -> F:
     """Return values (n,) behind a zero-phase low-pass of fourth order."""
     return np.asarray(sosfiltfilt(butter(2, min(corner_Hz, 0.4 * rate_Hz), fs=rate_Hz, output="sos"), values))
 

@@ -22,19 +22,19 @@ from contestants import (
     ROOT,
     Contestant,
     Field,
-    Load,
-    Run,
+    GeneratorLoad,
+    GeneratorRun,
     build_cpp,
     cpp_relays,
     observer,
+    print_note,
     python_relays,
-    say,
 )
-from figures import row, spread, targets
+from figures import median_range, row, targets
 
 sys.path.insert(0, str(ROOT))
-from bench.markdown import put_between
-from bench.measuring import processor
+from bench.markdown import replace_between
+from bench.measurement import processor
 from ces_observer.model import load_model
 
 PAGE = ROOT / "docs" / "benchmarks.md"
@@ -56,38 +56,38 @@ def contestants(folder: Path, has_cpp: bool, model: Path) -> list[Contestant]:
 
 
 def play(
-    field: Field, nodes: Sequence[Contestant], rates: Sequence[float], load: Load, rounds: int
-) -> dict[Key, list[Run]]:
+    field: Field, nodes: Sequence[Contestant], rates: Sequence[float], load: GeneratorLoad, rounds: int
+) -> dict[Key, list[GeneratorRun]]:
     """Return the runs of each node at each rate, a run a round."""
-    found: dict[Key, list[Run]] = {(rate, node.name): [] for rate in rates for node in nodes}
+    found: dict[Key, list[GeneratorRun]] = {(rate, node.name): [] for rate in rates for node in nodes}
     for number in range(rounds):
         for rate in rates:
-            say(f"round {number + 1} of {rounds}, {rate:g} Hz")
+            print_note(f"round {number + 1} of {rounds}, {rate:g} Hz")
             for node in nodes:
                 found[rate, node.name].append(field.measure(node, replace(load, rate_Hz=rate)))
     return found
 
 
-def table(found: dict[Key, list[Run]], nodes: Sequence[Contestant]) -> list[str]:
+def table(found: dict[Key, list[GeneratorRun]], nodes: Sequence[Contestant]) -> list[str]:
     head = [*HEADER, *RATIOS]
     lines = [f"| {' | '.join(head)} |", "|---:|---|" + "---:|" * (len(head) - 2)]
-    twins = {node.name: node.twin for node in nodes}
+    twins = {node.name: node.baseline for node in nodes}
     for (rate, name), runs in found.items():
         cpp, same = found.get((rate, CPP_RELAYS["single"])), found.get((rate, twins[name]))
         lines.append(f"| {' | '.join(row(name, rate, runs, cpp, same))} |")
     return lines
 
 
-def verdicts(found: dict[Key, list[Run]], twin: str) -> list[str]:
+def verdicts(found: dict[Key, list[GeneratorRun]], baseline: str) -> list[str]:
     runs, cpp = found.get((TARGET_HZ, OBSERVER)), found.get((TARGET_HZ, CPP_RELAYS["single"]))
     if runs is None or cpp is None:
         return ["* no verdict: 1000 Hz was not asked for, or there is no C++ relay to compare with"]
-    return targets(runs, cpp, found[TARGET_HZ, twin])
+    return targets(runs, cpp, found[TARGET_HZ, baseline])
 
 
-def long_run(field: Field, node: Contestant, load: Load, minutes: float) -> str:
+def long_run(field: Field, node: Contestant, load: GeneratorLoad, minutes: float) -> str:
     """Run the observer for long; return a line of what was lost and what its memory did."""
-    say(f"{minutes:g} minutes at {TARGET_HZ:g} Hz")
+    print_note(f"{minutes:g} minutes at {TARGET_HZ:g} Hz")
     before = field.resident_kB(node)
     run = field.measure(node, replace(load, rate_Hz=TARGET_HZ, seconds=60.0 * minutes))
     verdict = "met" if run.lost == 0 else "**missed**"
@@ -100,7 +100,7 @@ def long_run(field: Field, node: Contestant, load: Load, minutes: float) -> str:
     )
 
 
-def noise(found: dict[Key, list[Run]], load: Load, rounds: int, began: float) -> str:
+def noise(found: dict[Key, list[GeneratorRun]], load: GeneratorLoad, rounds: int, began: float) -> str:
     """Return how the load was made and how quiet the machine was."""
     runs = [run for several in found.values() for run in several]
     where = "in the middle between two positions" if load.current_apart else "right after the position"
@@ -108,8 +108,9 @@ def noise(found: dict[Key, list[Run]], load: Load, rounds: int, began: float) ->
     return (
         f"{rounds} rounds of {load.seconds:g} s each after {load.warm_up_s:g} s of warm-up: median over the rounds, "
         f"in brackets their range. A current goes with {each} position, published {where}. The generator itself woke "
-        f"up {spread(runs, 'late_p50_us').text()} µs late in the median and {spread(runs, 'late_p99_us').text()} µs at "
-        f"its p99. Load of the machine {began:.1f} at the beginning, {os.getloadavg()[0]:.1f} at the end."
+        f"up {median_range(runs, 'late_p50_us').text()} µs late in the median and "
+        f"{median_range(runs, 'late_p99_us').text()} µs at its p99. "
+        f"Load of the machine {began:.1f} at the beginning, {os.getloadavg()[0]:.1f} at the end."
     )
 
 
@@ -122,12 +123,12 @@ def report(options: argparse.Namespace, folder: Path) -> list[str]:
     sampling = load_model(options.model).sampling
     after_gap_s = sampling.warm_up_s + 2.0 * sampling.max_gap_s
     currents = options.current_every, options.current_apart
-    load = Load(TARGET_HZ, options.seconds, options.warm_up, *currents, sampling.max_gap_s, after_gap_s)
+    load = GeneratorLoad(TARGET_HZ, options.seconds, options.warm_up, *currents, sampling.max_gap_s, after_gap_s)
     began = os.getloadavg()[0]
     with Field(nodes, generator) as field:
         found = play(field, nodes, options.rates, load, options.rounds)
         whole = next(node for node in nodes if node.name == OBSERVER)
-        lines = [*table(found, nodes), "", *verdicts(found, whole.twin)]
+        lines = [*table(found, nodes), "", *verdicts(found, whole.baseline)]
         if options.minutes:
             lines.append(long_run(field, whole, load, options.minutes))
     return [*lines, "", noise(found, load, options.rounds, began), machine()]
@@ -143,7 +144,7 @@ def machine() -> str:
     return f"{processor()}, {len(os.sched_getaffinity(0))} cores; {versions}."
 
 
-def asked() -> argparse.Namespace:
+def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rates", type=float, nargs="+", default=[200.0, 500.0, 1000.0, 2000.0], metavar="HZ")
     parser.add_argument("--seconds", type=float, default=5.0, help="length of a run [s], default 5")
@@ -165,14 +166,14 @@ def asked() -> argparse.Namespace:
 
 
 def main() -> None:
-    options = asked()
+    options = parse_arguments()
     options.model = options.model.resolve()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     with tempfile.TemporaryDirectory() as folder:
         lines = report(options, Path(folder))
     print("\n".join(lines))
     if options.write:
-        put_between(PAGE, "live", "\n".join(lines))
+        replace_between(PAGE, "live", "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ BATCH = 500  # samples of a kind in turn
 WARM_UP = 2000
 
 
-class Sample:
+class SampleTimer:
     """One damper at 1 kHz; each call takes the next current and position and returns the time that took [ns]."""
 
     def __init__(self, path: Path) -> None:
@@ -56,17 +56,17 @@ class Sample:
         return time.perf_counter_ns() - began
 
 
-def asleep() -> None:
+def sleep_period() -> None:
     time.sleep(PERIOD_NS * 1e-9)
 
 
-def awake() -> None:
+def spin_period() -> None:
     end = time.perf_counter_ns() + PERIOD_NS
     while time.perf_counter_ns() < end:
         pass
 
 
-def pairs(sample: Sample, wait: Callable[[], None]) -> list[tuple[int, int]]:
+def pairs(sample: SampleTimer, wait: Callable[[], None]) -> list[tuple[int, int]]:
     """Return the times [ns] of a sample after each wait and of the one that follows at once."""
     found = []
     for _ in range(BATCH):
@@ -80,14 +80,14 @@ def main() -> None:
     parser.add_argument("--model", type=Path, default=ROOT / "config" / "models" / "sample.json")
     parser.add_argument("--rounds", type=int, default=10, help=f"of {BATCH} samples of each kind, default 10")
     options = parser.parse_args()
-    sample = Sample(options.model)
+    sample = SampleTimer(options.model)
     gc.disable()  # as the nodes have it
     for _ in range(WARM_UP):
         sample()
     found: dict[str, list[float]] = {}
     for _ in range(options.rounds):
         found.setdefault("in a row", []).append(median(sample() for _ in range(BATCH)))
-        for name, wait in (("1 ms awake", awake), ("1 ms asleep", asleep)):
+        for name, wait in (("1 ms awake", spin_period), ("1 ms asleep", sleep_period)):
             first, second = (median(times) for times in zip(*pairs(sample, wait), strict=True))
             found.setdefault(f"after {name}", []).append(first)
             found.setdefault(f"after {name}, the second", []).append(second)

@@ -25,17 +25,17 @@ CPP_RELAYS = {"single": "relay, rclcpp::spin", "events": "relay, rclcpp EventsEx
 
 @dataclass(frozen=True)
 class Contestant:
-    """A node as a command; `node` is its name, `twin` names the empty relay of the same executor."""
+    """A node as a command; `node` is its name, `baseline` names the empty relay of the same executor."""
 
     name: str
     command: tuple[str, ...]
     node: str = "relay"
     ros_args: tuple[str, ...] = ()
-    twin: str = ""
+    baseline: str = ""
 
 
 @dataclass(frozen=True)
-class Load:
+class GeneratorLoad:
     """What the generator publishes: `current_every` samples a current, in the middle between two if `current_apart`."""
 
     rate_Hz: float
@@ -48,7 +48,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Run:
+class GeneratorRun:
     """What one run of the generator found; times in us, CPU as a share of one core.
 
     `after_pause` samples had no estimate because the generator itself had paused for longer than the model bridges.
@@ -73,21 +73,21 @@ def cpp_relays(folder: Path) -> list[Contestant]:
     return [Contestant(name, (str(folder / "relay"), kind)) for kind, name in CPP_RELAYS.items()]
 
 
-def observer(name: str, model: Path, twin: str, *parameters: str) -> Contestant:
+def observer(name: str, model: Path, baseline: str, *parameters: str) -> Contestant:
     """Return the observer with a model and further parameters as `name:=value`."""
     words = [word for one in (f"model:={model}", *parameters) for word in ("-p", one)]
-    return Contestant(name, (sys.executable, "-m", "ces_observer.nodes.observer"), "observer", tuple(words), twin)
+    return Contestant(name, (sys.executable, "-m", "ces_observer.nodes.observer"), "observer", tuple(words), baseline)
 
 
 def build_cpp(folder: Path) -> bool:
     """Build relay and generator into `folder`; returns False, saying why, if that cannot be done here."""
     if shutil.which("cmake") is None or shutil.which("c++") is None:
-        say("no C++: cmake or a compiler is missing, the relays in Python have to do")
+        print_note("no C++: cmake or a compiler is missing, the relays in Python have to do")
         return False
     for command in (["-S", str(HERE / "relay_cpp"), "-B", str(folder)], ["--build", str(folder)]):
         done = subprocess.run(["cmake", *command], capture_output=True, text=True, check=False)
         if done.returncode:
-            say(f"no C++: {' '.join(done.stderr.split()[-40:])}")
+            print_note(f"no C++: {' '.join(done.stderr.split()[-40:])}")
             return False
     return True
 
@@ -113,7 +113,7 @@ class Field:
             except subprocess.TimeoutExpired:
                 process.kill()
 
-    def measure(self, contestant: Contestant, load: Load) -> Run:
+    def measure(self, contestant: Contestant, load: GeneratorLoad) -> GeneratorRun:
         """Return what the generator finds; raises RuntimeError if the node has ended or gives nothing."""
         k = self._numbers[contestant.name]
         parameters = {**asdict(load), "pid": self._processes[k].pid}
@@ -122,7 +122,7 @@ class Field:
         done = subprocess.run([*self._generator, *words], stdout=subprocess.PIPE, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"{contestant.name} at {load.rate_Hz:g} Hz: the generator found nothing to measure")
-        return Run(**json.loads(done.stdout))
+        return GeneratorRun(**json.loads(done.stdout))
 
     def resident_kB(self, contestant: Contestant) -> int:
         """Return the memory a contestant holds [kB]."""
@@ -143,6 +143,6 @@ def _namespace(number: int) -> str:
     return f"/live{number}"
 
 
-def say(text: str) -> None:
+def print_note(text: str) -> None:
     """Print on standard error: standard output holds the table alone."""
     print(text, file=sys.stderr, flush=True)

@@ -39,7 +39,9 @@ class Generator:
         self._sample.header.frame_id = "chassis"
         self._position = node.create_publisher(JointState, "joint_states", 100)
         self._current = node.create_publisher(Float64, "valve_current", 100)
-        self._estimates = node.create_subscription(JointState, "estimate", self._hear, QoSProfile(depth=1000), raw=True)
+        self._estimates = node.create_subscription(
+            JointState, "estimate", self._on_estimate, QoSProfile(depth=1000), raw=True
+        )
         self._node = node
 
     def is_matched(self) -> bool:
@@ -59,7 +61,7 @@ class Generator:
             stamps.append(self._publish(k, due + 0.5 / plan["rate_Hz"]))
         share = (cpu_s(plan["pid"]) - cpu) / (time.monotonic() - wall)
         time.sleep(GRACE_NS * 1e-9)
-        return self._found(stamps[warm:], late[warm:], share)
+        return self._summarize(stamps[warm:], late[warm:], share)
 
     def _publish(self, k: int, apart_at: float) -> int:
         stamp = time.time_ns()
@@ -72,11 +74,11 @@ class Generator:
             self._current.publish(Float64(data=0.5))
         return stamp
 
-    def _hear(self, message: bytes) -> None:
+    def _on_estimate(self, message: bytes) -> None:
         seconds, nanoseconds = STAMP.unpack_from(message, ENCAPSULATION)
         self.received.setdefault(seconds * 10**9 + nanoseconds, time.time_ns())
 
-    def _found(self, stamps: list[int], late: list[float], cpu_share: float) -> dict[str, float]:
+    def _summarize(self, stamps: list[int], late: list[float], cpu_share: float) -> dict[str, float]:
         heard = {s for s in stamps if self.received.get(s, math.inf) - s < GRACE_NS}
         if not heard:
             sys.exit("generator: not one estimate was received")
@@ -101,7 +103,7 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def hear(executor: EventsExecutor) -> None:
+def spin_executor(executor: EventsExecutor) -> None:
     with suppress(ExternalShutdownException):
         executor.spin()
 
@@ -112,7 +114,7 @@ def main() -> None:
     generator = Generator(node)
     executor = EventsExecutor()
     executor.add_node(node)
-    thread = threading.Thread(target=hear, args=(executor,))
+    thread = threading.Thread(target=spin_executor, args=(executor,))
     thread.start()
     limit = time.monotonic() + 10.0
     while not generator.is_matched() and time.monotonic() < limit:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from random import Random
 
-from judge import Episode
-from processes import Observer, Source
-from witness import Witness
+from judge import FaultEpisode
+from observer_monitor import ObserverMonitor
+from processes import ObserverProcess, SourceProcess
 
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
@@ -24,9 +24,9 @@ ADOPTED_WITHIN_S = 20.0  # a model is proved anew by a process that has to be st
 class Stage:
     """Everybody who takes part, the model, and the file that the observer's parameter names."""
 
-    observer: Observer
-    source: Source
-    witness: Witness
+    observer: ObserverProcess
+    source: SourceProcess
+    monitor: ObserverMonitor
     model: Model
     model_path: Path
     version: int = 0
@@ -44,108 +44,108 @@ class Stage:
         return str(path)
 
 
-Action = Callable[[Stage, Episode, float], None]
+Action = Callable[[Stage, FaultEpisode, float], None]
 
 
-def stop_source(stage: Stage, episode: Episode, seconds: float) -> None:
+def stop_source(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     stage.source.process.send_signal(signal.SIGSTOP)
     time.sleep(seconds)
     stage.source.process.send_signal(signal.SIGCONT)
-    caught_up = stage.source.tells("caught up")
+    caught_up = stage.source.wait_for_event("caught up")
     episode.good_at, episode.good_ns = caught_up["at_ns"], caught_up["good_ns"]
 
 
-def stop_observer(stage: Stage, episode: Episode, seconds: float) -> None:
+def stop_observer(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     stage.observer.process.send_signal(signal.SIGSTOP)
     time.sleep(seconds)
-    good_now(stage, episode)
+    mark_good(stage, episode)
     stage.observer.process.send_signal(signal.SIGCONT)
 
 
-def kill_source(stage: Stage, episode: Episode, seconds: float) -> None:
+def kill_source(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     stage.source.kill()
     time.sleep(seconds)
     running = stage.source.restart()
     episode.good_at, episode.good_ns = running["at_ns"], running["good_ns"]
 
 
-def other_model(stage: Stage, episode: Episode, seconds: float) -> None:
+def change_model(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     text, digest = stage.new_model()
     path = stage.file(f"model{stage.version}.json", text)
-    expect(episode, stage.witness.set("model", path), True)
+    expect(episode, stage.monitor.set_parameter("model", path), True)
     stage.model_path = Path(path)
-    adopted(stage, episode, digest)
+    wait_until_adopted(stage, episode, digest)
 
 
-def bad_model(stage: Stage, episode: Episode, seconds: float) -> None:
+def change_to_bad_model(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     text = stage.model.to_json().replace('"schema"', '"shema"')
-    expect(episode, stage.witness.set("model", stage.file("bad.json", text)), False)
-    good_now(stage, episode)
+    expect(episode, stage.monitor.set_parameter("model", stage.file("bad.json", text)), False)
+    mark_good(stage, episode)
 
 
-def read_again(stage: Stage, episode: Episode, seconds: float) -> None:
+def reload_model(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     text, digest = stage.new_model()
     stage.file(stage.model_path.name, text)
-    expect(episode, stage.witness.reload(), True)
-    adopted(stage, episode, digest)
+    expect(episode, stage.monitor.reload_model(), True)
+    wait_until_adopted(stage, episode, digest)
 
 
-def bad_read_again(stage: Stage, episode: Episode, seconds: float) -> None:
+def reload_bad_model(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     good = stage.model_path.read_text(encoding="utf-8")
-    stage.file(stage.model_path.name, unstable(stage.model).to_json())
-    expect(episode, stage.witness.reload(), False)
+    stage.file(stage.model_path.name, make_unstable(stage.model).to_json())
+    expect(episode, stage.monitor.reload_model(), False)
     stage.file(stage.model_path.name, good)
-    good_now(stage, episode)
+    mark_good(stage, episode)
 
 
-def model_on_topic(stage: Stage, episode: Episode, seconds: float) -> None:
+def publish_other_model(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     text, digest = stage.new_model()
-    stage.witness.publish_model(text)
-    adopted(stage, episode, digest)
+    stage.monitor.publish_model(text)
+    wait_until_adopted(stage, episode, digest)
 
 
-def bad_model_on_topic(stage: Stage, episode: Episode, seconds: float) -> None:
-    stage.witness.publish_model(unstable(stage.model).to_json())
+def publish_bad_model(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
+    stage.monitor.publish_model(make_unstable(stage.model).to_json())
     time.sleep(3.0)
-    good_now(stage, episode)
+    mark_good(stage, episode)
 
 
-def age(stage: Stage, episode: Episode, seconds: float) -> None:
+def change_max_age(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     for value in (Random(episode.began_at).uniform(0.3, 3600.0), 0.0, MAX_AGE_S):
-        expect(episode, stage.witness.set("max_age_s", value), True)
-    good_now(stage, episode)
+        expect(episode, stage.monitor.set_parameter("max_age_s", value), True)
+    mark_good(stage, episode)
 
 
-def bad_age(stage: Stage, episode: Episode, seconds: float) -> None:
+def change_to_bad_age(stage: Stage, episode: FaultEpisode, seconds: float) -> None:
     for value in (-1.0, float("inf"), float("nan"), "often"):
-        expect(episode, stage.witness.set("max_age_s", value), False)
-    good_now(stage, episode)
+        expect(episode, stage.monitor.set_parameter("max_age_s", value), False)
+    mark_good(stage, episode)
 
 
-def unstable(model: Model) -> Model:
+def make_unstable(model: Model) -> Model:
     """Return the model with all its coefficients a hundredfold: well formed, and no proof of it can succeed."""
     terms = tuple(replace(term, coefficient=100.0 * term.coefficient) for term in model.body.terms)
     return replace(model, body=Polynomial(terms))
 
 
-def expect(episode: Episode, answer: tuple[bool, str], accepted: bool) -> None:
+def expect(episode: FaultEpisode, answer: tuple[bool, str], accepted: bool) -> None:
     """Note it if the node's answer is not what it has to be: accepted, or refused with a reason."""
     if answer[0] != accepted or not (accepted or answer[1]):
         episode.wrong.append(f"the node answered {'yes' if answer[0] else 'no'} ({answer[1] or 'no reason'})")
 
 
-def adopted(stage: Stage, episode: Episode, digest: str) -> None:
+def wait_until_adopted(stage: Stage, episode: FaultEpisode, digest: str) -> None:
     """Wait until the diagnostics name the model by its digest."""
     end = time.monotonic() + ADOPTED_WITHIN_S
-    while not any(digest in value for value in stage.witness.diagnoses[-1].values.values()):
+    while not any(digest in value for value in stage.monitor.diagnoses[-1].values.values()):
         if time.monotonic() > end:
             episode.wrong.append(f"the new model is not in the diagnostics after {ADOPTED_WITHIN_S:g} s")
             break
         time.sleep(0.01)
-    good_now(stage, episode)
+    mark_good(stage, episode)
 
 
-def good_now(stage: Stage, episode: Episode) -> None:
+def mark_good(stage: Stage, episode: FaultEpisode) -> None:
     episode.good_at, episode.good_ns = time.time_ns(), stage.source.stamp_now()
 
 
@@ -153,12 +153,12 @@ ACTIONS: dict[str, Action] = {
     "stop source": stop_source,
     "stop observer": stop_observer,
     "kill source": kill_source,
-    "other model": other_model,
-    "bad model": bad_model,
-    "reload": read_again,
-    "bad reload": bad_read_again,
-    "model on topic": model_on_topic,
-    "bad model on topic": bad_model_on_topic,
-    "age": age,
-    "bad age": bad_age,
+    "other model": change_model,
+    "bad model": change_to_bad_model,
+    "reload": reload_model,
+    "bad reload": reload_bad_model,
+    "model on topic": publish_other_model,
+    "bad model on topic": publish_bad_model,
+    "age": change_max_age,
+    "bad age": change_to_bad_age,
 }

@@ -10,10 +10,10 @@ from random import Random
 
 from actions import ACTIONS, MAX_AGE_S, Stage
 from faults import REAL, Fault
-from judge import TOLD_WITHIN_NS, Episode, Outcome, Rules, judge
-from processes import Observer, Source
-from ride import Truth
-from witness import MODEL_TOPIC, Witness
+from judge import REPORT_WITHIN_NS, EpisodeLimits, FaultEpisode, FaultOutcome, evaluate_episode
+from observer_monitor import MODEL_TOPIC, ObserverMonitor
+from processes import ObserverProcess, SourceProcess
+from ride import TrueForce
 
 from ces_observer.model import Model
 
@@ -26,8 +26,8 @@ class ObserverEndedError(Exception):
 
 
 @contextmanager
-def staged(model: Model, folder: Path, times: str, namespace: str = "/faults") -> Iterator[Stage]:
-    """Start everybody; `folder` takes model files and log. The observer must be ended by `Observer.end`."""
+def start_stage(model: Model, folder: Path, times: str, namespace: str = "/faults") -> Iterator[Stage]:
+    """Start everybody; `folder` takes model files and log. The observer must be ended by `ObserverProcess.end`."""
     path = folder / "model.json"
     model.save(path)
     simulated = times != REAL
@@ -37,10 +37,10 @@ def staged(model: Model, folder: Path, times: str, namespace: str = "/faults") -
         "max_age_s": MAX_AGE_S,
         "use_sim_time": str(simulated).lower(),
     }
-    with Witness(namespace) as witness:
-        observer = Observer(namespace, parameters, folder / "observer.log")
+    with ObserverMonitor(namespace) as witness:
+        observer = ObserverProcess(namespace, parameters, folder / "observer.log")
         try:
-            source = Source(namespace, SIMULATED_START_NS if simulated else None)
+            source = SourceProcess(namespace, SIMULATED_START_NS if simulated else None)
             try:
                 yield Stage(observer, source, witness, model, path)
             finally:
@@ -51,9 +51,9 @@ def staged(model: Model, folder: Path, times: str, namespace: str = "/faults") -
                 observer.process.wait()
 
 
-def rules_for(model: Model, times: str) -> Rules:
-    truth = Truth(model)
-    return Rules(
+def make_limits(model: Model, times: str) -> EpisodeLimits:
+    truth = TrueForce(model)
+    return EpisodeLimits(
         model.force_envelope_N,
         truth.force,
         truth.most,
@@ -62,38 +62,38 @@ def rules_for(model: Model, times: str) -> Rules:
     )
 
 
-def play(stage: Stage, faults: Iterable[Fault], rules: Rules, dice: Random) -> Iterator[Outcome]:
+def play(stage: Stage, faults: Iterable[Fault], rules: EpisodeLimits, dice: Random) -> Iterator[FaultOutcome]:
     """Inject the faults one by one; yields the outcome of each. Raises ObserverEndedError."""
     for fault in faults:
-        well = becomes_well(stage)
+        well = wait_until_well(stage)
         time.sleep(dice.uniform(0.1, 0.8))
-        episode = injected(stage, fault, dice)
+        episode = inject_fault(stage, fault, dice)
         if not well:
             episode.wrong.append(f"the observer was not well {WELL_WITHIN_S:g} s after the fault before")
-        time.sleep(max(0.0, (episode.good_at + TOLD_WITHIN_NS - time.time_ns()) * 1e-9 + 0.05))
+        time.sleep(max(0.0, (episode.good_at + REPORT_WITHIN_NS - time.time_ns()) * 1e-9 + 0.05))
         if not stage.observer.is_running():
             raise ObserverEndedError(f"{fault.name}: the observer ended with {stage.observer.process.returncode}")
-        yield judge(episode, stage.witness.estimates, stage.witness.diagnoses, rules)
+        yield evaluate_episode(episode, stage.monitor.estimates, stage.monitor.diagnoses, rules)
 
 
-def injected(stage: Stage, fault: Fault, dice: Random) -> Episode:
+def inject_fault(stage: Stage, fault: Fault, dice: Random) -> FaultEpisode:
     """Do what the fault is, and return when and what was done."""
     seconds, seed = dice.uniform(*fault.seconds), dice.randrange(1 << 31)
-    episode = Episode(fault, began_at=time.time_ns())
+    episode = FaultEpisode(fault, began_at=time.time_ns())
     if fault.action:
         ACTIONS[fault.action](stage, episode, seconds)
         return episode
-    stage.source.do(id=0, spoiler=fault.spoiler, seconds=seconds, seed=seed)
-    ended = stage.source.tells("ended")
+    stage.source.send(id=0, spoiler=fault.spoiler, seconds=seconds, seed=seed)
+    ended = stage.source.wait_for_event("ended")
     episode.good_at, episode.good_ns = ended["at_ns"], ended["good_ns"]
     episode.first_ns, episode.last_ns = ended["first_ns"], ended["last_ns"]
     return episode
 
 
-def becomes_well(stage: Stage) -> bool:
+def wait_until_well(stage: Stage) -> bool:
     """Wait until estimates come and the diagnostics agree; returns False if that takes too long."""
     now_ns, end = time.time_ns(), time.monotonic() + WELL_WITHIN_S
-    while not stage.witness.is_well(now_ns):
+    while not stage.monitor.is_well(now_ns):
         if time.monotonic() > end or not stage.observer.is_running():
             return False
         time.sleep(0.01)

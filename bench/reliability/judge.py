@@ -16,14 +16,14 @@ from faults import NONE, TRUE, Fault
 
 RECOVERY_S = 0.2
 LONGEST_PAUSE_S = 0.2  # between two estimates, while estimates have to go on
-TOLD_WITHIN_NS = 1_500_000_000  # counts are told once a second
+REPORT_WITHIN_NS = 1_500_000_000  # counts are told once a second
 IN_FLIGHT_NS = 50_000_000
 SETTLE_S = 0.5  # after recovery, until the force has to be that of an undisturbed observer again
 ANSWERED = "the node's answer"
-MOST_ERROR = 0.1  # of the ride's largest force
+MAX_ERROR_SHARE = 0.1  # of the ride's largest force
 
 
-class Heard(Protocol):
+class EstimateSequence(Protocol):
     """Estimates in the order of their arrival: times of arrival and stamps [ns], forces [N]."""
 
     at: Sequence[int]
@@ -32,7 +32,7 @@ class Heard(Protocol):
     others: Sequence[float]
 
 
-class Told(Protocol):
+class StatusEntry(Protocol):
     """A diagnosis received."""
 
     at: int
@@ -41,7 +41,7 @@ class Told(Protocol):
 
 
 @dataclass
-class Episode:
+class FaultEpisode:
     """What was done: wall times [ns] of beginning and end, stamps spoiled (0: none), stamp of the first good sample."""
 
     fault: Fault
@@ -54,7 +54,7 @@ class Episode:
 
 
 @dataclass(frozen=True)
-class Rules:
+class EpisodeLimits:
     """What model, ride and parameters demand: force envelope [N], true force by stamp [N], its maximum, warm-up [s].
 
     `max_age_s` is the observer's own limit on the age of what it publishes; 0 if stamps are not of the wall clock.
@@ -62,13 +62,13 @@ class Rules:
 
     envelope_N: tuple[float, float]
     truth: Callable[[int], float]
-    most_force_N: float
+    max_force_N: float
     warm_up_s: float
     max_age_s: float
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FaultOutcome:
     """How an episode went; `wrong` is empty if it went well. Times in s, forces in N, NaN where there is nothing."""
 
     fault: str
@@ -79,21 +79,31 @@ class Outcome:
     wrong: tuple[str, ...]
 
 
-def judge(episode: Episode, heard: Heard, told: Sequence[Told], rules: Rules) -> Outcome:
-    """Judge an episode; estimates and diagnoses up to TOLD_WITHIN_NS after `good_at` must have been received."""
-    until = episode.good_at + TOLD_WITHIN_NS
-    span = range(bisect_left(heard.at, episode.began_at), bisect_left(heard.at, until))
-    reason = evidence(episode.fault, told, episode.began_at, until)
-    recovery = recovered_after_s(episode, heard, span)
-    error = worst_error_N(episode, heard, span, rules, recovery)
-    wrong = [*episode.wrong, *_unexpected(told, episode.began_at, until), *_untold(reason)]
-    wrong += unbounded(heard, span, rules) + _forbidden(episode, heard, span) + _stale(heard, span, rules)
-    wrong += _late(episode.fault, recovery, rules) + _untrue(error, rules) + _paused(episode, heard, span)
-    worst = max((abs(heard.forces[k]) for k in span), default=nan)
-    return Outcome(episode.fault.name, reason, recovery, worst, error, tuple(wrong))
+def evaluate_episode(
+    episode: FaultEpisode, estimates: EstimateSequence, statuses: Sequence[StatusEntry], rules: EpisodeLimits
+) -> FaultOutcome:
+    """Judge an episode; estimates and diagnoses up to REPORT_WITHIN_NS after `good_at` must have been received."""
+    until = episode.good_at + REPORT_WITHIN_NS
+    span = range(bisect_left(estimates.at, episode.began_at), bisect_left(estimates.at, until))
+    reason = find_evidence(episode.fault, statuses, episode.began_at, until)
+    recovery = recovery_time_s(episode, estimates, span)
+    error = worst_error_N(episode, estimates, span, rules, recovery)
+    wrong = [*episode.wrong, *_check_unexpected_errors(statuses, episode.began_at, until), *_check_reported(reason)]
+    wrong += (
+        check_bounds(estimates, span, rules)
+        + _check_forbidden(episode, estimates, span)
+        + _check_stale(estimates, span, rules)
+    )
+    wrong += (
+        _check_recovery(episode.fault, recovery, rules)
+        + _check_error(error, rules)
+        + _check_pauses(episode, estimates, span)
+    )
+    worst = max((abs(estimates.forces[k]) for k in span), default=nan)
+    return FaultOutcome(episode.fault.name, reason, recovery, worst, error, tuple(wrong))
 
 
-def evidence(fault: Fault, told: Sequence[Told], began_at: int, until: int) -> str:
+def find_evidence(fault: Fault, statuses: Sequence[StatusEntry], began_at: int, until: int) -> str:
     """Return the words by which the diagnostics tell of the fault, empty if they do not.
 
     What is counted, doubled or changed is compared with the last diagnosis before the fault. A fault that need not be
@@ -101,20 +111,20 @@ def evidence(fault: Fault, told: Sequence[Told], began_at: int, until: int) -> s
     """
     if not (fault.evidence or fault.doubles):
         return ANSWERED
-    first = bisect_left(told, began_at, key=lambda one: one.at)
-    before = told[first - 1].values if first else {}
-    for one in told[first:]:
+    first = bisect_left(statuses, began_at, key=lambda one: one.at)
+    before = statuses[first - 1].values if first else {}
+    for one in statuses[first:]:
         if one.at > until:
             break
         for words in fault.evidence:
-            if words in one.message or _tells(words, before, one.values):
+            if words in one.message or _mentions(words, before, one.values):
                 return words
         if fault.doubles and _number(one.values, fault.doubles) > 2.0 * _number(before, fault.doubles):
             return fault.doubles
     return ""
 
 
-def _tells(words: str, before: Mapping[str, str], now: Mapping[str, str]) -> bool:
+def _mentions(words: str, before: Mapping[str, str], now: Mapping[str, str]) -> bool:
     """Return whether a count whose name holds `words` has risen, or a text has changed to one that holds them."""
     for key, value in now.items():
         if words in f"{key}: {value}" and value != before.get(key):
@@ -131,65 +141,70 @@ def _number(values: Mapping[str, str], key: str, otherwise: float = nan) -> floa
         return otherwise
 
 
-def recovered_after_s(episode: Episode, heard: Heard, span: Iterable[int]) -> float:
+def recovery_time_s(episode: FaultEpisode, estimates: EstimateSequence, span: Iterable[int]) -> float:
     """Return the time from the first good sample to the first estimate of it or a later one; NaN if there is none."""
     for k in span:
-        if heard.at[k] >= episode.good_at and episode.good_ns <= heard.stamps[k] <= episode.good_ns + TOLD_WITHIN_NS:
-            return (heard.at[k] - episode.good_at) * 1e-9
+        if (
+            estimates.at[k] >= episode.good_at
+            and episode.good_ns <= estimates.stamps[k] <= episode.good_ns + REPORT_WITHIN_NS
+        ):
+            return (estimates.at[k] - episode.good_at) * 1e-9
     return nan
 
 
-def worst_error_N(episode: Episode, heard: Heard, span: Iterable[int], rules: Rules, recovery_s: float) -> float:
+def worst_error_N(
+    episode: FaultEpisode, estimates: EstimateSequence, span: Iterable[int], rules: EpisodeLimits, recovery_s: float
+) -> float:
     """Return the largest error of the estimates that have to be true: all of them, or those after it has settled."""
     settled = episode.good_ns + round((recovery_s + SETTLE_S) * 1e9) if isfinite(recovery_s) else 0
     first = 0 if episode.fault.output == TRUE else settled
-    chosen = [k for k in span if heard.stamps[k] >= first and (not first or heard.at[k] > episode.good_at)]
-    return max((abs(heard.forces[k] - rules.truth(heard.stamps[k])) for k in chosen), default=nan)
+    chosen = [k for k in span if estimates.stamps[k] >= first and (not first or estimates.at[k] > episode.good_at)]
+    return max((abs(estimates.forces[k] - rules.truth(estimates.stamps[k])) for k in chosen), default=nan)
 
 
-def unbounded(heard: Heard, span: Iterable[int], rules: Rules) -> list[str]:
+def check_bounds(estimates: EstimateSequence, span: Iterable[int], rules: EpisodeLimits) -> list[str]:
     """Return what is wrong with the bounds of the estimates in `span`, nothing if all is well."""
     least, most = rules.envelope_N
-    bad = [k for k in span if not (least <= heard.forces[k] <= most and isfinite(heard.others[k]))]
+    bad = [k for k in span if not (least <= estimates.forces[k] <= most and isfinite(estimates.others[k]))]
     return [f"{len(bad)} estimates not finite or outside the envelope"] if bad else []
 
 
-def _unexpected(told: Sequence[Told], began_at: int, until: int) -> list[str]:
-    return [one.message for one in told if began_at <= one.at <= until and "unexpected error" in one.message][:1]
+def _check_unexpected_errors(statuses: Sequence[StatusEntry], began_at: int, until: int) -> list[str]:
+    return [one.message for one in statuses if began_at <= one.at <= until and "unexpected error" in one.message][:1]
 
 
-def _forbidden(episode: Episode, heard: Heard, span: Iterable[int]) -> list[str]:
+def _check_forbidden(episode: FaultEpisode, estimates: EstimateSequence, span: Iterable[int]) -> list[str]:
     if episode.fault.output != NONE or not episode.last_ns:
         return []
     first = episode.first_ns + round(episode.fault.holds_s * 1e9)
-    bad = sum(first <= heard.stamps[k] <= episode.last_ns for k in span)
+    bad = sum(first <= estimates.stamps[k] <= episode.last_ns for k in span)
     return [f"{bad} estimates of unusable samples"] if bad else []
 
 
-def _stale(heard: Heard, span: Iterable[int], rules: Rules) -> list[str]:
+def _check_stale(estimates: EstimateSequence, span: Iterable[int], rules: EpisodeLimits) -> list[str]:
     limit = round(rules.max_age_s * 1e9) + IN_FLIGHT_NS
-    bad = sum(abs(heard.at[k] - heard.stamps[k]) > limit for k in span) if rules.max_age_s else 0
+    bad = sum(abs(estimates.at[k] - estimates.stamps[k]) > limit for k in span) if rules.max_age_s else 0
     return [f"{bad} estimates older than max_age_s"] if bad else []
 
 
-def _untold(reason: str) -> list[str]:
+def _check_reported(reason: str) -> list[str]:
     return [] if reason else ["is not in the diagnostics"]
 
 
-def _late(fault: Fault, recovery_s: float, rules: Rules) -> list[str]:
+def _check_recovery(fault: Fault, recovery_s: float, rules: EpisodeLimits) -> list[str]:
     allowed_s = RECOVERY_S + (rules.warm_up_s if fault.restarts else 0.0)
     if recovery_s <= allowed_s:
         return []
     return ["no recovery" if isnan(recovery_s) else f"recovery took {recovery_s:.2f} s, allowed are {allowed_s:g}"]
 
 
-def _untrue(error_N: float, rules: Rules) -> list[str]:
-    return [f"force off by {error_N:.0f} N"] if error_N > MOST_ERROR * rules.most_force_N else []
+def _check_error(error_N: float, rules: EpisodeLimits) -> list[str]:
+    return [f"force off by {error_N:.0f} N"] if error_N > MAX_ERROR_SHARE * rules.max_force_N else []
 
 
-def _paused(episode: Episode, heard: Heard, span: Iterable[int]) -> list[str]:
+def _check_pauses(episode: FaultEpisode, estimates: EstimateSequence, span: Iterable[int]) -> list[str]:
     if episode.fault.output != TRUE:
         return []
-    times = [episode.began_at, *(heard.at[k] for k in span if heard.at[k] < episode.good_at), episode.good_at]
+    times = [episode.began_at, *(estimates.at[k] for k in span if estimates.at[k] < episode.good_at), episode.good_at]
     longest = max(b - a for a, b in pairwise(times)) * 1e-9
     return [f"no estimate for {longest:.2f} s"] if longest > LONGEST_PAUSE_S else []

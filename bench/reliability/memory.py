@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 SETTLED_S = 60.0
-MOST_GROWTH_KB = 1024.0  # from the first minute to the end, by the slope
+MAX_GROWTH_KB = 1024.0  # from the first minute to the end, by the slope
 
 
 class Memory:

@@ -7,26 +7,26 @@ from math import isnan
 from pathlib import Path
 
 from faults import REAL
-from judge import Outcome
-from memory import MOST_GROWTH_KB, Memory
+from judge import FaultOutcome
+from memory import MAX_GROWTH_KB, Memory
 
-from bench.markdown import put_between
+from bench.markdown import replace_between
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PAGE = ROOT / "docs" / "reliability.md"
 HEADER = ("fault", "times", "told as", "worst recovery s", "worst force N", "worst error N", "verdict")
 
 
-class Record:
+class CampaignRecord:
     """What is known of a campaign in `times` (real or simulated)."""
 
     def __init__(self, times: str, seed: int) -> None:
         self.times, self.seed = times, seed
-        self.outcomes: dict[str, list[Outcome]] = {}
+        self.outcomes: dict[str, list[FaultOutcome]] = {}
         self.wrong: list[str] = []
         self._facts = ""
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: FaultOutcome) -> None:
         """Take an outcome, and say how it went."""
         self.outcomes.setdefault(outcome.fault, []).append(outcome)
         told = "; ".join(outcome.wrong) or "as it should"
@@ -36,8 +36,8 @@ class Record:
         """Note length, number of estimates and memory."""
         growth = memory.growth_kB()
         told = "too short a run to tell its growth" if growth is None else f"{growth:+.0f} kB after the first minute"
-        if growth is not None and growth > MOST_GROWTH_KB:
-            self.wrong.append(f"memory grew by {growth:.0f} kB, allowed are {MOST_GROWTH_KB:.0f}")
+        if growth is not None and growth > MAX_GROWTH_KB:
+            self.wrong.append(f"memory grew by {growth:.0f} kB, allowed are {MAX_GROWTH_KB:.0f}")
         episodes = sum(map(len, self.outcomes.values()))
         self._facts = (
             f"{seconds / 60.0:.1f} minutes in {self.times} time, seed {self.seed}: {episodes} episodes, {estimates:,} "
@@ -55,7 +55,7 @@ class Record:
         return [f"{self._facts}. {end}", "", *head, *rows]
 
 
-def _row(name: str, outcomes: list[Outcome]) -> str:
+def _row(name: str, outcomes: list[FaultOutcome]) -> str:
     reasons = sorted({one.reason for one in outcomes if one.reason})
     worst = [
         _worst([getattr(one, what) for one in outcomes]) for what in ("recovery_s", "worst_force_N", "worst_error_N")
@@ -69,7 +69,7 @@ def _worst(values: list[float]) -> float:
     return max((value for value in values if not isnan(value)), default=float("nan"))
 
 
-def _verdict(outcomes: list[Outcome]) -> str:
+def _verdict(outcomes: list[FaultOutcome]) -> str:
     bad = [one for one in outcomes if one.wrong]
     if not bad:
         return "passed"
@@ -77,8 +77,8 @@ def _verdict(outcomes: list[Outcome]) -> str:
     return f"**failed {len(bad)} times**: {told}"
 
 
-def write(record: Record, memory: Memory) -> None:
+def write(record: CampaignRecord, memory: Memory) -> None:
     """Put the table between the comments that are meant for it, and the plot beside."""
-    put_between(PAGE, f"faults in {record.times} time", "\n".join(record.lines()))
+    replace_between(PAGE, f"faults in {record.times} time", "\n".join(record.lines()))
     if record.times == REAL:
         memory.plot(ROOT / "docs" / "img" / "reliability_memory.png")

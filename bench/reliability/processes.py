@@ -18,7 +18,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 
 
-class Observer:
+class ObserverProcess:
     """The node in a process of its own; what it logs goes to a file."""
 
     def __init__(self, namespace: str, parameters: Mapping[str, object], log: Path) -> None:
@@ -53,7 +53,7 @@ class Observer:
         return wrong + (["its log holds a traceback"] if "Traceback" in self.log() else [])
 
 
-class Source:
+class SourceProcess:
     """The source's process; `restart` kills it and starts another."""
 
     def __init__(self, namespace: str, simulated_ns: int | None) -> None:
@@ -61,18 +61,18 @@ class Source:
         self._simulated_ns = simulated_ns
         self._start()
 
-    def tells(self, event: str, timeout_s: float = 20.0) -> dict[str, Any]:
+    def wait_for_event(self, event: str, timeout_s: float = 20.0) -> dict[str, Any]:
         """Wait for an event of the source and return it; others before it are dropped. Raises TimeoutError."""
         end = time.monotonic() + timeout_s
         while True:
             try:
-                told = self._told.get(timeout=max(0.0, end - time.monotonic()))
+                told = self._events.get(timeout=max(0.0, end - time.monotonic()))
             except queue.Empty:
                 raise TimeoutError(f"the source does not tell '{event}' within {timeout_s:g} s") from None
             if told["event"] == event:
                 return dict(told)
 
-    def do(self, **command: object) -> None:
+    def send(self, **command: object) -> None:
         assert self.process.stdin is not None
         self.process.stdin.write(json.dumps(command) + "\n")
         self.process.stdin.flush()
@@ -104,15 +104,15 @@ class Source:
             env={**os.environ, "PYTHONPATH": paths},
             start_new_session=True,
         )
-        self._told: queue.Queue[dict[str, Any]] = queue.Queue()
-        threading.Thread(target=_listen, args=(self.process, self._told), daemon=True).start()
-        self._began = self.tells("running")
+        self._events: queue.Queue[dict[str, Any]] = queue.Queue()
+        threading.Thread(target=_listen, args=(self.process, self._events), daemon=True).start()
+        self._began = self.wait_for_event("running")
 
 
-def _listen(process: subprocess.Popen[str], told: queue.Queue[dict[str, Any]]) -> None:
+def _listen(process: subprocess.Popen[str], events: queue.Queue[dict[str, Any]]) -> None:
     assert process.stdout is not None
     for line in process.stdout:
-        told.put(json.loads(line))
+        events.put(json.loads(line))
 
 
 def ros_args(namespace: str) -> list[str]:

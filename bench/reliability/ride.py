@@ -27,7 +27,7 @@ def current_A(stamp_ns: int) -> float:
     return 0.5 + 0.05 * sin(2.0 * pi * 0.5 * (stamp_ns % (PERIOD_MS * MS)) * 1e-9)
 
 
-class Truth:
+class TrueForce:
     """The force [N] by stamp of an estimator that has heard every sample."""
 
     def __init__(self, model: Model) -> None:

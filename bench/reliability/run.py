@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 MODEL = ROOT / "config" / "models" / "sample.json"
 
 
-def asked() -> argparse.Namespace:
+def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=15.0, help="default 15")
     parser.add_argument("--seed", type=int, default=1, help="of order, times and chance, default 1")
@@ -35,14 +35,14 @@ def asked() -> argparse.Namespace:
 
 
 def main() -> int:
-    options = asked()
+    options = parse_arguments()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     sys.path.insert(0, str(ROOT))
-    from campaign import ObserverEndedError, play, rounds, rules_for, staged
+    from campaign import ObserverEndedError, make_limits, play, rounds, start_stage
     from faults import REAL, SIMULATED, faults
-    from judge import unbounded
+    from judge import check_bounds
     from memory import Memory
-    from page import Record, write
+    from page import CampaignRecord, write
 
     from ces_observer.model import load_model
 
@@ -50,23 +50,23 @@ def main() -> int:
     times = SIMULATED if options.simulated else REAL
     chosen = [one for one in faults(model.sampling.max_current_age_s) if times in one.times]
     chosen = [one for one in chosen if not options.only or options.only in one.name]
-    rules = rules_for(model, times)
-    dice, record = Random(options.seed), Record(times, options.seed)
-    with tempfile.TemporaryDirectory() as folder, staged(model, Path(folder), times) as stage:
+    rules = make_limits(model, times)
+    dice, record = Random(options.seed), CampaignRecord(times, options.seed)
+    with tempfile.TemporaryDirectory() as folder, start_stage(model, Path(folder), times) as stage:
         memory = Memory(stage.observer.process.pid)
         began = time.monotonic()
         try:
             for outcome in play(
-                stage, rounds(chosen, dice, began + 60.0 * options.minutes), rules_for(model, times), dice
+                stage, rounds(chosen, dice, began + 60.0 * options.minutes), make_limits(model, times), dice
             ):
                 record.add(outcome)
         except ObserverEndedError as error:
             record.wrong.append(str(error))
-        record.end(time.monotonic() - began, len(stage.witness.estimates), memory)
+        record.end(time.monotonic() - began, len(stage.monitor.estimates), memory)
         memory.stop()
         record.wrong += stage.observer.end()
-        record.wrong += unbounded(stage.witness.estimates, range(len(stage.witness.estimates)), rules)
-        record.wrong += ["estimates were misread by the witness"] if stage.witness.estimates.misread else []
+        record.wrong += check_bounds(stage.monitor.estimates, range(len(stage.monitor.estimates)), rules)
+        record.wrong += ["estimates were misread by the witness"] if stage.monitor.estimates.misread else []
         if record.wrong:
             print(stage.observer.log()[-3000:], file=sys.stderr)
     print("\n".join(record.lines()))

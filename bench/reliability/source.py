@@ -20,7 +20,7 @@ import rclpy
 from ride import MS, RATE_HZ, current_A, stroke_m
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from spoilers import CURRENT, OTHER_JOINT, POSITION, SPOILERS, Sample, Tick
+from spoilers import CURRENT, OTHER_JOINT, POSITION, SPOILERS, PositionSample, RideTick
 from std_msgs.msg import Float64
 from wire import JOINT, JointWire, clock, float64, no_float64, no_joint_state
 
@@ -30,7 +30,7 @@ CURRENT_EVERY = 2
 OVERDUE_S = 0.1
 
 
-class Source:
+class RideSource:
     """Publishers and the clock of the ride; `simulated_ns` is the simulated time it begins with, None in real time."""
 
     def __init__(self, simulated_ns: int | None) -> None:
@@ -41,7 +41,7 @@ class Source:
         self._wires = {joint: JointWire(["steering", joint]) for joint in (JOINT, OTHER_JOINT)}
         self._begin_ns = (time.time_ns() if simulated_ns is None else simulated_ns) // MS * MS
         self._commands: deque[dict[str, Any]] = deque()
-        self._episode: Episode | None = None
+        self._episode: SpoilerEpisode | None = None
         self._over = threading.Event()
         self._overdue = False
         self._dice = Random(0)
@@ -55,7 +55,7 @@ class Source:
         if self._clock is None:
             self._begin_ns = time.time_ns() // MS * MS
         self._begin_s, k = time.monotonic(), 0
-        tell(event="running", good_ns=self._begin_ns, at_ns=time.time_ns())
+        print_event(event="running", good_ns=self._begin_ns, at_ns=time.time_ns())
         while not self._over.is_set():
             k += 1
             self._wait(k)
@@ -69,19 +69,19 @@ class Source:
             time.sleep(early_s)
             if self._overdue:
                 self._overdue = False
-                tell(event="caught up", good_ns=self._begin_ns + k * MS, at_ns=time.time_ns())
+                print_event(event="caught up", good_ns=self._begin_ns + k * MS, at_ns=time.time_ns())
 
     def _tick(self, k: int) -> None:
         stamp = self._begin_ns + k * MS
         if self._episode is None and self._commands:
-            self._episode = Episode(k, **self._commands.popleft())
-        tick = Tick([Sample(stamp, stroke_m(stamp))], current_A(stamp), stamp)
-        if self._episode is not None and not self._episode.spoils(k, tick):
-            self._episode.tell_end(stamp)
+            self._episode = SpoilerEpisode(k, **self._commands.popleft())
+        tick = RideTick([PositionSample(stamp, stroke_m(stamp))], current_A(stamp), stamp)
+        if self._episode is not None and not self._episode.spoil(k, tick):
+            self._episode.report_end(stamp)
             self._episode = None
         self._send(k, tick)
 
-    def _send(self, k: int, tick: Tick) -> None:
+    def _send(self, k: int, tick: RideTick) -> None:
         if k % CLOCK_EVERY == 0 and tick.now_ns is not None:
             self._send_clock(tick.now_ns)
         if k % CURRENT_EVERY == 0 and tick.current_A is not None:
@@ -104,16 +104,16 @@ class Source:
         self._over.set()
 
 
-class Episode:
+class SpoilerEpisode:
     """A spoiler at work from tick `k` on."""
 
     def __init__(self, k: int, id: int, spoiler: str, seconds: float, seed: int) -> None:
         self._id, self._end = id, k + round(seconds * RATE_HZ)
         self._spoil = SPOILERS[spoiler](Random(seed))
         self._stamps: list[int] = []
-        tell(event="began", id=id, at_ns=time.time_ns())
+        print_event(event="began", id=id, at_ns=time.time_ns())
 
-    def spoils(self, k: int, tick: Tick) -> bool:
+    def spoil(self, k: int, tick: RideTick) -> bool:
         """Spoil the tick; returns False, and leaves it alone, when the episode is over."""
         if k >= self._end:
             return False
@@ -122,19 +122,19 @@ class Episode:
         self._stamps[:] = [min(self._stamps[:1] + stamps), max(self._stamps[1:] + stamps)] if stamps else self._stamps
         return True
 
-    def tell_end(self, good_ns: int) -> None:
+    def report_end(self, good_ns: int) -> None:
         first, last = self._stamps or (0, 0)
-        tell(event="ended", id=self._id, at_ns=time.time_ns(), good_ns=good_ns, first_ns=first, last_ns=last)
+        print_event(event="ended", id=self._id, at_ns=time.time_ns(), good_ns=good_ns, first_ns=first, last_ns=last)
 
 
-def tell(**facts: object) -> None:
+def print_event(**facts: object) -> None:
     print(json.dumps(facts), flush=True)
 
 
 def main() -> None:
     rclpy.init()
     node_time = [word.partition("=")[2] for word in sys.argv if word.startswith("--simulated-ns=")]
-    Source(int(node_time[0]) if node_time else None).run()
+    RideSource(int(node_time[0]) if node_time else None).run()
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ POSITION, CURRENT = "joint_states", "valve_current"
 
 
 @dataclass(frozen=True)
-class Sample:
+class PositionSample:
     """One position as it will be published."""
 
     stamp_ns: int
@@ -27,16 +27,16 @@ class Sample:
 
 
 @dataclass
-class Tick:
+class RideTick:
     """What is published at one tick; None: no current, or no clock in simulated time."""
 
-    samples: list[Sample]
+    samples: list[PositionSample]
     current_A: float | None
     now_ns: int | None
     garbage_on: list[str] = field(default_factory=list)
 
 
-Spoiler = Callable[[Tick], None]
+Spoiler = Callable[[RideTick], None]
 
 
 def nothing(dice: Random) -> Spoiler:
@@ -47,15 +47,15 @@ def silence(dice: Random) -> Spoiler:
     return lambda tick: tick.samples.clear()
 
 
-def dropouts(least: int, most: int) -> Callable[[Random], Spoiler]:
-    """Make spoilers that lose rows of `least` to `most` samples, with as many in between."""
+def dropouts(min_count: int, max_count: int) -> Callable[[Random], Spoiler]:
+    """Make spoilers that lose rows of `min_count` to `max_count` samples, with as many in between."""
 
     def make(dice: Random) -> Spoiler:
         left = [0, False]
 
-        def spoil(tick: Tick) -> None:
+        def spoil(tick: RideTick) -> None:
             if left[0] == 0:
-                left[:] = dice.randint(least, most), not left[1]
+                left[:] = dice.randint(min_count, max_count), not left[1]
             left[0] -= 1
             if left[1]:
                 tick.samples.clear()
@@ -66,7 +66,7 @@ def dropouts(least: int, most: int) -> Callable[[Random], Spoiler]:
 
 
 def duplicates(dice: Random) -> Spoiler:
-    def spoil(tick: Tick) -> None:
+    def spoil(tick: RideTick) -> None:
         tick.samples *= dice.randint(1, 3)
 
     return spoil
@@ -74,9 +74,9 @@ def duplicates(dice: Random) -> Spoiler:
 
 def reordering(dice: Random) -> Spoiler:
     """Publish four samples at a time, in any order."""
-    held: list[Sample] = []
+    held: list[PositionSample] = []
 
-    def spoil(tick: Tick) -> None:
+    def spoil(tick: RideTick) -> None:
         held.extend(tick.samples)
         tick.samples.clear()
         if len(held) >= 4:
@@ -87,11 +87,11 @@ def reordering(dice: Random) -> Spoiler:
     return spoil
 
 
-def positions(value: Callable[[Sample, Random], float], share: float = 1.0) -> Callable[[Random], Spoiler]:
+def positions(value: Callable[[PositionSample, Random], float], share: float = 1.0) -> Callable[[Random], Spoiler]:
     """Make spoilers that put another value in the place of a share of the positions."""
 
     def make(dice: Random) -> Spoiler:
-        def spoil(tick: Tick) -> None:
+        def spoil(tick: RideTick) -> None:
             tick.samples[:] = [
                 replace(one, position_m=value(one, dice)) if dice.random() < share else one for one in tick.samples
             ]
@@ -101,10 +101,10 @@ def positions(value: Callable[[Sample, Random], float], share: float = 1.0) -> C
     return make
 
 
-def stuck(dice: Random) -> Spoiler:
+def freeze_position(dice: Random) -> Spoiler:
     seen: list[float] = []
 
-    def spoil(tick: Tick) -> None:
+    def spoil(tick: RideTick) -> None:
         seen.extend(one.position_m for one in tick.samples[: not seen])
         tick.samples[:] = [replace(one, position_m=seen[0]) for one in tick.samples]
 
@@ -113,7 +113,7 @@ def stuck(dice: Random) -> Spoiler:
 
 def currents(value: float | None) -> Callable[[Random], Spoiler]:
     def make(dice: Random) -> Spoiler:
-        def spoil(tick: Tick) -> None:
+        def spoil(tick: RideTick) -> None:
             tick.current_A = value
 
         return spoil
@@ -121,13 +121,13 @@ def currents(value: float | None) -> Callable[[Random], Spoiler]:
     return make
 
 
-def stamps_off(least_s: float, most_s: float, sign: int, clock_too: bool = False) -> Callable[[Random], Spoiler]:
+def stamps_off(min_s: float, max_s: float, sign: int, clock_too: bool = False) -> Callable[[Random], Spoiler]:
     """Make spoilers that set the stamps, or with `clock_too` the simulated time besides, off by a constant time."""
 
     def make(dice: Random) -> Spoiler:
-        off_ns = sign * MS * dice.randint(round(least_s * 1e3), round(most_s * 1e3))
+        off_ns = sign * MS * dice.randint(round(min_s * 1e3), round(max_s * 1e3))
 
-        def spoil(tick: Tick) -> None:
+        def spoil(tick: RideTick) -> None:
             tick.samples[:] = [replace(one, stamp_ns=one.stamp_ns + off_ns) for one in tick.samples]
             if clock_too and tick.now_ns is not None:
                 tick.now_ns += off_ns
@@ -140,15 +140,15 @@ def stamps_off(least_s: float, most_s: float, sign: int, clock_too: bool = False
 def clock_off(dice: Random) -> Spoiler:
     off_ns = dice.choice((-1, 1)) * MS * dice.randint(2_000, 60_000)
 
-    def spoil(tick: Tick) -> None:
+    def spoil(tick: RideTick) -> None:
         if tick.now_ns is not None:
             tick.now_ns += off_ns
 
     return spoil
 
 
-def paused(dice: Random) -> Spoiler:
-    def spoil(tick: Tick) -> None:
+def pause(dice: Random) -> Spoiler:
+    def spoil(tick: RideTick) -> None:
         tick.samples.clear()
         tick.current_A = tick.now_ns = None
 
@@ -156,7 +156,7 @@ def paused(dice: Random) -> Spoiler:
 
 
 def wrong_joint(dice: Random) -> Spoiler:
-    def spoil(tick: Tick) -> None:
+    def spoil(tick: RideTick) -> None:
         tick.samples[:] = [replace(one, joint=OTHER_JOINT) for one in tick.samples]
 
     return spoil
@@ -165,9 +165,9 @@ def wrong_joint(dice: Random) -> Spoiler:
 def flood(dice: Random) -> Spoiler:
     """Publish at ten times the rate, true samples all."""
 
-    def spoil(tick: Tick) -> None:
+    def spoil(tick: RideTick) -> None:
         stamps = [one.stamp_ns - k * MS // 10 for one in tick.samples for k in range(9, -1, -1)]
-        tick.samples[:] = [Sample(stamp, stroke_m(stamp)) for stamp in stamps]
+        tick.samples[:] = [PositionSample(stamp, stroke_m(stamp)) for stamp in stamps]
 
     return spoil
 
@@ -176,7 +176,7 @@ def garbage(instead: bool, *topics: str) -> Callable[[Random], Spoiler]:
     """Make spoilers that publish bytes that are no message, among the good ones or instead of them."""
 
     def make(dice: Random) -> Spoiler:
-        def spoil(tick: Tick) -> None:
+        def spoil(tick: RideTick) -> None:
             if instead:
                 tick.samples.clear()
                 tick.current_A = None
@@ -187,7 +187,7 @@ def garbage(instead: bool, *topics: str) -> Callable[[Random], Spoiler]:
     return make
 
 
-def _spike(one: Sample, dice: Random) -> float:
+def _spike(one: PositionSample, dice: Random) -> float:
     return one.position_m + dice.choice((-1.0, 1.0)) * dice.uniform(0.2, 1.0)
 
 
@@ -203,7 +203,7 @@ SPOILERS: dict[str, Callable[[Random], Spoiler]] = {
     "inf": positions(lambda one, dice: dice.choice((inf, -inf))),
     "huge": positions(lambda one, dice: dice.choice((-1e300, 1e300))),
     "spikes": positions(_spike, 0.02),
-    "stuck": stuck,
+    "stuck": freeze_position,
     "no current": currents(None),
     "nan current": currents(nan),
     "inf current": currents(inf),
@@ -215,7 +215,7 @@ SPOILERS: dict[str, Callable[[Random], Spoiler]] = {
     "time ahead": stamps_off(2.0, 60.0, 1, clock_too=True),
     "time behind": stamps_off(2.0, 60.0, -1, clock_too=True),
     "clock alone": clock_off,
-    "paused": paused,
+    "paused": pause,
     "wrong joint": wrong_joint,
     "flood": flood,
     "garbage among": garbage(False, POSITION, CURRENT),

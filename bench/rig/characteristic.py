@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.hydraulic.stepper import Run, Stepper, rest_force, simulate, spline_speed
+from ces_rig.dampers.hydraulic.stepper import SimulatedRun, Stepper, rest_force, simulate, spline_speed
 
 Array = NDArray[np.float64]
 STEP = 0.25e-3  # [s]
@@ -49,7 +49,7 @@ def cycle(damper: Damper, amplitude_m: float, frequency_Hz: float, current_A: fl
     return Cycle(stroke[last], speed[last], run.force_N[last] - rest_force(damper))
 
 
-def current_step(damper: Damper, speed_m_s: float, from_A: float, to_A: float) -> tuple[Run, float]:
+def current_step(damper: Damper, speed_m_s: float, from_A: float, to_A: float) -> tuple[SimulatedRun, float]:
     """Return a run at constant speed with a current step, and the time [s] of the step (at mid-stroke)."""
     half = 0.045 / abs(speed_m_s)
     time = np.arange(0.0, 2 * half, STEP)
@@ -57,7 +57,7 @@ def current_step(damper: Damper, speed_m_s: float, from_A: float, to_A: float) -
     return simulate(damper, STEP, speed_m_s * (time - half), current, np.full_like(time, speed_m_s)), half
 
 
-def rise_time(run: Run, step_s: float, share: float = 0.63, settle_s: float = 0.08) -> float:
+def rise_time(run: SimulatedRun, step_s: float, share: float = 0.63, settle_s: float = 0.08) -> float:
     """Return the time [s] after the step at which the force has gone `share` of the way to its value `settle_s` on."""
     start = float(np.interp(step_s, run.time_s, run.force_N))
     end = float(np.interp(step_s + settle_s, run.time_s, run.force_N))

@@ -18,7 +18,7 @@ from matplotlib import pyplot as plt
 from bench.rig.characteristic import current_step, cycle, rise_time, steady_force
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.dampers.hydraulic.stepper import rest_force
-from ces_rig.experiment import Truth, load_experiment, packaged, truth
+from ces_rig.experiment import Truth, load_experiment, packaged_experiments, simulate_truth
 
 CURRENTS = (0.29, 0.40, 0.50, 0.60, 0.70)  # [A]
 STYLE: Any = {
@@ -31,7 +31,12 @@ STYLE: Any = {
 def main(folder: Path) -> None:
     """Write all figures into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    makers = {"steady": steady, "loops": loops, "step": step, "experiments": experiments}
+    makers = {
+        "steady": draw_steady_force,
+        "loops": draw_loops,
+        "step": draw_current_steps,
+        "experiments": draw_experiments,
+    }
     with plt.rc_context(STYLE):
         for name, make in makers.items():
             figure = make(Damper())
@@ -39,7 +44,7 @@ def main(folder: Path) -> None:
             plt.close(figure)
 
 
-def steady(damper: Damper) -> Any:
+def draw_steady_force(damper: Damper) -> Any:
     """Steady force over speed for several currents."""
     speeds = np.concatenate([np.geomspace(0.004, 0.04, 8), np.linspace(0.05, 0.2, 31), np.linspace(0.22, 0.8, 12)])
     signed = np.concatenate([-speeds[::-1], speeds])
@@ -53,7 +58,7 @@ def steady(damper: Damper) -> Any:
     return figure
 
 
-def loops(damper: Damper) -> Any:
+def draw_loops(damper: Damper) -> Any:
     """Force over speed for sines of 4 and 12 Hz."""
     figure, both = plt.subplots(1, 2, figsize=(9.6, 4.4), sharey=True, sharex=True)
     for axes, (amplitude, frequency) in zip(both, ((0.018, 4.0), (0.006, 12.0)), strict=True):
@@ -67,7 +72,7 @@ def loops(damper: Damper) -> Any:
     return figure
 
 
-def step(damper: Damper) -> Any:
+def draw_current_steps(damper: Damper) -> Any:
     """Force after steps of current at constant rebound speed."""
     figure, axes = plt.subplots(figsize=(6.4, 4.0))
     for first, last, colour in ((0.29, 0.70, _colour(0.70)), (0.70, 0.29, _colour(0.29))):
@@ -81,12 +86,12 @@ def step(damper: Damper) -> Any:
     return figure
 
 
-def experiments(_: Damper) -> Any:
+def draw_experiments(_: Damper) -> Any:
     """A second of each sample experiment: stroke, current and force."""
     names = ("sine_4hz", "sweep", "noise", "road")
     figure, grid = plt.subplots(3, 4, figsize=(11.0, 5.6), sharex="col", sharey="row")
     for column, name in zip(grid.T, names, strict=True):
-        _second(column, name, truth(load_experiment(packaged()[name])))
+        _second(column, name, simulate_truth(load_experiment(packaged_experiments()[name])))
     for axes, label in zip(grid[:, 0], ("stroke [mm]", "current [A]", "force [kN]"), strict=True):
         axes.set_ylabel(label)
     return figure

@@ -22,7 +22,7 @@ HEADER = """\
 
 
 @dataclass(frozen=True)
-class Row:
+class ParameterRow:
     """One parameter: where it is, its default and what its declaration says about it."""
 
     path: tuple[str, ...]
@@ -33,7 +33,7 @@ class Row:
     high: float
 
 
-def rows(part: Any = None, path: tuple[str, ...] = ()) -> Iterator[Row]:
+def rows(part: Any = None, path: tuple[str, ...] = ()) -> Iterator[ParameterRow]:
     """Yield the parameters of `part` (default: the default damper), section by section."""
     part = Damper() if part is None else part
     for f in fields(part):
@@ -41,7 +41,9 @@ def rows(part: Any = None, path: tuple[str, ...] = ()) -> Iterator[Row]:
         if is_dataclass(value):
             yield from rows(value, here)
         else:
-            yield Row(here, value, f.metadata["unit"], f.metadata["what"], f.metadata["low"], f.metadata["high"])
+            yield ParameterRow(
+                here, value, f.metadata["unit"], f.metadata["what"], f.metadata["low"], f.metadata["high"]
+            )
 
 
 def as_yaml() -> str:
@@ -52,7 +54,7 @@ def as_yaml() -> str:
             if open_sections[: depth + 1] != row.path[: depth + 1]:
                 lines.append(f"{'  ' * depth}{section}:\n")
         open_sections = row.path[:-1]  # type: ignore[assignment]
-        entry = f"{'  ' * len(open_sections)}{row.path[-1]}: {number(row.value)}"
+        entry = f"{'  ' * len(open_sections)}{row.path[-1]}: {format_number(row.value)}"
         lines.append(f"{entry:<42}# [{row.unit}] {row.what}; {row.low:g} to {row.high:g}\n")
     return "".join(lines)
 
@@ -64,7 +66,7 @@ def as_markdown() -> str:
     return "\n".join(lines) + "\n"
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """Write a number so that YAML 1.1 reads it as one: the mantissa keeps its point."""
     text = f"{value:g}"
     mantissa, e, exponent = text.partition("e")

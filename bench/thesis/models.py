@@ -1,8 +1,8 @@
 """The models behind the thesis' tables: which there are, how each is trained, and a store of those already trained.
 
-A `Job` says what to train; `trained` yields what each came to, in parallel processes, and keeps it on disk under the
-job, its limits and the packages' code: a rerun takes what is there, an interrupted run goes on where it stopped, and
-nothing outlives a change of the code that made it.
+A `TrainingJob` says what to train; `train_jobs` yields what each came to, in parallel processes, and keeps it on disk
+under the job, its limits and the packages' code: a rerun takes what is there, an interrupted run goes on where it
+stopped, and nothing outlives a change of the code that made it.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from ces_identify.polynomial.limits import BOTH, RANDOM, Limits
 from ces_identify.polynomial.regressors import load_rules, parse_rules
 from ces_identify.polynomial_structure import fit_polynomial
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_identify.trained.fuzzy_structure import FuzzyShape
 from ces_identify.trained.network_structure import NetworkShape
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.errors import CesError
 from ces_observer.model import Model
-from ces_rig.experiment import Experiment, find_experiment, load_experiment, reseeded, run
+from ces_rig.experiment import Experiment, find_experiment, load_experiment, run, with_seed
 
 ROOT = Path(__file__).resolve().parents[2]
-MADE_BY = ("ces_observer", "ces_identify", "ces_rig", "bench.thesis.models", "bench.thesis.one_step")
+CODE_MODULES = ("ces_observer", "ces_identify", "ces_rig", "bench.thesis.models", "bench.thesis.one_step")
 FRESH = 1000  # is added to the seed of an experiment for the run that models are judged on
 
 POLYNOMIAL, NETWORK, ANFIS = "polynomial", "sigmoid", "anfis"
@@ -46,7 +46,7 @@ SEVERAL = 4  # times the seconds of search for a model from several experiments
 
 
 @dataclass(frozen=True)
-class Row:
+class ThesisRow:
     """A row of the thesis' tables: what it is called, the experiments its model is from and judged on."""
 
     title: str
@@ -55,11 +55,11 @@ class Row:
 
 
 ROWS = (
-    Row("4 Hz sine", "sine_4hz", "sine_4hz"),
-    Row("sweep 2-16 Hz", "sweep", "sweep"),
-    Row("low-pass noise", "noise", "noise"),
-    Row("4 Hz sine on the sweep model", "sweep", "sine_4hz"),
-    Row("4 Hz sine on the noise model", "noise", "sine_4hz"),
+    ThesisRow("4 Hz sine", "sine_4hz", "sine_4hz"),
+    ThesisRow("sweep 2-16 Hz", "sweep", "sweep"),
+    ThesisRow("low-pass noise", "noise", "noise"),
+    ThesisRow("4 Hz sine on the sweep model", "sweep", "sine_4hz"),
+    ThesisRow("4 Hz sine on the noise model", "noise", "sine_4hz"),
 )
 
 
@@ -87,7 +87,7 @@ products:
 
 
 @dataclass(frozen=True)
-class Job:
+class TrainingJob:
     """A model to train: structure, procedure, experiments, and for a polynomial the most terms."""
 
     structure: str
@@ -106,7 +106,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrainingOutcome:
     """What a job came to: its model, or why there is none, and the seconds it took."""
 
     model: Model | None
@@ -114,53 +114,59 @@ class Outcome:
     seconds: float
 
 
-Judged = dict[tuple[str, str, Row], Evaluation | None]  # by structure, procedure and row; None where there is no model
+Evaluations = dict[
+    tuple[str, str, ThesisRow], Evaluation | None
+]  # by structure, procedure and row; None where there is no model
 
 
-def described(name: str, fresh: bool) -> Experiment:
+def load_named_experiment(name: str, fresh: bool) -> Experiment:
     """Return a packaged experiment, with another seed if `fresh`."""
     experiment = load_experiment(find_experiment(name))
-    return reseeded(experiment, experiment.settings.seed + FRESH) if fresh else experiment
+    return with_seed(experiment, experiment.settings.seed + FRESH) if fresh else experiment
 
 
-def trained(jobs: Sequence[Job], seconds: float, processes: int, store: Path) -> Iterator[tuple[Job, Outcome]]:
+def train_jobs(
+    jobs: Sequence[TrainingJob], seconds: float, processes: int, store: Path
+) -> Iterator[tuple[TrainingJob, TrainingOutcome]]:
     """Yield each job with its outcome, as they come; `seconds` is the most for a search from one experiment."""
     code = code_digest()
     with parallel_config("loky", n_jobs=processes, inner_max_num_threads=1):
         work = Parallel(return_as="generator_unordered")
-        yield from work(delayed(_kept)(job, seconds, code, store) for job in jobs)
+        yield from work(delayed(_load_or_train)(job, seconds, code, store) for job in jobs)
 
 
 def code_digest() -> str:
-    """Return a digest of what makes models: the loaded modules among MADE_BY, and the rig's descriptions."""
-    files = {Path(m.__file__) for n, m in sys.modules.items() if {n, n.partition(".")[0]} & {*MADE_BY} and m.__file__}
+    """Return a digest of what makes models: the loaded modules among CODE_MODULES, and the rig's descriptions."""
+    files = {
+        Path(m.__file__) for n, m in sys.modules.items() if {n, n.partition(".")[0]} & {*CODE_MODULES} and m.__file__
+    }
     digest = hashlib.sha256()
     for path in sorted(files | set((ROOT / "ces_rig").rglob("*.yaml"))):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
-def _kept(job: Job, seconds: float, code: str, store: Path) -> tuple[Job, Outcome]:
+def _load_or_train(job: TrainingJob, seconds: float, code: str, store: Path) -> tuple[TrainingJob, TrainingOutcome]:
     """Return the outcome, from the store or into it; Ctrl-C ends the process at once, lest half a search be kept."""
     handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
-        return job, Memory(store, verbose=0).cache(outcome)(job, job.limit_s(seconds), code)
+        return job, Memory(store, verbose=0).cache(train_job)(job, job.limit_s(seconds), code)
     finally:
         signal.signal(signal.SIGINT, handler)
 
 
-def outcome(job: Job, seconds: float, code: str) -> Outcome:
+def train_job(job: TrainingJob, seconds: float, code: str) -> TrainingOutcome:
     """Train `job` on first runs of its experiments for at most `seconds`; `code` tells apart versions."""
     del code
-    recordings = [run(described(name, fresh=False)) for name in job.sources]
+    recordings = [run(load_named_experiment(name, fresh=False)) for name in job.sources]
     began = time.monotonic()
     try:
-        return Outcome(_train(job, recordings, seconds), "", time.monotonic() - began)
+        return TrainingOutcome(_train(job, recordings, seconds), "", time.monotonic() - began)
     except CesError as error:
-        return Outcome(None, str(error), time.monotonic() - began)
+        return TrainingOutcome(None, str(error), time.monotonic() - began)
 
 
-def _train(job: Job, recordings: Sequence[Recording], seconds: float) -> Model:
+def _train(job: TrainingJob, recordings: Sequence[Recording], seconds: float) -> Model:
     starts = POLYNOMIAL_STARTS if job.structure == POLYNOMIAL else TRAINED_STARTS
     ours = job.procedure == OURS
     limits = Limits(job.terms, seconds, starts=starts, threads=1, method=BOTH if ours else RANDOM)
@@ -168,7 +174,7 @@ def _train(job: Job, recordings: Sequence[Recording], seconds: float) -> Model:
         return one_step_model(job.structure, recordings, limits)
     fitter = {POLYNOMIAL: fit_polynomial, NETWORK: NetworkShape(), ANFIS: FuzzyShape()}[job.structure]
     rules = load_rules(None) if ours else parse_rules(yaml.safe_load(BY_LAGS), "candidates by lags")
-    options = Options(split=1.0, rules=rules, limits=limits, certify=ours)
+    options = IdentifyOptions(split=1.0, rules=rules, limits=limits, certify=ours)
     return identify(recordings, (), options, fitter=fitter).model
 
 

@@ -13,32 +13,32 @@ from numpy.typing import NDArray
 
 from ces_identify.preparation.cost import cost
 from ces_identify.recordings.recording import Recording
-from ces_rig.experiment import Experiment, load_experiment, measure, packaged, truth
-from ces_rig.simulation import recorded_force
+from ces_rig.experiment import Experiment, load_experiment, measure, packaged_experiments, simulate_truth
+from ces_rig.simulation import make_rig_force
 
 Array = NDArray[np.float64]
 
 
-def floors(experiment: Experiment) -> tuple[float, float]:
+def noise_floors(experiment: Experiment) -> tuple[float, float]:
     """Return J of the measured force against the noise-free one, and against the damper driven with the recording."""
-    true = truth(experiment)
+    true = simulate_truth(experiment)
     recording = measure(experiment, true)
     force = recording.channel("force")
-    _, noise_free = experiment.sensors.force.sampled(true.time_s, true.force_N)
-    return cost(force.values, noise_free), cost(force.values, driven(experiment, recording))
+    _, noise_free = experiment.sensors.force.sample(true.time_s, true.force_N)
+    return cost(force.values, noise_free), cost(force.values, simulate_driven(experiment, recording))
 
 
-def driven(experiment: Experiment, recording: Recording) -> Array:
+def simulate_driven(experiment: Experiment, recording: Recording) -> Array:
     """Return the force [N] of the damper driven with the recorded position and current, at the force's stamps."""
     position, current, force = (recording.channel(name) for name in ("position", "current", "force"))
     time = (position.stamps_ns - position.stamps_ns[0]) * 1e-9
     measured_current = experiment.sensors.current_source == "measured"
-    function = recorded_force(experiment.damper, experiment.settings.tare, measured_current)
+    function = make_rig_force(experiment.damper, experiment.settings.tare, measured_current)
     simulated = function(time, position.values, np.interp(position.stamps_ns, current.stamps_ns, current.values))
     return np.asarray(np.interp(force.stamps_ns, position.stamps_ns, simulated))
 
 
 if __name__ == "__main__":
     print("| experiment | noise floor J | the damper itself on the recorded position J |\n|---|---:|---:|")
-    for name, path in packaged().items():
-        print("| {} | {:.2f} | {:.2f} |".format(name, *floors(load_experiment(path))))
+    for name, path in packaged_experiments().items():
+        print("| {} | {:.2f} | {:.2f} |".format(name, *noise_floors(load_experiment(path))))

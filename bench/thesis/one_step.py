@@ -17,15 +17,15 @@ from ces_identify.polynomial.limits import Limits
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Recording
-from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
 from ces_identify.trained.fuzzy_structure import FuzzyShape
-from ces_identify.trained.lagged_fit import regressors
-from ces_identify.trained.lagged_kernels import Table
-from ces_identify.trained.lagged_table import delayed
+from ces_identify.trained.lagged_fit import build_regressors
+from ces_identify.trained.lagged_kernels import RegressorTable
+from ces_identify.trained.lagged_table import delay_values
 from ces_identify.trained.network_fit import NetworkFit
 from ces_identify.trained.network_structure import SIGMOID, NetworkShape
 from ces_identify.trained.simulation_error import train
-from ces_identify.trained.training import Training, training
+from ces_identify.trained.training import Training, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 
@@ -36,33 +36,33 @@ class OneStepNetwork(NetworkFit):
     """A sigmoid network whose errors are those of one step."""
 
     @cached_property
-    def known(self) -> Table:
+    def measured_table(self) -> RegressorTable:
         """The regressors, past forces among them as measured."""
         return with_measured_past(self.table, self.training)
 
-    def errors(self, params: F, most: float) -> tuple[float, F, F]:
+    def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
         """Return the squared one-step error with the price of decay, its matrix and its gradient."""
-        return self.errors_on(self.known, params, most)
+        return self.errors_on(self.measured_table, params, max_error)
 
 
 class OneStepFuzzy(FuzzyFit):
     """A neuro-fuzzy model whose errors are those of one step, in hybrid learning and after it."""
 
     @cached_property
-    def known(self) -> Table:
+    def measured_table(self) -> RegressorTable:
         """The regressors, past forces among them as measured."""
         return with_measured_past(self.table, self.training)
 
-    def errors(self, params: F, most: float) -> tuple[float, F, F]:
+    def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
         """Return the squared one-step error with all prices, its matrix and its gradient."""
-        return self.errors_on(self.known, params, most)
+        return self.errors_on(self.measured_table, params, max_error)
 
 
-def with_measured_past(table: Table, data: Training) -> Table:
+def with_measured_past(table: RegressorTable, data: Training) -> RegressorTable:
     """Return the regressors with measured forces in place of the model's own past ones."""
     values = table.values.copy()
     for j in np.flatnonzero(table.past_lags):
-        past = delayed(data.measured, int(table.past_lags[j]), data.segments)
+        past = delay_values(data.measured, int(table.past_lags[j]), data.segments)
         values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
     return table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
 
@@ -70,7 +70,7 @@ def with_measured_past(table: Table, data: Training) -> Table:
 def one_step_model(structure: str, recordings: Sequence[Recording], limits: Limits) -> Model:
     """Return a model of the default size; raises CesError if no start's free run stays in the force envelope."""
     sampling = choose_sampling(recordings)
-    data = training([prepare(recording, sampling) for recording in recordings])
+    data = build_training([prepare(recording, sampling) for recording in recordings])
     family = _family(structure, data, sampling.rate_Hz)
     found = train(family, limits, certify=False)
     if not found:
@@ -81,8 +81,8 @@ def one_step_model(structure: str, recordings: Sequence[Recording], limits: Limi
 def _family(structure: str, data: Training, rate_Hz: float) -> NetworkFit | FuzzyFit:
     if structure == SIGMOID.option:
         network = NetworkShape()
-        return OneStepNetwork(data, regressors(data, network.lags, rate_Hz), network.units, network.decay)
+        return OneStepNetwork(data, build_regressors(data, network.lags, rate_Hz), network.units, network.decay)
     fuzzy = FuzzyShape()
-    current = Grid("current", round(fuzzy.current_delay_s * rate_Hz), fuzzy.currents)
-    grid = (Grid("speed", 0, fuzzy.speeds), current)
-    return OneStepFuzzy(data, regressors(data, fuzzy.lags, rate_Hz), grid, fuzzy.decay)
+    current = PremiseGrid("current", round(fuzzy.current_delay_s * rate_Hz), fuzzy.currents)
+    grid = (PremiseGrid("speed", 0, fuzzy.speeds), current)
+    return OneStepFuzzy(data, build_regressors(data, fuzzy.lags, rate_Hz), grid, fuzzy.decay)

@@ -30,21 +30,21 @@ PULL = 2.0 * np.pi * 1.0  # [1/s]
 
 def plant_cost(experiment: Experiment, series: Series) -> float:
     """Return J [%] of the damper driven with the estimates in `series`, a recording of `experiment`."""
-    return series_cost(series, driven_force(experiment, series))
+    return series_cost(series, simulate_force(experiment, series))
 
 
-def driven_force(experiment: Experiment, series: Series) -> F:
+def simulate_force(experiment: Experiment, series: Series) -> F:
     """Return the damper's force [N] at the ticks of `series` (ticks,), which must be one segment without a gap."""
     assert len(series.segments) == 1, f"{series.name}: the rig's recordings have no gaps"
     damper, interval = experiment.damper, 1.0 / series.rate_Hz
     if experiment.sensors.current_source == "measured":
         damper = replace(damper, ces_valve=replace(damper.ces_valve, solenoid_s=0.0))
-    stroke = integrated(series.speed, series.position, interval)
+    stroke = integrate_speed(series.speed, series.position, interval)
     force = simulate(damper, interval, stroke, series.current, series.speed).force_N
     return force - rest_force(damper) if experiment.settings.tare else force
 
 
-def integrated(speed: F, position: F, interval_s: float) -> F:
+def integrate_speed(speed: F, position: F, interval_s: float) -> F:
     """Return the integral [m] of `speed`, from and slowly drawn to `position`, all of shape (ticks,)."""
     half = 0.5 * interval_s
     pushed = speed + PULL * position

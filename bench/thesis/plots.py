@@ -14,7 +14,7 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 from bench.small_png import save_small
-from bench.thesis.models import ANFIS, BY_THESIS, NETWORK, OURS, POLYNOMIAL, THESIS, Judged, Row
+from bench.thesis.models import ANFIS, BY_THESIS, NETWORK, OURS, POLYNOMIAL, THESIS, Evaluations, ThesisRow
 from ces_cli.terminal.cost_picture import MEASURED, SIMULATED
 from ces_cli.terminal.tables import percent
 from ces_identify.report.window import choose_window
@@ -33,21 +33,21 @@ STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": Fal
          "grid.color": "#dddddd", "grid.linewidth": 0.6, "axes.axisbelow": True}  # fmt: skip
 
 
-def draw_all(judged: Judged, folder: Path) -> None:
+def draw_all(evaluations: Evaluations, folder: Path) -> None:
     """Draw the eight figures into `folder`; rows without a model of ours are left out."""
-    rows = list(dict.fromkeys(row for _, _, row in judged))
+    rows = list(dict.fromkeys(row for _, _, row in evaluations))
     for number, (structure, chosen) in figures(rows).items():
         shown = {}
         for row in chosen:
-            ours = judged[structure, OURS, row]
+            ours = evaluations[structure, OURS, row]
             if ours is not None:
-                shown[row] = ours, judged[structure, THESIS, row]
+                shown[row] = ours, evaluations[structure, THESIS, row]
         if shown:
             with plt.rc_context(STYLE):
                 draw(shown, BY_THESIS[structure], folder / f"thesis_5_{number}.png")
 
 
-def figures(rows: Sequence[Row]) -> dict[int, tuple[str, Sequence[Row]]]:
+def figures(rows: Sequence[ThesisRow]) -> dict[int, tuple[str, Sequence[ThesisRow]]]:
     """Return structure and rows of each figure."""
     own, across = rows[:3], rows[3:]
     single = {i + 1: (POLYNOMIAL, own[i : i + 1]) for i in range(3)}
@@ -61,7 +61,7 @@ def figures(rows: Sequence[Row]) -> dict[int, tuple[str, Sequence[Row]]]:
     }
 
 
-def draw(shown: Mapping[Row, tuple[Evaluation, Evaluation | None]], by_thesis: str, path: Path) -> None:
+def draw(shown: Mapping[ThesisRow, tuple[Evaluation, Evaluation | None]], by_thesis: str, path: Path) -> None:
     """Draw a row of plots for each row of a table, ours and beside it what the procedure called `by_thesis` gave."""
     figure = plt.figure(figsize=(9.0, 3.1 * len(shown) + 0.4), layout="constrained")
     grid = figure.add_gridspec(2 * len(shown), 2, width_ratios=(1, 2), height_ratios=(2.2, 1.0) * len(shown))
@@ -79,7 +79,7 @@ def draw(shown: Mapping[Row, tuple[Evaluation, Evaluation | None]], by_thesis: s
     save_small(figure, path, COLOURS)
 
 
-def title(row: Row, ours: Evaluation, by_thesis: str, other: Evaluation | None) -> str:
+def title(row: ThesisRow, ours: Evaluation, by_thesis: str, other: Evaluation | None) -> str:
     theirs = percent(other.cost) + " %" if other else "no stable model"
     return f"{row.title}: J = {percent(ours.cost)} % ({by_thesis}: {theirs})"
 

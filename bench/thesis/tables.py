@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 
-from bench.markdown import between, markdown, put_between
+from bench.markdown import between, markdown, replace_between
 from bench.thesis.models import (
     ANFIS,
     BY_THESIS,
@@ -26,14 +26,14 @@ from bench.thesis.models import (
     ROWS,
     SEVERAL,
     THESIS,
-    Job,
-    Judged,
-    Outcome,
-    described,
+    Evaluations,
+    TrainingJob,
+    TrainingOutcome,
+    load_named_experiment,
     processors,
-    trained,
+    train_jobs,
 )
-from bench.thesis.noise_floor import floors
+from bench.thesis.noise_floor import noise_floors
 from bench.thesis.plant import plant_cost
 from bench.thesis.plots import draw_all, figures
 from ces_identify.preparation.series import prepare
@@ -54,7 +54,7 @@ KNOWN = {POLYNOMIAL: ("2.34", "6.92", "14.79", "63.8", "136")}  # J [%] of the t
 WIDE_SOURCES, WIDE_TERMS = ("noise", "sweep"), (25, 40)
 WIDE_TARGETS = ("sine_4hz", "sine_12hz", "road", "noise", "sweep")
 
-Outcomes = Mapping[Job, Outcome]
+Outcomes = Mapping[TrainingJob, TrainingOutcome]
 
 
 def main() -> None:
@@ -66,67 +66,69 @@ def main() -> None:
     for path, name in PLACES:
         between(path, name)  # fails now rather than after the long work
     outcomes = train_all(options.seconds, options.processes)
-    recordings = {name: run(described(name, fresh=True)) for name in WIDE_TARGETS}
-    judged = judge_all(outcomes, recordings)
+    recordings = {name: run(load_named_experiment(name, fresh=True)) for name in WIDE_TARGETS}
+    judged = evaluate_all(outcomes, recordings)
     tables = "\n\n".join([facts(outcomes, options.seconds), *sections(judged)])
     one_model = one_model_table(outcomes, recordings)
     print(f"\n{tables}\n\n{one_model}")
     if not options.dry:
         draw_all(judged, IMAGES)
         for (path, name), text in zip(PLACES, (tables, one_model, table(POLYNOMIAL, judged)), strict=True):
-            put_between(path, name, text)
+            replace_between(path, name, text)
         print(f"\nwritten: {RESULTS}, {RIG}, {IMAGES}/thesis_5_*.png")
 
 
-def jobs() -> list[Job]:
+def jobs() -> list[TrainingJob]:
     """Every model the tables need, the longest searches first."""
-    wide = [Job(POLYNOMIAL, OURS, WIDE_SOURCES, terms) for terms in reversed(WIDE_TERMS)]
-    narrow = [Job(s, p, (source,)) for s in TABLES for p in (OURS, THESIS) for source in SOURCES]
+    wide = [TrainingJob(POLYNOMIAL, OURS, WIDE_SOURCES, terms) for terms in reversed(WIDE_TERMS)]
+    narrow = [TrainingJob(s, p, (source,)) for s in TABLES for p in (OURS, THESIS) for source in SOURCES]
     return wide + narrow
 
 
-def train_all(seconds: float, processes: int) -> dict[Job, Outcome]:
+def train_all(seconds: float, processes: int) -> dict[TrainingJob, TrainingOutcome]:
     """Return what every job came to, each told as it ends; kept ones come first and at once."""
     wanted, outcomes = jobs(), {}
     print(f"{len(wanted)} models, {processes} at a time, at most {seconds:g} s of search each", flush=True)
-    for job, outcome in trained(wanted, seconds, processes, STORE):
+    for job, outcome in train_jobs(wanted, seconds, processes, STORE):
         outcomes[job] = outcome
         size = outcome.model.size if outcome.model else outcome.why_none
         print(f"[{len(outcomes):2}/{len(wanted)}] {outcome.seconds:4.0f} s  {job}: {size}", flush=True)
     return outcomes
 
 
-def judge_all(outcomes: Outcomes, recordings: Mapping[str, Recording]) -> Judged:
+def evaluate_all(outcomes: Outcomes, recordings: Mapping[str, Recording]) -> Evaluations:
     """Return the evaluation of every cell on the fresh run of its row."""
     return {
-        (structure, procedure, row): judge(outcomes[Job(structure, procedure, (row.source,))], recordings[row.target])
+        (structure, procedure, row): evaluate_outcome(
+            outcomes[TrainingJob(structure, procedure, (row.source,))], recordings[row.target]
+        )
         for structure in TABLES
         for procedure in (THESIS, OURS)
         for row in ROWS
     }
 
 
-def judge(outcome: Outcome, recording: Recording) -> Evaluation | None:
+def evaluate_outcome(outcome: TrainingOutcome, recording: Recording) -> Evaluation | None:
     if outcome.model is None:
         return None
     return evaluate(outcome.model, [prepare(recording, outcome.model.sampling)], VALIDATION)[0]
 
 
-def table(structure: str, judged: Judged) -> str:
+def table(structure: str, evaluations: Evaluations) -> str:
     """Return one of the thesis' tables as Markdown."""
     known = KNOWN.get(structure, (UNKNOWN,) * len(ROWS))
     rows = [["row", "thesis J %", f"{BY_THESIS[structure]} here J %", "ours J %", "noise floor J %"]]
     for row, figure in zip(ROWS, known, strict=True):
-        cells = [percent(judged[structure, procedure, row]) for procedure in (THESIS, OURS)]
+        cells = [percent(evaluations[structure, procedure, row]) for procedure in (THESIS, OURS)]
         rows.append([row.title, figure, *cells, f"{noise_floor(row.target):.2f}"])
     return markdown(rows)
 
 
-def sections(judged: Judged) -> Iterator[str]:
+def sections(evaluations: Evaluations) -> Iterator[str]:
     """Yield each table under its heading, with its plots."""
     for structure, number in TABLES.items():
         yield f"### Table {number}: {TITLES[structure]}"
-        yield table(structure, judged)
+        yield table(structure, evaluations)
         for plot, rows in figures(ROWS).items():
             if rows[0] == structure:
                 shown = ", ".join(row.title for row in rows[1])
@@ -135,14 +137,14 @@ def sections(judged: Judged) -> Iterator[str]:
 
 def one_model_table(outcomes: Outcomes, recordings: Mapping[str, Recording]) -> str:
     """Return the table of one certified model for every experiment, beside the damper on the same estimates."""
-    models = [outcomes[Job(POLYNOMIAL, OURS, WIDE_SOURCES, terms)] for terms in WIDE_TERMS]
+    models = [outcomes[TrainingJob(POLYNOMIAL, OURS, WIDE_SOURCES, terms)] for terms in WIDE_TERMS]
     sampling = next((o.model.sampling for o in models if o.model), None)
     if sampling is None:
         return f"No model was found: {models[0].why_none}."
     rows = [["recording", *(f"{n} terms J %" for n in WIDE_TERMS), "the damper itself J %", "ratio", "noise floor J %"]]
     for name, recording in recordings.items():
-        judged = [judge(o, recording) for o in models]
-        plant = plant_cost(described(name, fresh=True), prepare(recording, sampling))
+        judged = [evaluate_outcome(o, recording) for o in models]
+        plant = plant_cost(load_named_experiment(name, fresh=True), prepare(recording, sampling))
         ratio = f"{judged[-1].cost / plant:.2f}" if judged[-1] else "-"
         unseen = " (another run)" if name in WIDE_SOURCES else ""
         rows.append([name + unseen, *map(percent, judged), f"{plant:.2f}", ratio, f"{noise_floor(name):.2f}"])
@@ -165,7 +167,7 @@ def facts(outcomes: Outcomes, seconds: float) -> str:
 @cache
 def noise_floor(name: str) -> float:
     """Return J [%] of the noise-free force against the measured one, on the fresh run."""
-    return floors(described(name, fresh=True))[0]
+    return noise_floors(load_named_experiment(name, fresh=True))[0]
 
 
 def percent(evaluation: Evaluation | None) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.checks import findings, rate_of
+from ces_identify.recordings.checks import findings, mean_rate
 from ces_identify.recordings.dyno_import import import_log
 from ces_identify.recordings.dyno_mapping import TEMPLATE, load_dyno_mapping
 from ces_identify.recordings.recording import Recording
@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not options.files or options.mapping is None or options.out is None:
         parser.error("expected FILE, --mapping and --out (or --template)")
     mapping = load_dyno_mapping(options.mapping)
-    signals = terminal.signals_of(options)
+    signals = terminal.load_described_signals(options)
     places = bag_paths(options.files, options.out)
     with terminal.err.status("reading"):
         recordings = [import_log(path, mapping) for path in options.files]
@@ -66,9 +66,9 @@ def bag_paths(files: Sequence[Path], out: Path) -> list[Path]:
 
 def _write(recording: Recording, place: Path, signals: Signals, overwrite: bool) -> None:
     for finding in findings(recording):
-        terminal.note(f"{recording.source}: {finding.text}")
+        terminal.print_warning(f"{recording.source}: {finding.text}")
     notes = {"imported_from": Path(recording.source).name}
     write_bag(place, recording_topics(recording, signals), overwrite=overwrite, notes=notes)
     position = recording.channel("position")
-    rate = rate_of(position)
+    rate = mean_rate(position)
     print(f"{place}: {len(position)} samples of {', '.join(recording.channels)} at {rate:.1f} Hz")

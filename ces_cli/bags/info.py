@@ -30,7 +30,7 @@ SHORT_HASH = 12
 
 
 @dataclass(frozen=True)
-class Look:
+class BagReport:
     """What is to be told about one bag."""
 
     recording: Recording
@@ -44,8 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(argv)
     if options.picture:
         require_picture_name(options.picture)
-    signals = terminal.signals_of(options)
-    looks = [look_at(path, signals) for path in options.bags]
+    signals = terminal.load_described_signals(options)
+    looks = [inspect_bag(path, signals) for path in options.bags]
     covered = coverage([look.recording for look in looks])
     if options.json:
         print(json.dumps(_as_json(looks, covered), indent=1, allow_nan=False))
@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def look_at(path: Path, signals: Signals) -> Look:
+def inspect_bag(path: Path, signals: Signals) -> BagReport:
     """Read a bag and look at its channels; raises CesError if it cannot be read."""
     with warnings.catch_warnings(record=True) as caught, terminal.err.status(f"reading {path}"):
         warnings.simplefilter("always")
@@ -83,26 +83,30 @@ def look_at(path: Path, signals: Signals) -> Look:
         topics = list_topics(path)
     told = tuple(Finding("warning", str(warning.message)) for warning in caught)
     stats = {name: channel_stats(channel) for name, channel in recording.channels.items()}
-    return Look(recording, topics, stats, findings(recording) + told)
+    return BagReport(recording, topics, stats, findings(recording) + told)
 
 
-def _print_report(looks: list[Look], covered: Coverage, signals: Signals) -> None:
+def _print_report(looks: list[BagReport], covered: Coverage, signals: Signals) -> None:
     for look in looks:
-        _say(f"{look.recording.source}  (sha256 {look.recording.sha256[:SHORT_HASH]}…)", "bold")
+        _print_line(f"{look.recording.source}  (sha256 {look.recording.sha256[:SHORT_HASH]}…)", "bold")
         for name in look.recording.channels:
-            _say(f"  {name}: {_place(signals[name])}")
-        others = [topic for topic in look.topics if not any(s.matches(topic.name) for s in signals.recorded())]
+            _print_line(f"  {name}: {_place(signals[name])}")
+        others = [
+            topic for topic in look.topics if not any(s.matches(topic.name) for s in signals.list_topic_signals())
+        ]
         if others:
-            _say("  other topics: " + ", ".join(f"{topic.name} ({topic.type}, {topic.count})" for topic in others))
+            _print_line(
+                "  other topics: " + ", ".join(f"{topic.name} ({topic.type}, {topic.count})" for topic in others)
+            )
         terminal.out.print(_table(look))
         for finding in look.findings:
-            _say(f"  {finding.severity}: {finding.text}", COLOURS[finding.severity])
-        _say("")
+            _print_line(f"  {finding.severity}: {finding.text}", COLOURS[finding.severity])
+        _print_line("")
     terminal.out.print(terminal_picture(covered))
-    _say("(a look only: speed by a non-causal Savitzky-Golay filter)", "dim")
+    _print_line("(a look only: speed by a non-causal Savitzky-Golay filter)", "dim")
 
 
-def _say(text: str, style: str = "") -> None:
+def _print_line(text: str, style: str = "") -> None:
     terminal.out.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -112,7 +116,7 @@ def _place(signal: Signal | Constant) -> str:
     return f"/{signal.topic.lstrip('/')} {signal.field.text} ({signal.type})"
 
 
-def _table(look: Look) -> Table:
+def _table(look: BagReport) -> Table:
     table = Table(box=box.SIMPLE_HEAD, collapse_padding=True, pad_edge=False)
     table.add_column("signal", no_wrap=True)
     for heading in ("samples", "s", "Hz", "jitter\nms", "longest\nms", "gaps", "from", "to"):
@@ -137,7 +141,7 @@ def _cells(stats: ChannelStats) -> tuple[str, ...]:
     )
 
 
-def _as_json(looks: list[Look], covered: Coverage) -> dict[str, Any]:
+def _as_json(looks: list[BagReport], covered: Coverage) -> dict[str, Any]:
     recordings = [
         {
             "name": look.recording.name,
@@ -169,13 +173,13 @@ def _finite(figures: dict[str, Any]) -> dict[str, Any]:
     return {key: value if math.isfinite(value) else None for key, value in figures.items()}
 
 
-def _title(looks: list[Look], covered: Coverage) -> str:
+def _title(looks: list[BagReport], covered: Coverage) -> str:
     names = [look.recording.name for look in looks]
     told = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
     return f"{told}: {covered.duration_s:.0f} s\nspeed by non-causal Savitzky-Golay filter, for this look only"
 
 
-def _raise_first_error(looks: list[Look]) -> None:
+def _raise_first_error(looks: list[BagReport]) -> None:
     for look in looks:
         for finding in look.findings:
             if finding.severity == "error":

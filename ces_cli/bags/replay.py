@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
-from ces_identify.preparation.series import held_current
+from ces_identify.preparation.series import hold_current
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Recording
 from ces_observer.estimator import Estimator
@@ -23,11 +23,11 @@ ESTIMATE_TOPIC = "/observer/estimate"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = _parser().parse_args(argv)
-    signals = terminal.signals_of(options)
+    signals = terminal.load_described_signals(options)
     model = load_model(options.model)
     recording = terminal.read_one(options.bag, signals)
     with terminal.err.status(f"replaying {recording.name}"):
-        rows, reasons = replayed(model, recording)
+        rows, reasons = replay_recording(model, recording)
         topics = (*recording_topics(recording, signals), _estimate_topic(rows, signals))
         write_bag(options.out, topics, overwrite=options.overwrite, notes={"model_sha256": model.digest()})
     print(f"{len(rows)} forces estimated of {len(recording.channel('position'))} position samples")
@@ -37,11 +37,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def replayed(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Counter[str]]:
+def replay_recording(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Counter[str]]:
     """Return rows (n, 4) of stamp index, position, speed and force where one was given, and the reasons where not."""
     estimator = Estimator(model)
     position = recording.channel("position")
-    current = held_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
+    current = hold_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
     rows: list[tuple[int, float, float, float]] = []
     reasons: Counter[str] = Counter()
     samples = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)

@@ -7,20 +7,20 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
-from ces_observer.checked import write_beside
+from ces_observer.json_checks import write_atomically
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = _parser().parse_args(argv)
-    signals = terminal.signals_of(options)
+    signals = terminal.load_described_signals(options)
     simulation = open_simulation(options.sim)
     recording = terminal.read_one(options.bag, signals)
     with terminal.err.status(f"simulating {recording.name}"):
         force = simulation.force(with_predictions(simulation, options.bag, recording, signals))
     stamps = recording.channel("position").stamps_ns
     rows = [f"{t:.9f},{f!r}" for t, f in zip(((stamps - stamps[0]) * 1e-9).tolist(), force.tolist(), strict=True)]
-    write_beside(options.out, "\n".join(["time_s,force_N", *rows]) + "\n")
+    write_atomically(options.out, "\n".join(["time_s,force_N", *rows]) + "\n")
     print(f"{len(rows)} rows: {options.out}")
     return 0
 

@@ -23,8 +23,8 @@ from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulation import Simulation
-from ces_observer.checked import write_beside
 from ces_observer.errors import CesError
+from ces_observer.json_checks import write_atomically
 
 if TYPE_CHECKING:
     from ces_gap.diagnosis import Diagnosis
@@ -46,18 +46,18 @@ def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
     out.mkdir(parents=True, exist_ok=True)
     row: dict[str, Any] = {"case": case.name, "status": "done"}
     try:
-        row["summary"] = _diagnosed(case, out, mode)
+        row["summary"] = _diagnose(case, out, mode)
     except CesError as error:
         row |= {"status": "failed", "reason": str(error)}
     except Exception as error:  # a fault of the diagnosis is its result for this case; the others go on
         row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
     row["seconds"] = round(time.perf_counter() - start, 2)
-    write_beside(out / ROW, json.dumps(row) + "\n")
+    write_atomically(out / ROW, json.dumps(row) + "\n")
     return row
 
 
-def _diagnosed(case: Path, out: Path, mode: Mode) -> str:
-    from ces_gap.diagnose import Options, diagnose
+def _diagnose(case: Path, out: Path, mode: Mode) -> str:
+    from ces_gap.diagnose import DiagnoseOptions, diagnose
     from ces_gap.report.gap_json import write_gap
 
     described = json.loads((case / "case.json").read_text(encoding="utf-8"))
@@ -65,9 +65,9 @@ def _diagnosed(case: Path, out: Path, mode: Mode) -> str:
     simulation = open_simulation(spec)
     real, held_out = (_read(simulation, case, described[role]) for role in ("real", "held_out"))
     reference = _read(simulation, case, described["reference"]) if mode.reference else []
-    diagnosis = diagnose(simulation, spec, real, held_out, reference, Options(threads=1, experiment=False))
+    diagnosis = diagnose(simulation, spec, real, held_out, reference, DiagnoseOptions(threads=1, experiment=False))
     write_gap(out / GAP, diagnosis)
-    _save_augmented(out / AUGMENTED, spec, diagnosis)
+    _save_augmented_simulation(out / AUGMENTED, spec, diagnosis)
     _save_decision(out / DECISION, diagnosis)
     _replay(out, held_out)
     return _summary(json.loads((out / GAP).read_text(encoding="utf-8")))
@@ -81,7 +81,7 @@ def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Reco
         return [with_predictions(simulation, path, recording, signals) for path, recording in bags]
 
 
-def _save_augmented(path: Path, spec: str, diagnosis: Diagnosis) -> None:
+def _save_augmented_simulation(path: Path, spec: str, diagnosis: Diagnosis) -> None:
     from ces_gap.augmented.augmented_file import save_augmented
 
     save_augmented(path, spec, diagnosis.composition.composition, diagnosis.correction, diagnosis.surrogate)
@@ -90,7 +90,7 @@ def _save_augmented(path: Path, spec: str, diagnosis: Diagnosis) -> None:
 def _save_decision(path: Path, diagnosis: Diagnosis) -> None:
     """Write what the verdict was decided by, and what simpler ways of choosing would have named."""
     figures = None if diagnosis.figures is None else asdict(diagnosis.figures)
-    write_beside(path, json.dumps({"baselines": diagnosis.baselines, "figures": figures}, indent=1) + "\n")
+    write_atomically(path, json.dumps({"baselines": diagnosis.baselines, "figures": figures}, indent=1) + "\n")
 
 
 def _replay(out: Path, held_out: Sequence[Recording]) -> None:

@@ -29,16 +29,16 @@ def closure(truth: Arrays, replay: Arrays, name: str) -> dict[str, float]:
     augmented, corrected = replay[f"{name}_augmented_N"], replay[f"{name}_corrected_N"]
     if not len(augmented) == len(corrected) == len(force):
         return {}
-    kept = _kept(len(force)) & np.isfinite(simulated) & np.isfinite(augmented)
+    kept = _inner_mask(len(force)) & np.isfinite(simulated) & np.isfinite(augmented)
 
-    def left(of: F) -> float:
+    def remaining_rms(of: F) -> float:
         return float(np.sqrt(np.mean((force - of)[kept] ** 2)))
 
-    before = left(simulated)
+    before = remaining_rms(simulated)
     shrink = {
-        "closure": 1.0 - left(augmented) / before,
-        "oracle": 1.0 - left(corrected + effect) / before,
-        "plain_oracle": 1.0 - left(simulated + effect) / before,
+        "closure": 1.0 - remaining_rms(augmented) / before,
+        "oracle": 1.0 - remaining_rms(corrected + effect) / before,
+        "plain_oracle": 1.0 - remaining_rms(simulated + effect) / before,
     }
     return {**shrink, "gap_N": before, "relative": shrink["closure"] / max(shrink["oracle"], 1e-3)}
 
@@ -65,7 +65,7 @@ def _gap(truth: Arrays, name: str, corrected: bool) -> F:
 
 
 def _distance(regions: Sequence[Mapping[str, Any]], values: F, gap: F) -> float:
-    known = np.isfinite(gap) & _kept(len(gap))
+    known = np.isfinite(gap) & _inner_mask(len(gap))
     energy = np.where(known, np.nan_to_num(gap) ** 2, 0.0)
     total = max(float(energy.sum()), 1e-12)
     said = [max(float(region["share_of_energy"] or 0.0), 0.0) for region in regions]
@@ -80,7 +80,7 @@ def _inside(region: Mapping[str, Any], values: F) -> NDArray[np.bool_]:
     return np.asarray((values >= low) & (values < high) if high < values.max() else (values >= low))
 
 
-def _kept(count: int) -> NDArray[np.bool_]:
+def _inner_mask(count: int) -> NDArray[np.bool_]:
     edge = round(EDGE * count)
     kept = np.zeros(count, bool)
     kept[edge : count - edge] = True

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_cli.blind.outcome import NONE, UNKNOWN, Outcome
-from ces_cli.blind.statistics import Figure, brier, calibration_error, mean, quantile, rate, resampled
+from ces_cli.blind.outcome import NONE, UNKNOWN, CaseOutcome
+from ces_cli.blind.statistics import Statistic, bootstrap_statistic, brier, calibration_error, mean, quantile, rate
 
 F = NDArray[np.float64]
-Cases = Sequence[Outcome]
-Count = Callable[[Cases], Figure]
+Cases = Sequence[CaseOutcome]
+Count = Callable[[Cases], Statistic]
 
 
 @dataclass(frozen=True)
@@ -23,36 +23,36 @@ class Metric:
     name: str
     count: Count
     percent: bool = True
-    least: bool = True
+    target_is_minimum: bool = True
     target: float | None = None
     target_predictions: float | None = None
 
 
-def of(cases: Cases, *kinds: str) -> list[Outcome]:
+def cases_of_kind(cases: Cases, *kinds: str) -> list[CaseOutcome]:
     """Return the cases of these kinds."""
     return [case for case in cases if case.kind in kinds]
 
 
-def _on(kinds: tuple[str, ...], hit: Callable[[Outcome], bool]) -> Count:
-    return lambda cases: rate([hit(case) for case in of(cases, *kinds)])
+def _count_hits(kinds: tuple[str, ...], hit: Callable[[CaseOutcome], bool]) -> Count:
+    return lambda cases: rate([hit(case) for case in cases_of_kind(cases, *kinds)])
 
 
-def _figures(name: str, kinds: tuple[str, ...], summary: Callable[[Sequence[float]], Figure]) -> Count:
-    def count(cases: Cases) -> Figure:
-        return summary([case.figures[name] for case in of(cases, *kinds) if name in case.figures])
+def _summarize_figure(name: str, kinds: tuple[str, ...], summary: Callable[[Sequence[float]], Statistic]) -> Count:
+    def count(cases: Cases) -> Statistic:
+        return summary([case.figures[name] for case in cases_of_kind(cases, *kinds) if name in case.figures])
 
     return count
 
 
-def _median(values: Sequence[float]) -> Figure:
+def _median(values: Sequence[float]) -> Statistic:
     return quantile(values, 0.5)
 
 
-def _tenth(values: Sequence[float]) -> Figure:
+def _tenth(values: Sequence[float]) -> Statistic:
     return quantile(values, 0.1)
 
 
-def _ninetieth(values: Sequence[float]) -> Figure:
+def _ninetieth(values: Sequence[float]) -> Statistic:
     return quantile(values, 0.9)
 
 
@@ -69,9 +69,9 @@ def candidates(cases: Cases) -> tuple[F, F]:
 
 
 def _over_candidates(figure: Callable[[F, F], float]) -> Count:
-    def count(cases: Cases) -> Figure:
+    def count(cases: Cases) -> Statistic:
         said, right = candidates(cases)
-        return resampled(np.stack([said, right], axis=1), lambda part: figure(part[:, 0], part[:, 1]))
+        return bootstrap_statistic(np.stack([said, right], axis=1), lambda part: figure(part[:, 0], part[:, 1]))
 
     return count
 
@@ -87,29 +87,38 @@ def _every_calibration(said: F, right: F) -> float:
 
 
 LIBRARY = ("effect", "pair")
-GAPPED = ("effect", "pair", "outside")
+KINDS_WITH_GAP = ("effect", "pair", "outside")
 METRICS: tuple[Metric, ...] = (
-    Metric("top-1", _on(("effect",), lambda c: c.in_top(1)), target=0.90, target_predictions=0.80),
-    Metric("top-1 by class", _on(("effect",), Outcome.first_by_class), target=0.97, target_predictions=0.90),
-    Metric("top-3", _on(("effect",), lambda c: c.in_top(3)), target=0.99, target_predictions=0.95),
-    Metric("verdict names exactly the effect", _on(("effect",), Outcome.named)),
-    Metric("verdict `no_gap` although there is one", _on(GAPPED, lambda c: c.verdict == "no_gap"), least=False),
-    Metric("confidently wrong", _on((*GAPPED, NONE), Outcome.confidently_wrong), least=False),
-    Metric("false alarms", _on((NONE,), lambda c: c.verdict != "no_gap"), least=False, target=0.02),
-    Metric("outside called `unknown`", _on(("outside",), lambda c: c.verdict == UNKNOWN), target=0.85),
-    Metric("library called `unknown`", _on(LIBRARY, lambda c: c.verdict == UNKNOWN), least=False, target=0.05),
-    Metric("both of a pair", _on(("pair",), Outcome.both), target=0.85),
-    Metric("both of a pair by class", _on(("pair",), Outcome.both_by_class)),
-    Metric("one of a pair first", _on(("pair",), lambda c: c.in_top(1))),
-    Metric("closure, median", _figures("closure", LIBRARY, _median)),
-    Metric("closure / oracle, median", _figures("relative", LIBRARY, _median), False, True, 0.95, 0.80),
-    Metric("closure / oracle, 10th percentile", _figures("relative", LIBRARY, _tenth), False, True, 0.75, 0.50),
-    Metric("closure of the oracle, median", _figures("oracle", LIBRARY, _median)),
-    Metric("closure of the oracle without correction, median", _figures("plain_oracle", LIBRARY, _median)),
-    Metric("abs(claimed − true shrink), median", _figures("shrink_error", LIBRARY, _median), False, False, 0.05),
-    Metric("abs(claimed − true shrink), 90th percentile", _figures("shrink_error", LIBRARY, _ninetieth), False, False),
-    Metric("`where`: misplaced energy over direction, mean", _figures("where_direction", GAPPED, mean), least=False),
-    Metric("`where`: misplaced energy over speed, mean", _figures("where_speed_m_s", GAPPED, mean), least=False),
+    Metric("top-1", _count_hits(("effect",), lambda c: c.is_in_top(1)), target=0.90, target_predictions=0.80),
+    Metric("top-1 by class", _count_hits(("effect",), CaseOutcome.is_first_by_class), target=0.97,
+    target_predictions=0.90),
+    Metric("top-3", _count_hits(("effect",), lambda c: c.is_in_top(3)), target=0.99, target_predictions=0.95),
+    Metric("verdict names exactly the effect", _count_hits(("effect",), CaseOutcome.names_exactly)),
+    Metric("verdict `no_gap` although there is one", _count_hits(KINDS_WITH_GAP, lambda c: c.verdict == "no_gap"),
+    target_is_minimum=False),
+    Metric("confidently wrong", _count_hits((*KINDS_WITH_GAP, NONE), CaseOutcome.is_confidently_wrong),
+    target_is_minimum=False),
+    Metric("false alarms", _count_hits((NONE,), lambda c: c.verdict != "no_gap"), target_is_minimum=False, target=0.02),
+    Metric("outside called `unknown`", _count_hits(("outside",), lambda c: c.verdict == UNKNOWN), target=0.85),
+    Metric("library called `unknown`", _count_hits(LIBRARY, lambda c: c.verdict == UNKNOWN), target_is_minimum=False,
+    target=0.05),
+    Metric("both of a pair", _count_hits(("pair",), CaseOutcome.finds_exactly), target=0.85),
+    Metric("both of a pair by class", _count_hits(("pair",), CaseOutcome.finds_by_class)),
+    Metric("one of a pair first", _count_hits(("pair",), lambda c: c.is_in_top(1))),
+    Metric("closure, median", _summarize_figure("closure", LIBRARY, _median)),
+    Metric("closure / oracle, median", _summarize_figure("relative", LIBRARY, _median), False, True, 0.95, 0.80),
+    Metric("closure / oracle, 10th percentile", _summarize_figure("relative", LIBRARY, _tenth), False, True, 0.75,
+    0.50),
+    Metric("closure of the oracle, median", _summarize_figure("oracle", LIBRARY, _median)),
+    Metric("closure of the oracle without correction, median", _summarize_figure("plain_oracle", LIBRARY, _median)),
+    Metric("abs(claimed − true shrink), median", _summarize_figure("shrink_error", LIBRARY, _median), False, False,
+    0.05),
+    Metric("abs(claimed − true shrink), 90th percentile", _summarize_figure("shrink_error", LIBRARY, _ninetieth),
+    False, False),
+    Metric("`where`: misplaced energy over direction, mean", _summarize_figure("where_direction", KINDS_WITH_GAP,
+    mean), target_is_minimum=False),
+    Metric("`where`: misplaced energy over speed, mean", _summarize_figure("where_speed_m_s", KINDS_WITH_GAP, mean),
+    target_is_minimum=False),
     Metric("ECE of the first candidate", _over_candidates(_top_calibration), False, False, 0.05),
     Metric("ECE of all candidates", _over_candidates(_every_calibration), False, False),
     Metric("Brier score", _over_candidates(brier), False, False),
@@ -117,9 +126,9 @@ METRICS: tuple[Metric, ...] = (
 BY_NAME: Mapping[str, Metric] = {metric.name: metric for metric in METRICS}
 
 
-def baselines(cases: Cases) -> dict[str, Figure]:
+def baselines(cases: Cases) -> dict[str, Statistic]:
     """Return the top-1 rate of simpler ways to name a cause: those the results carry, and drawing one at random."""
-    effects = of(cases, "effect")
+    effects = cases_of_kind(cases, "effect")
     names = sorted({name for case in effects for name in case.baselines})
     rates = {
         name: rate([case.baselines[name] in case.truth for case in effects if name in case.baselines]) for name in names

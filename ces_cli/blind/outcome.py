@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 NONE, UNKNOWN = "none", "unknown"  # the candidates beside the effects
-SURE = 0.9  # probability from which a wrong name is called confidently wrong
+SURE_PROBABILITY = 0.9  # probability from which a wrong name is called confidently wrong
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CaseOutcome:
     """A case: what it is (sealed), what was said (`gap.json`), and how far the gap truly shrank (`Closure`, if any).
 
-    `ranked` are the causes, most probable first; `probability` by candidate, with `none` and `unknown`; `found` are the
-    effects of the composition; `alike` are classes that the diagnosis declared indistinguishable.
+    `ranked` are the causes, most probable first; `probability` by candidate, with `none` and `unknown`; `composition`
+    are the effects of the composition; `indistinguishable` are classes that the diagnosis declared indistinguishable.
     """
 
     case: str
@@ -28,8 +28,8 @@ class Outcome:
     verdict: str
     ranked: tuple[str, ...]
     probability: Mapping[str, float]
-    found: tuple[str, ...]
-    alike: tuple[frozenset[str], ...]
+    composition: tuple[str, ...]
+    indistinguishable: tuple[frozenset[str], ...]
     claimed_shrink: float | None = None
     figures: Mapping[str, float] = field(default_factory=dict)
     baselines: Mapping[str, str] = field(default_factory=dict)
@@ -40,47 +40,49 @@ class Outcome:
         """The candidate that is right: an effect's name, `none` or `unknown`; for a pair both names."""
         return {NONE: NONE, "outside": UNKNOWN}.get(self.kind, " + ".join(self.truth))
 
-    def in_top(self, count: int) -> bool:
+    def is_in_top(self, count: int) -> bool:
         """True if the withheld effect is among the first so many causes."""
         return bool(set(self.truth) & set(self.ranked[:count]))
 
-    def first_by_class(self) -> bool:
+    def is_first_by_class(self) -> bool:
         """True if the first cause is the withheld effect or was declared indistinguishable from it."""
-        return bool(self.ranked) and any(self.same(self.ranked[0], name) for name in self.truth)
+        return bool(self.ranked) and any(self.is_same_class(self.ranked[0], name) for name in self.truth)
 
-    def same(self, a: str, b: str) -> bool:
+    def is_same_class(self, a: str, b: str) -> bool:
         """True if two names are equal or of one class."""
-        return a == b or any({a, b} <= group for group in self.alike)
+        return a == b or any({a, b} <= group for group in self.indistinguishable)
 
-    def named(self) -> bool:
+    def names_exactly(self) -> bool:
         """True if exactly the withheld effects were named."""
-        return self.verdict == "named" and set(self.found) == set(self.truth)
+        return self.verdict == "named" and set(self.composition) == set(self.truth)
 
-    def both(self) -> bool:
+    def finds_exactly(self) -> bool:
         """True if the composition is exactly what was withheld."""
-        return set(self.found) == set(self.truth) and len(self.found) == len(self.truth)
+        return set(self.composition) == set(self.truth) and len(self.composition) == len(self.truth)
 
-    def both_by_class(self) -> bool:
+    def finds_by_class(self) -> bool:
         """True if found and withheld effects can be matched one to one, each equal or indistinguishable."""
-        return len(self.found) == len(self.truth) and _matched(self.truth, self.found, self)
+        return len(self.composition) == len(self.truth) and _can_match(self.truth, self.composition, self)
 
-    def confidently_wrong(self) -> bool:
+    def is_confidently_wrong(self) -> bool:
         """True if a cause was named with a probability of at least 0.9 and is not what was withheld."""
         first = self.ranked[0] if self.ranked else ""
-        return self.verdict == "named" and self.probability.get(first, 0.0) >= SURE and first not in self.truth
+        return (
+            self.verdict == "named" and self.probability.get(first, 0.0) >= SURE_PROBABILITY and first not in self.truth
+        )
 
 
-def outcome(
+def build_case_outcome(
     label: Mapping[str, Any],
     gap: Mapping[str, Any],
     figures: Mapping[str, float],
     baselines: Mapping[str, str],
     seconds: float,
-) -> Outcome:
+) -> CaseOutcome:
     """Return the record of a case from its label, its `gap.json`, and what simpler ways would have named."""
     causes = gap["causes"]
     rest = gap["probabilities"]
-    return Outcome(
+    return CaseOutcome(
         case=label["case"],
         kind=label["kind"],
         truth=tuple(effect["name"] for effect in label["effects"]),
@@ -91,8 +93,8 @@ def outcome(
         verdict=gap["verdict"],
         ranked=tuple(cause["effect"] for cause in causes),
         probability={**{c["effect"]: c["probability"] for c in causes}, NONE: rest["none"], UNKNOWN: rest["unknown"]},
-        found=tuple(gap["composition"]["effects"]),
-        alike=tuple(frozenset(group) for group in gap["indistinguishable"]),
+        composition=tuple(gap["composition"]["effects"]),
+        indistinguishable=tuple(frozenset(group) for group in gap["indistinguishable"]),
         claimed_shrink=gap["composition"]["shrink"],
         figures=figures,
         baselines=baselines,
@@ -100,10 +102,10 @@ def outcome(
     )
 
 
-def _matched(truth: Sequence[str], found: Sequence[str], by: Outcome) -> bool:
+def _can_match(truth: Sequence[str], found: Sequence[str], by: CaseOutcome) -> bool:
     if not truth:
         return True
     return any(
-        by.same(truth[0], name) and _matched(truth[1:], [*found[:i], *found[i + 1 :]], by)
+        by.is_same_class(truth[0], name) and _can_match(truth[1:], [*found[:i], *found[i + 1 :]], by)
         for i, name in enumerate(found)
     )

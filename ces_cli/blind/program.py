@@ -42,17 +42,21 @@ def _parser() -> terminal.Parser:
 def _make_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write, new or empty")
     p.add_argument(
-        "--seed", type=terminal.whole(0, 2**31), required=True, metavar="N", help="seed of all that is drawn"
+        "--seed", type=terminal.integer_between(0, 2**31), required=True, metavar="N", help="seed of all that is drawn"
     )
     p.add_argument("--grid", choices=("full", "small"), default="full", help="small: gap-to-noise 3 only")
-    p.add_argument("--cases", type=terminal.whole(1, 100_000), metavar="K", help="a balanced sample of the grid")
+    p.add_argument(
+        "--cases", type=terminal.integer_between(1, 100_000), metavar="K", help="a balanced sample of the grid"
+    )
     p.add_argument("--plants", nargs="+", metavar="KIND", help="kinds of plant (default: hydraulic bouc_wen)")
     p.add_argument("--kind", nargs="+", metavar="KIND", help="effect, none, outside, pair (default: all)")
     p.add_argument("--effects", nargs="+", metavar="NAME", help="library effects to draw from (default: all)")
     p.add_argument(
-        "--gap-to-noise", nargs="+", type=terminal.within(0.1, 100.0), metavar="X", help="sizes of the effects"
+        "--gap-to-noise", nargs="+", type=terminal.number_between(0.1, 100.0), metavar="X", help="sizes of the effects"
     )
-    p.add_argument("--seconds", type=terminal.within(2.0, 600.0), default=10.0, metavar="S", help="of a recording (10)")
+    p.add_argument(
+        "--seconds", type=terminal.number_between(2.0, 600.0), default=10.0, metavar="S", help="of a recording (10)"
+    )
     _jobs(p)
     p.set_defaults(program=blind_make.make)
 
@@ -62,7 +66,7 @@ def _run_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("--out", type=Path, required=True, metavar="RESULTS", help="folder for results; a cut run resumes")
     p.add_argument("--predictions", action="store_true", help="the simulation is known by recorded predictions only")
     p.add_argument("--no-reference", action="store_true", help="leave the reference recordings out")
-    p.add_argument("--limit", type=terminal.whole(1, 100_000), metavar="K", help="the first K cases only")
+    p.add_argument("--limit", type=terminal.integer_between(1, 100_000), metavar="K", help="the first K cases only")
     _jobs(p)
     p.set_defaults(program=blind_run.run)
 
@@ -77,4 +81,6 @@ def _score_options(p: argparse.ArgumentParser) -> None:
 
 def _jobs(p: argparse.ArgumentParser) -> None:
     most = os.cpu_count() or 1
-    p.add_argument("--jobs", type=terminal.whole(1, 256), default=most, metavar="J", help="processes (default: all)")
+    p.add_argument(
+        "--jobs", type=terminal.integer_between(1, 256), default=most, metavar="J", help="processes (default: all)"
+    )

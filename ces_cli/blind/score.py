@@ -14,17 +14,24 @@ from rich.progress import track
 
 from ces_cli.blind.case import DECISION, GAP, REPLAY, ROW
 from ces_cli.blind.closure import closure, where_error
-from ces_cli.blind.outcome import Outcome, outcome
+from ces_cli.blind.outcome import CaseOutcome, build_case_outcome
 from ces_cli.blind.run import SETTINGS
-from ces_cli.blind.tables import case_rows, compared, confusions, headline, others, sliced
+from ces_cli.blind.tables import (
+    baseline_table,
+    case_rows,
+    confusion_table,
+    headline_table,
+    no_effect_table,
+    slice_table,
+)
 from ces_cli.terminal import terminal
-from ces_observer.checked import write_beside
 from ces_observer.errors import CesError
+from ces_observer.json_checks import write_atomically
 from ces_rig.blind.draw import HELD_OUT, REAL
 from ces_rig.blind.seal import open_arrays, open_seal
 
 TARGET_GAP = 3.0  # the targets are set for this gap-to-noise
-NOTHING: Mapping[str, Any] = {
+FAILED_DIAGNOSIS: Mapping[str, Any] = {
     "verdict": "failed",
     "causes": [],
     "composition": {"effects": [], "shrink": None},
@@ -44,14 +51,14 @@ def score(options: argparse.Namespace) -> int:
     text = report(outcomes, failed, len(labels), settings["predictions"], settings["reference"], about)
     print(text)
     if options.out is not None:
-        write_beside(options.out, text + "\n")
+        write_atomically(options.out, text + "\n")
     if options.rows is not None:
-        write_beside(options.rows, case_rows(outcomes))
+        write_atomically(options.rows, case_rows(outcomes))
     return 0
 
 
 def report(
-    cases: Sequence[Outcome],
+    cases: Sequence[CaseOutcome],
     failed: Mapping[str, str],
     sealed: int,
     predictions: bool,
@@ -62,22 +69,22 @@ def report(
     target = [case for case in cases if case.gap_to_noise == TARGET_GAP]
     parts = [_opening(cases, failed, sealed, predictions, reference, about)]
     if target:
-        parts += [f"### Gap-to-noise {TARGET_GAP:g}", headline(target, predictions), compared(target)]
-    parts += ["### All cases", headline(cases, predictions), compared(cases)]
+        parts += [f"### Gap-to-noise {TARGET_GAP:g}", headline_table(target, predictions), baseline_table(target)]
+    parts += ["### All cases", headline_table(cases, predictions), baseline_table(cases)]
     parts += [
-        sliced(cases, "gap-to-noise", lambda case: case.gap_to_noise),
-        sliced(cases, "simulation's error / gap", lambda case: case.baseline_ratio),
-        sliced(cases, "excitation", lambda case: case.excitation),
-        sliced(cases, "plant", lambda case: case.plant),
+        slice_table(cases, "gap-to-noise", lambda case: case.gap_to_noise),
+        slice_table(cases, "simulation's error / gap", lambda case: case.baseline_ratio),
+        slice_table(cases, "excitation", lambda case: case.excitation),
+        slice_table(cases, "plant", lambda case: case.plant),
         "### By effect",
-        confusions(cases),
-        others(cases),
+        confusion_table(cases),
+        no_effect_table(cases),
     ]
     return "\n\n".join(part for part in parts if part)
 
 
 def _opening(
-    cases: Sequence[Outcome],
+    cases: Sequence[CaseOutcome],
     failed: Mapping[str, str],
     sealed: int,
     predictions: bool,
@@ -96,7 +103,7 @@ def _opening(
 
 def _outcomes(
     folder: Path, results: Path, labels: Sequence[dict[str, Any]], corrected: bool
-) -> tuple[list[Outcome], dict[str, str]]:
+) -> tuple[list[CaseOutcome], dict[str, str]]:
     """Return the outcomes of the cases that were run, and why some failed: those count as wrong in every figure."""
     outcomes, failed = [], {}
     for label in track(labels, "scoring", console=terminal.err, transient=True, disable=not terminal.err.is_terminal):
@@ -107,24 +114,24 @@ def _outcomes(
         if row["status"] == "done":
             outcomes.append(_outcome(folder, mine, label, row["seconds"], corrected))
         else:
-            outcomes.append(outcome(label, NOTHING, {}, {}, row["seconds"]))
+            outcomes.append(build_case_outcome(label, FAILED_DIAGNOSIS, {}, {}, row["seconds"]))
             failed[label["case"]] = row["reason"]
     return outcomes, failed
 
 
-def _outcome(folder: Path, results: Path, label: dict[str, Any], seconds: float, corrected: bool) -> Outcome:
+def _outcome(folder: Path, results: Path, label: dict[str, Any], seconds: float, corrected: bool) -> CaseOutcome:
     gap = _json(results / GAP)
     truth = open_arrays(folder, label)
-    figures = closure(truth, _replayed(results / REPLAY), HELD_OUT[0])
+    figures = closure(truth, _load_replay(results / REPLAY), HELD_OUT[0])
     claimed = gap["composition"]["shrink"]
     if figures and claimed is not None:
         figures["shrink_error"] = abs(claimed - figures["closure"])
     misplaced = where_error(truth, gap["where"], (*REAL, *HELD_OUT), corrected)
     baselines = _json(results / DECISION)["baselines"]
-    return outcome(label, gap, {**figures, **misplaced}, baselines, seconds)
+    return build_case_outcome(label, gap, {**figures, **misplaced}, baselines, seconds)
 
 
-def _replayed(path: Path) -> dict[str, NDArray[np.float64]]:
+def _load_replay(path: Path) -> dict[str, NDArray[np.float64]]:
     with np.load(path, allow_pickle=False) as replay:
         return {name: replay[name].astype(np.float64) for name in replay.files}
 

@@ -20,7 +20,7 @@ Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Figure:
+class Statistic:
     """A figure with the number of cases behind it, NaN if there are none; `interval` [95 %] is computed when asked."""
 
     value: float
@@ -28,7 +28,7 @@ class Figure:
     interval: Callable[[], Interval]
 
 
-def rate(hits: Sequence[bool]) -> Figure:
+def rate(hits: Sequence[bool]) -> Statistic:
     """Return the share of hits with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
     n = len(hits)
 
@@ -36,20 +36,20 @@ def rate(hits: Sequence[bool]) -> Figure:
         low, high = binomtest(sum(hits), n).proportion_ci(method="wilson") if n else (nan, nan)
         return float(low), float(high)
 
-    return Figure(sum(hits) / n if n else nan, n, interval)
+    return Statistic(sum(hits) / n if n else nan, n, interval)
 
 
-def quantile(values: Sequence[float], share: float) -> Figure:
+def quantile(values: Sequence[float], share: float) -> Statistic:
     """Return a quantile with the percentile interval of a bootstrap over cases."""
-    return resampled(np.asarray(values, np.float64), lambda part: float(np.quantile(part, share)))
+    return bootstrap_statistic(np.asarray(values, np.float64), lambda part: float(np.quantile(part, share)))
 
 
-def mean(values: Sequence[float]) -> Figure:
+def mean(values: Sequence[float]) -> Statistic:
     """Return the mean with the percentile interval of a bootstrap over cases."""
-    return resampled(np.asarray(values, np.float64), lambda part: float(part.mean()))
+    return bootstrap_statistic(np.asarray(values, np.float64), lambda part: float(part.mean()))
 
 
-def resampled(cases: F, figure: Callable[[F], float]) -> Figure:
+def bootstrap_statistic(cases: F, figure: Callable[[F], float]) -> Statistic:
     """Return `figure` of the cases (n, …), with the percentile interval over resamples of whole cases."""
     n = len(cases)
 
@@ -59,7 +59,7 @@ def resampled(cases: F, figure: Callable[[F], float]) -> Figure:
         low, high = np.quantile(again, (0.025, 0.975)) if again else (nan, nan)
         return float(low), float(high)
 
-    return Figure(figure(cases) if n else nan, n, interval)
+    return Statistic(figure(cases) if n else nan, n, interval)
 
 
 def calibration_error(probability: F, right: F) -> float:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ces_cli.campaign.tables import Summary, mean_cost
-from ces_cli.terminal.coverage_picture import put_picture
-from ces_identify.campaign.front import front, recommended
+from ces_cli.terminal.coverage_picture import write_picture
+from ces_identify.campaign.front import front, recommend_model
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
 from ces_identify.polynomial_structure import POLYNOMIAL
@@ -46,7 +46,7 @@ def save_pareto_picture(summary: Summary, path: Path) -> None:
             axis.set_visible(False)
         _scale(axes[0, 0], summary)
         _legend(figure, summary)
-        put_picture(figure, path)
+        write_picture(figure, path)
 
 
 def _panel(axis: Axes, name: str, summary: Summary) -> None:
@@ -59,7 +59,7 @@ def _panel(axis: Axes, name: str, summary: Summary) -> None:
         _mark(axis, row, row["key"] in on_front)
     for row in best:
         _validation(axis, row, summary)
-    _recommend(axis, name, recommended(rows))
+    _recommend(axis, name, recommend_model(rows))
     axis.set_xlabel("terms" if _only_polynomials(summary) else "parameters (of a polynomial: terms)", fontsize=9)
     axis.set_ylabel("cost J [%]", fontsize=9)
     _axis_scale(axis, "x", [row["parameters"] for row in rows])

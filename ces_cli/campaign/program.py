@@ -22,8 +22,8 @@ from ces_identify.recordings.signals_file import load_signals
 from ces_observer.errors import CesError
 
 FORCE = ("position", "current", "force")
-OWN = frozenset({"campaign", "dask", "jobs", "out"})
-MOST_SHOWN = 40  # rows in the terminal
+CAMPAIGN_OPTIONS = frozenset({"campaign", "dask", "jobs", "out"})
+MAX_ROWS_SHOWN = 40  # rows in the terminal
 RESULTS = "results.jsonl"
 
 
@@ -37,7 +37,10 @@ def add_campaign(to: argparse.ArgumentParser) -> None:
         "same command goes on where a run was stopped",
     )
     to.add_argument(
-        "--jobs", type=terminal.whole(1, 256), metavar="N", help="campaign: processes (default: all processors)"
+        "--jobs",
+        type=terminal.integer_between(1, 256),
+        metavar="N",
+        help="campaign: processes (default: all processors)",
     )
     to.add_argument("--dask", metavar="ADDRESS", help="campaign: compute on this Dask scheduler's workers (host:port)")
 
@@ -51,8 +54,8 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())))
     with open_results(options.out / RESULTS, "a campaign") as results:
         finished = _compute(todo, results, recordings, options)
-        summary = Summary.of(campaign, todo, results.rows)
-        _tell(summary, options.out)
+        summary = Summary.from_rows(campaign, todo, results.rows)
+        _write_and_print(summary, options.out)
     return _status(campaign, summary, finished)
 
 
@@ -62,7 +65,7 @@ def _require_own_options(options: argparse.Namespace, parser: argparse.ArgumentP
         raise CesError("--jobs and --dask are of campaigns; give --campaign FILE.yaml, too (threads: --threads)")
     for action in parser._actions:  # argparse has no public list
         value = getattr(options, action.dest, action.default)
-        if action.dest not in OWN and value not in (action.default, []):
+        if action.dest not in CAMPAIGN_OPTIONS and value not in (action.default, []):
             given = action.option_strings[-1] if action.option_strings else action.metavar
             raise CesError(f"{given} has no effect with --campaign; say it in {options.campaign} instead")
     if options.out == parser.get_default("out"):
@@ -96,7 +99,7 @@ def describe_cell(row: Row) -> str:
     return f"{name}: selection J {cost}, {row['parameters']} parameters, {row['seconds']:.1f} s"
 
 
-def _tell(summary: Summary, folder: Path) -> None:
+def _write_and_print(summary: Summary, folder: Path) -> None:
     """Write the tables and the plot, and print the table."""
     if not any(row["status"] == DONE for row in summary.rows):
         return
@@ -106,7 +109,7 @@ def _tell(summary: Summary, folder: Path) -> None:
     write_markdown(summary, folder / "results.md")
     for suffix in ("svg", "png"):
         save_pareto_picture(summary, folder / f"pareto.{suffix}")
-    terminal.out.print(*summary_tables(summary, MOST_SHOWN))
+    terminal.out.print(*summary_tables(summary, MAX_ROWS_SHOWN))
     for line in summary.lines():
         terminal.out.print(line, highlight=False, soft_wrap=True)
     print(f"results: {folder}/results.md, results.csv, pareto.svg, pareto.png, models/")
@@ -115,12 +118,12 @@ def _tell(summary: Summary, folder: Path) -> None:
 def _status(campaign: Campaign, summary: Summary, finished: bool) -> int:
     failed = [row for row in summary.rows if row["status"] != DONE]
     if not finished:
-        terminal.note(
+        terminal.print_warning(
             f"interrupted with {len(summary.rows)} of {summary.planned} cells; the same command goes on from there"
         )
         return terminal.INTERRUPTED
     for row in failed:
-        terminal.note(f"{summary.describe(row)}: {row['reason']}")
+        terminal.print_warning(f"{summary.describe(row)}: {row['reason']}")
     if len(failed) == len(summary.rows):
         raise CesError(f"{campaign.source}: none of the {len(failed)} cells gave a model, for the reasons above")
     return 0

@@ -12,15 +12,15 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-from ces_identify.campaign.front import WITHIN, front, recommended
+from ces_identify.campaign.front import COST_TOLERANCE, front, recommend_model
 from ces_identify.campaign.plan import Campaign, CampaignJob
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
-from ces_observer.checked import write_beside
+from ces_observer.json_checks import write_atomically
 
 IDENTIFICATION = "identification"
 FRONT, BEST = "○", "●"
-HONEST = (
+SELECTION_NOTE = (
     "The front and the recommendation go by the selection cost, which the search had; the validation costs beside it "
     "chose nothing."
 )
@@ -37,7 +37,7 @@ class Summary:
     varied: tuple[str, ...]
 
     @classmethod
-    def of(cls, campaign: Campaign, todo: Sequence[CampaignJob], found: Mapping[str, Row]) -> Summary:
+    def from_rows(cls, campaign: Campaign, todo: Sequence[CampaignJob], found: Mapping[str, Row]) -> Summary:
         """Take the rows of the plan's cells from all that were found; names are the plan's."""
         rows = [{**found[j.key], "bags": j.cell.bags, **j.cell.settings} for j in todo if j.key in found]
         bags = tuple(campaign.bags)
@@ -65,7 +65,7 @@ class Summary:
         marks = {}
         for rows in map(self.of_bags, self.bags):
             marks.update({row["key"]: FRONT for row in front(rows)})
-            best = recommended(rows)
+            best = recommend_model(rows)
             marks.update({best["key"]: BEST} if best else {})
         return marks
 
@@ -73,11 +73,11 @@ class Summary:
         """Say what the marks mean and which model is recommended for each set of bags."""
         lines = [
             f"{FRONT} on the front of selection cost against size, {BEST} recommended: the smallest on it within "
-            f"{WITHIN:.0%} of the lowest cost"
+            f"{COST_TOLERANCE:.0%} of the lowest cost"
         ]
-        lines.append(HONEST)
+        lines.append(SELECTION_NOTE)
         for name in self.bags:
-            best = recommended(self.of_bags(name))
+            best = recommend_model(self.of_bags(name))
             if best is not None:
                 lines.append(f"{name}: models/{best['key']}.json ({self.describe(best)}: {best['size']})")
         return lines
@@ -89,11 +89,11 @@ def mean_cost(row: Row, name: str) -> float | None:
     return sum(costs) / len(costs) if costs and None not in costs else None
 
 
-def summary_tables(summary: Summary, most: int) -> list[Table]:
-    """Return a table for each set of bags, for a terminal; of more than `most` rows in all only those on a front."""
+def summary_tables(summary: Summary, max_rows: int) -> list[Table]:
+    """Return a table for each set of bags; of more than `max_rows` rows in all only those on a front."""
     marks = summary.marks()
     done = [row for row in summary.rows if row["status"] == DONE]
-    shown = [row for row in done if row["key"] in marks] if len(done) > most else done
+    shown = [row for row in done if row["key"] in marks] if len(done) > max_rows else done
     told = f"{len(done)} models of {summary.planned} cells" + ("; those on a front" if len(shown) < len(done) else "")
     tables = []
     for name in dict.fromkeys(row["bags"] for row in shown):
@@ -126,7 +126,7 @@ def write_markdown(summary: Summary, path: Path) -> None:
     lines += ["Models: `models/KEY….json`.", ""]
     lines += ["* " + line for line in summary.lines()]
     lines += [f"* {row['status']}: {summary.describe(row)}: {row['reason']}" for row in summary.rows if "reason" in row]
-    write_beside(path, "\n".join(["# Campaign", "", "![cost against parameters](pareto.svg)", "", *lines, ""]))
+    write_atomically(path, "\n".join(["# Campaign", "", "![cost against parameters](pareto.svg)", "", *lines, ""]))
 
 
 def write_csv(summary: Summary, path: Path) -> None:
@@ -143,7 +143,7 @@ def write_csv(summary: Summary, path: Path) -> None:
         costs = {_column(cost): cost["J"] for cost in row.get("costs", ())}
         mark = marks.get(found.get(row["key"], ""), "")
         writer.writerow([*(row.get(name) for name in plain), mark, *(costs.get(name) for name in columns)])
-    write_beside(path, text.getvalue())
+    write_atomically(path, text.getvalue())
 
 
 def _column(cost: Row) -> str:

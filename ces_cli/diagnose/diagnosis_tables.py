@@ -10,13 +10,13 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from ces_cli.diagnose.diagnosis_words import (
+from ces_cli.diagnose.diagnosis_text import (
+    effect_name,
     estimate,
     interval,
-    named,
     newtons,
     percent,
-    percents,
+    percent_interval,
     probability,
     region_text,
 )
@@ -24,108 +24,113 @@ from ces_cli.terminal import terminal
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, Where
 
 COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan"}
-MOST_CAUSES = 5
-MOST_REGIONS = 3
-STANDS_OUT = 0.05  # rate of false discoveries up to which a region counts
-MUCH, LEAST = 1.2, 0.05  # as much of the gap's energy, over the share of the time, and at all
+MAX_CAUSES = 5
+MAX_REGIONS = 3
+MAX_FALSE_DISCOVERY_RATE = 0.05  # rate of false discoveries up to which a region counts
+MIN_ENERGY_RATIO, MIN_ENERGY_SHARE = 1.2, 0.05  # as much of the gap's energy, over the share of the time, and at all
 
 
-def tell(found: Diagnosis, folder: Path, files: Sequence[str], told: int = 0) -> None:
-    """Print a diagnosis; `files` are those written to `folder`, and the first notes were `told` already."""
-    for text in found.notes[told:]:
-        terminal.note(text)
+def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], printed_notes: int = 0) -> None:
+    """Print a diagnosis; `files` are those written to `folder`, and the first notes were `printed_notes` already."""
+    for text in diagnosis.notes[printed_notes:]:
+        terminal.print_warning(text)
     say = terminal.out.print
-    name = found.verdict.replace("_", " ").upper()
-    say(f"[bold {COLORS[found.verdict]}]{name}[/]: {escape(found.sentence)}", highlight=False, soft_wrap=True)
-    for line in gap_lines(found):
+    name = diagnosis.verdict.replace("_", " ").upper()
+    say(f"[bold {COLORS[diagnosis.verdict]}]{name}[/]: {escape(diagnosis.sentence)}", highlight=False, soft_wrap=True)
+    for line in gap_lines(diagnosis):
         say(line, highlight=False, soft_wrap=True, markup=False)
-    if found.causes and found.verdict != NO_GAP:
-        say(cause_table(found))
-    for line in (*parameter_lines(found), *where_lines(found), *doubt_lines(found), *next_lines(found, folder)):
+    if diagnosis.causes and diagnosis.verdict != NO_GAP:
+        say(cause_table(diagnosis))
+    for line in (
+        *parameter_lines(diagnosis),
+        *where_lines(diagnosis),
+        *doubt_lines(diagnosis),
+        *next_lines(diagnosis, folder),
+    ):
         say(line, highlight=False, soft_wrap=True, markup=False)
     print(f"written: {folder}/{', '.join(files)}")
 
 
-def gap_lines(found: Diagnosis) -> list[str]:
+def gap_lines(diagnosis: Diagnosis) -> list[str]:
     """Say how large the gap is, and what is left of it."""
-    gap, together = found.gap, found.composition
+    gap, together = diagnosis.gap, diagnosis.composition
     lines = [
         f"gap: {newtons(gap.rms_N)} RMS {interval(gap.ci95_N)} on what was held out, noise taken out "
         f"(noise {newtons(gap.noise_floor_N)}, J = {gap.cost_J:.2f} %)"
     ]
-    if found.correction is not None:
+    if diagnosis.correction is not None:
         told = f"{newtons(gap.corrected_N)} {interval(gap.corrected_ci95_N)}"
         lines.append(f"     {told} of it beyond the simulation's own error, which the references taught")
     if together.effects:
         lines.append(
             f"with {' + '.join(together.effects)}: {newtons(together.gap_after_N)} left, the gap shrinks by "
-            f"{percent(together.shrink)} {percents(together.shrink_ci95)}"
+            f"{percent(together.shrink)} {percent_interval(together.shrink_ci95)}"
         )
-        lines.append(_controls(found))
+        lines.append(_controls(diagnosis))
     return lines
 
 
-def cause_table(found: Diagnosis) -> Table:
+def cause_table(diagnosis: Diagnosis) -> Table:
     """Return the effects one by one, likeliest first, with what is not one of them below."""
     table = Table(title="each effect alone", title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
     table.add_column("effect", no_wrap=True)
     for heading in ("probability", "shrink", "95 %"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for cause in found.causes[:MOST_CAUSES]:
-        style = "bold" if cause.effects[0] in found.composition.effects else ""
-        shrink = (percent(cause.shrink), percents(cause.shrink_ci95))
-        table.add_row(named(cause), probability(cause.probability), *map(escape, shrink), style=style)
+    for cause in diagnosis.causes[:MAX_CAUSES]:
+        style = "bold" if cause.effects[0] in diagnosis.composition.effects else ""
+        shrink = (percent(cause.shrink), percent_interval(cause.shrink_ci95))
+        table.add_row(effect_name(cause), probability(cause.probability), *map(escape, shrink), style=style)
     table.add_section()
-    table.add_row("no gap", probability(found.probability_none), "", "")
-    table.add_row("something else", probability(found.probability_unknown), "", "")
+    table.add_row("no gap", probability(diagnosis.probability_none), "", "")
+    table.add_row("something else", probability(diagnosis.probability_unknown), "", "")
     return table
 
 
-def parameter_lines(found: Diagnosis) -> list[str]:
+def parameter_lines(diagnosis: Diagnosis) -> list[str]:
     """Say the parameters of the effects that together explain the gap."""
-    together = found.composition
+    together = diagnosis.composition
     pairs = zip(together.effects, together.estimates, strict=True)
     return [f"{effect}: {', '.join(map(estimate, estimates))}" for effect, estimates in pairs]
 
 
-def where_lines(found: Diagnosis) -> list[str]:
+def where_lines(diagnosis: Diagnosis) -> list[str]:
     """Say where the gap's energy sits that is more than the time spent there, and where what no effect explains."""
-    lines = [] if found.verdict == NO_GAP else _where("where", found.where)
-    return lines if found.rest is None else lines + _where("unexplained", found.rest)
+    lines = [] if diagnosis.verdict == NO_GAP else _where("where", diagnosis.where)
+    return lines if diagnosis.rest is None else lines + _where("unexplained", diagnosis.rest)
 
 
 def _where(word: str, where: Where) -> list[str]:
     telling = [
         r
         for r in where.regions
-        if r.q_value <= STANDS_OUT and r.share_of_energy > max(MUCH * r.share_of_samples, LEAST)
+        if r.q_value <= MAX_FALSE_DISCOVERY_RATE
+        and r.share_of_energy > max(MIN_ENERGY_RATIO * r.share_of_samples, MIN_ENERGY_SHARE)
     ]
     telling.sort(key=lambda r: r.share_of_samples - r.share_of_energy)
     by_axis = {r.axis: r for r in reversed(telling)}
-    best = [r for r in telling if by_axis[r.axis] is r][:MOST_REGIONS]
+    best = [r for r in telling if by_axis[r.axis] is r][:MAX_REGIONS]
     return [f"{word}: {region_text(r)}" for r in best] or [f"{word}: no region stands out"]
 
 
-def doubt_lines(found: Diagnosis) -> list[str]:
+def doubt_lines(diagnosis: Diagnosis) -> list[str]:
     """Say what these recordings cannot tell."""
-    lines = [f"not told apart by these recordings: {', '.join(group)}" for group in found.indistinguishable]
-    if found.not_separable:
-        lines.append(
-            f"not separable from a calibration of the simulation: {', '.join(found.not_separable)} (give --reference)"
-        )
-    lines += [f"cannot be seen: {effect}: {reason}" for effect, reason in found.invisible]
-    if found.surrogate_cost_J is not None:
-        lines.append(f"the simulation was stood in for by a surrogate of J = {found.surrogate_cost_J:.2f} %")
+    lines = [f"not told apart by these recordings: {', '.join(group)}" for group in diagnosis.indistinguishable]
+    if diagnosis.not_separable:
+        effects = ", ".join(diagnosis.not_separable)
+        lines.append(f"not separable from a calibration of the simulation: {effects} (give --reference)")
+    lines += [f"cannot be seen: {effect}: {reason}" for effect, reason in diagnosis.invisible]
+    if diagnosis.surrogate_cost_J is not None:
+        lines.append(f"the simulation was stood in for by a surrogate of J = {diagnosis.surrogate_cost_J:.2f} %")
     return lines
 
 
-def next_lines(found: Diagnosis, folder: Path) -> list[str]:
+def next_lines(diagnosis: Diagnosis, folder: Path) -> list[str]:
     """Say what to do next."""
     lines = []
-    if found.next_experiment is not None:
-        lines.append(f"next: {found.next_experiment.purpose}")
+    if diagnosis.next_experiment is not None:
+        lines.append(f"next: {diagnosis.next_experiment.purpose}")
         lines.append(f"      ces rig {folder}/next_experiment.yaml --out BAG   (for a real rig: next_experiment.csv)")
-    if found.composition.effects and found.verdict in (NAMED, AMBIGUOUS):
+    if diagnosis.composition.effects and diagnosis.verdict in (NAMED, AMBIGUOUS):
         lines.append(
             f"next: ces identify --teacher {folder}/augmented.json BAG... --out MODEL.json   (the repair, as a model)"
         )

@@ -8,16 +8,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ces_cli.diagnose.fleet_page import write_page
-from ces_cli.diagnose.fleet_tables import fleet_table, told, write_csv
-from ces_cli.diagnose.inputs import FORCE, build_options, read_beside
+from ces_cli.diagnose.fleet_tables import describe_diagnosis, fleet_table, write_csv
+from ces_cli.diagnose.inputs import FORCE, build_diagnose_options, read_with_predictions
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import Unit, bags_of, units_of
+from ces_cli.terminal.bag_paths import FleetUnit, find_bags, find_fleet_units
 from ces_cli.terminal.many_jobs import keep_results, require_one_place, start_jobs
 from ces_cli.terminal.progress import JobsProgress
 from ces_cli.terminal.simulations import open_simulation, with_predictions
 from ces_gap.diagnose import diagnose
-from ces_gap.fleet.answer import diagnose_unit
-from ces_gap.fleet.question import FleetJob, Question, job_of
+from ces_gap.fleet.request import DiagnosisJob, DiagnosisRequest, job_of
+from ces_gap.fleet.unit_result import diagnose_unit
 from ces_gap.report.result_files import result_files
 from ces_identify.jobs.job import DONE, FAILED
 from ces_identify.jobs.results_folder import ResultsFolder, open_results
@@ -38,14 +38,14 @@ QUESTION = "question"  # the one object that all tasks share
 def run_fleet(options: argparse.Namespace) -> int:
     """Diagnose every unit of --real; returns the exit status."""
     _require_own_options(options)
-    signals, question = terminal.signals_of(options), _question(options)
-    units = units_of(options.real, options.each)
+    signals, question = terminal.load_described_signals(options), _question(options)
+    units = find_fleet_units(options.real, options.each)
     with open_results(options.out / RESULTS, "a fleet") as results:
         jobs, unread = _jobs(units, question, signals, options.out)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
         finished = _compute(results, missing, question, signals, options, len(units))
         rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread
-        _tell(rows, options.out)
+        _write_and_print(rows, options.out)
     return _status(rows, len(units), finished)
 
 
@@ -55,18 +55,20 @@ def _require_own_options(options: argparse.Namespace) -> None:
     require_one_place(options.jobs, options.dask)
 
 
-def _question(options: argparse.Namespace) -> Question:
-    signals, simulation = terminal.signals_of(options), open_simulation(options.sim)
-    reference = tuple(read_beside(simulation, path, signals) for path in bags_of(options.reference))
-    return Question(simulation, options.sim, reference, build_options(options, ONE_THREAD), diagnose, result_files)
+def _question(options: argparse.Namespace) -> DiagnosisRequest:
+    signals, simulation = terminal.load_described_signals(options), open_simulation(options.sim)
+    reference = tuple(read_with_predictions(simulation, path, signals) for path in find_bags(options.reference))
+    return DiagnosisRequest(
+        simulation, options.sim, reference, build_diagnose_options(options, ONE_THREAD), diagnose, result_files
+    )
 
 
 def _jobs(
-    units: Sequence[Unit], question: Question, signals: Signals, folder: Path
-) -> tuple[dict[FleetJob, Unit], list[Row]]:
+    units: Sequence[FleetUnit], question: DiagnosisRequest, signals: Signals, folder: Path
+) -> tuple[dict[DiagnosisJob, FleetUnit], list[Row]]:
     """Return a job for each unit that can be read, and a row for each that cannot; recordings are not kept."""
     described = repr(sorted(signals.by_name.items()))
-    jobs: dict[str, tuple[FleetJob, Unit]] = {}
+    jobs: dict[str, tuple[DiagnosisJob, FleetUnit]] = {}
     unread = []
     for number, unit in enumerate(units, start=1):
         with terminal.err.status(f"reading {unit.name} ({number} of {len(units)})"):
@@ -81,7 +83,7 @@ def _jobs(
     return dict(jobs.values()), unread
 
 
-def _read(simulation: Simulation, unit: Unit, signals: Signals) -> list[Recording]:
+def _read(simulation: Simulation, unit: FleetUnit, signals: Signals) -> list[Recording]:
     """Read and check the recordings of a unit without a word on the terminal."""
     recordings = []
     with warnings.catch_warnings():
@@ -95,8 +97,8 @@ def _read(simulation: Simulation, unit: Unit, signals: Signals) -> list[Recordin
 
 def _compute(
     results: ResultsFolder,
-    missing: Mapping[FleetJob, Unit],
-    question: Question,
+    missing: Mapping[DiagnosisJob, FleetUnit],
+    question: DiagnosisRequest,
     signals: Signals,
     options: argparse.Namespace,
     total: int,
@@ -105,12 +107,12 @@ def _compute(
     if not missing:
         return True
     tasks = (Task(job, [QUESTION], _read(question.simulation, unit, signals)) for job, unit in missing.items())
-    shared = {QUESTION: question.packed()}
+    shared = {QUESTION: question.pack()}
     started = start_jobs(diagnose_unit, tasks, shared, options.jobs, options.dask, question.options.threads)
-    return keep_results(started, results, JobsProgress(total, total - len(missing), "diagnoses"), told)
+    return keep_results(started, results, JobsProgress(total, total - len(missing), "diagnoses"), describe_diagnosis)
 
 
-def _tell(rows: Sequence[Row], folder: Path) -> None:
+def _write_and_print(rows: Sequence[Row], folder: Path) -> None:
     """Write the tables, and print the one for the terminal."""
     write_csv(rows, folder / "fleet.csv")
     write_page(rows, folder / "fleet.html")
@@ -121,11 +123,13 @@ def _tell(rows: Sequence[Row], folder: Path) -> None:
 
 def _status(rows: Sequence[Row], planned: int, finished: bool) -> int:
     if not finished:
-        terminal.note(f"interrupted with {len(rows)} of {planned} diagnoses; the same command goes on from there")
+        terminal.print_warning(
+            f"interrupted with {len(rows)} of {planned} diagnoses; the same command goes on from there"
+        )
         return terminal.INTERRUPTED
     failed = [row for row in rows if row["status"] != DONE]
     for row in failed:
-        terminal.note(f"{row['name']}: {row['reason']}")
+        terminal.print_warning(f"{row['name']}: {row['reason']}")
     if len(failed) == len(rows):
         raise CesError(f"none of the {len(rows)} could be diagnosed, for the reasons above")
     return 0

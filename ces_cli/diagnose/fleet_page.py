@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from ces_cli.diagnose.fleet_tables import number, ordered, shrink_text, verdict_text
+from ces_cli.diagnose.fleet_tables import format_number, shrink_text, sort_rows, verdict_text
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
-from ces_observer.checked import write_beside
+from ces_observer.json_checks import write_atomically
 
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
@@ -46,8 +46,8 @@ th, td {{ padding: .45rem .7rem .45rem 0; border-bottom: 1px solid var(--line); 
 def write_page(rows: Sequence[Row], path: Path) -> None:
     """Write the page, largest gap first."""
     largest = max([row.get("gap_N") or 0.0 for row in rows], default=0.0) or 1.0
-    body = "\n".join(_row(row, largest) for row in ordered(rows))
-    write_beside(path, PAGE.format(summary=escape(_summary(rows)), rows=body))
+    body = "\n".join(_row(row, largest) for row in sort_rows(rows))
+    write_atomically(path, PAGE.format(summary=escape(_summary(rows)), rows=body))
 
 
 def _summary(rows: Sequence[Row]) -> str:
@@ -62,11 +62,11 @@ def _row(row: Row, largest: float) -> str:
         return f'<tr class="failed"><td>{escape(row["name"])}</td><td colspan="6">{escape(row["reason"])}</td></tr>'
     gap, after = row["gap_N"] or 0.0, row["gap_after_N"] or 0.0
     bars = "".join(f'<i style="width:{100.0 * min(value / largest, 1.0):.1f}%"></i>' for value in (gap, after))
-    cells = (number(row["gap_N"], ".1f"), number(row["gap_after_N"], ".1f"), shrink_text(row))
+    cells = (format_number(row["gap_N"], ".1f"), format_number(row["gap_after_N"], ".1f"), shrink_text(row))
     return (
         f'<tr title="{escape(row["sentence"])}"><td><a href="{escape(row["folder"])}/report.html">'
         f"{escape(row['name'])}</a></td><td>{escape(verdict_text(row))}</td>"
-        f'<td class="n">{number(row["probability"], ".2f")}</td><td class="gap"><div>{bars}</div></td>'
+        f'<td class="n">{format_number(row["probability"], ".2f")}</td><td class="gap"><div>{bars}</div></td>'
         + "".join(f'<td class="n">{cell}</td>' for cell in cells)
         + "</tr>"
     )

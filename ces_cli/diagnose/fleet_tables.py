@@ -13,9 +13,9 @@ from rich.table import Table
 
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
-from ces_observer.checked import write_beside
+from ces_observer.json_checks import write_atomically
 
-MOST_SHOWN = 60
+MAX_ROWS_SHOWN = 60
 COLUMNS = (
     "name",
     "status",
@@ -42,16 +42,16 @@ COLUMNS = (
 )
 
 
-def ordered(rows: Sequence[Row]) -> list[Row]:
+def sort_rows(rows: Sequence[Row]) -> list[Row]:
     """Return the rows with the largest gap first, those without a diagnosis last."""
     return sorted(rows, key=lambda row: (row["status"] != DONE, -(row.get("gap_N") or 0.0), row["name"]))
 
 
-def told(row: Row) -> str:
+def describe_diagnosis(row: Row) -> str:
     """Say in a few words how a diagnosis ended."""
     if row["status"] != DONE:
         return f"{row['name']}: {row['status']}: {row['reason']}"
-    return f"{row['name']}: {verdict_text(row)}, gap {number(row['gap_N'], '.1f')} N, {row['seconds']:.1f} s"
+    return f"{row['name']}: {verdict_text(row)}, gap {format_number(row['gap_N'], '.1f')} N, {row['seconds']:.1f} s"
 
 
 def verdict_text(row: Row) -> str:
@@ -66,24 +66,24 @@ def shrink_text(row: Row) -> str:
     return "-" if row["shrink"] is None or not row["effects"] else f"{100.0 * row['shrink']:.0f} %"
 
 
-def number(value: float | None, form: str) -> str:
+def format_number(value: float | None, form: str) -> str:
     """Return a number as text, a dash if there is none."""
     return "-" if value is None else format(value, form)
 
 
 def fleet_table(rows: Sequence[Row]) -> Table:
     """Return a table of the diagnoses, for a terminal."""
-    done = [row for row in ordered(rows) if row["status"] == DONE]
-    title = f"{len(done)} of {len(rows)} diagnosed" + ("; the largest gaps" if len(done) > MOST_SHOWN else "")
+    done = [row for row in sort_rows(rows) if row["status"] == DONE]
+    title = f"{len(done)} of {len(rows)} diagnosed" + ("; the largest gaps" if len(done) > MAX_ROWS_SHOWN else "")
     table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("vehicle or recording", overflow="fold")
     table.add_column("verdict", overflow="fold")
     for heading in ("P", "gap N", "after N", "shrink"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for row in done[:MOST_SHOWN]:
-        gaps = (number(row["gap_N"], ".1f"), number(row["gap_after_N"], ".1f"))
+    for row in done[:MAX_ROWS_SHOWN]:
+        gaps = (format_number(row["gap_N"], ".1f"), format_number(row["gap_after_N"], ".1f"))
         names = (escape(row["name"]), verdict_text(row))
-        table.add_row(*names, number(row["probability"], ".2f"), *gaps, shrink_text(row))
+        table.add_row(*names, format_number(row["probability"], ".2f"), *gaps, shrink_text(row))
     return table
 
 
@@ -92,8 +92,8 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
-    writer.writerows([_cell(row.get(name)) for name in COLUMNS] for row in ordered(rows))
-    write_beside(path, text.getvalue())
+    writer.writerows([_cell(row.get(name)) for name in COLUMNS] for row in sort_rows(rows))
+    write_atomically(path, text.getvalue())
 
 
 def _cell(value: object) -> object:

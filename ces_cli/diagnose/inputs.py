@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.simulations import import_from_here, with_predictions
-from ces_gap.diagnose import Options
+from ces_gap.diagnose import DiagnoseOptions
 from ces_gap.effects.user_effects import user_effect
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
@@ -16,13 +16,13 @@ from ces_observer.signals import Signals
 FORCE = ("position", "current", "force")
 
 
-def build_options(options: argparse.Namespace, threads: int) -> Options:
+def build_diagnose_options(options: argparse.Namespace, threads: int) -> DiagnoseOptions:
     """Return how to diagnose, with the user's own effects imported; `threads` if the user gives no number."""
     import_from_here()
     effects = tuple(user_effect(spec) for spec in options.effects)
-    return Options(effects=effects, threads=options.threads or threads, seed=options.seed)
+    return DiagnoseOptions(effects=effects, threads=options.threads or threads, seed=options.seed)
 
 
-def read_beside(simulation: Simulation, path: Path, signals: Signals) -> Recording:
+def read_with_predictions(simulation: Simulation, path: Path, signals: Signals) -> Recording:
     """Return a recording with its measured force and, if the simulation's force is recorded there, that."""
     return with_predictions(simulation, path, terminal.read_one(path, signals, FORCE), signals)

@@ -11,13 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import RECORDING, VEHICLE, bags_of
+from ces_cli.terminal.bag_paths import RECORDING, VEHICLE, find_bags
 from ces_cli.terminal.simulations import HELP, open_simulation
-from ces_observer.checked import write_together
 from ces_observer.errors import CesError
+from ces_observer.json_checks import write_all_atomically
 
-MAY_LACK = ("next_experiment.yaml", "next_experiment.csv")  # files that only some diagnoses write
-MOST_THREADS = 256
+OPTIONAL_FILES = ("next_experiment.yaml", "next_experiment.csv")  # files that only some diagnoses write
+MAX_THREADS = 256
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,32 +34,36 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _diagnose(options: argparse.Namespace, command: str) -> None:
-    from ces_cli.diagnose.diagnosis_tables import tell
-    from ces_cli.diagnose.inputs import build_options, read_beside
+    from ces_cli.diagnose.diagnosis_tables import print_diagnosis
+    from ces_cli.diagnose.inputs import build_diagnose_options, read_with_predictions
     from ces_cli.diagnose.progress import DiagnoseProgress
-    from ces_gap.augmented.augmented_file import named
+    from ces_gap.augmented.augmented_file import name_simulation
     from ces_gap.diagnose import diagnose
     from ces_gap.intake.checks import check_recordings
     from ces_gap.report.result_files import result_files
 
     _make_folder(options.out)
-    how, signals = build_options(options, os.cpu_count() or 1), terminal.signals_of(options)
+    how, signals = build_diagnose_options(options, os.cpu_count() or 1), terminal.load_described_signals(options)
     simulation = open_simulation(options.sim)
     roles = {"real": options.real, "held_out": options.held_out, "reference": options.reference}
-    given = {role: [read_beside(simulation, p, signals) for p in bags_of(words)] for role, words in roles.items()}
+    given = {
+        role: [read_with_predictions(simulation, p, signals) for p in find_bags(words)] for role, words in roles.items()
+    }
     recordings = (given["real"], given["held_out"], given["reference"])
     doubts = check_recordings(*recordings)
     for text in doubts:
-        terminal.note(text)
+        terminal.print_warning(text)
     with DiagnoseProgress() as progress:
         found = diagnose(simulation, options.sim, *recordings, how, progress.listen)
         found = replace(found, notes=(*doubts, *found.notes))
         progress.listen("writing the report", 1.0)
-        files = result_files(found, named(options.sim, options.out), list(given.items()), {"Command": command})
-    for name in MAY_LACK:
+        files = result_files(
+            found, name_simulation(options.sim, options.out), list(given.items()), {"Command": command}
+        )
+    for name in OPTIONAL_FILES:
         (options.out / name).unlink(missing_ok=True)  # of an earlier diagnosis
-    write_together({options.out / name: text for name, text in files.items()})
-    tell(found, options.out, tuple(files), told=len(doubts))
+    write_all_atomically({options.out / name: text for name, text in files.items()})
+    print_diagnosis(found, options.out, tuple(files), printed_notes=len(doubts))
 
 
 def _make_folder(folder: Path) -> None:
@@ -80,7 +84,7 @@ def _parser() -> terminal.Parser:
         "ces diagnose --sim model.json --real bags/road bags/sweep --reference bags/new_damper --out gap\n"
         "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference bags/new_damper --out fleet_gap",
     )
-    whole = terminal.whole
+    whole = terminal.integer_between
     p.add_argument("--sim", required=True, metavar="SIM", help=HELP)
     p.add_argument(
         "--real", nargs="+", required=True, metavar="BAG", help="recordings of the real damper: bags, folders, globs"
@@ -110,7 +114,7 @@ def _parser() -> terminal.Parser:
     )
     p.add_argument(
         "--threads",
-        type=whole(1, MOST_THREADS),
+        type=whole(1, MAX_THREADS),
         metavar="N",
         help="default: all processors; with --each, one for each diagnosis",
     )

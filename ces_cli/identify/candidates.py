@@ -6,8 +6,8 @@ import argparse
 from functools import reduce
 from pathlib import Path
 
-from ces_identify.polynomial.constructed_options import with_blend, with_constructed
-from ces_identify.polynomial.regressors import Rules, load_rules
+from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
+from ces_identify.polynomial.regressors import CandidateRules, load_rules
 from ces_identify.polynomial_structure import POLYNOMIAL
 from ces_observer.errors import CesError
 
@@ -36,9 +36,9 @@ def add_candidates(to: argparse.ArgumentParser) -> None:
     )
 
 
-def candidate_rules(options: argparse.Namespace) -> Rules:
+def candidate_rules(options: argparse.Namespace) -> CandidateRules:
     """Return the candidate rules asked for; raises CesError naming the option or file that is wrong."""
     if options.structure != POLYNOMIAL.option and (options.construct or options.blend):
         raise CesError(f"--construct and --blend: are of polynomials only, not of --structure {options.structure}")
-    rules = reduce(with_constructed, options.construct, load_rules(options.candidates))
-    return reduce(with_blend, options.blend, rules)
+    rules = reduce(add_constructed_inputs, options.construct, load_rules(options.candidates))
+    return reduce(add_blend, options.blend, rules)

@@ -14,14 +14,14 @@ from rich.table import Table
 from ces_cli.terminal import terminal
 from ces_cli.terminal.tables import NONE, percent
 from ces_gap.augmented.simulation_spec import file_of
-from ces_identify.identify import Identified
+from ces_identify.identify import IdentificationResult
 from ces_identify.recordings.recording import Recording
-from ces_identify.validation.distillation import Distilled, distilled
+from ces_identify.validation.distillation import DistillationCosts, compare_with_teacher
 
 
-def with_teacher(result: Identified, teacher: str, measured: Sequence[Recording]) -> Identified:
+def with_teacher(result: IdentificationResult, teacher: str, measured: Sequence[Recording]) -> IdentificationResult:
     """Return `result` with its teacher in the model's provenance; `measured` are the recordings as logged."""
-    rows = distilled(result.model, result.evaluations, measured)
+    rows = compare_with_teacher(result.model, result.evaluations, measured)
     file = file_of(teacher)
     facts = {
         "simulation": teacher,
@@ -32,7 +32,7 @@ def with_teacher(result: Identified, teacher: str, measured: Sequence[Recording]
     return replace(result, model=replace(result.model, provenance=history))
 
 
-def tell_teacher(result: Identified) -> None:
+def print_teacher(result: IdentificationResult) -> None:
     """Print what the provenance says of the teacher, if there was one."""
     facts = result.model.provenance.get("teacher")
     if facts is None:
@@ -45,14 +45,14 @@ def tell_teacher(result: Identified) -> None:
     terminal.out.print(_table(rows))
 
 
-def _row(row: Distilled) -> dict[str, Any]:
+def _row(row: DistillationCosts) -> dict[str, Any]:
     return {
         "recording": row.recording,
         "role": row.role,
-        "model_to_teacher": _rounded(row.model_to_teacher),
-        "teacher_to_measured": _rounded(row.teacher_to_measured),
-        "model_to_measured": _rounded(row.model_to_measured),
-        "loss": _rounded(row.loss),
+        "model_to_teacher": _round_finite(row.model_to_teacher),
+        "teacher_to_measured": _round_finite(row.teacher_to_measured),
+        "model_to_measured": _round_finite(row.model_to_measured),
+        "loss": _round_finite(row.loss),
     }
 
 
@@ -69,5 +69,5 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
     return table
 
 
-def _rounded(value: float) -> float | None:
+def _round_finite(value: float) -> float | None:
     return round(value, 4) if math.isfinite(value) else None

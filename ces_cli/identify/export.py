@@ -9,8 +9,8 @@ from pathlib import Path
 from ces_cli.terminal import terminal
 from ces_identify.export.export_c import export_c, identifier, require_exportable
 from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
-from ces_observer.checked import write_beside, write_together
 from ces_observer.errors import CesError
+from ces_observer.json_checks import write_all_atomically, write_atomically
 from ces_observer.model import Model, load_model
 from ces_observer.proof.certificate import Certificate, summarize
 
@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _write_c(model, name, options.out, certificate)
     else:
         _write_fmu(model, name, options.out, certificate, compiler)
-    _tell(certificate)
+    _print_certificate(certificate)
     return 0
 
 
@@ -60,21 +60,21 @@ def _certificate(model: Model, options: argparse.Namespace) -> Certificate:
 
 def _write_c(model: Model, name: str, out: Path, certificate: Certificate) -> None:
     source, header = export_c(model, name, out.stem, certificate)
-    write_together({out.with_suffix(".h"): header, out: source})
+    write_all_atomically({out.with_suffix(".h"): header, out: source})
     print(f"{out}, {out.with_suffix('.h').name}: {name}_step and {name}_tick, {model.size}")
 
 
 def _write_fmu(model: Model, name: str, out: Path, certificate: Certificate, compiler: Sequence[str]) -> None:
     with terminal.err.status("compiling"):
         content = export_fmu(model, name, certificate, compiler)
-    write_beside(out, content)
+    write_atomically(out, content)
     made = binary_path(name) if compiler else "sources only, to be compiled as its sources/BUILD.txt says"
     print(f"{out}: FMI 2.0 co-simulation {name}, {model.size}, {made}")
 
 
-def _tell(certificate: Certificate) -> None:
+def _print_certificate(certificate: Certificate) -> None:
     if not certificate.holds:
-        terminal.note("--allow-uncertified: nothing proves that this model stays stable; not for a vehicle")
+        terminal.print_warning("--allow-uncertified: nothing proves that this model stays stable; not for a vehicle")
         return
     print(f"stable: {summarize(certificate.to_mapping())} (proved); |force| <= {certificate.force_N:.0f} N")
 

@@ -8,22 +8,22 @@ from dataclasses import replace
 from typing import Any
 
 from ces_cli.identify.search_progress import SearchProgress
-from ces_cli.identify.structures import identifier
+from ces_cli.identify.structures import select_identify_function
 from ces_cli.terminal import terminal
 from ces_cli.terminal.tables import fold_table
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
-from ces_identify.identify import Identified
+from ces_identify.identify import IdentificationResult
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 
-MOST_FOLDS = 1000
+MAX_FOLDS = 1000
 
 
 def add_folds(to: argparse.ArgumentParser) -> None:
     """Add the option --folds."""
     to.add_argument(
         "--folds",
-        type=terminal.whole(0, MOST_FOLDS),
+        type=terminal.integer_between(0, MAX_FOLDS),
         default=0,
         metavar="K",
         help="also hold each of K folds of the BAGs out once (as many as BAGs: one at a time); a single BAG is cut "
@@ -38,23 +38,25 @@ def require_folds(options: argparse.Namespace, recordings: Sequence[Recording]) 
 
 
 def with_folds(
-    result: Identified, options: argparse.Namespace, recordings: Sequence[Recording], how: Options
-) -> Identified:
+    result: IdentificationResult, options: argparse.Namespace, recordings: Sequence[Recording], how: IdentifyOptions
+) -> IdentificationResult:
     """Cross-validate if --folds asks for it: print the table, and return `result` with the rows in its provenance."""
     if not options.folds:
         return result
 
-    def identify(kept: Sequence[Recording], held_out: Sequence[Recording], fold: Options) -> Identified:
+    def identify(
+        kept: Sequence[Recording], held_out: Sequence[Recording], fold: IdentifyOptions
+    ) -> IdentificationResult:
         with SearchProgress(fold.limits) as progress:
-            return identifier(options)(kept, held_out, fold, progress.listen)
+            return select_identify_function(options)(kept, held_out, fold, progress.listen)
 
     folds = cross_validate(recordings, options.folds, identify, how)
     terminal.out.print(fold_table(folds))
-    history = {**result.model.provenance, "cross_validation": told(folds)}
+    history = {**result.model.provenance, "cross_validation": as_rows(folds)}
     return replace(result, model=replace(result.model, provenance=history))
 
 
-def told(folds: CrossValidation) -> list[dict[str, Any]]:
+def as_rows(folds: CrossValidation) -> list[dict[str, Any]]:
     """Return the rows as the model file keeps them; a run that diverged has no J."""
     return [
         {

@@ -12,14 +12,14 @@ from typing import Protocol
 
 from ces_cli.identify.candidates import candidate_rules
 from ces_cli.identify.distillation import with_teacher
-from ces_cli.identify.structures import identifier
+from ces_cli.identify.structures import select_identify_function
 from ces_cli.terminal import terminal
-from ces_cli.terminal.simulations import open_simulation, taught
-from ces_identify.identify import Identified
-from ces_identify.polynomial.limits import Found, Limits
+from ces_cli.terminal.simulations import open_simulation, with_teacher_force
+from ces_identify.identify import IdentificationResult
+from ces_identify.polynomial.limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_observer.errors import CesError
 
 FORCE = ("position", "current", "force")
@@ -28,11 +28,11 @@ FORCE = ("position", "current", "force")
 class Progress(Protocol):
     """What hears of the search while it lasts; `listen` is called from any thread."""
 
-    def listen(self, found: Found) -> None:
+    def listen(self, result: SearchResult) -> None:
         """Hear of an improvement or of the end of a start."""
 
 
-Shown = Callable[[Limits], AbstractContextManager[Progress]]
+ShowProgress = Callable[[Limits], AbstractContextManager[Progress]]
 
 
 @dataclass(frozen=True)
@@ -43,46 +43,50 @@ class Identification:
     bags: Sequence[Recording]
     validation: Sequence[Recording]
     measured: Sequence[Recording]
-    how: Options
+    how: IdentifyOptions
 
-    def run(self, shown: Shown) -> Identified:
-        """Search while `shown` shows it, write the model and return it; raises CesError.
+    def run(self, show_progress: ShowProgress) -> IdentificationResult:
+        """Search while `show_progress` shows it, write the model and return it; raises CesError.
 
         Ctrl-C ends the search with the best model so far.
         """
-        with shown(self.how.limits) as progress:
-            result = identifier(self.options)(self.bags, self.validation, self.how, progress.listen)
+        with show_progress(self.how.limits) as progress:
+            result = select_identify_function(self.options)(self.bags, self.validation, self.how, progress.listen)
         if self.options.teacher is not None:
             result = with_teacher(result, self.options.teacher, self.measured)
         result.model.save(self.options.out)
         return result
 
 
-def prepared(options: argparse.Namespace) -> Identification:
+def prepare_identification(options: argparse.Namespace) -> Identification:
     """Read and check all that `options` name; raises CesError, before the long work."""
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
     _require_writable(options.out, options.report, options.picture)
     rules = candidate_rules(options)
     weighting = parse_weighting(options.weight)
-    measured = _measured(options)
-    bags, validation = _taught(options, options.bags, measured), _taught(options, options.validate, measured)
-    terminal.compare([*bags, *validation])
+    measured = _read_recordings(options)
+    bags, validation = (
+        _apply_teacher(options, options.bags, measured),
+        _apply_teacher(options, options.validate, measured),
+    )
+    terminal.warn_of_differences([*bags, *validation])
     split = options.split if options.split is not None else 1.0 if validation else 0.75
-    how = Options(
+    how = IdentifyOptions(
         split, rules, _limits(options), options.rate, options.bandwidth, not options.no_certificate, weighting
     )
     return Identification(options, bags, validation, tuple(measured.values()), how)
 
 
-def write_report_page(result: Identified, options: argparse.Namespace, command: str) -> None:
+def write_report_page(result: IdentificationResult, options: argparse.Namespace, command: str) -> None:
     """Write the report to options.report; raises CesError if that cannot be written."""
     from ces_identify.report import write_report
 
-    best = result.found[0]
+    best = result.search_results[0]
+    trials = sum(f.trials for f in result.search_results)
     facts = {
         "command": command,
-        "selection": f"{len(result.found)} starts, best seed {best.seed}, {sum(f.trials for f in result.found)} trials",
+        "selection": f"{len(result.search_results)} starts, best seed {best.seed}, {trials} trials",
         "end of search": best.ended,
     }
     write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
@@ -100,19 +104,21 @@ def _limits(options: argparse.Namespace) -> Limits:
     )
 
 
-def _measured(options: argparse.Namespace) -> dict[Path, Recording]:
+def _read_recordings(options: argparse.Namespace) -> dict[Path, Recording]:
     """Return the recordings as logged; with a teacher, the force may be missing."""
-    paths, signals = [*options.bags, *options.validate], terminal.signals_of(options)
+    paths, signals = [*options.bags, *options.validate], terminal.load_described_signals(options)
     need = FORCE if options.teacher is None else FORCE[:2]
     return dict(zip(paths, terminal.read_all(paths, signals, need), strict=True))
 
 
-def _taught(options: argparse.Namespace, paths: Sequence[Path], measured: Mapping[Path, Recording]) -> list[Recording]:
+def _apply_teacher(
+    options: argparse.Namespace, paths: Sequence[Path], measured: Mapping[Path, Recording]
+) -> list[Recording]:
     """Return the recordings with the force to learn."""
     if options.teacher is None:
         return [measured[path] for path in paths]
-    teacher, signals = open_simulation(options.teacher), terminal.signals_of(options)
-    return [taught(teacher, path, measured[path], signals) for path in paths]
+    teacher, signals = open_simulation(options.teacher), terminal.load_described_signals(options)
+    return [with_teacher_force(teacher, path, measured[path], signals) for path in paths]
 
 
 def _require_writable(*paths: Path | None) -> None:

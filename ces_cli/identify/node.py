@@ -21,22 +21,22 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_msgs.msg import String
 
-from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, words
+from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, build_command_line
 from ces_cli.identify.process import EXIT_STATUS, WARNING, IdentifyProcess
 from ces_cli.identify.progress import DONE, SEARCHING, WRITING, SearchState
 from ces_observer.nodes.executors import START_ERRORS, USER_ERROR
 from ces_observer.nodes.node_parameters import TableNode, declare_table
 from ces_observer.nodes.qos import LATCHED
 
-LOOK_S = 0.1
-TELL_S = 1.0  # period of ~/progress while nothing happens
+POLL_S = 0.1
+PROGRESS_PERIOD_S = 1.0  # period of ~/progress while nothing happens
 LOG_S = 5.0
-ONE_SIGNAL_S = 2.0  # a terminal and ros2 launch each pass the same Ctrl-C on
-LAST_WORDS = Duration(seconds=1)
+SIGNAL_MERGE_S = 2.0  # a terminal and ros2 launch each pass the same Ctrl-C on
+ACKNOWLEDGE_TIMEOUT = Duration(seconds=1)
 SIGNALS = ("position", "current", "force")  # which a parameter file for several nodes may describe
 
 
-class Stop:
+class StopRequests:
     """Counts the wishes to stop, each a signal that comes some time after the last."""
 
     def __init__(self) -> None:
@@ -46,14 +46,14 @@ class Stop:
     def __call__(self, number: int, frame: object) -> None:
         """Hear of a signal."""
         now = monotonic()
-        self.wishes += now - self._last_s > ONE_SIGNAL_S
+        self.wishes += now - self._last_s > SIGNAL_MERGE_S
         self._last_s = now
 
 
 class IdentifyNode(TableNode):
     """The node; `status` is the future exit status. Raises what START_ERRORS lists if it cannot be built."""
 
-    def __init__(self, stop: Stop) -> None:
+    def __init__(self, stop: StopRequests) -> None:
         super().__init__("identify")
         values = declare_table(self, (*PARAMETERS, EXIT_WHEN_DONE), SIGNALS)
         self._exits = values[EXIT_WHEN_DONE.name]
@@ -63,39 +63,39 @@ class IdentifyNode(TableNode):
         self._result = self.create_publisher(DiagnosticArray, "~/result", LATCHED)
         self._model = self.create_publisher(String, "~/model", LATCHED)
         self._state = SearchState()
-        self._told_s = self._logged_s = float("-inf")
-        self.create_timer(LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._process: IdentifyProcess | None = IdentifyProcess(words(values))
+        self._published_s = self._logged_s = float("-inf")
+        self.create_timer(POLL_S, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._process: IdentifyProcess | None = IdentifyProcess(build_command_line(values))
 
     def end(self) -> None:
         """End the search, if it goes on, and let those who listen have the last messages."""
         if self._process is not None:
             self._process.end()
-        self._model.wait_for_all_acked(LAST_WORDS)
+        self._model.wait_for_all_acked(ACKNOWLEDGE_TIMEOUT)
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         """Pass on what the search told and what the user wishes."""
         if self._process is not None:
-            for message in self._process.heard():
-                self._hear(message)
+            for message in self._process.read_messages():
+                self._handle_message(message)
         if self._stop.wishes > self._obeyed:
             self._obeyed = self._stop.wishes
-            self._obey()
-        if self._state.changed or (self._process is not None and monotonic() - self._told_s >= TELL_S):
-            self._tell()
+            self._handle_stop_request()
+        if self._state.changed or (self._process is not None and monotonic() - self._published_s >= PROGRESS_PERIOD_S):
+            self._publish_progress()
 
-    def _hear(self, message: dict[str, Any]) -> None:
+    def _handle_message(self, message: dict[str, Any]) -> None:
         if WARNING in message:
             self.get_logger().warning(message[WARNING])
         elif "result" in message:
-            self._publish(message["result"])
+            self._publish_result(message["result"])
         elif EXIT_STATUS in message:
             self._process = None
             self._end_of_process(message[EXIT_STATUS])
         else:
-            self._state.hear(message)
+            self._state.update(message)
 
-    def _obey(self) -> None:
+    def _handle_stop_request(self) -> None:
         if self._process is None:
             self._finish(0)
         elif self._obeyed > 1 or self._state.stage not in (SEARCHING, WRITING):
@@ -106,19 +106,21 @@ class IdentifyNode(TableNode):
             if self._state.stage == SEARCHING:
                 self._process.interrupt()
 
-    def _tell(self) -> None:
+    def _publish_progress(self) -> None:
         """Publish the progress; log a new stage at once, the search's costs from time to time."""
         now = monotonic()
-        message = DiagnosticArray(status=[_status(f"{self.get_fully_qualified_name()}: progress", *self._state.told())])
+        message = DiagnosticArray(
+            status=[_status(f"{self.get_fully_qualified_name()}: progress", *self._state.as_status())]
+        )
         message.header.stamp = self.get_clock().now().to_msg()
         self._progress.publish(message)
         if self._state.changed_stage or now - self._logged_s >= LOG_S:
             self.get_logger().info(message.status[0].message)
             self._logged_s = now
-        self._told_s = now
-        self._state.was_told()
+        self._published_s = now
+        self._state.clear_changes()
 
-    def _publish(self, result: dict[str, Any]) -> None:
+    def _publish_result(self, result: dict[str, Any]) -> None:
         """Publish costs and model, and log where they are."""
         name = self.get_fully_qualified_name()
         message = DiagnosticArray(status=[_status(f"{name}: model", "identified", result["facts"])])
@@ -130,7 +132,7 @@ class IdentifyNode(TableNode):
         self._result.publish(message)
         self._model.publish(String(data=result["text"]))
         self.get_logger().info(f"model: {result['facts']['model']}, latched on {self._model.topic_name}")
-        self._state.hear({"stage": DONE})
+        self._state.update({"stage": DONE})
 
     def _end_of_process(self, status: int) -> None:
         if self._state.stage == DONE:
@@ -152,7 +154,7 @@ class IdentifyNode(TableNode):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node; returns 0 when stopped by a signal or done, 2 if a parameter or a recording cannot be used."""
-    stop = Stop()
+    stop = StopRequests()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
     try:
@@ -167,7 +169,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _run(stop: Stop) -> int:
+def _run(stop: StopRequests) -> int:
     node = IdentifyNode(stop)
     try:
         rclpy.spin_until_future_complete(node, node.status)

@@ -1,7 +1,7 @@
 """The parameters of the node `identify`: the options of `ces identify` by their names, as a table that knows no ROS.
 
-The node declares them from here, `words` makes the program's command line of their values, and the tests hold names,
-defaults and ranges against the program's own parser.
+The node declares them from here, `build_command_line` makes the program's command line of their values, and the tests
+hold names, defaults and ranges against the program's own parser.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ PARAMETERS = (
 EXIT_WHEN_DONE = ParameterSpec("exit_when_done", False, "end when the model is published")
 
 
-def words(values: Mapping[str, Value]) -> list[str]:
+def build_command_line(values: Mapping[str, Value]) -> list[str]:
     """Return the command line of `ces identify` for values by name; raises CesError naming the parameter."""
     given = {parameter.name: _texts(parameter, values[parameter.name]) for parameter in PARAMETERS}
     bags = given.pop("bags")

@@ -23,7 +23,7 @@ class IdentifyProcess:
     """
 
     def __init__(self, words: Sequence[str]) -> None:
-        self._heard: SimpleQueue[dict[str, Any]] = SimpleQueue()
+        self._messages: SimpleQueue[dict[str, Any]] = SimpleQueue()
         self._process = subprocess.Popen(
             [sys.executable, "-m", WORKER, *words],
             stdin=subprocess.PIPE,
@@ -35,18 +35,18 @@ class IdentifyProcess:
             start_new_session=True,
         )
         assert self._process.stdout is not None and self._process.stderr is not None
-        self._warnings = threading.Thread(target=self._hear_warnings, args=(self._process.stderr,), daemon=True)
+        self._warnings = threading.Thread(target=self._read_warnings, args=(self._process.stderr,), daemon=True)
         self._warnings.start()
-        threading.Thread(target=self._hear, args=(self._process.stdout,), daemon=True).start()
+        threading.Thread(target=self._read_output, args=(self._process.stdout,), daemon=True).start()
 
-    def heard(self) -> Iterator[dict[str, Any]]:
+    def read_messages(self) -> Iterator[dict[str, Any]]:
         """Yield what arrived since last time, as ces_cli.identify.worker sends it.
 
         `warning` is a line of standard error, and `exit_status` comes last.
         """
         while True:
             try:
-                yield self._heard.get_nowait()
+                yield self._messages.get_nowait()
             except Empty:
                 return
 
@@ -59,13 +59,13 @@ class IdentifyProcess:
         self._process.kill()
         self._process.wait(END_S)
 
-    def _hear(self, stream: IO[str]) -> None:
+    def _read_output(self, stream: IO[str]) -> None:
         for line in stream:
-            self._heard.put(json.loads(line))
+            self._messages.put(json.loads(line))
         self._warnings.join()
-        self._heard.put({EXIT_STATUS: self._process.wait()})
+        self._messages.put({EXIT_STATUS: self._process.wait()})
 
-    def _hear_warnings(self, stream: IO[str]) -> None:
+    def _read_warnings(self, stream: IO[str]) -> None:
         for line in stream:
             if line.strip():
-                self._heard.put({WARNING: line.rstrip().removeprefix("warning: ")})
+                self._messages.put({WARNING: line.rstrip().removeprefix("warning: ")})

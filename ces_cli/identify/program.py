@@ -12,16 +12,16 @@ from typing import Any
 
 from ces_cli.campaign.program import add_campaign, run_campaign
 from ces_cli.identify.candidates import add_candidates
-from ces_cli.identify.distillation import tell_teacher
+from ces_cli.identify.distillation import print_teacher
 from ces_cli.identify.folds import add_folds, require_folds, with_folds
-from ces_cli.identify.identification import prepared, write_report_page
+from ces_cli.identify.identification import prepare_identification, write_report_page
 from ces_cli.identify.search_progress import SearchProgress
 from ces_cli.identify.structures import add_structure
 from ces_cli.terminal import terminal
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.tables import cost_table
-from ces_identify.identify import Identified
+from ces_identify.identify import IdentificationResult
 from ces_identify.polynomial.limits import BOTH, METHODS
 from ces_identify.polynomial.regressors import DEFAULT_RULES
 from ces_identify.preparation.weighting import FORMS, parse_weighting
@@ -41,28 +41,28 @@ def main(argv: Sequence[str] | None = None) -> int:
         return run_campaign(options, words)
     if options.picture is not None:
         require_picture_name(options.picture)
-    work = prepared(options)
+    work = prepare_identification(options)
     require_folds(options, work.bags)
     result = work.run(SearchProgress)
     if options.folds:
         result = with_folds(result, options, work.bags, work.how)
         result.model.save(options.out)
-    _tell(result, options, argv)
+    _print_result(result, options, argv)
     return 0
 
 
-def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] | None) -> None:
-    best = result.found[0]
-    weighting = parse_weighting(options.weight).over([e.series for e in result.evaluations])
+def _print_result(result: IdentificationResult, options: argparse.Namespace, argv: Sequence[str] | None) -> None:
+    best = result.search_results[0]
+    weighting = parse_weighting(options.weight).with_common_stroke([e.series for e in result.evaluations])
     terminal.out.print(cost_table(result.evaluations, result.model.size, weighting))
-    tell_teacher(result)
+    print_teacher(result)
     print(RULE)
     terminal.out.print(
-        f"start {best.seed} of {len(result.found)} was best; it ended because {best.ended}", highlight=False
+        f"start {best.seed} of {len(result.search_results)} was best; it ended because {best.ended}", highlight=False
     )
     if not any(e.role == "validation" for e in result.evaluations):
-        terminal.note("nothing was held out: these costs say how well the model fits, not how good it is")
-    _tell_certificate(result.model.certificate)
+        terminal.print_warning("nothing was held out: these costs say how well the model fits, not how good it is")
+    _print_certificate(result.model.certificate)
     print(f"model:  {options.out}")
     if options.picture is not None:
         save_cost_picture(result.evaluations, options.picture)
@@ -73,9 +73,11 @@ def _tell(result: Identified, options: argparse.Namespace, argv: Sequence[str] |
     print(f"report: {options.report}")
 
 
-def _tell_certificate(certificate: Mapping[str, Any] | None) -> None:
+def _print_certificate(certificate: Mapping[str, Any] | None) -> None:
     if certificate is None:
-        terminal.note("--no-certificate: nothing proves that this model stays stable; the observer will refuse it")
+        terminal.print_warning(
+            "--no-certificate: nothing proves that this model stays stable; the observer will refuse it"
+        )
         return
     print(f"stable: {summarize(certificate)} (proved)")
 
@@ -88,7 +90,7 @@ def parser() -> terminal.Parser:
         f"run and proved stable: {', '.join(kit.about for kit in KITS.values())}.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
     )
-    number, whole = terminal.within, terminal.whole
+    number, whole = terminal.number_between, terminal.integer_between
     p.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings with a measured force")
     p.add_argument(
         "--validate", nargs="+", type=Path, default=[], metavar="BAG", help="recordings only to judge the model on"

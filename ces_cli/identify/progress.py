@@ -28,7 +28,7 @@ class SearchState:
         self.error = ""
         self.changed = self.changed_stage = True
 
-    def hear(self, message: Mapping[str, Any]) -> None:
+    def update(self, message: Mapping[str, Any]) -> None:
         """Take in what the process sent: a stage, a better model, or an error."""
         self.changed = True
         if "stage" in message:
@@ -40,11 +40,11 @@ class SearchState:
         else:
             self._best = message
 
-    def was_told(self) -> None:
+    def clear_changes(self) -> None:
         """Forget that anything changed."""
         self.changed = self.changed_stage = False
 
-    def told(self) -> tuple[str, dict[str, str]]:
+    def as_status(self) -> tuple[str, dict[str, str]]:
         """Return a line, and by name: stage, time in it [s], share of the search, cost [%], size, starts that ended."""
         return self._line(), {"stage": self.stage, "elapsed [s]": f"{self._elapsed_s:.1f}", **self._search()}
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 from ces_cli.terminal import terminal
-from ces_identify.identify import Identified, identify
+from ces_identify.identify import IdentificationResult, identify
 from ces_identify.structure_kit import SizeOption
 from ces_identify.structures import KITS
 
@@ -25,14 +25,14 @@ def add_structure(to: argparse.ArgumentParser) -> None:
     for size in (size for kit in KITS.values() for size in kit.sizes):
         to.add_argument(
             f"--{size.name}",
-            type=terminal.whole(*size.whole) if size.whole else partial(_check_text, size),
+            type=terminal.integer_between(*size.whole) if size.whole else partial(_check_text, size),
             default=size.default,
             metavar=size.metavar,
             help=f"{size.meaning} (default {size.default})",
         )
 
 
-def identifier(options: argparse.Namespace) -> Callable[..., Identified]:
+def select_identify_function(options: argparse.Namespace) -> Callable[..., IdentificationResult]:
     """Return the function that identifies the structure chosen: (recordings, validation, options, listener)."""
     return partial(identify, fitter=KITS[options.structure].fitter(vars(options)))
 

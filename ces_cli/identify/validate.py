@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ces_cli.identify.reproof import reprove
+from ces_cli.identify.certificate_check import verify_certificate
 from ces_cli.terminal import terminal
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
@@ -31,16 +31,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.picture is not None:
         require_picture_name(options.picture)
     model, weighting = load_model(options.model), parse_weighting(options.weight)
-    if options.certificate and (status := reprove(model, str(options.model))):
+    if options.certificate and (status := verify_certificate(model, str(options.model))):
         return status
     if not options.bags:
         if options.certificate:
             return 0
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
     evaluations = _evaluations(model, options)
-    weighting = weighting.over([e.series for e in evaluations])
+    weighting = weighting.with_common_stroke([e.series for e in evaluations])
     terminal.out.print(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
-    _tell(evaluations, weighting)
+    _print_details(evaluations, weighting)
     if options.picture is not None:
         save_cost_picture(evaluations, options.picture)
     if options.report is not None:
@@ -53,19 +53,21 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _evaluations(model: Model, options: argparse.Namespace) -> list[Evaluation]:
-    recordings = terminal.read_all(options.bags, terminal.signals_of(options), ("position", "current", "force"))
-    shares = _seen(model.provenance)
+    recordings = terminal.read_all(
+        options.bags, terminal.load_described_signals(options), ("position", "current", "force")
+    )
+    shares = _read_identified_shares(model.provenance)
     evaluations = []
     for recording in recordings:
         seen = _overlap(shares.get(recording.sha256, (0.0, 0.0)), options.part)
         if seen:
-            terminal.note(f"{recording.name}: the model was identified on part of this")
+            terminal.print_warning(f"{recording.name}: the model was identified on part of this")
         series = prepare(recording, model.sampling).part(*options.part)
         evaluations += evaluate(model, [series], IDENTIFICATION if seen else VALIDATION)
     return evaluations
 
 
-def _tell(evaluations: Sequence[Evaluation], weighting: Weighting) -> None:
+def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> None:
     """Print what the table has no room for: the weights, the residuals of each recording, where the error sits."""
     if weighting:
         print(f"weights: {weighting}")
@@ -84,7 +86,7 @@ def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
     return max(one[0], other[0]) < min(one[1], other[1])
 
 
-def _seen(provenance: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+def _read_identified_shares(provenance: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Return the shares of the recordings the model was identified on, by hash."""
     rows = provenance.get("identification")
     shares = {}

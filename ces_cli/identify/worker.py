@@ -20,27 +20,27 @@ from contextlib import redirect_stderr
 from types import TracebackType
 from typing import Any
 
-from ces_cli.identify.identification import prepared, write_report_page
+from ces_cli.identify.identification import prepare_identification, write_report_page
 from ces_cli.identify.program import parser
 from ces_cli.identify.progress import READING, SEARCHING, WRITING
 from ces_cli.terminal import terminal
-from ces_identify.identify import Identified
-from ces_identify.polynomial.limits import Found, Limits
+from ces_identify.identify import IdentificationResult
+from ces_identify.polynomial.limits import Limits, SearchResult
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.errors import CesError
 
-TOLD_EVERY_S = 0.2
+SEND_EVERY_S = 0.2
 
 Send = Callable[[dict[str, Any]], None]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Identify a model; returns 0, 2 after a mistake of the user, or 130 if there was no model yet at SIGINT."""
-    send = _standard_output()
+    send = _redirect_stdout()
     threading.Thread(target=_end_with_the_node, daemon=True).start()
     try:
         terminal.interrupt_as_exception()
-        send({"result": _identified(list(sys.argv[1:] if argv is None else argv), send)})
+        send({"result": _identify(list(sys.argv[1:] if argv is None else argv), send)})
     except CesError as error:
         send({"error": str(error)})
         return terminal.USER_ERROR
@@ -52,20 +52,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _identified(words: list[str], send: Send) -> dict[str, Any]:
+def _identify(words: list[str], send: Send) -> dict[str, Any]:
     """Identify, write model and report, and return what the node tells of them."""
     options = _options(words)
     send({"stage": READING})
-    work = prepared(options)
-    result = work.run(lambda limits: TellsOfSearch(limits, send))
+    work = prepare_identification(options)
+    result = work.run(lambda limits: SearchReporter(limits, send))
     if options.report is not None:
         write_report_page(result, options, shlex.join(["ces", "identify", *words]))
-    return told(result, options)
+    return as_message(result, options)
 
 
-def told(result: Identified, options: argparse.Namespace) -> dict[str, Any]:
+def as_message(result: IdentificationResult, options: argparse.Namespace) -> dict[str, Any]:
     """Return the model's text, where it is, and its costs, as JSON has them."""
-    best, model = result.found[0], result.model
+    best, model = result.search_results[0], result.model
     return {
         "text": model.to_json(),
         "facts": {
@@ -83,33 +83,33 @@ def told(result: Identified, options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-class TellsOfSearch:
+class SearchReporter:
     """Sends the best cost so far, at most five times a second; `listen` may be called from any thread."""
 
     def __init__(self, limits: Limits, send: Send) -> None:
         self._limits, self._send = limits, send
         self._lock = threading.Lock()
-        self._best: dict[int, Found] = {}
-        self._began = self._told = time.monotonic()
+        self._best: dict[int, SearchResult] = {}
+        self._began = self._sent_at = time.monotonic()
 
-    def __enter__(self) -> TellsOfSearch:
+    def __enter__(self) -> SearchReporter:
         self._send({"stage": SEARCHING, "seconds": self._limits.seconds, "starts": self._limits.starts})
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
         if kind is None:
-            self._tell()
+            self._send_best()
             self._send({"stage": WRITING})
 
-    def listen(self, found: Found) -> None:
+    def listen(self, result: SearchResult) -> None:
         """Hear of an improvement or of the end of a start."""
         with self._lock:
-            self._best[found.seed] = found
-            if time.monotonic() - self._told >= TOLD_EVERY_S:
-                self._tell()
+            self._best[result.seed] = result
+            if time.monotonic() - self._sent_at >= SEND_EVERY_S:
+                self._send_best()
 
-    def _tell(self) -> None:
-        self._told = time.monotonic()
+    def _send_best(self) -> None:
+        self._sent_at = time.monotonic()
         best = min(self._best.values(), key=lambda found: found.cost, default=None)
         if best is None:
             return
@@ -137,7 +137,7 @@ def _options(words: list[str]) -> argparse.Namespace:
         raise CesError(text.replace("argument --", "parameter ", 1)) from None
 
 
-def _standard_output() -> Send:
+def _redirect_stdout() -> Send:
     """Return who writes lines to standard output, and send what anybody else prints to standard error."""
     stream = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())

@@ -10,7 +10,7 @@ from ces_cli.terminal import terminal
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Recording
 from ces_rig.errors import RigError
-from ces_rig.experiment import Experiment, find_experiment, load_experiment, packaged, reseeded, run
+from ces_rig.experiment import Experiment, find_experiment, load_experiment, packaged_experiments, run, with_seed
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -37,7 +37,7 @@ def _parser() -> terminal.Parser:
     p.add_argument("--out", type=Path, metavar="BAG", help="bag folder to write")
     p.add_argument(
         "--seed",
-        type=terminal.whole(0, 2**31),
+        type=terminal.integer_between(0, 2**31),
         metavar="N",
         help="seed of everything random (default: the experiment's own)",
     )
@@ -48,7 +48,7 @@ def _parser() -> terminal.Parser:
 
 
 def _list() -> int:
-    for name, path in packaged().items():
+    for name, path in packaged_experiments().items():
         settings = load_experiment(path).settings
         print(f"{name:<12}{settings.duration_s:4.0f} s  {settings.description}")
     return 0
@@ -56,11 +56,11 @@ def _list() -> int:
 
 def _experiment(options: argparse.Namespace) -> Experiment:
     experiment = load_experiment(find_experiment(options.experiment))
-    return experiment if options.seed is None else reseeded(experiment, options.seed)
+    return experiment if options.seed is None else with_seed(experiment, options.seed)
 
 
 def _record(experiment: Experiment, options: argparse.Namespace) -> None:
-    signals = terminal.signals_of(options)
+    signals = terminal.load_described_signals(options)
     with terminal.err.status(f"running {experiment.settings.name}"):
         recording = run(experiment)
     topics = recording_topics(recording, signals)

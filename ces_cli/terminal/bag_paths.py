@@ -15,49 +15,51 @@ RECORDING, VEHICLE = "recording", "vehicle"
 
 
 @dataclass(frozen=True)
-class Unit:
+class FleetUnit:
     """One recording of a fleet, or the recordings of one vehicle: those that lie in one folder."""
 
     name: str
     paths: tuple[Path, ...]
 
 
-def bags_of(words: Sequence[str]) -> list[Path]:
+def find_bags(words: Sequence[str]) -> list[Path]:
     """Return the bags that words name, in order: bags themselves, all bags in and below folders, globs of either.
 
     Raises CesError for a word that names none. A bag named twice appears once.
     """
-    found = (path for word in words for path in _named(word))
+    found = (path for word in words for path in _match_word(word))
     return list(dict.fromkeys(found))
 
 
-def units_of(words: Sequence[str], each: str) -> list[Unit]:
+def find_fleet_units(words: Sequence[str], each: str) -> list[FleetUnit]:
     """Return the fleet that words name: a unit for each recording, or for each folder that holds some (`each`)."""
-    bags = bags_of(words)
+    bags = find_bags(words)
     groups: dict[Path, list[Path]] = {}
     for path in bags:
         groups.setdefault(path if each == RECORDING else path.resolve().parent, []).append(path)
-    names = _told_apart([path.resolve() for path in groups])
-    return [Unit(name, tuple(paths)) for name, paths in zip(names, groups.values(), strict=True)]
+    names = _make_distinct_names([path.resolve() for path in groups])
+    return [FleetUnit(name, tuple(paths)) for name, paths in zip(names, groups.values(), strict=True)]
 
 
-def _named(word: str) -> Iterator[Path]:
+def _match_word(word: str) -> Iterator[Path]:
     paths = [Path(word)]
     if not paths[0].exists() and any(letter in word for letter in WILD):
         matched = [Path(name) for name in sorted(glob.glob(word, recursive=True))]  # noqa: PTH207 - absolute, too
         paths = [path for path in matched if (path.is_dir() or is_bag(path)) and not is_bag(path.parent)]
-    found = [bag for path in paths for bag in _inside(path)]
+    found = [bag for path in paths for bag in _find_bags_inside(path)]
     if not found:
         what = "no bag matches" if paths != [Path(word)] else "no bag in this folder or below"
         raise CesError(f"{word}: {what}; expected rosbag2 folders, .mcap or .db3 files, folders of them, or a glob")
     yield from found
 
 
-def _inside(path: Path) -> list[Path]:
+def _find_bags_inside(path: Path) -> list[Path]:
     """Return the bag that `path` is, or those in and below it; a path that does not exist stands for itself."""
     if is_bag(path) or not path.is_dir():
         return [path]
-    return [bag for child in sorted(path.iterdir()) if child.is_dir() or is_bag(child) for bag in _inside(child)]
+    return [
+        bag for child in sorted(path.iterdir()) if child.is_dir() or is_bag(child) for bag in _find_bags_inside(child)
+    ]
 
 
 def is_bag(path: Path) -> bool:
@@ -65,7 +67,7 @@ def is_bag(path: Path) -> bool:
     return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix in FILES
 
 
-def _told_apart(paths: Sequence[Path]) -> list[str]:
+def _make_distinct_names(paths: Sequence[Path]) -> list[str]:
     """Return the shortest ends of the paths by which all differ, joined to one word each."""
     for depth in range(1, 8):
         names = ["_".join([*path.parts[-depth:-1], path.stem if path.suffix in FILES else path.name]) for path in paths]

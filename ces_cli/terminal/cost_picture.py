@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ces_cli.terminal.coverage_picture import put_picture
+from ces_cli.terminal.coverage_picture import write_picture
 from ces_cli.terminal.tables import interval_text, percent
 from ces_identify.report.window import choose_window
 from ces_identify.validation.cost_interval import cost_interval
@@ -17,7 +17,7 @@ from ces_identify.validation.evaluate import VALIDATION, Evaluation
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST_ROWS = 6
+MAX_ROWS = 6
 CLOUD = 4000  # points of a speed-force plot
 MEASURED, SIMULATED = "#3b6ea5", "#d9722e"
 
@@ -29,7 +29,7 @@ def save_cost_picture(evaluations: Sequence[Evaluation], path: Path) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    shown = sorted(evaluations, key=lambda e: e.role != VALIDATION)[:MOST_ROWS]
+    shown = sorted(evaluations, key=lambda e: e.role != VALIDATION)[:MAX_ROWS]
     figure, axes = plt.subplots(
         len(shown), 2, figsize=(9.0, 2.6 * len(shown) + 0.3), width_ratios=(1, 2), squeeze=False, layout="constrained"
     )
@@ -41,7 +41,7 @@ def save_cost_picture(evaluations: Sequence[Evaluation], path: Path) -> None:
     figure.legend(
         *axes[0, 1].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=8
     )
-    put_picture(figure, path)
+    write_picture(figure, path)
 
 
 def _speed_force(axis: Axes, evaluation: Evaluation) -> None:

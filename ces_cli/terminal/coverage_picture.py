@@ -74,10 +74,10 @@ def save_picture(coverage: Coverage, title: str, path: Path) -> None:
     axes.set_title(title, loc="left", fontsize=10)
     axes.spines[["top", "right"]].set_visible(False)
     figure.colorbar(mesh, label="share of time per cell [%]", format="%g")
-    put_picture(figure, path)
+    write_picture(figure, path)
 
 
-def put_picture(figure: Figure, path: Path) -> None:
+def write_picture(figure: Figure, path: Path) -> None:
     """Save and close a figure; the image file appears under its name only when it is complete."""
     from matplotlib import pyplot as plt
 

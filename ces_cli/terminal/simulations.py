@@ -81,7 +81,7 @@ def with_predictions(simulation: Simulation, path: Path, recording: Recording, s
         return read_recording(path, only, ("position", "current", "sim_force"))
 
 
-def taught(teacher: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
+def with_teacher_force(teacher: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
     """Return the recording with the teacher's force in place of the measured one."""
     force = teacher.force(with_predictions(teacher, path, recording, signals))
     channel = Channel("force", "N", recording.channel("position").stamps_ns, force)

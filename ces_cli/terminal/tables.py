@@ -37,9 +37,9 @@ def cost_table(
     for heading in (*headings, "RMS N", "out %"):
         table.add_column(heading, justify="right", no_wrap=True)
     for e, floor in zip(evaluations, floors, strict=True):
-        cells = [e.name, served(e, exact), percent(e.cost), interval_text(cost_interval([e]))]
+        cells = [e.name, describe_use(e, exact), percent(e.cost), interval_text(cost_interval([e]))]
         cells += [f"{floor.floor:.2f}" if isinstance(floor, CycleNoise) else NONE] if revealed else []
-        cells += [_weighted(e, weighting)] if weighting else []
+        cells += [_format_weighted_cost(e, weighting)] if weighting else []
         table.add_row(*cells, f"{e.rms_N:.1f}" if math.isfinite(e.rms_N) else NONE, f"{100 * e.clamped_share:.1f}")
     held_out = [e for e in evaluations if e.role == VALIDATION and math.isfinite(e.cost)]
     if len(held_out) > 1:
@@ -65,7 +65,7 @@ def fold_table(result: CrossValidation) -> Table:
     return table
 
 
-def served(evaluation: Evaluation, exact: bool = True) -> str:
+def describe_use(evaluation: Evaluation, exact: bool = True) -> str:
     """Return what the scored seconds of an evaluation served."""
     series = evaluation.series
     if evaluation.role != IDENTIFICATION:
@@ -95,8 +95,8 @@ def _test(evaluations: Sequence[Evaluation]) -> str:
     return f"test {sum(float(e.series.scored.sum()) / e.series.rate_Hz for e in evaluations):.1f} s"
 
 
-def _weighted(evaluation: Evaluation, weighting: Weighting) -> str:
+def _format_weighted_cost(evaluation: Evaluation, weighting: Weighting) -> str:
     scored = evaluation.series.scored
-    weights = weighting.of(evaluation.series)[scored]
+    weights = weighting.tick_weights(evaluation.series)[scored]
     value = weighted_cost(evaluation.series.force[scored], evaluation.run.force[scored], weights)
     return NONE if math.isnan(value) else percent(value)

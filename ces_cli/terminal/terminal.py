@@ -59,11 +59,15 @@ def add_signals(to: argparse.ArgumentParser) -> None:
 def add_part(to: argparse.ArgumentParser) -> None:
     """Add the option --part."""
     to.add_argument(
-        "--part", type=part, default=(0.0, 1.0), metavar="FROM:TO", help="share of each recording to use (default 0:1)"
+        "--part",
+        type=parse_part,
+        default=(0.0, 1.0),
+        metavar="FROM:TO",
+        help="share of each recording to use (default 0:1)",
     )
 
 
-def part(text: str) -> tuple[float, float]:
+def parse_part(text: str) -> tuple[float, float]:
     """Read `FROM:TO`, two shares of a recording."""
     first, _, last = text.partition(":")
     try:
@@ -75,17 +79,17 @@ def part(text: str) -> tuple[float, float]:
     return share
 
 
-def within(low: float, high: float) -> Callable[[str], float]:
+def number_between(low: float, high: float) -> Callable[[str], float]:
     """Return a reader of a number in [low, high]."""
-    return _bounded(float, "a number", low, high)
+    return _parser_between(float, "a number", low, high)
 
 
-def whole(low: int, high: int) -> Callable[[str], int]:
+def integer_between(low: int, high: int) -> Callable[[str], int]:
     """Return a reader of a whole number in [low, high]."""
-    return _bounded(int, "a whole number", low, high)
+    return _parser_between(int, "a whole number", low, high)
 
 
-def _bounded(kind: Callable[[str], Number], name: str, low: Number, high: Number) -> Callable[[str], Number]:
+def _parser_between(kind: Callable[[str], Number], name: str, low: Number, high: Number) -> Callable[[str], Number]:
     def number(text: str) -> Number:
         try:
             value = kind(text)
@@ -110,22 +114,22 @@ def read_one(path: Path, signals: Signals, need: Sequence[str] = ("position", "c
         recording = read_recording(path, signals, need)
         findings = require_usable(recording)
     for text in [str(w.message) for w in caught] + [f"{recording.name}: {f.text}" for f in findings]:
-        note(text)
+        print_warning(text)
     return recording
 
 
-def compare(recordings: Sequence[Recording]) -> None:
+def warn_of_differences(recordings: Sequence[Recording]) -> None:
     """Warn of differences between recordings that belong together; raises CesError if units or signs differ."""
     for finding in require_consistent(recordings):
-        note(finding.text)
+        print_warning(finding.text)
 
 
-def note(text: str) -> None:
+def print_warning(text: str) -> None:
     """Print a warning line to the error stream."""
     print(f"warning: {text}", file=sys.stderr)
 
 
-def signals_of(options: argparse.Namespace) -> Signals:
+def load_described_signals(options: argparse.Namespace) -> Signals:
     """Return the signals that --signals names."""
     return load_signals(options.signals)
 
@@ -138,15 +142,15 @@ def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequenc
         sys.stdout.flush()
         return status
     except CesError as error:
-        _tell(name, f"error: {error}")
+        _print_error(name, f"error: {error}")
     except BrokenPipeError:
         _silence(sys.stdout)
         return 0
     except OSError as error:
-        _tell(name, f"error: {_of_system(error)}")
+        _print_error(name, f"error: {_describe_system_error(error)}")
         _silence(sys.stdout)
     except KeyboardInterrupt:
-        _tell(name, "interrupted")
+        _print_error(name, "interrupted")
         return INTERRUPTED
     return USER_ERROR
 
@@ -157,12 +161,12 @@ def interrupt_as_exception() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _tell(name: str, text: str) -> None:
+def _print_error(name: str, text: str) -> None:
     with suppress(OSError):  # the error stream may be full or gone, too
         print(f"ces {name}: {text}", file=sys.stderr)
 
 
-def _of_system(error: OSError) -> str:
+def _describe_system_error(error: OSError) -> str:
     """Return what the system says, with the file if it says which."""
     what = error.strerror or str(error)
     return f"{error.filename}: {what}" if error.filename else f"{what}, while reading or writing"

@@ -15,26 +15,26 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from ces_gap.augmented.augmented_simulation import AugmentedSimulation
-from ces_gap.augmented.simulation_spec import file_of, located, relocated
-from ces_gap.baseline.correction import LearntCorrection
+from ces_gap.augmented.simulation_spec import file_of, make_spec_relative, resolve_spec
+from ces_gap.baseline.correction import LearnedCorrection
 from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.effects.effect import Composition, Effect, Setting
 from ces_gap.effects.user_effects import class_of, library_effect, user_effect
 from ces_gap.errors import GapError
 from ces_identify.simulations.simulation import Simulation
 from ces_observer import __version__
-from ces_observer.checked import Checked, write_beside
 from ces_observer.errors import ModelError
+from ces_observer.json_checks import JsonObject, write_atomically
 
 Opener = Callable[[str], Simulation]
-Learnt = TypeVar("Learnt", LearntCorrection, Surrogate)
+LearnedPart = TypeVar("LearnedPart", LearnedCorrection, Surrogate)
 
 SCHEMA = "ces-augmented/1"
 MAX_BYTES = 4_000_000
-MOST_EFFECTS = 20
+MAX_EFFECTS = 20
 
 
-class Written(Protocol):
+class JsonWritable(Protocol):
     """What was learnt from recordings and can be written down."""
 
     def as_json(self) -> dict[str, Any]:
@@ -45,33 +45,35 @@ def save_augmented(
     path: Path,
     spec: str,
     composition: Composition,
-    correction: Written | None = None,
-    surrogate: Written | None = None,
+    correction: JsonWritable | None = None,
+    surrogate: JsonWritable | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> None:
     """Write the file, whole or not at all; raises CesError if it cannot be. `spec` is the simulation as given."""
-    write_beside(path, augmented_text(named(spec, path.parent), composition, correction, surrogate, provenance))
+    write_atomically(
+        path, augmented_text(name_simulation(spec, path.parent), composition, correction, surrogate, provenance)
+    )
 
 
-def named(spec: str, folder: Path) -> dict[str, str | None]:
+def name_simulation(spec: str, folder: Path) -> dict[str, str | None]:
     """Return how a file that is to lie in `folder` names the simulation `spec`: where it is, and its hash."""
-    return {"spec": located(spec, folder), "sha256": _digest(spec)}
+    return {"spec": make_spec_relative(spec, folder), "sha256": _digest(spec)}
 
 
 def augmented_text(
     sim: Mapping[str, str | None],
     composition: Composition,
-    correction: Written | None = None,
-    surrogate: Written | None = None,
+    correction: JsonWritable | None = None,
+    surrogate: JsonWritable | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return the text of the file; `sim` is what `named` returns of the simulation."""
+    """Return the text of the file; `sim` is what `name_simulation` returns of the simulation."""
     document = {
         "schema": SCHEMA,
         "sim": dict(sim),
         "correction": None if correction is None else correction.as_json(),
         "surrogate": None if surrogate is None else surrogate.as_json(),
-        "effects": [_written(setting) for setting in composition.settings],
+        "effects": [_effect_as_json(setting) for setting in composition.settings],
         "provenance": {"tool": f"ces_observer {__version__}", **(provenance or {})},
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -90,13 +92,16 @@ def is_augmented(path: Path) -> bool:
 
 def load_augmented(path: Path, open_simulation: Opener) -> AugmentedSimulation:
     """Read and check the file; `open_simulation` opens the simulation it names. Raises CesError in one line."""
-    root = Checked(_document(path), str(path))
+    root = JsonObject(_document(path), str(path))
     schema = root.text("schema")
     if schema != SCHEMA:
         raise GapError(f"{path}: schema is '{schema}'; this version reads '{SCHEMA}': diagnose anew")
-    settings = tuple(_setting(node) for node in root.items("effects", 0, MOST_EFFECTS))
-    correction, surrogate = _learnt(root, "correction", LearntCorrection), _learnt(root, "surrogate", Surrogate)
-    spec = relocated(root.at("sim").text("spec"), path.parent)
+    settings = tuple(_setting(node) for node in root.items("effects", 0, MAX_EFFECTS))
+    correction, surrogate = (
+        _read_learned_part(root, "correction", LearnedCorrection),
+        _read_learned_part(root, "surrogate", Surrogate),
+    )
+    spec = resolve_spec(root.at("sim").text("spec"), path.parent)
     _require_same(path, spec, root.at("sim"))
     inside, history = open_simulation(spec), root.at("provenance").value
     return AugmentedSimulation(str(path), inside, Composition(settings), correction, surrogate, history)
@@ -118,13 +123,13 @@ def _no_constant(name: str) -> None:
     raise ValueError(f"{name} found; expected finite numbers")
 
 
-def _written(setting: Setting) -> dict[str, Any]:
+def _effect_as_json(setting: Setting) -> dict[str, Any]:
     effect, own = setting.effect, class_of(setting.effect)
     made_of = {} if own is None else {"class": own}
-    return {"effect": effect.name, "form": effect.form, **made_of, "parameters": setting.named()}
+    return {"effect": effect.name, "form": effect.form, **made_of, "parameters": setting.values_by_name()}
 
 
-def _setting(node: Checked) -> Setting:
+def _setting(node: JsonObject) -> Setting:
     name, form = node.text("effect"), node.text("form")
     try:
         effect = user_effect(node.text("class")) if "class" in node.value else library_effect(name, form)
@@ -137,7 +142,7 @@ def _setting(node: Checked) -> Setting:
     return Setting(effect, _values(node.at("parameters"), effect))
 
 
-def _values(node: Checked, effect: Effect) -> tuple[float, ...]:
+def _values(node: JsonObject, effect: Effect) -> tuple[float, ...]:
     """Return the parameters' values, each within its bounds but for rounding."""
     unknown = set(node.value) - {p.name for p in effect.parameters}
     if unknown:
@@ -150,7 +155,7 @@ def _values(node: Checked, effect: Effect) -> tuple[float, ...]:
     )
 
 
-def _learnt(root: Checked, name: str, kind: type[Learnt]) -> Learnt | None:
+def _read_learned_part(root: JsonObject, name: str, kind: type[LearnedPart]) -> LearnedPart | None:
     """Return what was learnt under `name`, None if it is null."""
     given = root.mapping_or_none(name)
     if given is None:
@@ -165,7 +170,7 @@ def _learnt(root: Checked, name: str, kind: type[Learnt]) -> Learnt | None:
         ) from None
 
 
-def _require_fitting(made: LearntCorrection | Surrogate) -> None:
+def _require_fitting(made: LearnedCorrection | Surrogate) -> None:
     """Raise ValueError unless there is a finite weight for each feature: compiled code reads them unchecked."""
     size = made.dictionary.size
     if made.dictionary.by_time or made.weights.shape != (size,) or not np.isfinite(made.weights).all():
@@ -177,7 +182,7 @@ def _digest(spec: str) -> str | None:
     return None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def _require_same(path: Path, spec: str, node: Checked) -> None:
+def _require_same(path: Path, spec: str, node: JsonObject) -> None:
     """Raise GapError unless the simulation's file is there and unchanged; so files cannot name each other in a ring."""
     file = file_of(spec)
     if file is None:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.baseline.plant import Called, Correction, Plant, Rerun
+from ces_gap.baseline.plant import Correction, DirectSimulator, Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
 from ces_gap.errors import GapError
-from ces_gap.trace import Trace, make_trace, smoothed
+from ces_gap.trace import Trace, make_trace, smooth_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer.errors import CesError
@@ -28,7 +28,7 @@ class AugmentedSimulation(Simulation):
     simulation: Simulation
     composition: Composition
     correction: Correction | None = None
-    surrogate: Rerun | None = None
+    surrogate: TraceSimulator | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -45,10 +45,10 @@ class AugmentedSimulation(Simulation):
         if not self.composition.settings and self.correction is None:
             return self.simulation.force(recording)
         if find_predictions(self.simulation) is None:
-            recording = smoothed(recording, make_trace(recording, np.zeros(len(recording.channel("position")))))
+            recording = smooth_recording(recording, make_trace(recording, np.zeros(len(recording.channel("position")))))
         own = self.simulation.force(recording)
         trace = make_trace(recording, own)
-        plant = Plant(self.surrogate or Called(self.simulation), self.correction)
+        plant = Plant(self.surrogate or DirectSimulator(self.simulation), self.correction)
         added = self._run(plant, trace) - trace.simulated
         stamps = recording.channel("position").stamps_ns
         return np.asarray(own + np.interp((stamps - stamps[0]) * 1e-9, trace.time_s, added))

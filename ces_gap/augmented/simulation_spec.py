@@ -16,7 +16,7 @@ def file_of(spec: str) -> Path | None:
     return None if path is None else Path(path)
 
 
-def located(spec: str, folder: Path) -> str:
+def make_spec_relative(spec: str, folder: Path) -> str:
     """Return `spec`, given from here, as it is to be written in a file in `folder`: relative where that is possible."""
     path, rest = _split(spec)
     if path is None:
@@ -27,7 +27,7 @@ def located(spec: str, folder: Path) -> str:
         return str(Path(path).resolve()) + rest
 
 
-def relocated(spec: str, folder: Path) -> str:
+def resolve_spec(spec: str, folder: Path) -> str:
     """Return `spec`, found in a file in `folder`, as it is given from here."""
     path, rest = _split(spec)
     return spec if path is None else str(folder / path) + rest

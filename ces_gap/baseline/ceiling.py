@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.baseline.dictionary import Dictionary, Scales
-from ces_gap.baseline.learner import Learnt, learn
+from ces_gap.baseline.learner import LearnerResult, learn
 from ces_gap.trace import Trace
 
 F = NDArray[np.float64]
@@ -20,7 +20,7 @@ class Ceiling:
     """What the generic learner makes of measured less modelled force."""
 
     dictionary: Dictionary
-    learnt: Learnt
+    learnt: LearnerResult
 
     def add_to(self, traces: Sequence[Trace], forces: Sequence[F]) -> list[F]:
         """Return forces [N] (n,) modelled on some traces with what was learnt added."""

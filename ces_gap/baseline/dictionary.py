@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.baseline.learner_kernels import fill_features
-from ces_gap.trace import Inputs, Trace
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class Dictionary:
     by_force: bool = True
     by_time: bool = False
 
-    def features(self, trace: Trace, inputs: Inputs, force: F) -> F:
+    def features(self, trace: Trace, inputs: TraceInputs, force: F) -> F:
         """Return the features (n, q) of the inputs and the force simulated [N] for them, each of order 1."""
         timed = self._of_time(trace, inputs, force) if self.by_time else np.empty((len(force), 0))
         out = np.zeros((len(force), self.size + timed.shape[1]))
@@ -74,7 +74,7 @@ class Dictionary:
         out[:, self.size :] = timed
         return out
 
-    def told(self, trace: Trace, inputs: Inputs, force: F, weights: F) -> F:
+    def predict(self, trace: Trace, inputs: TraceInputs, force: F, weights: F) -> F:
         """Return the features' weighted sum (n,), without making them all."""
         out = np.zeros((len(force), 1))
         self._fill(trace, inputs, force, np.ascontiguousarray(weights[: self.size]), out)
@@ -82,7 +82,7 @@ class Dictionary:
             return out[:, 0]
         return np.asarray(out[:, 0] + self._of_time(trace, inputs, force) @ weights[self.size :])
 
-    def _fill(self, trace: Trace, inputs: Inputs, force: F, weights: F, out: F) -> None:
+    def _fill(self, trace: Trace, inputs: TraceInputs, force: F, weights: F, out: F) -> None:
         s = self.scales
         x = (inputs.position - s.position[0]) / s.position[1]
         i = np.clip((inputs.current - s.current[0]) / s.current[1], -4.0, 4.0)
@@ -101,7 +101,7 @@ class Dictionary:
             return count + each * fine * len(MEMORIES_S)
         return count + each * fine + each * (len(FORCE_KNOTS) + 1) + sided * len(MEMORIES_S)
 
-    def _of_time(self, trace: Trace, inputs: Inputs, force: F) -> F:
+    def _of_time(self, trace: Trace, inputs: TraceInputs, force: F) -> F:
         f = (force - self.scales.force[0]) / self.scales.force[1]
         t = trace.time_s / max(float(trace.time_s[-1]), 1.0)
         heat = np.cumsum(np.abs(force * inputs.speed))
@@ -113,9 +113,9 @@ class Dictionary:
         return asdict(self)
 
     @classmethod
-    def from_json(cls, given: dict[str, Any]) -> Dictionary:
+    def from_json(cls, document: dict[str, Any]) -> Dictionary:
         """Return the dictionary that `as_json` wrote; raises KeyError, TypeError or ValueError for others."""
-        s = given["scales"]
+        s = document["scales"]
         pair = {k: (float(s[k][0]), float(s[k][1])) for k in ("position", "current", "force")}
         scales = Scales(pair["position"], float(s["speed"]), pair["current"], pair["force"], bool(s["varies"]))
-        return cls(scales, bool(given["by_force"]), bool(given["by_time"]))
+        return cls(scales, bool(document["by_force"]), bool(document["by_time"]))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from ces_gap.baseline.noise import Noise, noise_of, white
+from ces_gap.baseline.noise import NoiseModel, make_white_noise, noise_of
 
 F = NDArray[np.float64]
 B = NDArray[np.bool_]
@@ -23,12 +23,12 @@ FOLDS = 5
 
 
 @dataclass(frozen=True)
-class Learnt:
+class LearnerResult:
     """Weights (q,), their posterior covariance (q, q), the noise, and cross-fitted predictions [N] of each trace."""
 
     weights: F
     covariance: F
-    noise: Noise
+    noise: NoiseModel
     crossfitted: tuple[F, ...]
 
 
@@ -41,14 +41,16 @@ class _Rows:
     fold: NDArray[np.int64]
 
 
-def learn(features: Sequence[F], targets: Sequence[F], usable: Sequence[B], rate_Hz: float, passes: int = 2) -> Learnt:
+def learn(
+    features: Sequence[F], targets: Sequence[F], usable: Sequence[B], rate_Hz: float, passes: int = 2
+) -> LearnerResult:
     """Return what ridge regression learns of `targets` [N] (n,) from `features` (n, q) on the usable ticks of traces.
 
     Each pass whitens by the autoregression of the cross-fitted residuals of the pass before, so that after the first a
     fold is not quite unseen: the noise's six coefficients, and the penalty, know all folds.
     """
     folds = _folds(features, rate_Hz)
-    noise = white(1.0)
+    noise = make_white_noise(1.0)
     for _ in range(passes):
         rows = _rows(features, targets, usable, folds, noise)
         gram, moment = _by_fold(rows)
@@ -64,7 +66,7 @@ def learn(features: Sequence[F], targets: Sequence[F], usable: Sequence[B], rate
     penalty = _penalty(rows, gram, moment)
     total = gram.sum(0) + penalty * np.eye(gram.shape[1])
     factor = cho_factor(total)
-    return Learnt(cho_solve(factor, moment.sum(0)), cho_solve(factor, np.eye(len(total))), noise, crossfitted)
+    return LearnerResult(cho_solve(factor, moment.sum(0)), cho_solve(factor, np.eye(len(total))), noise, crossfitted)
 
 
 def _folds(features: Sequence[F], rate_Hz: float) -> list[NDArray[np.int64]]:
@@ -78,12 +80,16 @@ def _folds(features: Sequence[F], rate_Hz: float) -> list[NDArray[np.int64]]:
 
 
 def _rows(
-    features: Sequence[F], targets: Sequence[F], usable: Sequence[B], folds: Sequence[NDArray[np.int64]], noise: Noise
+    features: Sequence[F],
+    targets: Sequence[F],
+    usable: Sequence[B],
+    folds: Sequence[NDArray[np.int64]],
+    noise: NoiseModel,
 ) -> _Rows:
-    keep = [noise.clean(u) for u in usable]
+    keep = [noise.usable_after_whitening(u) for u in usable]
     return _Rows(
-        np.concatenate([noise.whitened(x)[k] for x, k in zip(features, keep, strict=True)]),
-        np.concatenate([noise.whitened(y)[k] for y, k in zip(targets, keep, strict=True)]),
+        np.concatenate([noise.whiten(x)[k] for x, k in zip(features, keep, strict=True)]),
+        np.concatenate([noise.whiten(y)[k] for y, k in zip(targets, keep, strict=True)]),
         np.concatenate([f[k] for f, k in zip(folds, keep, strict=True)]),
     )
 

@@ -12,7 +12,7 @@ F = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True)
-def low_passed(x: F, step_s: float, time_s: float) -> F:
+def low_pass(x: F, step_s: float, time_s: float) -> F:
     """Return `x` (n,) behind a first-order lag, started at rest."""
     out = np.empty_like(x)
     pole = exp(-step_s / time_s)
@@ -44,7 +44,7 @@ def add(row: F, weights: F, at: int, value: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def put_hats(row: F, weights: F, at: int, value: float, knots: F, first: float, second: float) -> int:
+def add_linear_splines(row: F, weights: F, at: int, value: float, knots: F, first: float, second: float) -> int:
     """Add hats of `value` times `first`, then times `second` unless that is NaN; return where the row goes on."""
     j, share = place(value, knots)
     m = len(knots)
@@ -58,7 +58,7 @@ def put_hats(row: F, weights: F, at: int, value: float, knots: F, first: float, 
 
 
 @njit(cache=True, nogil=True)
-def put_sided(row: F, weights: F, at: int, value: float, i: float, varies: bool, pushed: float) -> int:
+def add_by_direction(row: F, weights: F, at: int, value: float, i: float, varies: bool, pushed: float) -> int:
     """Add `value`, times the current if it varies, and times 1 in compression; return where the row goes on."""
     add(row, weights, at, value)
     at += 1
@@ -70,11 +70,11 @@ def put_sided(row: F, weights: F, at: int, value: float, i: float, varies: bool,
 
 
 @njit(cache=True, nogil=True)
-def put_motion(row: F, weights: F, x: float, u: float, i: float, varies: bool, fine: F, coarse: F) -> int:
+def add_motion_features(row: F, weights: F, x: float, u: float, i: float, varies: bool, fine: F, coarse: F) -> int:
     """Add the memoryless functions of position, warped speed `u` and current; return where the row goes on."""
-    at = put_hats(row, weights, 0, u, fine, 1.0, i if varies else np.nan)
+    at = add_linear_splines(row, weights, 0, u, fine, 1.0, i if varies else np.nan)
     if varies:
-        at = put_hats(row, weights, at, u, fine, i * i, np.nan)
+        at = add_linear_splines(row, weights, at, u, fine, i * i, np.nan)
     add(row, weights, at, x)
     add(row, weights, at + 1, x * x)
     add(row, weights, at + 2, x**3)
@@ -82,13 +82,13 @@ def put_motion(row: F, weights: F, x: float, u: float, i: float, varies: bool, f
     if varies:
         add(row, weights, at, x * i)
         at += 1
-    return int(put_hats(row, weights, at, u, coarse, x, np.nan))
+    return int(add_linear_splines(row, weights, at, u, coarse, x, np.nan))
 
 
 @njit(cache=True, nogil=True)
-def put_force(row: F, weights: F, at: int, f: float, i: float, varies: bool, level: F) -> int:
+def add_force_features(row: F, weights: F, at: int, f: float, i: float, varies: bool, level: F) -> int:
     """Add the memoryless functions of force and current; return where the row goes on."""
-    at = put_hats(row, weights, at, f, level, 1.0, i if varies else np.nan)
+    at = add_linear_splines(row, weights, at, f, level, 1.0, i if varies else np.nan)
     add(row, weights, at, f)
     at += 1
     if varies:
@@ -122,15 +122,17 @@ def fill_features(
             slow_v[m] = v[k] + poles[m] * (slow_v[m] - v[k])
             slow_f[m] = f[k] + poles[m] * (slow_f[m] - f[k])
         u = np.arcsinh(10.0 * v[k])
-        at = put_motion(row, weights, x[k], u, i[k], varies, fine, coarse)
+        at = add_motion_features(row, weights, x[k], u, i[k], varies, fine, coarse)
         for r in range(len(turns)):
-            at = put_sided(row, weights, at, turn[r] / turns[r], i[k], varies, moving)
+            at = add_by_direction(row, weights, at, turn[r] / turns[r], i[k], varies, moving)
         if varies:
             for m in range(2):
-                at = put_hats(row, weights, at, u, coarse, i[k] - slow_i[m], np.nan)
+                at = add_linear_splines(row, weights, at, u, coarse, i[k] - slow_i[m], np.nan)
         for m in range(1 if by_force else 3):
-            at = put_hats(row, weights, at, np.arcsinh(10.0 * slow_v[m]), fine, 1.0, i[k] if varies else np.nan)
+            at = add_linear_splines(
+                row, weights, at, np.arcsinh(10.0 * slow_v[m]), fine, 1.0, i[k] if varies else np.nan
+            )
         if by_force:
-            at = put_force(row, weights, at, f[k], i[k], varies, level)
+            at = add_force_features(row, weights, at, f[k], i[k], varies, level)
             for m in range(3):
-                at = put_sided(row, weights, at, 3.0 * (f[k] - slow_f[m]), i[k], varies, pushed)
+                at = add_by_direction(row, weights, at, 3.0 * (f[k] - slow_f[m]), i[k], varies, pushed)

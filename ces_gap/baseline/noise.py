@@ -17,39 +17,39 @@ ORDER = 6
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseModel:
     """`rms_N` of the noise, standard deviation `innovation_N` of what is new in each tick, coefficients `ar` (p,)."""
 
     rms_N: float
     innovation_N: float
     ar: F
 
-    def scaled(self, factor: float) -> Noise:
+    def scale(self, factor: float) -> NoiseModel:
         """Return noise of the same colour, `factor` times as strong."""
-        return Noise(self.rms_N * factor, self.innovation_N * factor, self.ar)
+        return NoiseModel(self.rms_N * factor, self.innovation_N * factor, self.ar)
 
-    def whitened(self, values: F) -> F:
+    def whiten(self, values: F) -> F:
         """Return columns (n, …) whitened along the first axis; the first p rows still hold the start."""
         out: F = lfilter(np.concatenate([[1.0], -self.ar]), [1.0], values, axis=0) / self.innovation_N
         return out
 
-    def clean(self, usable: B) -> B:
+    def usable_after_whitening(self, usable: B) -> B:
         """Return the ticks (n,) whose whitened value rests on usable ticks alone."""
         window = np.ones(len(self.ar) + 1)
         return np.asarray(np.convolve(~usable, window)[: len(usable)] < 0.5) & (np.arange(len(usable)) >= len(self.ar))
 
 
-def white(rms_N: float) -> Noise:
+def make_white_noise(rms_N: float) -> NoiseModel:
     """Return white noise of this RMS [N]."""
-    return Noise(rms_N, rms_N, np.zeros(0))
+    return NoiseModel(rms_N, rms_N, np.zeros(0))
 
 
-def noise_of(residuals: Sequence[F], usable: Sequence[B], order: int = ORDER) -> Noise:
+def noise_of(residuals: Sequence[F], usable: Sequence[B], order: int = ORDER) -> NoiseModel:
     """Return the noise whose samples are the usable parts of some residuals [N]: Yule-Walker equations."""
     lags = autocovariance(residuals, usable, order)
     lags[0] = max(lags[0] * (1.0 + 1e-6), 1e-12)
     ar = solve_toeplitz(lags[:-1], lags[1:])
-    return Noise(float(np.sqrt(lags[0])), float(np.sqrt(max(lags[0] - ar @ lags[1:], 1e-4 * lags[0]))), ar)
+    return NoiseModel(float(np.sqrt(lags[0])), float(np.sqrt(max(lags[0] - ar @ lags[1:], 1e-4 * lags[0]))), ar)
 
 
 def autocovariance(values: Sequence[F], usable: Sequence[B], order: int) -> F:

@@ -13,21 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.effects.effect import Composition
-from ces_gap.trace import Inputs, Trace, on_grid
+from ces_gap.trace import Trace, TraceInputs, resample_to_grid
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import Simulation
 
 F = NDArray[np.float64]
 
 
-class Rerun(Protocol):
+class TraceSimulator(Protocol):
     """What can simulate a trace again with other inputs; every kind is a subclass."""
 
-    def force(self, trace: Trace, inputs: Inputs) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the force [N] on the grid (n,) that is simulated for `inputs`."""
         ...
 
-    def prepare_for(self, trace: Trace) -> Rerun:
+    def prepare_for(self, trace: Trace) -> TraceSimulator:
         """Return the same for this trace alone, with what it needs of the recorded inputs computed once."""
         return self
 
@@ -35,26 +35,26 @@ class Rerun(Protocol):
 class Correction(Protocol):
     """The baseline's own error as a function of its inputs and its force."""
 
-    def force(self, trace: Trace, inputs: Inputs, simulated: F) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
         """Return what to add [N] (n,)."""
 
 
 @dataclass(frozen=True)
-class Called(Rerun):
+class DirectSimulator(TraceSimulator):
     """A simulation that can be called with any inputs."""
 
     simulation: Simulation
 
-    def force(self, trace: Trace, inputs: Inputs) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the simulated force [N] on the grid (n,); the position keeps its logged noise and jitter."""
-        return on_grid(trace, self.simulation.force(driven(trace, inputs)))
+        return resample_to_grid(trace, self.simulation.force(change_recording(trace, inputs)))
 
 
 @dataclass(frozen=True)
 class Plant:
     """A simulation with the correction that references taught."""
 
-    simulation: Rerun
+    simulation: TraceSimulator
     correction: Correction | None = None
 
     def prepare_for(self, trace: Trace) -> Plant:
@@ -65,7 +65,7 @@ class Plant:
         """Return the corrected force [N] (n,) under the recorded inputs; nothing is simulated again."""
         return self._correct(trace, trace.inputs, trace.simulated)
 
-    def force(self, trace: Trace, inputs: Inputs) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the corrected force [N] (n,) that is simulated for `inputs`."""
         return self._correct(trace, inputs, self.simulation.force(trace, inputs))
 
@@ -80,13 +80,13 @@ class Plant:
         inputs = composition.drive(trace, force)
         return composition.respond(trace, inputs, self.force(trace, inputs))
 
-    def _correct(self, trace: Trace, inputs: Inputs, simulated: F) -> F:
+    def _correct(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
         if self.correction is None:
             return simulated
         return simulated + self.correction.force(trace, inputs, simulated)
 
 
-def _powered(trace: Trace, inputs: Inputs, constant: float | None) -> Channel:
+def _change_current_channel(trace: Trace, inputs: TraceInputs, constant: float | None) -> Channel:
     """Return the current channel with what `inputs` differ added to what was logged."""
     if constant is not None or len(trace.recording.channel("current")) < len(trace):
         return Channel("current", "A", trace.grid_ns(), inputs.current)
@@ -96,7 +96,7 @@ def _powered(trace: Trace, inputs: Inputs, constant: float | None) -> Channel:
     return replace(logged, values=logged.values + added)
 
 
-def driven(trace: Trace, inputs: Inputs) -> Recording:
+def change_recording(trace: Trace, inputs: TraceInputs) -> Recording:
     """Return the trace's recording with its position moved, and its current replaced, by what `inputs` differ."""
     recording = trace.recording
     channels = {n: c for n, c in recording.channels.items() if n not in ("sim_force",)}
@@ -106,5 +106,5 @@ def driven(trace: Trace, inputs: Inputs) -> Recording:
     moved = np.interp(seconds, trace.time_s, inputs.position - trace.inputs.position)
     channels["position"] = replace(position, values=position.values + moved)
     if not inputs.current_as_logged:
-        channels["current"] = _powered(trace, inputs, constants.pop("current", None))
+        channels["current"] = _change_current_channel(trace, inputs, constants.pop("current", None))
     return replace(recording, channels=channels, constants=constants)

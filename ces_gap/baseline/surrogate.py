@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ces_gap.baseline.dictionary import Dictionary, Scales
 from ces_gap.baseline.learner import learn
-from ces_gap.baseline.learner_kernels import low_passed
-from ces_gap.baseline.plant import Rerun
-from ces_gap.trace import Inputs, Trace
+from ces_gap.baseline.learner_kernels import low_pass
+from ces_gap.baseline.plant import TraceSimulator
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -25,57 +25,57 @@ LATE_S, LAG_S, YIELD = 0.004, 0.012, 0.05  # [s], [s], share of the stroke: chan
 
 
 @dataclass(frozen=True)
-class Surrogate(Rerun):
+class Surrogate(TraceSimulator):
     """Weights (q,) of the dictionary's features, and its cost J [%] (thesis eq. 3.5) on blocks it did not see."""
 
     dictionary: Dictionary
     weights: F
     cost_J: float
 
-    def force(self, trace: Trace, inputs: Inputs) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the simulated force [N] (n,) that the inputs would have given."""
         return self.prepare_for(trace).force(trace, inputs)
 
-    def prepare_for(self, trace: Trace) -> Rerun:
+    def prepare_for(self, trace: Trace) -> TraceSimulator:
         """Return the same for this trace alone: what it predicts for the recorded inputs is computed once."""
         return _Prepared(self, self.predict(trace, trace.inputs))
 
-    def predict(self, trace: Trace, inputs: Inputs) -> F:
+    def predict(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the whole force [N] (n,) that it predicts for the inputs, nothing taken from the simulated one."""
-        return self.dictionary.told(trace, inputs, np.zeros(len(trace)), self.weights)
+        return self.dictionary.predict(trace, inputs, np.zeros(len(trace)), self.weights)
 
     def as_json(self) -> dict[str, Any]:
         """Return the surrogate as plain values."""
         return {"dictionary": self.dictionary.as_json(), "weights": self.weights.tolist(), "cost_J": self.cost_J}
 
     @classmethod
-    def from_json(cls, given: dict[str, Any]) -> Surrogate:
+    def from_json(cls, document: dict[str, Any]) -> Surrogate:
         """Return the surrogate that `as_json` wrote; raises KeyError, TypeError or ValueError for others."""
-        weights = np.array(given["weights"], dtype=np.float64)
-        return cls(Dictionary.from_json(given["dictionary"]), weights, float(given["cost_J"]))
+        weights = np.array(document["weights"], dtype=np.float64)
+        return cls(Dictionary.from_json(document["dictionary"]), weights, float(document["cost_J"]))
 
 
 @dataclass(frozen=True)
-class _Prepared(Rerun):
+class _Prepared(TraceSimulator):
     """A surrogate for one trace, and the force [N] (n,) that it predicts for the recorded inputs."""
 
     surrogate: Surrogate
     recorded: F
 
-    def force(self, trace: Trace, inputs: Inputs) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
         return trace.simulated + self.surrogate.predict(trace, inputs) - self.recorded
 
 
 @dataclass(frozen=True)
-class Example:
+class SurrogateExample:
     """Inputs on a trace's grid and the force [N] (n,) simulated for them."""
 
     trace: Trace
-    inputs: Inputs
+    inputs: TraceInputs
     force: F
 
 
-def learn_surrogate(examples: Sequence[Example]) -> Surrogate:
+def learn_surrogate(examples: Sequence[SurrogateExample]) -> Surrogate:
     """Return the surrogate that the examples teach."""
     traces, forces = [e.trace for e in examples], [e.force for e in examples]
     dictionary = Dictionary(Scales.of(traces, forces), by_force=False)
@@ -88,24 +88,27 @@ def learn_surrogate(examples: Sequence[Example]) -> Surrogate:
     return Surrogate(dictionary, learnt.weights, 100.0 * float(np.linalg.norm(true - told)) / max(spread, 1e-9))
 
 
-def recorded(traces: Sequence[Trace]) -> list[Example]:
+def make_recorded_examples(traces: Sequence[Trace]) -> list[SurrogateExample]:
     """Return the traces as examples of themselves."""
-    return [Example(t, t.inputs, t.simulated) for t in traces]
+    return [SurrogateExample(t, t.inputs, t.simulated) for t in traces]
 
 
-def explored(traces: Sequence[Trace], simulation: Rerun) -> list[Example]:
+def make_changed_examples(traces: Sequence[Trace], simulation: TraceSimulator) -> list[SurrogateExample]:
     """Return examples of what changed inputs do, each trace run twice more: late and lagging, yielding and weaker."""
-    examples = recorded(traces)
+    examples = make_recorded_examples(traces)
     for trace in traces:
         for inputs in _changed(trace):
-            examples.append(Example(trace, inputs, simulation.force(trace, inputs)))
+            examples.append(SurrogateExample(trace, inputs, simulation.force(trace, inputs)))
     return examples
 
 
-def _changed(trace: Trace) -> list[Inputs]:
+def _changed(trace: Trace) -> list[TraceInputs]:
     """Return two sets of inputs unlike the recorded ones in ways that effects are."""
     plain, rate = trace.inputs, trace.rate_Hz
     late = np.interp(trace.time_s - LATE_S, trace.time_s, plain.position)
-    lagging = 1.1 * low_passed(plain.current, trace.step_s, LAG_S)
+    lagging = 1.1 * low_pass(plain.current, trace.step_s, LAG_S)
     yielding = plain.position - YIELD * float(np.ptp(plain.position)) * trace.simulated / np.ptp(trace.simulated)
-    return [plain.moved(late, rate).powered(lagging), plain.moved(yielding, rate).powered(0.95 * plain.current)]
+    return [
+        plain.with_position(late, rate).with_current(lagging),
+        plain.with_position(yielding, rate).with_current(0.95 * plain.current),
+    ]

@@ -10,7 +10,7 @@ F = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def held_void(pull: F, onward: F, limit: float, passed: F, step_s: float) -> F:
+def void_length_at_limit(pull: F, onward: F, limit: float, passed: F, step_s: float) -> F:
     """Return the length [m] (n,) of a void that opens where the force `pull` [N] (n,) passes `limit`.
 
     Beside it the valve goes on passing `passed` [m/s] (n,), so it grows by the speed `onward` [m/s] (n,) less that

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.trace import Inputs, Trace
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ SENSOR, MOTION, VALVE, FLUID, PARALLEL, CELL = 0, 1, 2, 3, 4, 5  # stages, from 
 
 
 @dataclass(frozen=True)
-class Parameter:
+class EffectParameter:
     """One number of an effect in SI units: `name` ends with its unit; [`low`, `high`] is what a real damper can have.
 
     `starts` are where searches begin. `scale` is how it is searched: "linear", "log", or "inverse" (a stiffness
@@ -84,17 +84,17 @@ class Effect:
     stage: ClassVar[int] = PARALLEL
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation is asked again
     needs: ClassVar[str] = ""  # what a recording must hold for it to show, such as "a changing current"
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    parameters: ClassVar[tuple[EffectParameter, ...]] = ()
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
         """Return the values at which searches on this trace begin: all products of the parameters' starts."""
         return list(product(*(p.starts for p in self.parameters)))
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return what drives the damper inside the effect; `force` [N] is the present estimate of the damper's."""
         return inputs
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] outside the effect, `force` being that inside; `inputs` drive the damper inside."""
         return force
 
@@ -111,7 +111,7 @@ class Setting:
         """The effect's name."""
         return self.effect.name
 
-    def named(self) -> dict[str, float]:
+    def values_by_name(self) -> dict[str, float]:
         """Return the values by name."""
         return {p.name: v for p, v in zip(self.effect.parameters, self.values, strict=True)}
 
@@ -127,7 +127,7 @@ class Composition:
         """The effects' names."""
         return tuple(s.name for s in self.settings)
 
-    def drive(self, trace: Trace, force: F) -> Inputs:
+    def drive(self, trace: Trace, force: F) -> TraceInputs:
         """Return what drives the simulation."""
         inputs = trace.inputs
         for setting in sorted(self.settings, key=lambda s: s.effect.stage):
@@ -135,7 +135,7 @@ class Composition:
                 inputs = setting.effect.drive(trace, inputs, force, setting.values)
         return inputs
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F) -> F:
         """Return the force [N] outside all effects."""
         for setting in sorted(self.settings, key=lambda s: s.effect.stage):
             force = setting.effect.respond(trace, inputs, force, setting.values)

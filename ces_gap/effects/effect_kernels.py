@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ces_gap.plant_map.map_kernels import steep
+from ces_gap.plant_map.map_kernels import map_force_and_slope
 
 F = NDArray[np.float64]
 
@@ -16,7 +16,7 @@ SAME_N = 1e-6  # [N] below it a loose joint's force has come back to a tight one
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lagged_by_side(u: F, rise_s: float, fall_s: float, step_s: float) -> F:
+def rise_fall_lag(u: F, rise_s: float, fall_s: float, step_s: float) -> F:
     """Return u (n,) behind a first-order lag of `rise_s` where it grows and `fall_s` where it falls."""
     out = np.empty_like(u)
     z = u[0]
@@ -98,14 +98,14 @@ def void(rate: F, step_s: float) -> F:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def tight_force(speed: F, level: F, plant: tuple[float, float, F], own: float, step_s: float, substeps: int) -> F:
-    """Return the force [N] of F = f(v - own·dF/dt), f the `steep` of `plant`, `substeps` a tick, implicit Euler."""
+    """Return the force [N] of F = f(v - own·dF/dt) by implicit Euler, f being the map of `plant`, `substeps` a tick."""
     out = np.empty((len(speed) - 1) * substeps + 1)
     g = speed[0]
-    out[0] = steep(g, level[0], plant[0], plant[1], plant[2])[0]
+    out[0] = map_force_and_slope(g, level[0], plant[0], plant[1], plant[2])[0]
     for i in range(1, len(out)):
         k, w = (i - 1) // substeps, ((i - 1) % substeps + 1) / substeps
         v, s = speed[k] + w * (speed[k + 1] - speed[k]), level[k] + w * (level[k + 1] - level[k])
-        g, out[i] = _sprung(v, s, out[i - 1], g, own * substeps / step_s, plant)
+        g, out[i] = _solve_map_speed(v, s, out[i - 1], g, own * substeps / step_s, plant)
     return out
 
 
@@ -124,9 +124,9 @@ def loose_force(
 ) -> F:
     """Return a damper's force [N] behind a joint with a gap, less `memory`, `substeps` a tick ((n - 1)·substeps + 1,).
 
-    `tight` is `tight_force`, without a gap. The damper is f(v' - own·dF/dt) + memory, f the `steep` of `plant`.
-    Its joint's place z stays at ±gap/2 as long as pushing or pulling lasts; between, the damper moves so that its force
-    is `parted`. Implicit Euler.
+    `tight` is `tight_force`, without a gap. The damper is f(v' - own·dF/dt) + memory, f the `map_force_and_slope` of
+    `plant`. Its joint's place z stays at ±gap/2 as long as pushing or pulling lasts; between, the damper moves so that
+    its force is `parted`. Implicit Euler.
     """
     out = np.empty((len(speed) - 1) * substeps + 1)
     h, half, z, g, creep = step_s / substeps, 0.5 * gap, 0.0, speed[0], 0.0
@@ -138,11 +138,11 @@ def loose_force(
         free = parted - memory[k] - w * (memory[k + 1] - memory[k])
         moved, touching = v, tight[i]
         if abs(force - tight[i - 1]) > SAME_N:
-            moved, touching = _sprung(v, s, force, g, own / h, plant)
+            moved, touching = _solve_map_speed(v, s, force, g, own / h, plant)
         if (touching < free or z < half) and (touching > free or z > -half):
-            creep = _sprung_at(free, s, creep, plant)
+            creep = _solve_speed_at_force(free, s, creep, plant)
             goal = min(max(z + h * (v - creep) - own * (free - force), -half), half)
-            moved, touching = _sprung(v - (goal - z) / h, s, force, moved, own / h, plant)
+            moved, touching = _solve_map_speed(v - (goal - z) / h, s, force, moved, own / h, plant)
             z = goal
         g, force = moved, touching
         out[i] = force
@@ -150,7 +150,7 @@ def loose_force(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sprung(
+def _solve_map_speed(
     v: float, s: float, before: float, guess: float, own: float, plant: tuple[float, float, F]
 ) -> tuple[float, float]:
     """Return the speed g [m/s] at which g + own·(f(g) - before) = v, by Newton's method in a bracket, and f(g) [N]."""
@@ -158,7 +158,7 @@ def _sprung(
     if own > 0.0:
         g = guess
         for _ in range(40):
-            value, slope = steep(g, s, plant[0], plant[1], plant[2])
+            value, slope = map_force_and_slope(g, s, plant[0], plant[1], plant[2])
             wrong = v - g - own * (value - before)
             low, high = (g, high) if wrong > 0.0 else (low, g)
             move = wrong / (1.0 + own * slope)
@@ -167,17 +167,17 @@ def _sprung(
             g += move
             if abs(move) < 1e-9:
                 break
-    return g, steep(g, s, plant[0], plant[1], plant[2])[0]
+    return g, map_force_and_slope(g, s, plant[0], plant[1], plant[2])[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sprung_at(force: float, s: float, guess: float, plant: tuple[float, float, F]) -> float:
+def _solve_speed_at_force(force: float, s: float, guess: float, plant: tuple[float, float, F]) -> float:
     """Return the speed [m/s] at which f is `force` [N], within the map's range, by Newton's method in a bracket."""
     fastest = plant[0] * ((1.0 + plant[1]) ** 2 - 1.0)
     low, high = -fastest, fastest
     g = min(max(guess, low), high)
     for _ in range(40):
-        value, slope = steep(g, s, plant[0], plant[1], plant[2])
+        value, slope = map_force_and_slope(g, s, plant[0], plant[1], plant[2])
         wrong = force - value
         low, high = (g, high) if wrong > 0.0 else (low, g)
         move = wrong / (slope + 1e-3)

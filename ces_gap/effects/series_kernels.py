@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ces_gap.plant_map.map_kernels import steep
+from ces_gap.plant_map.map_kernels import map_force_and_slope
 
 F = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def _strain_rate(
     g = guess
     whole = inertia_s[0] + inertia_s[1]
     for _ in range(40):
-        value, slope = steep(v - g, s, plant[0], plant[1], plant[2])
+        value, slope = map_force_and_slope(v - g, s, plant[0], plant[1], plant[2])
         stroke, compliance = _law(value + m, law[0], law[1], law[2])
         wrong = stroke - z - whole * g
         if wrong > 0.0:
@@ -77,11 +77,12 @@ def series_stroke(
 ) -> F:
     """Return the stroke z [m] (n,) of a spring in series: z + damping·dz/dt = s(f(v - dz/dt) + memory).
 
-    `plant` is (narrow, reach, table) of `steep`, `law` (top, stroke, compliance) of s. Implicit steps of the θ-method.
+    `plant` is (narrow, reach, table) of `map_force_and_slope`, `law` (top, stroke, compliance) of s. Implicit steps of
+    the θ-method.
     """
     out = np.empty_like(speed)
     h = step_s / substeps
-    force = steep(speed[0], level[0], plant[0], plant[1], plant[2])[0] + memory[0]
+    force = map_force_and_slope(speed[0], level[0], plant[0], plant[1], plant[2])[0] + memory[0]
     z, rate = _law(force, law[0], law[1], law[2])[0], 0.0
     out[0] = z
     for k in range(1, len(speed)):
@@ -103,15 +104,16 @@ def leaking_force(
 ) -> F:
     """Return F = f(v - g) - rest [N] (n,), g = q(F) + own·(F - F₋₁) [m/s]: what leaks, and what squeezes the plant.
 
-    `plant` is (narrow, reach, table) of `steep`, `own` the compliance of the plant's own spring over the step [m/(s N)]
-    and F₋₁ the force a tick before. `law` (top, rate, its derivative by force) is of q(F) + own·F. Implicit Euler.
+    `plant` is (narrow, reach, table) of `map_force_and_slope`, `own` the compliance of the plant's own spring over the
+    step [m/(s N)] and F₋₁ the force a tick before. `law` (top, rate, its derivative by force) is of q(F) + own·F.
+    Implicit Euler.
     """
     out = np.empty_like(speed)
     g = 0.0
-    force = steep(speed[0], level[0], plant[0], plant[1], plant[2])[0] - rest
+    force = map_force_and_slope(speed[0], level[0], plant[0], plant[1], plant[2])[0] - rest
     for k in range(len(speed)):
         g = _strain_rate(speed[k], level[k], -rest, own * force, g, plant, law, (1.0, 0.0))
-        force = steep(speed[k] - g, level[k], plant[0], plant[1], plant[2])[0] - rest
+        force = map_force_and_slope(speed[k] - g, level[k], plant[0], plant[1], plant[2])[0] - rest
         out[k] = force
     return out
 
@@ -135,16 +137,16 @@ def pumped_stroke(
     """
     out = np.zeros_like(speed)
     h, g, z = step_s / substeps, 0.0, 0.0
-    force = steep(speed[0], level[0], plant[0], plant[1], plant[2])[0]
+    force = map_force_and_slope(speed[0], level[0], plant[0], plant[1], plant[2])[0]
     for i in range(1, (len(speed) - 1) * substeps + 1):
         k, w = (i - 1) // substeps, ((i - 1) % substeps + 1) / substeps
         v, s = speed[k] + w * (speed[k + 1] - speed[k]), level[k] + w * (level[k + 1] - level[k])
         rise = memory[k + 1] - memory[k]
-        pumping = in_class(force + memory[k] + w * rise, v, widths)
+        pumping = pumping_share(force + memory[k] + w * rise, v, widths)
         own_c = own[1] + pumping * (own[0] - own[1])
         added_c = added[1] + pumping * (added[0] - added[1])
         before = force - added_c * rise / substeps / max(own_c + added_c, 1e-15)
-        g, now = _squeezed(v, s, before, g, (own_c + added_c) / h, plant)
+        g, now = _solve_squeeze_rate(v, s, before, g, (own_c + added_c) / h, plant)
         z += added_c * (now - force + rise / substeps)
         force = now
         out[k + 1] = z
@@ -152,20 +154,20 @@ def pumped_stroke(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def in_class(force: float, speed: float, widths: tuple[float, float]) -> float:
+def pumping_share(force: float, speed: float, widths: tuple[float, float]) -> float:
     """Return from 0 to 1 how far a damper is pushed and moves in."""
     return 0.25 * (1.0 + tanh(force / widths[0])) * (1.0 + tanh(speed / widths[1]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _squeezed(
+def _solve_squeeze_rate(
     v: float, s: float, before: float, guess: float, whole: float, plant: tuple[float, float, F]
 ) -> tuple[float, float]:
     """Return g [m/s] = whole·(f(v - g) - before), by Newton's method in a bracket, and that force f [N]."""
     low, high = -np.inf, np.inf
     g = guess
     for _ in range(40):
-        value, slope = steep(v - g, s, plant[0], plant[1], plant[2])
+        value, slope = map_force_and_slope(v - g, s, plant[0], plant[1], plant[2])
         wrong = whole * (value - before) - g
         low, high = (g, high) if wrong > 0.0 else (low, g)
         move = wrong / (whole * slope + 1.0)
@@ -174,4 +176,4 @@ def _squeezed(
         g += move
         if abs(move) < RATE_TOLERANCE:
             break
-    return g, steep(v - g, s, plant[0], plant[1], plant[2])[0]
+    return g, map_force_and_slope(v - g, s, plant[0], plant[1], plant[2])[0]

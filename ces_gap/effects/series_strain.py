@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ces_gap.derivative import derivative
 from ces_gap.effects.series_kernels import series_stroke
-from ces_gap.plant_map.own_spring import banded
-from ces_gap.trace import Inputs, Trace
+from ces_gap.plant_map.own_spring import remove_high_frequencies
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -37,7 +37,9 @@ class Strain:
 Law = Callable[[F, float], Strain]  # damping force [N] (n,), width [N] of the change of direction -> strain
 
 
-def shortened(trace: Trace, inputs: Inputs, force: F, law: Law, damping_s: float = 0.0) -> Inputs:
+def subtract_spring_stroke(
+    trace: Trace, inputs: TraceInputs, force: F, law: Law, damping_s: float = 0.0
+) -> TraceInputs:
     """Return the inputs with the stroke that a series spring takes subtracted.
 
     `force` [N] (n,) is the plant's under `trace.inputs`; what it is at standstill strains nothing. `damping_s` is the
@@ -45,29 +47,29 @@ def shortened(trace: Trace, inputs: Inputs, force: F, law: Law, damping_s: float
     """
     plant = trace.learn_map(trace.inputs, force)
     static = plant.force(trace.inputs.speed, trace.inputs.current)
-    memory = banded(force - static, trace.rate_Hz) - plant.rest(trace.inputs.current)
+    memory = remove_high_frequencies(force - static, trace.rate_Hz) - plant.rest(trace.inputs.current)
     acting = static + memory
     stroke = series_stroke(
         np.ascontiguousarray(inputs.speed),
         plant.level(inputs.current),
         memory,
         plant.kernel(),
-        tabled(law, acting, soft_width(trace, acting)),
+        tabulate_law(law, acting, soft_width(trace, acting)),
         damping_s,
         trace.step_s,
         int(np.ceil(trace.step_s / SUBSTEP_S)),
     )
-    return less(inputs, stroke, trace.rate_Hz)
+    return subtract_stroke(inputs, stroke, trace.rate_Hz)
 
 
-def tabled(law: Law, force: F, width: float) -> tuple[float, F, F]:
+def tabulate_law(law: Law, force: F, width: float) -> tuple[float, F, F]:
     """Return ±N [N] of an even table of the law, and its strokes and compliances, for forces such as `force` (n,)."""
     top = BEYOND * float(np.max(np.abs(force))) + 1.0
     strain = law(np.linspace(-top, top, NODES), width)
     return top, strain.stroke, strain.compliance
 
 
-def less(inputs: Inputs, stroke: F, rate_Hz: float) -> Inputs:
+def subtract_stroke(inputs: TraceInputs, stroke: F, rate_Hz: float) -> TraceInputs:
     """Return the inputs with a stroke [m] (n,) subtracted from the position, and its rate from the speed."""
     return replace(inputs, position=inputs.position - stroke, speed=inputs.speed - derivative(stroke, rate_Hz))
 

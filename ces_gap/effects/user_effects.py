@@ -7,13 +7,13 @@ from importlib import import_module
 
 import numpy as np
 
-from ces_gap.effects.effect import Effect, Parameter
+from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.effects.library import library
 from ces_gap.errors import GapError
 from ces_gap.trace import Trace
 
 EXPECTED = "module:Class on PYTHONPATH, a subclass of ces_gap.effects.effect.Effect"
-MOST_LETTERS = 200
+MAX_SPEC_LENGTH = 200
 
 
 def user_effect(spec: str) -> Effect:
@@ -23,8 +23,8 @@ def user_effect(spec: str) -> Effect:
     and form already. Importing runs the module: only from whom you trust.
     """
     module, _, name = spec.partition(":")
-    if not module or not name.isidentifier() or len(spec) > MOST_LETTERS:
-        raise GapError(f"effect '{spec[:MOST_LETTERS]}': expected {EXPECTED}")
+    if not module or not name.isidentifier() or len(spec) > MAX_SPEC_LENGTH:
+        raise GapError(f"effect '{spec[:MAX_SPEC_LENGTH]}': expected {EXPECTED}")
     try:
         found = getattr(import_module(module), name)
         effect = found() if isinstance(found, type) and issubclass(found, Effect) else None
@@ -33,7 +33,7 @@ def user_effect(spec: str) -> Effect:
         raise GapError(f"effect '{spec}': cannot be imported: {told}; expected {EXPECTED}") from None
     if effect is None:
         raise GapError(f"effect '{spec}': is no effect; expected {EXPECTED}")
-    _require_described(spec, effect)
+    _require_description(spec, effect)
     return effect
 
 
@@ -76,7 +76,7 @@ def require_sound(effect: Effect, trace: Trace) -> None:
             raise GapError(f"effect '{effect.name}': gave a {name} that is not finite at its starts {values}")
 
 
-def _require_described(spec: str, effect: Effect) -> None:
+def _require_description(spec: str, effect: Effect) -> None:
     if not (effect.name and effect.form and effect.parameters):
         raise GapError(f"effect '{spec}': has no name, form or parameters; expected all three as class variables")
     for parameter in effect.parameters:
@@ -87,7 +87,7 @@ def _require_described(spec: str, effect: Effect) -> None:
         )
 
 
-def _require_sensible(spec: str, parameter: Parameter) -> None:
+def _require_sensible(spec: str, parameter: EffectParameter) -> None:
     inside: Sequence[bool] = [parameter.low <= start <= parameter.high for start in parameter.starts]
     if not parameter.low < parameter.high or not inside or not all(inside):
         raise GapError(

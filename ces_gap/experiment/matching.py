@@ -43,20 +43,22 @@ class Match:
 
 def nearest(a: Tangent, fan_b: Sequence[Tangent]) -> Match:
     """Return how near B comes to A on B's tangents, inside its bounds; nothing is simulated."""
-    return min((_along(a, b, TRUST) for b in fan_b), key=lambda match: match.index)
+    return min((_match_on_tangent(a, b, TRUST) for b in fan_b), key=lambda match: match.index)
 
 
-def refined(a: Tangent, fan_b: Sequence[Tangent], tangent: Callable[[Setting], Tangent], steps: int = STEPS) -> Match:
+def refine_match(
+    a: Tangent, fan_b: Sequence[Tangent], tangent: Callable[[Setting], Tangent], steps: int = STEPS
+) -> Match:
     """Return how near B comes to A when B is run: Gauss-Newton inside a trust region.
 
     It begins where the tangents say that B is nearest, or at one of their own points if B is nearer there. `tangent`
     returns B's tangent at a setting. What is returned was reached: the true distance is no larger.
     """
-    best = min((tangent(nearest(a, fan_b).setting), *fan_b), key=lambda b: _apart(a, b))
-    index, radius = _apart(a, best), TRUST
+    best = min((tangent(nearest(a, fan_b).setting), *fan_b), key=lambda b: _whitened_distance(a, b))
+    index, radius = _whitened_distance(a, best), TRUST
     for _ in range(steps):
-        moved = tangent(_along(a, best, radius, free=False).setting)
-        now = _apart(a, moved)
+        moved = tangent(_match_on_tangent(a, best, radius, free=False).setting)
+        now = _whitened_distance(a, moved)
         if now >= index:
             radius /= 3.0
             continue
@@ -66,13 +68,13 @@ def refined(a: Tangent, fan_b: Sequence[Tangent], tangent: Callable[[Setting], T
     return Match(best.setting, index, _rms(a.signature, best.signature), refined=True)
 
 
-def _along(a: Tangent, b: Tangent, trust: float, free: bool = True) -> Match:
+def _match_on_tangent(a: Tangent, b: Tangent, trust: float, free: bool = True) -> Match:
     """Return how near B's tangent comes to A: bounded linear least squares, shape parameters inside `trust`.
 
     With `free`, magnitudes may move over all of their range.
     """
     goal = b.q.T @ (a.force - b.force)
-    move = _bounded(b.r, goal, *_box(b.setting, trust, free))
+    move = _solve_bounded_step(b.r, goal, *_box(b.setting, trust, free))
     index = float(np.linalg.norm(a.force - b.force - b.q @ (b.r @ move)))
     return Match(from_unit(b.setting.effect, to_unit(b.setting) + move), index, _rms(a.signature, b.signature, move))
 
@@ -84,7 +86,7 @@ def _box(setting: Setting, trust: float, free: bool) -> tuple[F, F]:
     return np.maximum(-point, -reach), np.minimum(1.0 - point, reach)
 
 
-def _bounded(r: F, goal: F, low: F, high: F) -> F:
+def _solve_bounded_step(r: F, goal: F, low: F, high: F) -> F:
     """Return the move (p,) inside [low, high] that brings `r` @ move nearest to `goal`."""
     move: F = np.asarray(np.linalg.lstsq(r, goal, rcond=1e-9)[0], dtype=np.float64)
     if np.all((move >= low) & (move <= high)):
@@ -96,7 +98,7 @@ def _bounded(r: F, goal: F, low: F, high: F) -> F:
     return np.clip(bounded, low, high)
 
 
-def _apart(a: Tangent, b: Tangent) -> float:
+def _whitened_distance(a: Tangent, b: Tangent) -> float:
     return float(np.linalg.norm(a.force - b.force))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Plant
-from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.trace import Trace
 
 F = NDArray[np.float64]
@@ -88,11 +88,11 @@ class Probe:
 
     def tangent(self, setting: Setting) -> Tangent:
         """Return the tangent at `setting`."""
-        return whitened(self.signature(setting), self.whiten)
+        return whiten_signature(self.signature(setting), self.whiten)
 
     def size(self, setting: Setting) -> float:
         """Return the norm of the whitened signature."""
-        return float(np.linalg.norm(_joined(self.forces(setting), self.whiten)))
+        return float(np.linalg.norm(_whiten_forces(self.forces(setting), self.whiten)))
 
     def _forces(self, composition: Composition) -> list[F]:
         return [p.with_effects(composition, t, alone=a) for t, (p, a) in zip(self.traces, self._plants, strict=True)]
@@ -107,18 +107,18 @@ class Probe:
         return self._forces(self.around)
 
 
-def whitened(taken: Signature, whiten: Whiten) -> Tangent:
+def whiten_signature(taken: Signature, whiten: Whiten) -> Tangent:
     """Return the tangent of a signature."""
     count = len(taken.setting.values)
-    force = _joined(taken.forces, whiten)
+    force = _whiten_forces(taken.forces, whiten)
     columns = np.empty((len(force), count))
     for j in range(count):
-        columns[:, j] = _joined([c[:, j] for c in taken.columns], whiten)
+        columns[:, j] = _whiten_forces([c[:, j] for c in taken.columns], whiten)
     q, r = np.linalg.qr(columns)
     return Tangent(taken, force, q, r)
 
 
-def fan(probe: Probe, fitted: Tangent, size: float) -> list[Tangent]:
+def sample_tangents(probe: Probe, fitted: Tangent, size: float) -> list[Tangent]:
     """Return tangents of an effect at its fitted values and at a few of its starts.
 
     There its magnitudes are scaled for a signature of norm `size`, that of the gap.
@@ -126,7 +126,7 @@ def fan(probe: Probe, fitted: Tangent, size: float) -> list[Tangent]:
     effect = fitted.setting.effect
     count = min(RERUN_FAN if effect.reruns else FAN, max((len(p.starts) for p in effect.parameters), default=0))
     starts = [Setting(effect, tuple(p.starts[k % len(p.starts)] for p in effect.parameters)) for k in range(count)]
-    points = dict.fromkeys(_scaled(s, size / max(probe.size(s), 1e-9 * size)) for s in starts)
+    points = dict.fromkeys(_scale_setting(s, size / max(probe.size(s), 1e-9 * size)) for s in starts)
     return [fitted, *(probe.tangent(p) for p in points if p != fitted.setting)]
 
 
@@ -142,18 +142,18 @@ def from_unit(effect: Effect, point: F) -> Setting:
     return Setting(effect, tuple(p.to_value(p.search_bounds()[0] + float(u) * _width(p)) for p, u in pairs))
 
 
-def _width(parameter: Parameter) -> float:
+def _width(parameter: EffectParameter) -> float:
     low, high = parameter.search_bounds()
     return max(high - low, 1e-300)
 
 
-def _scaled(setting: Setting, factor: float) -> Setting:
+def _scale_setting(setting: Setting, factor: float) -> Setting:
     """Return the setting with its magnitudes moved away from their neutral values by `factor`, inside the bounds."""
     pairs = zip(setting.effect.parameters, setting.values, strict=True)
-    return Setting(setting.effect, tuple(_magnified(p, v, factor) if p.magnitude else v for p, v in pairs))
+    return Setting(setting.effect, tuple(_scale_magnitude(p, v, factor) if p.magnitude else v for p, v in pairs))
 
 
-def _magnified(parameter: Parameter, value: float, factor: float) -> float:
+def _scale_magnitude(parameter: EffectParameter, value: float, factor: float) -> float:
     if parameter.scale == "inverse":
         value /= max(factor, 1e-12)
     else:
@@ -161,5 +161,5 @@ def _magnified(parameter: Parameter, value: float, factor: float) -> float:
     return float(min(max(value, parameter.low), parameter.high))
 
 
-def _joined(forces: Sequence[F], whiten: Whiten) -> F:
+def _whiten_forces(forces: Sequence[F], whiten: Whiten) -> F:
     return np.concatenate([whiten(k, f) for k, f in enumerate(forces)])

@@ -17,19 +17,19 @@ Rng = np.random.Generator
 Recipe = Mapping[str, Any]
 
 FINE_S = 0.5e-3  # [s] the rig's own grid
-THINNED = 2  # every second tick is kept: 1 kHz
+DECIMATION = 2  # every second tick is kept: 1 kHz
 FADE_S = 0.5  # [s] if a stroke names none
 CORNER_S = 0.02  # [s] if a triangle names none
 
 
-def commanded(recipe: Recipe) -> tuple[F, F, F]:
+def generate_waveforms(recipe: Recipe) -> tuple[F, F, F]:
     """Return `time_s`, `position_m` and `current_A` (n,) at 1 kHz; raises KeyError for kinds it does not know."""
     time = np.arange(round(recipe["duration_s"] / FINE_S) + 1) * FINE_S
     stroke, current = recipe["stroke"], recipe["current"]
     shape = STROKES[stroke["kind"]](stroke, time, np.random.default_rng([recipe["seed"], 0]))
     position = stroke.get("offset_m", 0.0) + shape * _fade(time, stroke.get("fade_s", FADE_S))
     level = CURRENTS[current["kind"]](current, time, np.random.default_rng([recipe["seed"], 1]))
-    return time[::THINNED], position[::THINNED], level[::THINNED]
+    return time[::DECIMATION], position[::DECIMATION], level[::DECIMATION]
 
 
 def _rest(given: Recipe, time: F, rng: Rng) -> F:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.baseline.noise import Noise
+from ces_gap.baseline.noise import NoiseModel
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition
 from ces_gap.trace import Trace
@@ -22,11 +22,11 @@ F = NDArray[np.float64]
 
 UNITS = 4  # data are cut into at least so many parts, each left out once
 BLOCK_S = 0.5  # [s] of a block whose residuals count as one in standard errors
-LEAST_MODE = 0.01  # variance, over the noise's, from which a direction of the discrepancy is marginalised
+MIN_MODE_VARIANCE = 0.01  # variance, over the noise's, from which a direction of the discrepancy is marginalised
 
 
 @dataclass(frozen=True)
-class Unit:
+class EvidenceUnit:
     """A part of one trace that is left out as a whole: its ticks (r,), and directions (r, m) with how much to take off.
 
     `block` (r,) numbers the blocks.
@@ -35,16 +35,18 @@ class Unit:
     trace: int
     ticks: NDArray[np.int64]
     directions: F
-    taken: F
+    removed_shares: F
     block: NDArray[np.int64]
 
-    def whiten(self, noise: Noise, values: F) -> F:
+    def whiten(self, noise: NoiseModel, values: F) -> F:
         """Return the whitened rows of `values` (n,) or (n, k) on the trace's grid."""
-        rows: F = noise.whitened(values)[self.ticks]
-        if not len(self.taken):
+        rows: F = noise.whiten(values)[self.ticks]
+        if not len(self.removed_shares):
             return rows
         inside = self.directions.T @ rows
-        return rows - self.directions @ ((self.taken if rows.ndim == 1 else self.taken[:, None]) * inside)
+        return rows - self.directions @ (
+            (self.removed_shares if rows.ndim == 1 else self.removed_shares[:, None]) * inside
+        )
 
 
 @dataclass(frozen=True)
@@ -54,13 +56,13 @@ class Evidence:
     traces: tuple[Trace, ...]
     plants: tuple[Plant, ...]  # the plant prepared for each trace
     alone: tuple[F, ...]
-    noise: Noise
-    units: tuple[Unit, ...]
+    noise: NoiseModel
+    units: tuple[EvidenceUnit, ...]
     noise_known: bool = True
 
-    def scaled(self, factor: float) -> Evidence:
+    def scale_noise(self, factor: float) -> Evidence:
         """Return the evidence with `factor` times the noise."""
-        return replace(self, noise=self.noise.scaled(factor))
+        return replace(self, noise=self.noise.scale(factor))
 
     def forces(self, composition: Composition) -> list[F]:
         """Return the force [N] with the effects around the plant, on each trace."""
@@ -91,7 +93,7 @@ class Evidence:
 
 
 def gather(
-    traces: Sequence[Trace], plant: Plant, noise: Noise, features: Sequence[F], covariance: F | None
+    traces: Sequence[Trace], plant: Plant, noise: NoiseModel, features: Sequence[F], covariance: F | None
 ) -> Evidence:
     """Return the evidence of some traces.
 
@@ -103,12 +105,12 @@ def gather(
     parts = 1 if len(traces) >= UNITS else -(-UNITS // len(traces))
     units = []
     for number, trace in enumerate(traces):
-        ticks = np.flatnonzero(noise.clean(trace.usable))
-        rows = noise.whitened(features[number])
+        ticks = np.flatnonzero(noise.usable_after_whitening(trace.usable))
+        rows = noise.whiten(features[number])
         for part in np.array_split(ticks, parts):
             directions, taken = _directions(rows[part], covariance)
             block = np.unique((part / (BLOCK_S * trace.rate_Hz)).astype(np.int64), return_inverse=True)[1]
-            units.append(Unit(number, part, directions, taken, block))
+            units.append(EvidenceUnit(number, part, directions, taken, block))
     return Evidence(tuple(traces), plants, alone, noise, tuple(units), covariance is not None)
 
 
@@ -120,6 +122,6 @@ def _directions(rows: F, covariance: F | None) -> tuple[F, F]:
     values, vectors = np.linalg.eigh(covariance)
     spread = rows @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     variance, turn = np.linalg.eigh(spread.T @ spread)
-    keep = variance > LEAST_MODE
+    keep = variance > MIN_MODE_VARIANCE
     directions = spread @ (turn[:, keep] / np.sqrt(variance[keep]))
     return directions, 1.0 - 1.0 / np.sqrt(1.0 + variance[keep])

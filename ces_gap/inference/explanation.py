@@ -21,7 +21,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Explained:
+class Explanation:
     """What an effect, or several together, explain. Shrink and gap are on held-out recordings, noise taken out."""
 
     effects: tuple[str, ...]

@@ -22,12 +22,12 @@ ITERATIONS = 8
 STEP = 1e-3  # of a parameter's range: step of the difference quotients
 ENOUGH = 3e-4  # stop when an iteration explains less than this share of the gap's energy
 HOPELESS = 0.005  # stop when all of it together explains less than this share
-MOST_STARTS = 6
+MAX_STARTS = 6
 NEAR_BOUND = 1e-3  # of the range: nearer than this, a parameter sticks to its bound
 
 
 @dataclass(frozen=True)
-class Fit:
+class EffectFit:
     """Effects fitted together.
 
     `searched` (p,) are the parameters as searched; `residual` (r,) and `jacobian` (r, p) whitened, the Jacobian that of
@@ -46,7 +46,7 @@ class Fit:
     @property
     def composition(self) -> Composition:
         """The effects with their values."""
-        return settings(self.effects, self.searched)
+        return make_composition(self.effects, self.searched)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -59,7 +59,7 @@ class Fit:
         return float(self.left_out @ self.left_out)
 
 
-def settings(effects: Sequence[Effect], searched: F) -> Composition:
+def make_composition(effects: Sequence[Effect], searched: F) -> Composition:
     """Return the composition of effects at searched values (p,)."""
     made, first = [], 0
     for effect in effects:
@@ -76,15 +76,15 @@ def bounds(effects: Sequence[Effect]) -> tuple[F, F]:
     return np.array([low for low, _ in pairs]), np.array([high for _, high in pairs])
 
 
-def fit_alone(evidence: Evidence, effect: Effect) -> Fit:
+def fit_alone(evidence: Evidence, effect: Effect) -> EffectFit:
     """Return the best fit of one effect from its starts."""
     objective = _Objective(evidence, (effect,))
-    tried = [_scaled(objective, start) for start in starts(evidence, effect)]
+    tried = [_scale_start(objective, start) for start in starts(evidence, effect)]
     tried.sort(key=lambda pair: float(pair[1] @ pair[1]))
     return polish(evidence, (effect,), tried[0][0], objective)
 
 
-def fit_together(evidence: Evidence, parts: Sequence[Fit]) -> Fit:
+def fit_together(evidence: Evidence, parts: Sequence[EffectFit]) -> EffectFit:
     """Return the joint fit of the effects of some fits, begun where they ended."""
     effects = tuple(e for part in parts for e in part.effects)
     return polish(evidence, effects, np.concatenate([part.searched for part in parts]))
@@ -93,7 +93,7 @@ def fit_together(evidence: Evidence, parts: Sequence[Fit]) -> Fit:
 def starts(evidence: Evidence, effect: Effect) -> list[F]:
     """Return where to begin (each (p,)): the effect's own starts for these traces, or products of its parameters'."""
     values = effect.starts_for(_widest(evidence)) or Effect.starts_for(effect, _widest(evidence))
-    spaced = values[:: max(1, -(-len(values) // MOST_STARTS))]
+    spaced = values[:: max(1, -(-len(values) // MAX_STARTS))]
     searched = [[p.to_search(x) for p, x in zip(effect.parameters, v, strict=True)] for v in spaced]
     low, high = bounds((effect,))
     return [np.clip(np.array(u), low, high) for u in searched]
@@ -110,10 +110,10 @@ class _Objective:
     def __init__(self, evidence: Evidence, effects: tuple[Effect, ...]) -> None:
         self.evidence, self.effects = evidence, effects
         self.low, self.high = bounds(effects)
-        self.none = evidence.residual(evidence.alone)
+        self.baseline_residual = evidence.residual(evidence.alone)
 
     def __call__(self, searched: F) -> F:
-        residual = self.evidence.residual(self.evidence.forces(settings(self.effects, searched)))
+        residual = self.evidence.residual(self.evidence.forces(make_composition(self.effects, searched)))
         return residual if np.isfinite(residual).all() else np.full_like(residual, 1e6)
 
     def jacobian(self, searched: F, residual: F) -> F:
@@ -132,18 +132,18 @@ class _Objective:
         return float(step if searched[k] + step <= self.high[k] else -step)
 
 
-def _scaled(objective: _Objective, start: F) -> tuple[F, F]:
+def _scale_start(objective: _Objective, start: F) -> tuple[F, F]:
     """Return the start with its magnitude scaled to fit best, and the residual there."""
     at = objective(start)
     parameters = [p for e in objective.effects for p in e.parameters]
     magnitudes = [k for k, p in enumerate(parameters) if p.magnitude and p.scale != "log"]
     if not magnitudes:
         return start, at
-    signature = objective.none - at
+    signature = objective.baseline_residual - at
     size = float(signature @ signature)
     if size <= 0.0:
         return start, at
-    factor = float(signature @ objective.none) / size
+    factor = float(signature @ objective.baseline_residual) / size
     scaled = start.copy()
     for k in magnitudes:
         neutral = parameters[k].to_search(parameters[k].neutral) if np.isfinite(parameters[k].neutral) else 0.0
@@ -153,13 +153,13 @@ def _scaled(objective: _Objective, start: F) -> tuple[F, F]:
     return (scaled, there) if there @ there < at @ at else (start, at)
 
 
-def polish(evidence: Evidence, effects: tuple[Effect, ...], start: F, objective: _Objective | None = None) -> Fit:
+def polish(evidence: Evidence, effects: tuple[Effect, ...], start: F, objective: _Objective | None = None) -> EffectFit:
     """Return the fit that Levenberg-Marquardt reaches from `start` (p,) inside the bounds."""
     goal = objective or _Objective(evidence, effects)
     searched = np.clip(start, goal.low, goal.high)
     residual = goal(searched)
     jacobian = goal.jacobian(searched, residual)
-    damping, whole = 1e-3, float(goal.none @ goal.none)
+    damping, whole = 1e-3, float(goal.baseline_residual @ goal.baseline_residual)
     for _ in range(ITERATIONS):
         before = float(residual @ residual)
         moved, there, damping = _descend(goal, searched, residual, jacobian, damping)
@@ -170,7 +170,7 @@ def polish(evidence: Evidence, effects: tuple[Effect, ...], start: F, objective:
         after = float(residual @ residual)
         if before - after < ENOUGH * whole or whole - after < HOPELESS * whole:
             break
-    return _finished(evidence, effects, goal, searched, residual, jacobian)
+    return _complete_fit(evidence, effects, goal, searched, residual, jacobian)
 
 
 def _descend(goal: _Objective, searched: F, residual: F, jacobian: F, damping: float) -> tuple[F, F | None, float]:
@@ -211,9 +211,9 @@ def _bounded_step(jacobian: F, residual: F, at: F, low: F, high: F, damping: flo
     return step
 
 
-def _finished(
+def _complete_fit(
     evidence: Evidence, effects: tuple[Effect, ...], goal: _Objective, searched: F, residual: F, jacobian: F
-) -> Fit:
+) -> EffectFit:
     unit, left_out = evidence.unit_of_row, residual.copy()
     by_unit = np.tile(searched, (len(evidence.units), 1))
     for k in range(len(evidence.units)):
@@ -221,7 +221,9 @@ def _finished(
         step = _bounded_step(jacobian[~out], residual[~out], searched, goal.low, goal.high, 1e-6)
         left_out[out] = residual[out] - jacobian[out] @ step
         by_unit[k] += step
-    return Fit(effects, searched, residual, jacobian, left_out, by_unit, _covariance(evidence, residual, jacobian))
+    return EffectFit(
+        effects, searched, residual, jacobian, left_out, by_unit, _covariance(evidence, residual, jacobian)
+    )
 
 
 def _covariance(evidence: Evidence, residual: F, jacobian: F) -> F:

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.effects.effect import Composition
-from ces_gap.inference.comparison import gain
+from ces_gap.inference.comparison import compute_paired_gain
 from ces_gap.inference.decide import Decision
-from ces_gap.inference.explaining import HeldOutScorer, build_scorer
-from ces_gap.inference.explanation import Explained, Interval
-from ces_gap.inference.fit import Fit
+from ces_gap.inference.explanation import Explanation, Interval
+from ces_gap.inference.explanations import HeldOutScorer, build_scorer
+from ces_gap.inference.fit import EffectFit
 from ces_gap.inference.learn_baseline import Baseline
-from ces_gap.inference.search import Found
-from ces_gap.inference.shrinkage import cut
+from ces_gap.inference.search import EffectSearchResult
+from ces_gap.inference.shrinkage import cut_into_blocks
 from ces_gap.inference.verdict import NO_GAP
 from ces_gap.intake.prepare import DiagnosisInput
 from ces_gap.progress import Progress, ignore_progress
@@ -44,7 +44,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Series:
+class HeldOutSeries:
     """One held-out recording for the plots: forces [N] (n,) of simulation as given, corrected, and with the effects."""
 
     trace: Trace
@@ -61,15 +61,15 @@ class HeldOutScores:
 
     gap: Gap
     ceiling_after_N: float
-    causes: tuple[Explained, ...]
-    composition: Explained
-    series: tuple[Series, ...]
+    causes: tuple[Explanation, ...]
+    composition: Explanation
+    series: tuple[HeldOutSeries, ...]
 
 
 def score_held_out(
     inputs: DiagnosisInput,
     baseline: Baseline,
-    found: Found,
+    found: EffectSearchResult,
     decision: Decision,
     seed: int,
     progress: Progress = ignore_progress,
@@ -79,7 +79,7 @@ def score_held_out(
     Noise counts as no more than the references, or the best explanation and the learner, leave.
     """
     taught_N = found.evidence.noise.rms_N if inputs.reference else np.inf
-    blocks = cut(inputs.held_out, seed, min(taught_N, decision.rest_N))
+    blocks = cut_into_blocks(inputs.held_out, seed, min(taught_N, decision.rest_N))
     scorer = build_scorer(blocks, baseline.plant, inputs.best)
     best = None if decision.verdict == NO_GAP else found.best
     forces = tuple(scorer.alone if best is None else scorer.forces(best, True))
@@ -90,17 +90,17 @@ def score_held_out(
         ceiling_after_N=blocks.rms(ceiling)[0],
         causes=_causes(scorer, found, decision, {} if best is None else {best.composition: forces}, progress),
         composition=together,
-        series=tuple(Series(*row) for row in zip(blocks.traces, scorer.alone, forces, strict=True)),
+        series=tuple(HeldOutSeries(*row) for row in zip(blocks.traces, scorer.alone, forces, strict=True)),
     )
 
 
 def _causes(
     scorer: HeldOutScorer,
-    found: Found,
+    found: EffectSearchResult,
     decision: Decision,
     known: dict[Composition, tuple[F, ...]],
     progress: Progress,
-) -> tuple[Explained, ...]:
+) -> tuple[Explanation, ...]:
     """Return each effect alone, the most probable first; `known` are forces [N] that need not be computed again."""
     odds, inside = decision.probabilities.effects, found.best.names if found.best is not None else ()
     ranked = sorted(found.alone, key=lambda f: (-odds[f.names[0]], f.names[0] not in inside, f.cost))
@@ -113,9 +113,9 @@ def _causes(
     return tuple(causes)
 
 
-def _with_gain(explained: Explained, found: Found, fit: Fit) -> Explained:
+def _with_gain(explained: Explanation, found: EffectSearchResult, fit: EffectFit) -> Explanation:
     """Return the explanation with the share of the gap's energy that the fit gains on the parts left out."""
-    gained = gain(found.evidence, found.none, fit.left_out)
+    gained = compute_paired_gain(found.evidence, found.baseline_residual, fit.left_out)
     return replace(explained, gain=gained.energy / found.gap_energy, gain_error=gained.error / found.gap_energy)
 
 
@@ -130,5 +130,5 @@ def _gap(scorer: HeldOutScorer, corrected: bool) -> Gap:
 def _cost_J(traces: Sequence[Trace]) -> float:
     """Return the cost J [%] of the simulation as given (thesis eq. 3.5)."""
     force = np.concatenate([t.force[t.usable] for t in traces])
-    given = np.concatenate([t.as_given[t.usable] for t in traces])
+    given = np.concatenate([t.simulated_as_logged[t.usable] for t in traces])
     return 100.0 * float(np.linalg.norm(force - given) / max(float(np.linalg.norm(force - force.mean())), 1e-9))

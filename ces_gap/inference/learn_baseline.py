@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ces_gap.baseline.ceiling import Ceiling, learn_ceiling
-from ces_gap.baseline.correction import LearntCorrection, learn_correction
-from ces_gap.baseline.noise import white
+from ces_gap.baseline.correction import LearnedCorrection, learn_correction
+from ces_gap.baseline.noise import make_white_noise
 from ces_gap.baseline.plant import Plant
 from ces_gap.inference.evidence import Evidence, gather
 from ces_gap.inference.static_map import static_features
@@ -22,7 +22,7 @@ class Baseline:
     """
 
     plant: Plant
-    correction: LearntCorrection | None
+    correction: LearnedCorrection | None
     evidence: Evidence
     ceiling: Ceiling
 
@@ -41,6 +41,6 @@ def learn_baseline(inputs: DiagnosisInput) -> Baseline:
 def _without_references(inputs: DiagnosisInput) -> Baseline:
     """Return the same with noise of no less than what the generic learner leaves."""
     ceiling = learn_ceiling(inputs.real, [t.simulated for t in inputs.real])
-    noise = white(max(ceiling.learnt.noise.rms_N, *(t.noise_N for t in inputs.real)))
+    noise = make_white_noise(max(ceiling.learnt.noise.rms_N, *(t.noise_N for t in inputs.real)))
     plant = Plant(inputs.cheap)
     return Baseline(plant, None, gather(inputs.real, plant, noise, static_features(inputs.real), None), ceiling)

@@ -43,12 +43,12 @@ class Blocks:
 
     def shrink(self, before: F, after: F) -> tuple[float, Interval]:
         """Return 1 - RMS after / RMS before of two energies (b,) and its 95 % interval; 0 without a gap before."""
-        low, high = np.percentile(_shrunk(before[self.drawn].sum(1), after[self.drawn].sum(1)), [2.5, 97.5])
-        return float(_shrunk(before.sum(), after.sum())), (float(low), float(high))
+        low, high = np.percentile(_compute_shrink(before[self.drawn].sum(1), after[self.drawn].sum(1)), [2.5, 97.5])
+        return float(_compute_shrink(before.sum(), after.sum())), (float(low), float(high))
 
 
-def cut(traces: Sequence[Trace], seed: int, most_N: float = np.inf) -> Blocks:
-    """Return the blocks of some held-out recordings, with noise of no more than `most_N` RMS [N] on any.
+def cut_into_blocks(traces: Sequence[Trace], seed: int, max_noise_N: float = np.inf) -> Blocks:
+    """Return the blocks of some held-out recordings, with noise of no more than `max_noise_N` RMS [N] on any.
 
     What a recording's highest frequencies hold may be the damper's, and is no more than an upper bound of the noise.
     """
@@ -59,13 +59,13 @@ def cut(traces: Sequence[Trace], seed: int, most_N: float = np.inf) -> Blocks:
         first = int(blocks[-1]) + 1
     ticks = sum(np.bincount(n, t.usable.astype(np.float64), first) for t, n in zip(traces, number, strict=True))
     noise = sum(
-        np.bincount(n, t.usable * min(t.noise_N, most_N) ** 2, first) for t, n in zip(traces, number, strict=True)
+        np.bincount(n, t.usable * min(t.noise_N, max_noise_N) ** 2, first) for t, n in zip(traces, number, strict=True)
     )
     drawn = np.random.default_rng(seed).integers(0, first, (RESAMPLES, first))
     return Blocks(tuple(traces), np.asarray(ticks), np.asarray(noise), tuple(number), drawn)
 
 
-def _shrunk(before: F | np.float64, after: F | np.float64) -> F:
+def _compute_shrink(before: F | np.float64, after: F | np.float64) -> F:
     """Return 1 - sqrt(after / before), 0 where nothing was there before."""
     there = np.asarray(before) > 0.0
     return np.asarray(np.where(there, 1.0 - _root(after) / _root(np.where(there, before, 1.0)), 0.0))

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from ces_gap.baseline.dictionary import SAME_CURRENT
 from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.fit import Fit
+from ces_gap.inference.fit import EffectFit
 from ces_gap.trace import Trace
 
 F = NDArray[np.float64]
 
-ABSORBED = 0.8  # share of a signature's energy inside the map from which the effect is not separable
+MIN_ABSORBED_SHARE = 0.8  # share of a signature's energy inside the map from which the effect is not separable
 
 
 def static_features(traces: Sequence[Trace]) -> list[F]:
@@ -46,14 +46,14 @@ def _powers(x: F, v: F, i: F | None) -> F:
     return np.stack(columns, axis=1)
 
 
-def absorbed_by_map(evidence: Evidence, fits: Sequence[Fit]) -> tuple[str, ...]:
+def find_absorbed_effects(evidence: Evidence, fits: Sequence[EffectFit]) -> tuple[str, ...]:
     """Return the effects whose signatures lie mostly inside the map."""
     absorbed = []
     for fit in fits:
         forces = evidence.forces(fit.composition)
         added = [f - a for f, a in zip(forces, evidence.alone, strict=True)]
-        whole = np.concatenate([evidence.noise.whitened(added[u.trace])[u.ticks] for u in evidence.units])
+        whole = np.concatenate([evidence.noise.whiten(added[u.trace])[u.ticks] for u in evidence.units])
         left = evidence.whiten(added)
-        if left @ left < (1.0 - ABSORBED) * (whole @ whole):
+        if left @ left < (1.0 - MIN_ABSORBED_SHARE) * (whole @ whole):
             absorbed.append(fit.names[0])
     return tuple(absorbed)

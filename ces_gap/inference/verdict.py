@@ -18,11 +18,11 @@ F = NDArray[np.float64]
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
 POSSIBLE = 0.1  # probability from which an effect that is not named makes a verdict ambiguous
-FLOOR = 0.01  # of the gap's energy: unexplained shares below this are alike
+NEGLIGIBLE_SHARE = 0.01  # of the gap's energy: unexplained shares below this are alike
 
 
 @dataclass(frozen=True)
-class Figures:
+class VerdictFigures:
     """What decides. Shares are of the gap's energy above the noise, whitened, on units left out.
 
     `energy` is that energy over the noise's; `gain_z` the best explanation's gain over its error; `ceiling_z` that of
@@ -71,36 +71,36 @@ def calibration() -> Calibration:
     return Calibration(gap, unknown, *(float(given[name]) for name in ("sharpness", "least_gap", "least_known")))
 
 
-def gap_features(figures: Figures) -> F:
+def gap_features(figures: VerdictFigures) -> F:
     """Return what the probability of a gap is made of."""
     z = max(figures.gain_z, figures.ceiling_z, figures.energy, 0.1)  # a gap above a known noise needs no explanation
     return np.array([1.0, np.log(max(figures.energy, 1e-3)), np.log(z)])
 
 
-def unknown_features(figures: Figures) -> F:
+def unknown_features(figures: VerdictFigures) -> F:
     """Return what the probability of something unknown is made of."""
-    share = float(np.clip(figures.unexplained, FLOOR, 2.0))
+    share = float(np.clip(figures.unexplained, NEGLIGIBLE_SHARE, 2.0))
     return np.array([1.0, np.log(share), float(np.clip(figures.learnable, 0.0, 1.0)), float(figures.stuck > 0)])
 
 
 def probabilities(
-    figures: Figures, unexplained: Mapping[str, float], composition: Sequence[str], weights: Calibration
+    figures: VerdictFigures, unexplained: Mapping[str, float], composition: Sequence[str], weights: Calibration
 ) -> Probabilities:
     """Return the probabilities, given what each effect leaves unexplained and which compose the best one.
 
-    An effect leaves what it leaves alone, or less in the place of one of the best (`rivals.least_left`).
+    An effect leaves what it leaves alone, or less in the place of one of the best (`rivals.min_unexplained_shares`).
     """
     none = 1.0 - _logistic(gap_features(figures) @ np.array(weights.gap))
     unknown = (1.0 - none) * _logistic(unknown_features(figures) @ np.array(weights.unknown))
     names = list(unexplained)
-    left = np.log(np.maximum(np.array([unexplained[n] for n in names]), 0.0) + FLOOR)
-    left[[n in composition for n in names]] = min(np.log(max(figures.unexplained, 0.0) + FLOOR), left.min())
+    left = np.log(np.maximum(np.array([unexplained[n] for n in names]), 0.0) + NEGLIGIBLE_SHARE)
+    left[[n in composition for n in names]] = min(np.log(max(figures.unexplained, 0.0) + NEGLIGIBLE_SHARE), left.min())
     share = np.exp(-weights.sharpness * (left - left.min()))
     share *= (1.0 - none - unknown) / share.sum()
     return Probabilities(none, unknown, dict(zip(names, share.tolist(), strict=True)))
 
 
-def rivalled(named: Sequence[str], odds: Probabilities) -> bool:
+def has_alternatives(named: Sequence[str], odds: Probabilities) -> bool:
     """Return True if an effect that is not named is possible, too."""
     return any(p >= POSSIBLE for name, p in odds.effects.items() if name not in named)
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ces_gap.effects.effect import Effect
 from ces_gap.errors import GapError
+from ces_gap.intake.force_units import MIN_CORRELATION, compare_forces, require_same_sign_and_unit
 from ces_gap.intake.operating_range import outside_notes
 from ces_gap.intake.saturation import saturation_notes
-from ces_gap.intake.units import GOES_WITH, likeness, require_same_sense
 from ces_gap.trace import Trace
 from ces_identify.recordings.consistency import require_consistent
 from ces_identify.recordings.recording import Recording
@@ -36,7 +36,7 @@ def require_distinct(real: Sequence[Recording], held_out: Sequence[Recording], r
     given = [*((REAL, r) for r in real), *((HELD_OUT, r) for r in held_out), *((REFERENCE, r) for r in reference)]
     for (one, first), (other, second) in combinations(given, 2):
         if _same(first, second):
-            raise GapError(_told_twice(one, first, other, second))
+            raise GapError(_describe_duplicate(one, first, other, second))
 
 
 def check_recordings(
@@ -60,22 +60,22 @@ def check_traces(traces: Sequence[Trace], simulation: Simulation, name: str) -> 
 
     Raises GapError if it has the wrong sign or unit, or if the recordings lie outside what it was made for.
     """
-    require_same_sense(traces, name)
-    notes = [*outside_notes(traces, simulation, name), *_unlike(traces, name)]
-    notes += [*_unsimulated(traces, name), *_slow(traces)]
-    if constant_current(traces):
+    require_same_sign_and_unit(traces, name)
+    notes = [*outside_notes(traces, simulation, name), *_correlation_notes(traces, name)]
+    notes += [*_missing_force_notes(traces, name), *_slow_motion_notes(traces)]
+    if is_current_constant(traces):
         level = float(np.mean([t.inputs.current[t.usable].mean() for t in traces]))
         notes.append(f"the current stays at {level:.3g} A: what the valve does cannot be seen")
     return tuple(notes)
 
 
-def constant_current(traces: Sequence[Trace]) -> bool:
+def is_current_constant(traces: Sequence[Trace]) -> bool:
     """True if the current never changes, from recording to recording either."""
     current = _current(traces)
     return bool(len(current)) and float(current.std()) <= SAME_CURRENT * max(abs(float(current.mean())), NO_CURRENT)
 
 
-def invisible(effects: Sequence[Effect], traces: Sequence[Trace]) -> tuple[tuple[str, str], ...]:
+def find_invisible_effects(effects: Sequence[Effect], traces: Sequence[Trace]) -> tuple[tuple[str, str], ...]:
     """Return the effects that these recordings cannot show in any form, each with the reason.
 
     An effect tells in its `needs` what it lives on; what is looked for there is a current that changes, turns back, or
@@ -84,7 +84,7 @@ def invisible(effects: Sequence[Effect], traces: Sequence[Trace]) -> tuple[tuple
     reasons: dict[str, str] = {}
     seen: set[str] = set()
     for effect in effects:
-        reason = unseen(effect, traces)
+        reason = explain_invisibility(effect, traces)
         if reason is None:
             seen.add(effect.name)
         else:
@@ -92,9 +92,9 @@ def invisible(effects: Sequence[Effect], traces: Sequence[Trace]) -> tuple[tuple
     return tuple((name, reason) for name, reason in reasons.items() if name not in seen)
 
 
-def unseen(effect: Effect, traces: Sequence[Trace]) -> str | None:
+def explain_invisibility(effect: Effect, traces: Sequence[Trace]) -> str | None:
     """Return why these recordings cannot show this form of an effect, None if they can."""
-    if "current" not in effect.needs or not constant_current(traces):
+    if "current" not in effect.needs or not is_current_constant(traces):
         return None
     level = float(np.abs(_current(traces)).mean())
     if "zero" in effect.needs and level > NO_CURRENT:
@@ -112,7 +112,7 @@ def _same(one: Recording, other: Recording) -> bool:
     )
 
 
-def _told_twice(one: str, first: Recording, other: str, second: Recording) -> str:
+def _describe_duplicate(one: str, first: Recording, other: str, second: Recording) -> str:
     names = first.name if first.name == second.name else f"{first.name} and {second.name}"
     if one == other:
         return f"{names}: the same recording twice under {one}; give each once"
@@ -127,16 +127,16 @@ def _current(traces: Sequence[Trace]) -> F:
     return np.concatenate([t.inputs.current[t.usable] for t in traces])
 
 
-def _unlike(traces: Sequence[Trace], name: str) -> Iterator[str]:
-    correlation = likeness(traces).correlation
-    if abs(correlation) < GOES_WITH:
+def _correlation_notes(traces: Sequence[Trace], name: str) -> Iterator[str]:
+    correlation = compare_forces(traces).correlation
+    if abs(correlation) < MIN_CORRELATION:
         yield (
             f"the force of {name} hardly goes with the measured one (correlation {correlation:.2f}): is it a "
             "simulation of this damper, and are the signals the right ones?"
         )
 
 
-def _unsimulated(traces: Sequence[Trace], name: str) -> Iterator[str]:
+def _missing_force_notes(traces: Sequence[Trace], name: str) -> Iterator[str]:
     """Tell which recordings are not used in good part; those of one recording are parts of it."""
     wholes: list[tuple[Trace, NDArray[np.bool_]]] = []
     for trace in traces:
@@ -153,7 +153,7 @@ def _unsimulated(traces: Sequence[Trace], name: str) -> Iterator[str]:
             )
 
 
-def _slow(traces: Sequence[Trace]) -> Iterator[str]:
+def _slow_motion_notes(traces: Sequence[Trace]) -> Iterator[str]:
     for trace in traces:
         speed = float(np.percentile(np.abs(trace.inputs.speed[trace.usable]), 99.0))
         if speed < SLOW_M_S:

@@ -14,8 +14,8 @@ from ces_observer.model import Model
 
 F = NDArray[np.float64]
 
-MOST_OUTSIDE = 0.5  # share of the time that a comparison can bear
-MUCH_OUTSIDE = 0.05  # share that is told
+MAX_OUTSIDE_SHARE = 0.5  # share of the time that a comparison can bear
+NOTED_OUTSIDE_SHARE = 0.05  # share that is told
 UNITS = {"position": "m", "speed": "m/s", "current": "A"}
 SLACK = 0.02  # of a range: the differentiator of the model and that of the trace differ
 
@@ -31,14 +31,14 @@ def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) ->
     told = {trace.name: _outside(model, trace) for trace in traces}
     ticks = np.array([int(t.usable.sum()) for t in traces])
     overall = float(ticks @ [told[t.name][0] for t in traces]) / max(int(ticks.sum()), 1)
-    if overall > MOST_OUTSIDE:
+    if overall > MAX_OUTSIDE_SHARE:
         worst = max(told, key=lambda n: told[n][0])
         raise GapError(
             f"{name}: outside the range it was identified on for {overall:.0%} of the time, most in {worst} "
             f"({told[worst][1]}); expected an overlap: identify on recordings like these, or diagnose on others"
         )
     for recording, (share, where) in told.items():
-        if share > MUCH_OUTSIDE:
+        if share > NOTED_OUTSIDE_SHARE:
             yield (
                 f"{recording}: {share:.0%} of the time outside the range {name} was identified on ({where}); part of "
                 "the gap is extrapolation"

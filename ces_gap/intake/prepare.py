@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ces_gap.baseline.plant import Called, Rerun
-from ces_gap.baseline.surrogate import Surrogate, explored, learn_surrogate, recorded
+from ces_gap.baseline.plant import DirectSimulator, TraceSimulator
+from ces_gap.baseline.surrogate import Surrogate, learn_surrogate, make_changed_examples, make_recorded_examples
 from ces_gap.errors import GapError
-from ces_gap.intake.saturation import without_saturated
+from ces_gap.intake.saturation import exclude_saturated_ticks
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, open_trace, require_usable
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation, find_predictions
 
-LEAST_FIT_S = 4.0  # [s] usable for the fit
+MIN_FIT_S = 4.0  # [s] usable for the fit
 PARTS, PART_S = 10, 1.0  # of a single recording, the shortest [s]: every third is set aside
 SLOW_S = 0.025  # [s] of computing: a rerun of all real recordings that is slower is asked seldom
 
@@ -32,17 +32,17 @@ class DiagnosisInput:
     real: tuple[Trace, ...]
     held_out: tuple[Trace, ...]
     reference: tuple[Trace, ...]
-    exact: Rerun | None
-    cheap: Rerun
+    exact: TraceSimulator | None
+    cheap: TraceSimulator
     surrogate: Surrogate | None
 
     @property
-    def best(self) -> Rerun:
+    def best(self) -> TraceSimulator:
         """What reruns the simulation best: itself, or the surrogate of what was only recorded."""
         return self.exact or self.cheap
 
     @property
-    def slow(self) -> Rerun | None:
+    def slow(self) -> TraceSimulator | None:
         """The simulation itself where a surrogate replaces it in the search, None where it is run at once or never."""
         return None if self.surrogate is None else self.exact
 
@@ -62,7 +62,7 @@ def prepare_recordings(
         traces.append([])
         for recording in recordings:
             progress(f"simulating {recording.name}", begun / count)
-            trace = without_saturated(open_trace(simulation, recording, as_given=judged_on))
+            trace = exclude_saturated_ticks(open_trace(simulation, recording, also_as_logged=judged_on))
             require_usable(trace)
             traces[-1].append(trace)
             begun += 1
@@ -70,7 +70,7 @@ def prepare_recordings(
     if not judged:
         fitted, judged = set_aside(fitted)
     _require_length(fitted)
-    exact, cheap, surrogate = _reruns(simulation, fitted, [*judged, *free])
+    exact, cheap, surrogate = _make_simulators(simulation, fitted, [*judged, *free])
     return DiagnosisInput(tuple(fitted), tuple(judged), tuple(free), exact, cheap, surrogate)
 
 
@@ -88,25 +88,25 @@ def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
 
 def _require_length(traces: Sequence[Trace]) -> None:
     seconds = sum(float(t.usable.sum()) / t.rate_Hz for t in traces)
-    if seconds < LEAST_FIT_S:
+    if seconds < MIN_FIT_S:
         raise GapError(
             f"{', '.join(t.name for t in traces)}: {seconds:.1f} s are left to fit on; "
-            f"expected at least {LEAST_FIT_S:g} s; give longer or more --real recordings"
+            f"expected at least {MIN_FIT_S:g} s; give longer or more --real recordings"
         )
 
 
-def _reruns(
+def _make_simulators(
     simulation: Simulation, fitted: Sequence[Trace], others: Sequence[Trace]
-) -> tuple[Rerun | None, Rerun, Surrogate | None]:
+) -> tuple[TraceSimulator | None, TraceSimulator, Surrogate | None]:
     """Return who reruns the simulation exactly and quickly; the slow or only recorded one gets a surrogate."""
     if find_predictions(simulation) is not None:
-        surrogate = learn_surrogate(recorded([*fitted, *others]))
+        surrogate = learn_surrogate(make_recorded_examples([*fitted, *others]))
         return None, surrogate, surrogate
-    called = Called(simulation)
+    called = DirectSimulator(simulation)
     began = time.process_time()
     for trace in fitted:
         called.force(trace, trace.inputs)
     if time.process_time() - began <= SLOW_S:
         return called, called, None
-    surrogate = learn_surrogate([*explored(fitted, called), *recorded(others)])
+    surrogate = learn_surrogate([*make_changed_examples(fitted, called), *make_recorded_examples(others)])
     return called, surrogate, surrogate

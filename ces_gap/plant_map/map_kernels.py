@@ -58,19 +58,19 @@ def _spline(u: float, s: float, table: F) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def warped(speed: float, narrow: float) -> float:
+def warp_speed(speed: float, narrow: float) -> float:
     """Return the speed [m/s] on an axis that is fine near 0: ±(√(1 + |v|/narrow) - 1)."""
     return copysign(sqrt(1.0 + abs(speed) / narrow) - 1.0, speed)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def steep(speed: float, s: float, narrow: float, reach: float, table: F) -> tuple[float, float]:
-    """Return the force [N] and its derivative [N s/m], not negative, of a spline over the `warped` speed by level.
+def map_force_and_slope(speed: float, s: float, narrow: float, reach: float, table: F) -> tuple[float, float]:
+    """Return the force [N] and its derivative [N s/m], not negative, of a spline over the `warp_speed` speed by level.
 
     The spline spans ±`reach` of the warped axis; beyond, the force is constant.
     """
     cells = table.shape[0] - 2
-    at = warped(speed, narrow)
+    at = warp_speed(speed, narrow)
     u = (at / reach + 1.0) * (0.5 * cells)
     if u < 0.0 or u > cells:
         return _spline(min(max(u, 0.0), float(cells)), s, table)[0], 0.0
@@ -79,11 +79,11 @@ def steep(speed: float, s: float, narrow: float, reach: float, table: F) -> tupl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def steep_values(speed: F, s: F, narrow: float, reach: float, table: F) -> tuple[F, F]:
-    """Return `steep` at every tick, each (n,)."""
+def map_forces_and_slopes(speed: F, s: F, narrow: float, reach: float, table: F) -> tuple[F, F]:
+    """Return `map_force_and_slope` at every tick, each (n,)."""
     force, slope = np.empty_like(speed), np.empty_like(speed)
     for k in range(len(speed)):
-        force[k], slope[k] = steep(speed[k], s[k], narrow, reach, table)
+        force[k], slope[k] = map_force_and_slope(speed[k], s[k], narrow, reach, table)
     return force, slope
 
 

@@ -45,18 +45,18 @@ class PumpedMap:
     memory: F
 
 
-def banded(force: F, rate_Hz: float) -> F:
+def remove_high_frequencies(force: F, rate_Hz: float) -> F:
     """Return the force (n,) without what is above `CORNER_HZ`, not delayed."""
     corner = min(CORNER_HZ, 0.25 * rate_Hz)
     return np.asarray(forward_backward(np.ascontiguousarray(force), pole_of(corner, rate_Hz)))
 
 
-def learn_sprung(speed: F, current: F, force: F, usable: B, rate_Hz: float) -> SprungMap:
+def learn_sprung_map(speed: F, current: F, force: F, usable: B, rate_Hz: float) -> SprungMap:
     """Return the map and the spring that explain the simulated `force` [N] (n,) best over the usable ticks.
 
     `speed` [m/s] and `current` [A] (n,) are those that it was simulated for.
     """
-    rate, used = derivative(banded(force, rate_Hz), rate_Hz), _used(usable)
+    rate, used = derivative(remove_high_frequencies(force, rate_Hz), rate_Hz), _used(usable)
     best, least, compliant = learn_map(speed, current, force, usable), np.inf, 0.0
     for compliance in COMPLIANCES:
         through = speed - compliance * rate
@@ -67,12 +67,12 @@ def learn_sprung(speed: F, current: F, force: F, usable: B, rate_Hz: float) -> S
     return SprungMap(best, compliant, best.rest(current))
 
 
-def learn_pumped(speed: F, current: F, force: F, usable: B, rate_Hz: float, alike: float) -> PumpedMap:
+def learn_pumped_map(speed: F, current: F, force: F, usable: B, rate_Hz: float, alike: float) -> PumpedMap:
     """Return the map and the two compliances that explain the simulated force [N] best, each searched in turn.
 
-    The search begins with both at `alike` [m/N], that of `learn_sprung`. Arrays as there.
+    The search begins with both at `alike` [m/N], that of `learn_sprung_map`. Arrays as there.
     """
-    smooth, used = banded(force, rate_Hz), _used(usable)
+    smooth, used = remove_high_frequencies(force, rate_Hz), _used(usable)
     widths = (SOFT * _rms(smooth[used]) + 1e-3, SOFT * _rms(speed[used]) + 1e-6)
     pumping = 0.25 * (1.0 + np.tanh(smooth / widths[0])) * (1.0 + np.tanh(speed / widths[1]))
     rate = derivative(smooth, rate_Hz)
@@ -88,7 +88,7 @@ def learn_pumped(speed: F, current: F, force: F, usable: B, rate_Hz: float, alik
         own = min(((c, own[1]) for c in COMPLIANCES), key=lambda o: left(o)[0])
         own = min(((own[0], c) for c in COMPLIANCES), key=lambda o: left(o)[0])
     _, found, residual = left(own)
-    return PumpedMap(found, own, widths, banded(residual, rate_Hz))
+    return PumpedMap(found, own, widths, remove_high_frequencies(residual, rate_Hz))
 
 
 def _used(usable: B) -> B:

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from ces_gap.plant_map.map_kernels import spline_normal, steep_values
+from ces_gap.plant_map.map_kernels import map_forces_and_slopes, spline_normal
 
 F = NDArray[np.float64]
 B = NDArray[np.bool_]
 
 CELLS, LEVELS = 24, 4  # of speed and of current
-MOST = 4000  # ticks that the map is learnt from
+MAX_TICKS = 4000  # ticks that the map is learnt from
 NARROW = 0.05  # of the RMS speed: where the speed's axis is finest
 SMOOTH = 1e-3  # weight of the coefficients' second differences, per tick and cell
 LEVEL = 1e-4  # weight of differences between currents, which fill cells nobody visited
@@ -37,14 +37,14 @@ class SpeedMap:
     step_A: float
     table: F
 
-    def both(self, speed: F, current: F) -> tuple[F, F]:
+    def force_and_slope(self, speed: F, current: F) -> tuple[F, F]:
         """Return force [N] and its derivative by speed [N s/m], never negative, at `speed` [m/s] and `current` (n,)."""
-        found = steep_values(speed, self.level(current), self.narrow, self.reach, self.table)
+        found = map_forces_and_slopes(speed, self.level(current), self.narrow, self.reach, self.table)
         return np.asarray(found[0]), np.asarray(found[1])
 
     def force(self, speed: F, current: F) -> F:
         """Return the force [N] (n,)."""
-        return self.both(speed, current)[0]
+        return self.force_and_slope(speed, current)[0]
 
     def rest(self, current: F) -> float:
         """Return the force [N] at standstill: gas and offsets, which drive no flow."""
@@ -71,7 +71,7 @@ def learn_map(speed: F, current: F, force: F, usable: B) -> SpeedMap:
     It is learnt from the `usable` ticks (n,), from all if there is none (Eilers and Marx 1996).
     """
     ticks = np.flatnonzero(usable) if usable.any() else np.arange(len(usable))
-    ticks = ticks[:: max(1, len(ticks) // MOST)]
+    ticks = ticks[:: max(1, len(ticks) // MAX_TICKS)]
     speed, current = speed[ticks], current[ticks]
     narrow = NARROW * float(np.sqrt(np.mean(speed**2))) + 1e-6
     reach = float(np.sqrt(1.0 + np.max(np.abs(speed)) / narrow)) - 1.0 + 1e-3

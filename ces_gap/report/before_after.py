@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from ces_gap.diagnosis import NextExperiment, Series
+from ces_gap.diagnosis import HeldOutSeries, NextExperiment
 from ces_identify.report.drawing import F, around_zero, axes, legend, note, panel, span_of, svg
 from ces_identify.report.marks import dots, line
 
-MOST_DOTS = 2400  # of each force
+MAX_DOTS = 2400  # of each force
 LAYERS = 12  # measured and simulated dots are laid in turn, so that neither hides the other
 SPEED_FORCE = (530.0, 446.0)
 TIME = (660.0, 430.0)
 EXPERIMENT = (530.0, 300.0)
 WORST_S = 1.0  # [s]
-MOST_LETTERS = 13  # of a legend's entry
+MAX_LEGEND_LETTERS = 13  # of a legend's entry
 LEFT_OVER = "Gap, measured \N{MINUS SIGN} simulated [N]"
 
 
@@ -26,21 +26,21 @@ LEFT_OVER = "Gap, measured \N{MINUS SIGN} simulated [N]"
 class Worst:
     """The stretch of ticks [start, stop) of one recording that has the most energy of the gap."""
 
-    series: Series
+    series: HeldOutSeries
     start: int
     stop: int
 
 
-def speed_force(ident: str, held_out: Sequence[Series], effects: str) -> list[Markup]:
+def speed_force(ident: str, held_out: Sequence[HeldOutSeries], effects: str) -> list[Markup]:
     """Return force and gap over speed, with the simulation as given and, if `effects` are named, with these."""
-    dots_of = _pooled(held_out)
+    dots_of = _pool_ticks(held_out)
     before = _speed_force(f"{ident}-before", dots_of, "simulated", "simulation")
     if not effects:
         return [before]
     return [before, _speed_force(f"{ident}-after", dots_of, "augmented", f"with {effects}")]
 
 
-def worst_second(held_out: Sequence[Series]) -> Worst | None:
+def worst_second(held_out: Sequence[HeldOutSeries]) -> Worst | None:
     """Return the second in which measured minus simulated force has the most energy; None if no tick is usable."""
     found = [w for s in held_out if (w := _worst_of(s)) is not None]
     return max(found, key=lambda pair: pair[0])[1] if found else None
@@ -90,14 +90,14 @@ def _kinks(time: F, values: F) -> tuple[F, F]:
     return time[kept], values[kept]
 
 
-def _pooled(held_out: Sequence[Series]) -> dict[str, F]:
+def _pool_ticks(held_out: Sequence[HeldOutSeries]) -> dict[str, F]:
     """Return speed, measured, simulated and augmented force at ticks drawn from all recordings alike."""
 
-    def usable(values: Callable[[Series], F]) -> F:
+    def usable(values: Callable[[HeldOutSeries], F]) -> F:
         return np.concatenate([values(s)[s.trace.usable] for s in held_out])
 
     speed = usable(lambda s: s.trace.inputs.speed)
-    chosen = np.random.default_rng(0).permutation(len(speed))[:MOST_DOTS]  # no stride: it would beat with a sine
+    chosen = np.random.default_rng(0).permutation(len(speed))[:MAX_DOTS]  # no stride: it would beat with a sine
     return {
         "speed": speed[chosen],
         "measured": usable(lambda s: s.trace.force)[chosen],
@@ -118,12 +118,16 @@ def _speed_force(ident: str, of: dict[str, F], css: str, name: str) -> Markup:
     parts.append(axes(low, "Speed [m/s], positive in compression", LEFT_OVER, 6, None))
     parts.append(dots(low, speed, measured - of[css], f"{css} dots"))
     parts.append(
-        legend(top.x.stop, 23, (("measured", "measured"), (css, name if len(name) <= MOST_LETTERS else "with effects")))
+        legend(
+            top.x.stop,
+            23,
+            (("measured", "measured"), (css, name if len(name) <= MAX_LEGEND_LETTERS else "with effects")),
+        )
     )
     return svg(ident, SPEED_FORCE, f"Force over speed, measured and {name}", f"{len(speed)} ticks.", parts)
 
 
-def _worst_of(series: Series) -> tuple[float, Worst] | None:
+def _worst_of(series: HeldOutSeries) -> tuple[float, Worst] | None:
     trace = series.trace
     length = min(max(2, round(WORST_S * trace.rate_Hz)), len(trace))
     square = np.where(trace.usable, (trace.force - trace.simulated) ** 2, 0.0)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ces_gap.diagnosis import Diagnosis, Estimate, Explained
+from ces_gap.diagnosis import Diagnosis, Estimate, Explanation
 from ces_gap.effects.effect import Setting
-from ces_gap.report.words import EFFECTS, effect_name, newtons, parameter_text, percent, percents
+from ces_gap.report.formatting import EFFECTS, effect_name, newtons, parameter_text, percent, percents
 
-MOST = 6  # effects with a row of their own
-LEAST = 0.005  # probability of an effect that is told beyond the first three
+MAX_ROWS = 6  # effects with a row of their own
+MIN_PROBABILITY = 0.005  # probability of an effect that is told beyond the first three
 ALWAYS = 3
 
 
@@ -44,18 +44,18 @@ class CauseRow:
 
 def cause_rows(d: Diagnosis) -> list[CauseRow]:
     """Return the causes worth a row, most probable first."""
-    kept = [c for i, c in enumerate(d.causes[:MOST]) if i < ALWAYS or c.probability >= LEAST]
-    blamed = _blamed(d)
+    kept = [c for i, c in enumerate(d.causes[:MAX_ROWS]) if i < ALWAYS or c.probability >= MIN_PROBABILITY]
+    blamed = _named_effects(d)
     return [_row(c, c.effects[0] in blamed) for c in kept]
 
 
-def others(d: Diagnosis, rows: Sequence[CauseRow]) -> list[str]:
+def effects_without_row(d: Diagnosis, rows: Sequence[CauseRow]) -> list[str]:
     """Return the names of the effects that were tried and have no row."""
     shown = {row.effect for row in rows}
     return [n for n in (effect_name(c.effects[0]) for c in d.causes) if n not in shown]
 
 
-def together(d: Diagnosis) -> list[tuple[str, str, tuple[ParameterText, ...]]]:
+def composition_rows(d: Diagnosis) -> list[tuple[str, str, tuple[ParameterText, ...]]]:
     """Return effect, form and jointly fitted parameters of a composition of several effects; none of a single one."""
     c = d.composition
     if len(c.effects) < 2:
@@ -64,13 +64,13 @@ def together(d: Diagnosis) -> list[tuple[str, str, tuple[ParameterText, ...]]]:
     return [(effect_name(e), effect_name(f), _parameters(estimates, s)) for e, f, estimates, s in parts]
 
 
-def _blamed(d: Diagnosis) -> set[str]:
+def _named_effects(d: Diagnosis) -> set[str]:
     """Return the effects of the composition with their twins."""
     found = set(d.composition.effects)
     return found.union(*(twins for twins in d.indistinguishable if found & set(twins)))
 
 
-def _row(cause: Explained, named: bool) -> CauseRow:
+def _row(cause: Explanation, named: bool) -> CauseRow:
     return CauseRow(
         effect=effect_name(cause.effects[0]),
         what=EFFECTS.get(cause.effects[0], ""),

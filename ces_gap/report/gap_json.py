@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ces_gap.diagnosis import Diagnosis, Estimate, Explained, NextExperiment, Region, Series, Where
+from ces_gap.diagnosis import Diagnosis, Estimate, Explanation, GapRegion, HeldOutSeries, NextExperiment, Where
 from ces_gap.errors import GapError
-from ces_observer.checked import write_beside
+from ces_observer.json_checks import write_atomically
 
 SCHEMA = "ces-gap/1"
 DIGITS = 6  # significant digits of a number
@@ -25,7 +25,7 @@ DIGITS = 6  # significant digits of a number
 def write_gap(path: Path, diagnosis: Diagnosis) -> None:
     """Write `gap.json` to `path`, whole or not at all; raises CesError if it cannot be written."""
     text = json.dumps(gap_document(diagnosis), indent=1, ensure_ascii=False, allow_nan=False)
-    write_beside(path, text + "\n")
+    write_atomically(path, text + "\n")
 
 
 def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -56,11 +56,11 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "held_out": [_held_out(s) for s in d.held_out],
         "notes": d.notes,
     }
-    whole: dict[str, Any] = plain(document, "gap.json")
+    whole: dict[str, Any] = to_plain_json(document, "gap.json")
     return whole
 
 
-def _region(region: Region) -> dict[str, Any]:
+def _region(region: GapRegion) -> dict[str, Any]:
     return {
         "axis": region.axis,
         "from": region.low,
@@ -80,7 +80,7 @@ def _strongest(where: Where) -> dict[str, Any] | None:
     return {"region": _region(where.strongest), "p_value": where.max_p_value}
 
 
-def _cause(cause: Explained) -> dict[str, Any]:
+def _cause(cause: Explanation) -> dict[str, Any]:
     """Return one effect alone."""
     return {
         "effect": cause.effects[0],
@@ -106,7 +106,7 @@ def _composition(d: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _after(explained: Explained) -> dict[str, Any]:
+def _after(explained: Explanation) -> dict[str, Any]:
     return {
         "gap_after_N": explained.gap_after_N,
         "shrink": explained.shrink,
@@ -142,22 +142,22 @@ def _experiment(experiment: NextExperiment | None) -> dict[str, Any]:
     }
 
 
-def _held_out(series: Series) -> dict[str, Any]:
+def _held_out(series: HeldOutSeries) -> dict[str, Any]:
     trace = series.trace
     seconds = float(trace.usable.sum()) * trace.step_s
     return {"name": trace.name, "sha256": trace.recording.sha256, "usable_s": seconds}
 
 
-def plain(item: object, where: str) -> Any:
+def to_plain_json(item: object, where: str) -> Any:
     """Return `item` in JSON's types: finite rounded numbers, null for the others, lists, objects with text keys."""
     if item is None or isinstance(item, str | bool | int):
         return item
     if isinstance(item, np.bool_ | np.integer | np.ndarray):
-        return plain(item.tolist(), where)
+        return to_plain_json(item.tolist(), where)
     if isinstance(item, float | np.floating):
         return float(f"{item:.{DIGITS}g}") if math.isfinite(item) else None
     if isinstance(item, Mapping):
-        return {str(key): plain(value, f"{where}: {key}") for key, value in item.items()}
+        return {str(key): to_plain_json(value, f"{where}: {key}") for key, value in item.items()}
     if isinstance(item, list | tuple):
-        return [plain(value, where) for value in item]
+        return [to_plain_json(value, where) for value in item]
     raise GapError(f"{where}: a {type(item).__name__}; expected text, numbers, lists or objects of them")

@@ -8,9 +8,9 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_gap.diagnosis import GapMap
-from ces_gap.report.words import AXES, axis_figure, axis_title
+from ces_gap.report.formatting import AXES, axis_figure, axis_title
 from ces_identify.report.drawing import F, Panel, axes, label, note, panel, svg
-from ces_identify.report.heat import cells, ramp
+from ces_identify.report.heat_map import cells, ramp
 from ces_identify.typesetting import minus
 
 SIZE = (360.0, 326.0)
@@ -21,7 +21,7 @@ STAGGERED = "since_reversal_s"  # its regions grow with it: drawn as wide as eac
 ROOM = 34.0  # [px] for the label of a staggered edge
 
 
-def gap_maps(ident: str, maps: Sequence[GapMap]) -> list[Markup]:
+def draw_gap_maps(ident: str, maps: Sequence[GapMap]) -> list[Markup]:
     """Return a figure for each map that has more than one row or column; all share one scale of force."""
     shown = [m for m in maps if min(m.rms_N.shape) > 1]
     worst = max([float(np.nanmax(m.rms_N, initial=0.0)) for m in shown if np.isfinite(m.rms_N).any()] + [1e-9])
@@ -29,14 +29,14 @@ def gap_maps(ident: str, maps: Sequence[GapMap]) -> list[Markup]:
 
 
 def _figure(ident: str, m: GapMap, worst: float) -> Markup:
-    edges = _drawn(m, 0), _drawn(m, 1)
+    edges = _displayed_edges(m, 0), _displayed_edges(m, 1)
     p = panel((edges[0][0], edges[0][-1]), (edges[1][0], edges[1][-1]), BOX)
     rms = m.rms_N.T
 
-    def tell(a: int, b: int) -> str:
+    def hover_text(a: int, b: int) -> str:
         return f"{_span(m, 0, a)}, {_span(m, 1, b)}: {rms[a, b]:.3g} N"
 
-    parts = [_axes(p, m), cells(p, edges, rms, rms / worst, "wrong", tell)]
+    parts = [_axes(p, m), cells(p, edges, rms, rms / worst, "wrong", hover_text)]
     parts.append(ramp(*RAMP[:2], [f * worst for f in SCALE], "wrong", "N, RMS gap", RAMP[2]))
     if not np.isfinite(rms).any():
         parts.append(note(p, "too few samples"))
@@ -44,7 +44,7 @@ def _figure(ident: str, m: GapMap, worst: float) -> Markup:
     return svg(ident, SIZE, title, f"The scale ends at {worst:.3g} N.", parts)
 
 
-def _drawn(m: GapMap, k: int) -> F:
+def _displayed_edges(m: GapMap, k: int) -> F:
     """Return the edges as drawn: in the unit that is shown, or counted."""
     if m.axes[k] == STAGGERED:
         return np.arange(len(m.edges[k]), dtype=np.float64)

@@ -6,17 +6,35 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, NextExperiment, Region, Series, Where
+from ces_gap.diagnosis import (
+    AMBIGUOUS,
+    NAMED,
+    NO_GAP,
+    UNKNOWN,
+    Diagnosis,
+    GapRegion,
+    HeldOutSeries,
+    NextExperiment,
+    Where,
+)
 from ces_gap.report.before_after import experiment_plot, speed_force, time_plot, worst_second
-from ces_gap.report.causes import cause_rows, others, together
-from ces_gap.report.gap_json import plain
-from ces_gap.report.gap_maps import gap_maps
-from ces_gap.report.ladder import ladder, learnt
-from ces_gap.report.strips import strips
-from ces_gap.report.words import effect_name, joined, newtons, percent, percents, region_name, sentence_case
-from ces_identify.report.shell import page_template, well_formed
+from ces_gap.report.causes import cause_rows, composition_rows, effects_without_row
+from ces_gap.report.formatting import (
+    effect_name,
+    join_effect_names,
+    newtons,
+    percent,
+    percents,
+    region_name,
+    sentence_case,
+)
+from ces_gap.report.gap_json import to_plain_json
+from ces_gap.report.gap_maps import draw_gap_maps
+from ces_gap.report.gap_steps import build_gap_steps, has_correction
+from ces_gap.report.share_chart import draw_share_charts
+from ces_identify.report.shell import page_template, replace_unencodable
 
-CLEAR_Q, MOST_REGIONS = 0.05, 10  # false-discovery rate and number of the regions shown before and after
+CLEAR_Q, MAX_REGIONS = 0.05, 10  # false-discovery rate and number of the regions shown before and after
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
 STANDS_OUT = 0.05  # p-value of the test over all regions
 EXPERIMENT_FILES = {"next_experiment.yaml": "for ces rig", "next_experiment.csv": "stroke and current for a real rig"}
@@ -42,22 +60,22 @@ def report_page(
         verdict=VERDICTS[d.verdict],
         facts={"Simulation": d.simulation, **(facts or {})},
         warnings=_warnings(d),
-        ladder=ladder(d),
+        ladder=build_gap_steps(d),
         hero=_hero(d),
         rows=rows,
-        others=others(d, rows) if gap_there else [],
-        together=together(d),
+        others=effects_without_row(d, rows) if gap_there else [],
+        together=composition_rows(d),
         rest_rows=_probabilities(d),
-        unsure=_unsure(d),
+        unsure=_open_questions(d),
         where=_where("where", "gap", d.where) if gap_there else None,
         rest=_where("rest", "rest", d.rest) if d.rest is not None else None,
-        plots=_plots(d, joined(d.composition.effects) if gap_there and d.composition.effects else ""),
+        plots=_plots(d, join_effect_names(d.composition.effects) if gap_there and d.composition.effects else ""),
         by_region=_by_region(d.by_region) if gap_there else [],
         experiment=_experiment(d.next_experiment, EXPERIMENT_FILES if files is None else files),
         held_out=[_held_out(s) for s in d.held_out],
-        learnt=learnt(d),
+        learnt=has_correction(d),
     )
-    return well_formed(page)
+    return replace_unencodable(page)
 
 
 def _hero(d: Diagnosis) -> dict[str, str]:
@@ -71,7 +89,11 @@ def _hero(d: Diagnosis) -> dict[str, str]:
     if d.verdict == NO_GAP or not c.effects:
         text = f"between simulation and measurement, beside a measurement noise of {newtons(d.gap.noise_floor_N)} N."
         return {"figure": newtons(d.gap.rms_N), "unit": "N", "text": text}
-    who = f"{joined(c.effects)}, the best that fits" if d.verdict == AMBIGUOUS else joined(c.effects)
+    who = (
+        f"{join_effect_names(c.effects)}, the best that fits"
+        if d.verdict == AMBIGUOUS
+        else join_effect_names(c.effects)
+    )
     text = f"of the gap closed by {who}, {of}; 95 % interval {percents(c.shrink_ci95)}."
     return {"figure": percent(c.shrink), "unit": "%", "text": text}
 
@@ -95,15 +117,18 @@ def _warnings(d: Diagnosis) -> list[str]:
     return out
 
 
-def _unsure(d: Diagnosis) -> list[tuple[str, list[str]]]:
+def _open_questions(d: Diagnosis) -> list[tuple[str, list[str]]]:
     """Return what these recordings cannot tell, in words: heading and sentences."""
     same = "give the same force on these recordings, to within the noise."
     absorbed = "recalibrating the simulation would look the same. Reference recordings free of the effect part them."
     headed = (
-        ("Cannot be told apart", [f"{sentence_case(joined(group))} {same}" for group in d.indistinguishable]),
+        (
+            "Cannot be told apart",
+            [f"{sentence_case(join_effect_names(group))} {same}" for group in d.indistinguishable],
+        ),
         (
             "Not separable from calibration",
-            [f"{sentence_case(joined(d.not_separable))}: {absorbed}"] * bool(d.not_separable),
+            [f"{sentence_case(join_effect_names(d.not_separable))}: {absorbed}"] * bool(d.not_separable),
         ),
         ("Invisible here", [f"{sentence_case(effect_name(e))}: {reason.rstrip('.')}." for e, reason in d.invisible]),
     )
@@ -113,13 +138,13 @@ def _unsure(d: Diagnosis) -> list[tuple[str, list[str]]]:
 def _where(ident: str, what: str, where: Where) -> dict[str, Any]:
     """Return a sentence and the figures of where `what` lies."""
     return {
-        "sentence": _most(what, where),
-        "strips": strips(ident, where.regions),
-        "maps": gap_maps(f"{ident}-map", where.maps),
+        "sentence": _describe_strongest_region(what, where),
+        "strips": draw_share_charts(ident, where.regions),
+        "maps": draw_gap_maps(f"{ident}-map", where.maps),
     }
 
 
-def _most(what: str, where: Where) -> str:
+def _describe_strongest_region(what: str, where: Where) -> str:
     r, p = where.strongest, where.max_p_value
     if r is None or not p <= STANDS_OUT:
         return f"No region stands out: the {what} lies wherever the damper works."
@@ -144,9 +169,9 @@ def _plots(d: Diagnosis, effects: str) -> dict[str, Any] | None:
     }
 
 
-def _by_region(regions: Sequence[tuple[Region, float]]) -> list[dict[str, Any]]:
+def _by_region(regions: Sequence[tuple[GapRegion, float]]) -> list[dict[str, Any]]:
     """Return rows of before and after where the gap is clearly larger than elsewhere, with their bars in percent."""
-    regions = [(r, after) for r, after in regions if r.q_value <= CLEAR_Q][:MOST_REGIONS]
+    regions = [(r, after) for r, after in regions if r.q_value <= CLEAR_Q][:MAX_REGIONS]
     longest = max([max(r.rms_N, after) for r, after in regions] + [1e-9])
     return [
         {
@@ -166,15 +191,15 @@ def _experiment(experiment: NextExperiment | None, files: Mapping[str, str]) -> 
     return {
         "name": effect_name(experiment.name),
         "purpose": experiment.purpose,
-        "separates": joined(experiment.separates) if experiment.separates else "",
+        "separates": join_effect_names(experiment.separates) if experiment.separates else "",
         "distance": newtons(experiment.distance_N),
-        "recipe": plain(experiment.recipe, "recipe"),
+        "recipe": to_plain_json(experiment.recipe, "recipe"),
         "plot": experiment_plot("next", experiment),
         "files": files,
     }
 
 
-def _held_out(series: Series) -> tuple[str, str, str]:
+def _held_out(series: HeldOutSeries) -> tuple[str, str, str]:
     """Return a recording's name, its usable seconds and its hash."""
     trace = series.trace
     return trace.name, f"{float(trace.usable.sum()) * trace.step_s:.1f}", trace.recording.sha256

@@ -24,9 +24,9 @@ def result_files(
 ) -> dict[str, str]:
     """Return the texts of the files by name.
 
-    `sim` names the simulation as seen from the files' folder (`ces_gap.augmented.augmented_file.named`). `sources` are
-    the recordings of each role ("real", "held_out", "reference"), for the provenance; `facts` stand in the report as
-    they are.
+    `sim` names the simulation as seen from the files' folder (`ces_gap.augmented.augmented_file.name_simulation`).
+    `sources` are the recordings of each role ("real", "held_out", "reference"), for the provenance; `facts` stand in
+    the report as they are.
     """
     document = gap_document(diagnosis)
     provenance = {role: [_origin(r) for r in recordings] for role, recordings in sources}

@@ -17,8 +17,8 @@ FREQUENCY, REVERSAL, ELAPSED, HEAT = "frequency_hz", "since_reversal_s", "elapse
 OPERATING = (STROKE, SPEED, CURRENT, DIRECTION, REVERSAL, ELAPSED, HEAT)  # known tick by tick
 
 HYSTERESIS = 0.05  # of the speed's RMS: a reversal counts once the speed is beyond it on the other side
-LEAST_HYSTERESIS = 0.002  # [m/s]
-LEAST_SHARE, LEAST_TICKS = 0.003, 25  # of a region
+MIN_HYSTERESIS_M_S = 0.002  # [m/s]
+MIN_REGION_SHARE, MIN_REGION_TICKS = 0.003, 25  # of a region
 QUANTILES = (0.005, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 0.995)  # rare extremes keep regions of their own
 SPEED_QUANTILES = (0.15, 0.4, 0.7, 0.9, 0.97, 0.993)  # of its magnitude: equal edges on both sides
 REVERSAL_EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # [s]
@@ -53,7 +53,7 @@ def reversals(trace: Trace) -> tuple[F, F]:
     to where the speed crossed zero.
     """
     speed = trace.inputs.speed
-    width = max(HYSTERESIS * float(np.sqrt((speed[trace.usable] ** 2).mean())), LEAST_HYSTERESIS)
+    width = max(HYSTERESIS * float(np.sqrt((speed[trace.usable] ** 2).mean())), MIN_HYSTERESIS_M_S)
     sure = np.flatnonzero(np.abs(speed) > width)
     if not len(sure):
         return np.ones(len(speed)), trace.time_s - trace.time_s[0]
@@ -81,10 +81,10 @@ def axis_edges(axis: str, values: F) -> F:
     else:
         levels = _levels(values)
         edges = _readable(np.quantile(values, (0.0, *QUANTILES, 1.0)) if levels is None else levels)
-    return _populated(edges, values)
+    return _merge_sparse_regions(edges, values)
 
 
-def codes(edges: F, values: F) -> I:
+def region_indices(edges: F, values: F) -> I:
     """Return the region (n,) of each value; those beyond the outer edges belong to the outer regions."""
     return np.asarray(np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2), dtype=np.int64)
 
@@ -93,7 +93,11 @@ def even_edges(values: F, count: int) -> F:
     """Return about `count` + 1 even and readable edges over all values."""
     low, high = float(values.min()), float(values.max())
     ideal = (high - low) / count
-    step = min(nice(ideal, up=True), nice(ideal, up=False), key=lambda s: abs(np.log(s / ideal)))
+    step = min(
+        round_to_one_two_five(ideal, up=True),
+        round_to_one_two_five(ideal, up=False),
+        key=lambda s: abs(np.log(s / ideal)),
+    )
     first, last = np.floor(low / step + 1e-6), np.ceil(high / step - 1e-6)
     return _decimal(np.arange(first, last + 1.0), step)
 
@@ -106,12 +110,12 @@ def is_constant(values: F) -> bool:
 def whole_range(values: F) -> F:
     """Return the two edges of an axis that is a single region."""
     low, high = float(values.min()), float(values.max())
-    step = nice(max(abs(low), abs(high), 1e-3) * CONSTANT, up=True)
+    step = round_to_one_two_five(max(abs(low), abs(high), 1e-3) * CONSTANT, up=True)
     first, last = np.floor(low / step + 1e-6), np.ceil(high / step - 1e-6)
     return _decimal(np.array([first, max(last, first + 1.0)]), step)
 
 
-def nice(value: float, up: bool) -> float:
+def round_to_one_two_five(value: float, up: bool) -> float:
     """Return the next of 1, 2, 5 times a power of ten, above or below a positive value."""
     power = 10.0 ** np.floor(np.log10(max(value, 1e-12)))
     steps = np.array([1.0, 2.0, 5.0, 10.0]) * power
@@ -121,14 +125,14 @@ def nice(value: float, up: bool) -> float:
 
 def _log_edges(values: F) -> F:
     inner = [e for e in REVERSAL_EDGES if e < float(values.max())]
-    return np.array([*inner, nice(float(values.max()), up=True)])
+    return np.array([*inner, round_to_one_two_five(float(values.max()), up=True)])
 
 
 def _levels(values: F) -> F | None:
     """Return edges midway between the levels of a quantity that only takes a few, None if it takes many."""
     grid = float(np.ptp(values)) / 100.0
     _, group, counts = np.unique(np.round(values / grid), return_inverse=True, return_counts=True)
-    often = np.flatnonzero(counts >= max(LEAST_SHARE * len(values), LEAST_TICKS))
+    often = np.flatnonzero(counts >= max(MIN_REGION_SHARE * len(values), MIN_REGION_TICKS))
     if not 2 <= len(often) <= FEW_LEVELS or counts[often].sum() < 0.9 * len(values):
         return None
     levels = [float(np.median(values[group == k])) for k in often]
@@ -142,17 +146,17 @@ def _readable(edges: F) -> F:
     room = np.minimum(np.concatenate([gaps[:1], gaps]), np.concatenate([gaps, gaps[-1:]]))
     rounded = []
     for k, (edge, space) in enumerate(zip(edges, room, strict=True)):
-        step = nice(max(space / 3.0, finest), up=False)
+        step = round_to_one_two_five(max(space / 3.0, finest), up=False)
         whole = {0: np.floor, len(edges) - 1: np.ceil}.get(k, np.round)
         rounded.append(float(_decimal(whole(np.array([edge / step]) - (1e-9 if k else -1e-9)), step)[0]))
     return np.unique(rounded)
 
 
-def _populated(edges: F, values: F) -> F:
+def _merge_sparse_regions(edges: F, values: F) -> F:
     """Return the edges without those that leave a region with too few ticks; it joins the smaller neighbour."""
-    least = max(LEAST_SHARE * len(values), LEAST_TICKS)
+    least = max(MIN_REGION_SHARE * len(values), MIN_REGION_TICKS)
     while len(edges) > 2:
-        counts = np.bincount(codes(edges, values), minlength=len(edges) - 1)
+        counts = np.bincount(region_indices(edges, values), minlength=len(edges) - 1)
         small = int(np.argmin(counts))
         if counts[small] >= least:
             break

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
-from ces_gap.baseline.noise import Noise
+from ces_gap.baseline.noise import NoiseModel
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
 OCTAVES_HZ = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-LEAST_LINES = 8  # of the shortest recording's spectrum in a band
+MIN_LINES = 8  # of the shortest recording's spectrum in a band
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,10 @@ def octaves(series: Sequence[F], rates_Hz: Sequence[float]) -> F:
     """Return the edges [Hz] of bands an octave wide, none narrower than the shortest recording resolves."""
     top = max(rates_Hz) / 2.0
     line = max(r / (2.0 * len(y)) for y, r in zip(series, rates_Hz, strict=True))
-    return np.array([0.0, *(f for f in OCTAVES_HZ if LEAST_LINES * line <= f < 0.75 * top), top])
+    return np.array([0.0, *(f for f in OCTAVES_HZ if MIN_LINES * line <= f < 0.75 * top), top])
 
 
-def split(values: F, rate_Hz: float, edges_Hz: F) -> F:
+def split_into_bands(values: F, rate_Hz: float, edges_Hz: F) -> F:
     """Return the parts (n, m) of a series (n,) in bands that cover all frequencies; energies over bands add up.
 
     By the orthogonal cosine transform, which continues a series by its mirror image and so sees no step at its ends.
@@ -57,16 +57,16 @@ def split(values: F, rate_Hz: float, edges_Hz: F) -> F:
     return np.asarray(idct(masked, axis=0, norm="ortho"))
 
 
-def ar_spectrum(noise: Noise, frequency_Hz: F, rate_Hz: float) -> F:
+def ar_spectrum(noise: NoiseModel, frequency_Hz: F, rate_Hz: float) -> F:
     """Return the spectrum (n,) of autoregressive noise, to scale 1 for what is new in each tick."""
     lag = np.exp(-2j * np.pi * frequency_Hz[:, None] / rate_Hz * np.arange(1, len(noise.ar) + 1))
     return np.asarray(np.abs(1.0 - lag @ noise.ar) ** -2.0)
 
 
-def water(whole: Spectra, rest: Spectra, wanted: float) -> F:
+def estimate_noise_variance(whole: Spectra, rest: Spectra, noise_energy: float) -> F:
     """Return the noise's variance (m,) [N2 per line] in each band, from what cannot be predicted there.
 
-    That may be more than noise: noise is what lies below a level, such that its sum is the `wanted` one [N2]
+    That may be more than noise: noise is what lies below a level, such that its sum is the `noise_energy` one [N2]
     (reverse water-filling: Cover and Thomas, Elements of Information Theory, 2nd ed., section 10.3.3).
     """
     count = np.maximum(whole.sums(np.ones_like(whole.line)), 1.0)
@@ -74,6 +74,6 @@ def water(whole: Spectra, rest: Spectra, wanted: float) -> F:
     order = np.argsort(density)
     below = np.concatenate([[0.0], np.cumsum((density * count)[order])[:-1]])
     above = np.cumsum(count[order][::-1])[::-1]
-    level = (wanted - below) / above
+    level = (noise_energy - below) / above
     reached = np.flatnonzero(level <= density[order])
     return np.minimum(density, level[reached[0]]) if len(reached) else density

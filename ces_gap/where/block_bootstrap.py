@@ -84,15 +84,15 @@ def effective_blocks(members: F, length: int) -> F:
     return np.asarray(weight.sum(axis=0) ** 2 / np.maximum((weight**2).sum(axis=0), 1e-300))
 
 
-def normal_scores(value: F, draws: F, least_spread: F | float, least_skew: F | float = 0.01) -> tuple[F, F]:
+def normal_scores(value: F, draws: F, min_spread: F | float, min_skew: F | float = 0.01) -> tuple[F, F]:
     """Return standard normal scores of values (m,) and of all draws (b, m) of their null distributions of mean 0.
 
     The null, which spreads and leans no less than told, is taken as a gamma distribution with the draws' variance and
     skewness, as is usual for permutation tests (Mielke and Berry 2007), made normal by Wilson and Hilferty's cube root:
     tails finer than one in b can be told.
     """
-    spread = np.maximum(np.sqrt((draws**2).mean(axis=0)), np.maximum(least_spread, 1e-100))
-    skew = np.clip(((draws / spread) ** 3).mean(axis=0), least_skew, 4.0)
+    spread = np.maximum(np.sqrt((draws**2).mean(axis=0)), np.maximum(min_spread, 1e-100))
+    skew = np.clip(((draws / spread) ** 3).mean(axis=0), min_skew, 4.0)
 
     def score(x: F) -> F:
         root = np.cbrt(np.maximum(1.0 + 0.5 * skew * (x / spread), 0.0))

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from ces_gap.baseline.dictionary import Dictionary, Scales
 from ces_gap.baseline.learner import learn
-from ces_gap.baseline.noise import Noise
+from ces_gap.baseline.noise import NoiseModel
 from ces_gap.errors import GapError
 from ces_gap.trace import Trace, require_usable
-from ces_gap.where.bands import ar_spectrum, octaves, spectra_of, split, water
+from ces_gap.where.bands import ar_spectrum, estimate_noise_variance, octaves, spectra_of, split_into_bands
 
 F = NDArray[np.float64]
-Known = (
-    Noise | float | Sequence[float] | None
+NoiseSpec = (
+    NoiseModel | float | Sequence[float] | None
 )  # the noise: with its autocorrelation; RMS [N], or of each trace; unknown
 
 
@@ -47,7 +47,7 @@ class Energy:
 def gap_energy(
     traces: Sequence[Trace],
     gap: Sequence[F],
-    noise: Known,
+    noise: NoiseSpec,
     predicted: Sequence[F] | None = None,
     edges_Hz: F | None = None,
 ) -> Energy:
@@ -60,16 +60,16 @@ def gap_energy(
     series, rates = [_usable(t, g) for t, g in zip(traces, gap, strict=True)], [t.rate_Hz for t in traces]
     edges = octaves(series, rates) if edges_Hz is None else edges_Hz
     spectra, lengths = spectra_of(series, rates, edges), [len(y) for y in series]
-    if isinstance(noise, Noise):
+    if isinstance(noise, NoiseModel):
         rms, shape = np.full(len(series), noise.rms_N), ar_spectrum(noise, spectra.frequency, rates[0])
     else:
-        predicted = crossfitted(traces, gap) if predicted is None else predicted
+        predicted = cross_fit_gap(traces, gap) if predicted is None else predicted
         rests = [y - p[t.usable] for t, y, p in zip(traces, series, predicted, strict=True)]
-        rms = _known(noise, series, rests)
+        rms = _noise_rms_N(noise, series, rests)
         wanted = float(np.repeat(rms**2, lengths).sum())
-        shape = water(spectra, spectra_of(rests, rates, edges), wanted)[spectra.band]
-    floor = _scaled(shape, rms, lengths)
-    parts = [split(y, r, edges) ** 2 for y, r in zip(series, rates, strict=True)]
+        shape = estimate_noise_variance(spectra, spectra_of(rests, rates, edges), wanted)[spectra.band]
+    floor = _scale_to_rms(shape, rms, lengths)
+    parts = [split_into_bands(y, r, edges) ** 2 for y, r in zip(series, rates, strict=True)]
     owner = np.repeat(np.arange(len(series)), lengths)
     floors = np.stack([spectra.sums(floor * (owner == k)) / n for k, n in enumerate(lengths)])
     return Energy(
@@ -83,7 +83,7 @@ def gap_energy(
     )
 
 
-def crossfitted(traces: Sequence[Trace], gap: Sequence[F]) -> tuple[F, ...]:
+def cross_fit_gap(traces: Sequence[Trace], gap: Sequence[F]) -> tuple[F, ...]:
     """Return predictions [N] (n,) of gaps from the inputs, each block's learnt on other blocks."""
     dictionary = Dictionary(Scales.of(traces, [t.simulated for t in traces]), by_time=True)
     features = [dictionary.features(t, t.inputs, t.simulated) for t in traces]
@@ -100,7 +100,7 @@ def _usable(trace: Trace, gap: F) -> F:
     return gap[trace.usable]
 
 
-def _known(noise: float | Sequence[float] | None, series: Sequence[F], rests: Sequence[F]) -> F:
+def _noise_rms_N(noise: float | Sequence[float] | None, series: Sequence[F], rests: Sequence[F]) -> F:
     """Return the RMS [N] of each trace's noise, of what the learner leaves if it is not given."""
     if noise is not None:
         return np.array(np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(series),)))
@@ -108,7 +108,7 @@ def _known(noise: float | Sequence[float] | None, series: Sequence[F], rests: Se
     return np.full(len(series), np.sqrt(min(left, whole)))
 
 
-def _scaled(shape: F, rms_N: F, lengths: Sequence[int]) -> F:
+def _scale_to_rms(shape: F, rms_N: F, lengths: Sequence[int]) -> F:
     """Return a spectrum (n,) with the variance of each trace's noise on its lines [N2 per line]."""
     starts = np.cumsum([0, *lengths[:-1]])
     mean = np.add.reduceat(shape, starts) / np.asarray(lengths)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.baseline.noise import Noise
+from ces_gap.baseline.noise import NoiseModel
 from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.held_out import Series
+from ces_gap.inference.held_out import HeldOutSeries
 from ces_gap.trace import Trace
-from ces_gap.where.locate import gap_within, locate
-from ces_gap.where.regions import Region, Where
+from ces_gap.where.locate import locate, rms_within_regions
+from ces_gap.where.regions import GapRegion, Where
 
 F = NDArray[np.float64]
 
@@ -23,17 +23,17 @@ class GapLocation:
     """Where the gap lies, the gap after [N] in each of its regions, and where the rest lies if it was looked for."""
 
     where: Where
-    by_region: tuple[tuple[Region, float], ...]
+    by_region: tuple[tuple[GapRegion, float], ...]
     rest: Where | None
 
 
-def locate_gap(evidence: Evidence, held_out: Sequence[Series], seed: int, with_rest: bool) -> GapLocation:
+def locate_gap(evidence: Evidence, held_out: Sequence[HeldOutSeries], seed: int, with_rest: bool) -> GapLocation:
     """Return where the gap of all recordings lies, and what the effects leave of it on the held-out ones."""
     judged = [s.trace for s in held_out]
     traces, corrected = [*evidence.traces, *judged], [*evidence.alone, *(s.corrected for s in held_out)]
     where = locate(traces, _gaps(traces, corrected), _noise(evidence, traces), seed)
     left, noise = _gaps(judged, [s.augmented for s in held_out]), _noise(evidence, judged)
-    within = gap_within(where.regions, judged, left, noise)
+    within = rms_within_regions(where.regions, judged, left, noise)
     rest = locate(judged, left, noise, seed) if with_rest else None
     return GapLocation(where, tuple(zip(where.regions, within, strict=True)), rest)
 
@@ -43,5 +43,5 @@ def _gaps(traces: Sequence[Trace], forces: Sequence[F]) -> list[F]:
     return [t.force - f for t, f in zip(traces, forces, strict=True)]
 
 
-def _noise(evidence: Evidence, traces: Sequence[Trace]) -> Noise | list[float]:
+def _noise(evidence: Evidence, traces: Sequence[Trace]) -> NoiseModel | list[float]:
     return evidence.noise if evidence.noise_known else [t.noise_N for t in traces]

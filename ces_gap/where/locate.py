@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ces_gap.trace import Trace
-from ces_gap.where.axes import FREQUENCY, OPERATING, F, I, axis_edges, axis_values, codes
+from ces_gap.where.axes import FREQUENCY, OPERATING, F, I, axis_edges, axis_values, region_indices
 from ces_gap.where.block_bootstrap import (
     block_s,
     effective_blocks,
@@ -26,9 +26,9 @@ from ces_gap.where.block_bootstrap import (
     scattered_sums,
     t_interval,
 )
-from ces_gap.where.gap_energy import Energy, Known, gap_energy
-from ces_gap.where.maps import gap_maps
-from ces_gap.where.regions import Region, Where
+from ces_gap.where.gap_energy import Energy, NoiseSpec, gap_energy
+from ces_gap.where.maps import compute_gap_maps
+from ces_gap.where.regions import GapRegion, Where
 
 RESAMPLES = 400
 RESOLVED = 1e-9  # of the mean energy: a smaller excess is of rounding
@@ -59,7 +59,7 @@ class _Cells:
 def locate(
     traces: Sequence[Trace],
     gap: Sequence[F],
-    noise: Known,
+    noise: NoiseSpec,
     seed: int = 1,
     predicted: Sequence[F] | None = None,
 ) -> Where:
@@ -72,12 +72,12 @@ def locate(
     """
     energy = gap_energy(traces, gap, noise, predicted)
     values = _values(traces)
-    axes = [_Axis(n, e, codes(e, values[n])) for n, e in ((n, axis_edges(n, values[n])) for n in OPERATING)]
+    axes = [_Axis(n, e, region_indices(e, values[n])) for n, e in ((n, axis_edges(n, values[n])) for n in OPERATING)]
     cells = _cells(energy, axes)
     length = _block(cells)
     rng = np.random.default_rng(seed)
     scores, draws = _operating_scores(cells, axes, length, rng)
-    band_scores, band_errors, errors = _bootstrapped(cells, energy, length, rng)
+    band_scores, band_errors, errors = _bootstrap_errors(cells, energy, length, rng)
     alone = np.concatenate([[len(a.edges) == 2] * (len(a.edges) - 1) for a in axes] + [[False] * len(band_scores)])
     q = np.where(alone, 1.0, q_values(np.concatenate([scores, band_scores])))
     regions = [
@@ -88,15 +88,15 @@ def locate(
         tuple(sorted(regions, key=lambda r: -r.share_of_energy)),
         regions[int(np.argmax(scores))] if scores.max() > 0.0 else None,
         p_value_of_largest(scores, draws),
-        gap_maps(values, energy.tick),
+        compute_gap_maps(values, energy.tick),
     )
 
 
-def gap_within(
-    regions: Sequence[Region],
+def rms_within_regions(
+    regions: Sequence[GapRegion],
     traces: Sequence[Trace],
     gap: Sequence[F],
-    noise: Known,
+    noise: NoiseSpec,
     predicted: Sequence[F] | None = None,
 ) -> tuple[float, ...]:
     """Return the RMS [N] of another gap, noise taken out, in each region, so that one sees where it shrank."""
@@ -107,7 +107,7 @@ def gap_within(
     return tuple(_root(_mean_within(r, energy, values)) for r in regions)
 
 
-def _mean_within(region: Region, energy: Energy, values: dict[str, F]) -> float:
+def _mean_within(region: GapRegion, energy: Energy, values: dict[str, F]) -> float:
     if region.axis == FREQUENCY:
         inside = (energy.edges_Hz[:-1] >= region.low) & (energy.edges_Hz[1:] <= region.high)
         return float(np.average(energy.band[:, inside].sum(axis=1), weights=energy.step_s))
@@ -157,7 +157,7 @@ def _operating_scores(cells: _Cells, axes: Sequence[_Axis], length: int, rng: np
     return normal_scores(excess((cells.energy @ members)[None, :])[0], excess(scattered), least)
 
 
-def _bootstrapped(cells: _Cells, energy: Energy, length: int, rng: np.random.Generator) -> tuple[F, F, F]:
+def _bootstrap_errors(cells: _Cells, energy: Energy, length: int, rng: np.random.Generator) -> tuple[F, F, F]:
     """Return scores of the bands (m,), and standard errors of mean energies [N2] in bands (m,) and regions (r,).
 
     A mean is a ratio of sums; what is resampled is its linearisation, which no empty resample can break. Blocks are
@@ -177,8 +177,8 @@ def _bootstrapped(cells: _Cells, energy: Energy, length: int, rng: np.random.Gen
     return scores, np.maximum(errors[r:], energy.noise_error), errors[:r]
 
 
-def _operating_regions(energy: Energy, axes: Sequence[_Axis], errors: F, blocks: F, q: F) -> list[Region]:
-    regions: list[Region] = []
+def _operating_regions(energy: Energy, axes: Sequence[_Axis], errors: F, blocks: F, q: F) -> list[GapRegion]:
+    regions: list[GapRegion] = []
     for axis in axes:
         part = slice(len(regions), len(regions) + len(axis.edges) - 1)
         seconds = _sums(axis, energy.step_s)
@@ -192,18 +192,18 @@ def _sums(axis: _Axis, weight: F) -> F:
     return np.bincount(axis.code, weight, minlength=len(axis.edges) - 1).astype(np.float64)
 
 
-def _band_regions(energy: Energy, errors: F, blocks: float, q: F) -> list[Region]:
+def _band_regions(energy: Energy, errors: F, blocks: float, q: F) -> list[GapRegion]:
     means = np.average(energy.band, axis=0, weights=energy.step_s)
     ends = t_interval(means, errors, np.full(len(means), blocks))
     return _regions(FREQUENCY, energy.edges_Hz, means, energy.force, (means, *ends), q)
 
 
-def _regions(axis: str, edges: F, sums: F, amount: F, means: tuple[F, F, F], q: F) -> list[Region]:
+def _regions(axis: str, edges: F, sums: F, amount: F, means: tuple[F, F, F], q: F) -> list[GapRegion]:
     """Return regions from sums of energy, how much of the samples each has, and mean energies with their intervals."""
     positive = np.maximum(sums, 0.0)
     share = positive / max(float(positive.sum()), 1e-300)
     return [
-        Region(
+        GapRegion(
             axis=axis,
             low=float(edges[k]),
             high=float(edges[k + 1]),

@@ -13,31 +13,31 @@ from ces_gap.where.axes import (
     STROKE,
     F,
     axis_edges,
-    codes,
     even_edges,
     is_constant,
+    region_indices,
     whole_range,
 )
 from ces_gap.where.regions import GapMap
 
 MAPS = ((SPEED, STROKE), (SPEED, CURRENT), (SPEED, REVERSAL))
 FIELDS = {SPEED: 16, STROKE: 12, CURRENT: 8}  # about so many along an axis
-LEAST_TICKS = 25  # in a field that is shown
+MIN_FIELD_TICKS = 25  # in a field that is shown
 
 
-def gap_maps(values: Mapping[str, F], energy: F) -> tuple[GapMap, ...]:
+def compute_gap_maps(values: Mapping[str, F], energy: F) -> tuple[GapMap, ...]:
     """Return the maps of a gap's energy [N2] (n,), noise taken out, over axes whose values (n,) are given."""
     return tuple(_map(axes, values, energy) for axes in MAPS)
 
 
 def _map(axes: tuple[str, str], values: Mapping[str, F], energy: F) -> GapMap:
     edges = _edges(axes[0], values[axes[0]]), _edges(axes[1], values[axes[1]])
-    a, b = (codes(e, values[name]) for e, name in zip(edges, axes, strict=True))
+    a, b = (region_indices(e, values[name]) for e, name in zip(edges, axes, strict=True))
     shape = len(edges[1]) - 1, len(edges[0]) - 1
     field = b * shape[1] + a
     samples = np.bincount(field, minlength=shape[0] * shape[1]).astype(np.float64)
     total = np.bincount(field, energy, minlength=shape[0] * shape[1])
-    shown = samples >= LEAST_TICKS
+    shown = samples >= MIN_FIELD_TICKS
     rms = np.sqrt(np.maximum(total, 0.0) / np.maximum(samples, 1.0))
     return GapMap(axes, edges, np.where(shown, rms, np.nan).reshape(shape), samples.reshape(shape))
 

@@ -13,7 +13,7 @@ F = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Region:
+class GapRegion:
     """One region of one axis; `low` and `high` in the axis' unit. `share_of_energy` of the noise-corrected gap.
 
     `q_value` is the false-discovery rate at which the region's mean energy exceeds the rest of its axis.
@@ -43,7 +43,7 @@ class GapMap:
 class Where:
     """Regions of all axes, most energy first; the largest standardised excess over regions and its p-value; maps."""
 
-    regions: tuple[Region, ...]
-    strongest: Region | None
+    regions: tuple[GapRegion, ...]
+    strongest: GapRegion | None
     max_p_value: float
     maps: tuple[GapMap, ...]

@@ -10,12 +10,12 @@ from functools import partial
 import numpy as np
 
 from ces_identify.campaign.plan import AUTO, CampaignJob
-from ces_identify.identify import Identified, identify
+from ces_identify.identify import IdentificationResult, identify
 from ces_identify.jobs.job import DONE, JobResult, run_job
 from ces_identify.jobs.row_log import Row
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_identify.structures import KITS
 from ces_identify.validation.evaluate import Evaluation
 
@@ -36,26 +36,26 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
     count = len(job.recordings)
     fitter = KITS[job.cell.structure].fitter(job.cell.settings)
     result = identify(recordings[:count], recordings[count:], _options(job), fitter=fitter)
-    if any(found.ended == INTERRUPTED for found in result.found):
+    if any(found.ended == INTERRUPTED for found in result.search_results):
         raise KeyboardInterrupt
     return JobResult(_row(job, result, time.monotonic() - began), {job.output: result.model.to_json()})
 
 
-def _options(job: CampaignJob) -> Options:
+def _options(job: CampaignJob) -> IdentifyOptions:
     given, asked = job.cell.settings, job.limits
     limits = Limits(
         seconds=asked.seconds, target=asked.target, starts=asked.starts, seed=job.cell.seed, threads=asked.threads
     )
     if job.rules is not None:
-        limits = replace(limits, most_terms=int(given["terms"]), method=str(given["method"]))
+        limits = replace(limits, max_terms=int(given["terms"]), method=str(given["method"]))
     rate_Hz, bandwidth_Hz = (None if given[k] == AUTO else float(given[k]) for k in ("rate_Hz", "bandwidth_Hz"))
-    options = Options(job.split, limits=limits, rate_Hz=rate_Hz, bandwidth_Hz=bandwidth_Hz)
+    options = IdentifyOptions(job.split, limits=limits, rate_Hz=rate_Hz, bandwidth_Hz=bandwidth_Hz)
     options = replace(options, certify=bool(given["certificate"]))
     return replace(options, rules=job.rules) if job.rules is not None else options
 
 
-def _row(job: CampaignJob, result: Identified, seconds: float) -> Row:
-    best, certificate = result.found[0], result.model.certificate
+def _row(job: CampaignJob, result: IdentificationResult, seconds: float) -> Row:
+    best, certificate = result.search_results[0], result.model.certificate
     return {
         **job.identity,
         "status": DONE,
@@ -65,7 +65,7 @@ def _row(job: CampaignJob, result: Identified, seconds: float) -> Row:
         "costs": _costs(job, result.evaluations),
         "gain": None if certificate is None else certificate.get("gain"),
         "seconds": round(seconds, 3),
-        "trials": sum(found.trials for found in result.found),
+        "trials": sum(found.trials for found in result.search_results),
         "ended": best.ended,
     }
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ces_identify.campaign.axes import COMMON, LIMITS, STRUCTURES, Axis, number
+from ces_identify.campaign.axes import COMMON, LIMITS, STRUCTURES, CampaignAxis, number_between
 from ces_identify.campaign.plan import BUILT_IN, Campaign, Candidates, CellLimits, Setting
 from ces_identify.config_file import read_yaml_mapping, require_known_keys
 from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
@@ -31,7 +31,7 @@ KEYS = (
     "split",
     "signals",
 )
-MOST_CELLS = 100_000
+MAX_CELLS = 100_000
 NOMINAL_HZ = 1000.0  # rate at which candidates are counted
 _NAME = re.compile(r"[\w.+-]+\Z")
 
@@ -65,7 +65,10 @@ class _Reader:
             structures=structures,
             common=common,
             limits=self._limits(),
-            split=self._one("split", Axis(number(0.05, 1.0), "a number from 0.05 to 1", (1.0 if validate else 0.75,))),
+            split=self._one(
+                "split",
+                CampaignAxis(number_between(0.05, 1.0), "a number from 0.05 to 1", (1.0 if validate else 0.75,)),
+            ),
             signals=self._signals(),
             candidates=self._candidates(structures),
         )
@@ -86,22 +89,22 @@ class _Reader:
         if not isinstance(paths, list) or not paths or not all(isinstance(p, str) and p for p in paths):
             raise self._wrong(where, given, "a list of bags")
         self._require_different(where, paths)
-        return tuple(self._beside(path) for path in paths)
+        return tuple(self._resolve_path(path) for path in paths)
 
     def _structures(self, given: Any) -> dict[str, dict[str, tuple[Setting, ...]]]:
         if not isinstance(given, Mapping) or not given:
             raise self._wrong("structures", given, f"a mapping with some of {', '.join(STRUCTURES)}")
-        self._only("structures", given, STRUCTURES)
+        self._require_known_keys("structures", given, STRUCTURES)
         return {str(name): self._structure(str(name), axes) for name, axes in given.items()}
 
     def _structure(self, name: str, given: Any) -> dict[str, tuple[Setting, ...]]:
         where, axes = f"structures: {name}", STRUCTURES[name]
         if given is not None and not isinstance(given, Mapping):
             raise self._wrong(where, given, f"a mapping with any of {', '.join(axes)}")
-        self._only(where, given or {}, axes)
+        self._require_known_keys(where, given or {}, axes)
         return {key: self._axis(f"{where}: ", key, axis, given or {}) for key, axis in axes.items()}
 
-    def _axis(self, where: str, key: str, axis: Axis, given: Mapping[str, Any]) -> tuple[Setting, ...]:
+    def _axis(self, where: str, key: str, axis: CampaignAxis, given: Mapping[str, Any]) -> tuple[Setting, ...]:
         """Return the values on an axis; a single value may be given without brackets."""
         if key not in given:
             return axis.default
@@ -115,37 +118,37 @@ class _Reader:
         given = self.content.get("limits", {})
         if not isinstance(given, Mapping):
             raise self._wrong("limits", given, f"a mapping with any of {', '.join(LIMITS)}")
-        self._only("limits", given, LIMITS)
+        self._require_known_keys("limits", given, LIMITS)
         for key, value in given.items():
             if not LIMITS[key].good(value):
                 raise self._wrong(f"limits: {key}", value, LIMITS[key].expected)
         return CellLimits(**given)
 
-    def _one(self, key: str, axis: Axis) -> Any:
+    def _one(self, key: str, axis: CampaignAxis) -> Any:
         value = self.content.get(key, axis.default[0])
         if not axis.good(value):
             raise self._wrong(key, value, axis.expected)
         return value
 
     def _signals(self) -> Path | None:
-        given = self._one("signals", Axis(lambda v: v is None or isinstance(v, str), "a signals file", ("",)))
-        return self._beside(given) if given else None
+        given = self._one("signals", CampaignAxis(lambda v: v is None or isinstance(v, str), "a signals file", ("",)))
+        return self._resolve_path(given) if given else None
 
     def _candidates(self, structures: Mapping[str, Mapping[str, tuple[Setting, ...]]]) -> dict[str, Candidates]:
         names = map(str, structures.get(POLYNOMIAL.option, {}).get("candidates", ()))
-        return {name: _load_candidates(None if name == BUILT_IN else self._beside(name)) for name in names}
+        return {name: _load_candidates(None if name == BUILT_IN else self._resolve_path(name)) for name in names}
 
     def _require_size(self, campaign: Campaign) -> None:
         """Count the cells before any is made."""
         count = math.prod(map(len, campaign.common.values())) * len(campaign.bags)
         count *= sum(math.prod(map(len, axes.values())) for axes in campaign.structures.values())
-        if count > MOST_CELLS:
-            raise CampaignError(f"{self.path}: {count} cells; at most {MOST_CELLS}: drop some values")
+        if count > MAX_CELLS:
+            raise CampaignError(f"{self.path}: {count} cells; at most {MAX_CELLS}: drop some values")
 
-    def _beside(self, given: str) -> Path:
+    def _resolve_path(self, given: str) -> Path:
         return self.path.parent / Path(given).expanduser()
 
-    def _only(self, where: str, given: Mapping[str, Any], known: Any) -> None:
+    def _require_known_keys(self, where: str, given: Mapping[str, Any], known: Any) -> None:
         require_known_keys(given, known, f"{self.path}: {where}", CampaignError)
 
     def _require_different(self, where: str, values: list[Any]) -> None:

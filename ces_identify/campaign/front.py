@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
 
-WITHIN = 0.1  # of the lowest selection cost, relative: what a smaller model may cost
+COST_TOLERANCE = 0.1  # of the lowest selection cost, relative: what a smaller model may cost
 
 
 def front(rows: Sequence[Row]) -> list[Row]:
@@ -26,10 +26,10 @@ def front(rows: Sequence[Row]) -> list[Row]:
     return best
 
 
-def recommended(rows: Sequence[Row]) -> Row | None:
+def recommend_model(rows: Sequence[Row]) -> Row | None:
     """Return the smallest model on the front within a tenth of its lowest cost, None if there is no model."""
     best = front(rows)
-    return next((row for row in best if row["selection_J"] <= (1.0 + WITHIN) * best[-1]["selection_J"]), None)
+    return next((row for row in best if row["selection_J"] <= (1.0 + COST_TOLERANCE) * best[-1]["selection_J"]), None)
 
 
 def _eligible(rows: Sequence[Row]) -> list[Row]:

@@ -14,7 +14,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from ces_identify.polynomial.regressors import Rules
+from ces_identify.polynomial.regressors import CandidateRules
 from ces_identify.recordings.recording import Recording
 from ces_observer import __version__
 from ces_observer.errors import CesError
@@ -23,7 +23,7 @@ BUILT_IN = "built-in"  # candidate rules
 AUTO = "auto"  # a rate or bandwidth chosen from the data
 
 Setting = bool | int | float | str
-Settings = Mapping[str, Setting]
+CellSettings = Mapping[str, Setting]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class CellLimits:
 class Candidates:
     """Candidate rules, and the hash of the text they came from."""
 
-    rules: Rules
+    rules: CandidateRules
     sha256: str
 
 
@@ -50,7 +50,7 @@ class Cell:
 
     bags: str
     structure: str
-    settings: Settings
+    settings: CellSettings
 
     @property
     def seed(self) -> int:
@@ -104,7 +104,7 @@ class CampaignJob:
     cell: Cell
     limits: CellLimits
     split: float
-    rules: Rules | None
+    rules: CandidateRules | None
     recordings: tuple[Path, ...]
     validation: tuple[tuple[str, Path], ...]
 
@@ -166,5 +166,5 @@ def _digest(facts: object) -> str:
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:20]
 
 
-def _combinations(axes: Mapping[str, Sequence[Setting]]) -> list[Settings]:
+def _combinations(axes: Mapping[str, Sequence[Setting]]) -> list[CellSettings]:
     return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]

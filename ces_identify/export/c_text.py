@@ -14,6 +14,6 @@ def number(value: float) -> str:
     return repr(float(value))
 
 
-def made(name: str) -> str:
+def constructed_variable(name: str) -> str:
     """Return the variable of a constructed input."""
     return f"made_{name}"

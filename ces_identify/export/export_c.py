@@ -16,7 +16,7 @@ from typing import Any
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-from ces_identify.export.c_text import made, number
+from ces_identify.export.c_text import constructed_variable, number
 from ces_identify.export.polynomial_c import polynomial_facts
 from ces_observer import __version__, estimator, tracker
 from ces_observer.errors import ModelError
@@ -71,7 +71,7 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters.update(number=number, made=made)
+    environment.filters.update(number=number, made=constructed_variable)
     texts = [environment.get_template(f"estimator.{kind}").render(facts) for kind in ("c", "h")]
     return texts[0], texts[1]
 

@@ -74,8 +74,8 @@ def export_fmu(model: Model, name: str, certificate: Certificate, compiler: Sequ
     files = {f"sources/{path}": text.encode("utf-8") for path, text in sources(model, name, certificate).items()}
     files["modelDescription.xml"] = _render("fmi2.xml", _facts(model, name, certificate)).encode("utf-8")
     if compiler:
-        files[binary_path(name)] = _compiled(compiler, name, files)
-    return _zipped(files)
+        files[binary_path(name)] = _compile_library(compiler, name, files)
+    return _zip_files(files)
 
 
 def sources(model: Model, name: str, certificate: Certificate) -> dict[str, str]:
@@ -141,7 +141,7 @@ def _arguments(name: str, out: str) -> list[str]:
     return [*FLAGS, "-o", out, f"{name}.c", f"fmi2_{name}.c", "-lm"]
 
 
-def _compiled(compiler: Sequence[str], name: str, files: Mapping[str, bytes]) -> bytes:
+def _compile_library(compiler: Sequence[str], name: str, files: Mapping[str, bytes]) -> bytes:
     """Return the shared library that `compiler` makes of the sources."""
     with tempfile.TemporaryDirectory(prefix="ces_fmu_") as folder:
         for path, content in files.items():
@@ -161,7 +161,7 @@ def _run(command: Sequence[str], folder: str) -> None:
         raise CesError(f"{command[0]}: {said} ({platform.machine()}); name another in CC, or give --sources-only")
 
 
-def _zipped(files: Mapping[str, bytes]) -> bytes:
+def _zip_files(files: Mapping[str, bytes]) -> bytes:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted(files):

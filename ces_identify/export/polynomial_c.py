@@ -7,14 +7,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from math import pi
 
-from ces_identify.export.c_text import made, number
+from ces_identify.export.c_text import constructed_variable, number
 from ces_observer.model import Model
-from ces_observer.structures.constructed import Constructed, Frequency, Hat, Lag
+from ces_observer.structures.constructed_inputs import ConstructedInput, Frequency, Lag, TriangularMembership
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
 ARGUMENTS = {"position": "position_m", "speed": "speed_m_s", "current": "current_A"}
-MOST_BY_PRODUCTS = 4.0  # powers that are multiples of 1/2 up to here are products and a square root, others pow()
+MAX_PRODUCT_POWER = 4.0  # powers that are multiples of 1/2 up to here are products and a square root, others pow()
 
 Power = tuple[str, float, bool]  # signal, power, signed
 
@@ -28,7 +28,7 @@ class Ring:
 
 
 @dataclass(frozen=True)
-class Read:
+class LaggedVariable:
     """A local variable that holds what `ring` held `lag` ticks ago."""
 
     name: str
@@ -47,8 +47,12 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
     ordered = sorted(polynomial.terms, key=_place)
     return {
         "inputs": _inputs(model, used),
-        "remembering": [one for one in constructed if not isinstance(one, Hat)],
-        "memberships": {made(one.name): _membership(one, constructed) for one in constructed if isinstance(one, Hat)},
+        "remembering": [one for one in constructed if not isinstance(one, TriangularMembership)],
+        "memberships": {
+            constructed_variable(one.name): _membership(one, constructed)
+            for one in constructed
+            if isinstance(one, TriangularMembership)
+        },
         "constants": {"TWO_PI": 2.0 * pi} if any(isinstance(one, Frequency) for one in constructed) else {},
         "gains": {
             one.name: one.gain(model.sampling.rate_Hz) for one in constructed if isinstance(one, Frequency | Lag)
@@ -57,7 +61,7 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
         "rings": list(rings.values()),
         "histories": [ring for ring in rings.values() if ring.name != "force"],
         "forces": rings.get("force"),
-        "reads": [Read(f"{name}_lag{lag}", rings[name], lag) for name, lag in lagged],
+        "reads": [LaggedVariable(f"{name}_lag{lag}", rings[name], lag) for name, lag in lagged],
         "constant": sum(t.coefficient for t in polynomial.terms if not t.factors),
         "products": [_product(term) for term in ordered if term.factors],
     }
@@ -73,9 +77,9 @@ def _inputs(model: Model, used: set[str]) -> list[dict[str, object]]:
     ]
 
 
-def _membership(hat: Hat, constructed: Iterable[Constructed]) -> str:
+def _membership(hat: TriangularMembership, constructed: Iterable[ConstructedInput]) -> str:
     """Return the expression for a membership."""
-    signal = made(hat.of) if hat.of in {one.name for one in constructed} else hat.of
+    signal = constructed_variable(hat.of) if hat.of in {one.name for one in constructed} else hat.of
     low, high = (
         "1.0" if end is None else f"membership({signal}, {number(hat.peak)}, {number(end)})"
         for end in (hat.low, hat.high)
@@ -112,7 +116,7 @@ def _magnitude(signal: str, power: float) -> str:
 
 
 def _is_product(power: float) -> bool:
-    return (2.0 * power).is_integer() and power <= MOST_BY_PRODUCTS
+    return (2.0 * power).is_integer() and power <= MAX_PRODUCT_POWER
 
 
 def _rings(factors: Iterable[Factor]) -> list[Ring]:
@@ -142,7 +146,7 @@ def _variable(factor: Factor) -> str:
 
 
 def _power(factor: Factor) -> Power:
-    signal = factor.signal if factor.definition is None else made(factor.signal)
+    signal = factor.signal if factor.definition is None else constructed_variable(factor.signal)
     return signal, float(factor.power), factor.signed
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ces_identify.jobs.job import DONE, FAILED, Job, JobResult
 from ces_identify.jobs.row_log import Row, RowLog, open_rows
-from ces_observer.checked import write_together
+from ces_observer.json_checks import write_all_atomically
 
 
 class ResultsFolder:
@@ -33,7 +33,7 @@ class ResultsFolder:
         files = {self.folder / name: text for name, text in result.files.items()}
         for parent in {path.parent for path in files}:
             parent.mkdir(parents=True, exist_ok=True)
-        write_together(files)
+        write_all_atomically(files)
         self._log.add(result.row)
 
     def refresh(self) -> None:

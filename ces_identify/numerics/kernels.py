@@ -453,12 +453,12 @@ def first_better(
     best: float,
     ridge: float,
     probes: F,
-    most_gain: float,
+    max_gain: float,
     drop: bool,
 ) -> tuple[int, float, F]:
     """Try each candidate of `trial` added to (or, with `drop`, each place of `trial` taken out of) `chosen`.
 
-    Fits by least squares on `gram`, passes over what has a probed gain of `most_gain` or more, judges by free run, and
+    Fits by least squares on `gram`, passes over what has a probed gain of `max_gain` or more, judges by free run, and
     stops at the first cost below `best`. Returns the place in `trial` (-1 if none was better), the cost and the
     coefficients.
     """
@@ -477,7 +477,7 @@ def first_better(
             terms[: n - 1] = chosen
             terms[n - 1] = trial[place]
         coefficients, independent = solve_normal(gram, terms, ridge)
-        if not independent or probed_gain(probes[terms], outputs[terms], coefficients) >= most_gain:
+        if not independent or probed_gain(probes[terms], outputs[terms], coefficients) >= max_gain:
             continue
         cost = free_run_cost(
             powers,

@@ -12,8 +12,8 @@ F = NDArray[np.float64]
 Evaluate = Callable[[F, float], tuple[float, F, F]]
 
 FIRST_DAMPING = 1e-2
-MOST_DAMPING = 1e8
-LEAST_DAMPING = 1e-9
+MAX_DAMPING = 1e8
+MIN_DAMPING = 1e-9
 
 
 def descend(evaluate: Evaluate, start: F) -> Iterator[tuple[float, F]]:
@@ -27,13 +27,13 @@ def descend(evaluate: Evaluate, start: F) -> Iterator[tuple[float, F]]:
     if not np.isfinite(error):
         return
     yield error, params
-    while damping < MOST_DAMPING:
+    while damping < MAX_DAMPING:
         trial = params + damped_step(matrix, gradient, damping)
         outcome = evaluate(trial, error) if np.isfinite(trial).all() else (inf, matrix, gradient)
         if outcome[0] < error:
             params = trial
             error, matrix, gradient = outcome
-            damping = max(0.2 * damping, LEAST_DAMPING)
+            damping = max(0.2 * damping, MIN_DAMPING)
         else:
             damping *= 5.0
         yield error, params

@@ -19,7 +19,7 @@ TILE = 8  # ticks added to the normal matrix in one pass over it
 
 
 @njit(cache=True, nogil=True)
-def deepest(lags: I) -> int:
+def longest_lag(lags: I) -> int:
     """Return the longest lag, at least 1."""
     depth = 1
     for lag in lags:

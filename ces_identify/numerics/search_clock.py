@@ -26,7 +26,7 @@ class _Compiling(event.Listener):  # type: ignore[misc]  # numba has no types
         if self._depth == 0:
             self._ended += time.monotonic() - self._began
 
-    def less(self, now: float) -> float:
+    def subtract_compilation(self, now: float) -> float:
         """Return `now` of time.monotonic() less all compilation up to then."""
         return (self._began if self._depth else now) - self._ended
 
@@ -37,4 +37,4 @@ event.register("numba:compile", _COMPILING)
 
 def now() -> float:
     """Return the seconds of a clock that runs on but for compilation in this process."""
-    return _COMPILING.less(time.monotonic())
+    return _COMPILING.subtract_compilation(time.monotonic())

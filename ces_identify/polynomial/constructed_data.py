@@ -10,11 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.polynomial.constructed_series import constructed_values
-from ces_identify.polynomial.regressors import Rules
+from ces_identify.polynomial.regressors import CandidateRules
 from ces_identify.preparation.series import Series
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope
-from ces_observer.structures.constructed import Constructed, Frequency, Hat, Hysteresis, Lag
+from ces_observer.structures.constructed_inputs import (
+    ConstructedInput,
+    Frequency,
+    Hysteresis,
+    Lag,
+    TriangularMembership,
+)
 
 F = NDArray[np.float64]
 
@@ -22,34 +28,35 @@ ANYTHING = Envelope((-inf, inf), (-inf, inf), (-inf, inf))
 MARGIN = 0.1  # of the range seen, by which a frequency's own range exceeds it
 
 
-def within_data(rules: Rules, series: Sequence[Series]) -> Rules:
+def restrict_to_data(rules: CandidateRules, series: Sequence[Series]) -> CandidateRules:
     """Return `rules` with the range of each frequency narrowed to what `series` hold.
 
     Raises CesError for a hat that peaks, or a hysteresis that is wider, than the data reach. A lag whose time constant
     is open is taken to reach as far as its signal.
     """
     made = {
-        name: tuple(_fitted(one, series, rules.open_lags) for one in group) for name, group in rules.constructed.items()
+        name: tuple(_fit_to_data(one, series, rules.open_lags) for one in group)
+        for name, group in rules.constructed.items()
     }
     return replace(rules, constructed=made)
 
 
-def _fitted(one: Constructed, series: Sequence[Series], open_lags: Sequence[str]) -> Constructed:
-    if isinstance(one, Hat):
-        base = None if one.base is None else _fitted(one.base, series, open_lags)
+def _fit_to_data(one: ConstructedInput, series: Sequence[Series], open_lags: Sequence[str]) -> ConstructedInput:
+    if isinstance(one, TriangularMembership):
+        base = None if one.base is None else _fit_to_data(one.base, series, open_lags)
         if isinstance(base, Lag) and base.name in open_lags:
-            _require_inside(one, _seen(base.of, None, series))
+            _require_inside(one, _scored_values(base.of, None, series))
         else:
-            _require_inside(one, _seen(one.of, base, series))
+            _require_inside(one, _scored_values(one.of, base, series))
         return replace(one, base=base)
     if isinstance(one, Frequency):
-        return _narrowed(one, _seen(one.name, one, series))
+        return _narrow_range(one, _scored_values(one.name, one, series))
     if not isinstance(one, Lag):
-        _require_narrow(one, _seen(one.of, None, series))
+        _require_narrow(one, _scored_values(one.of, None, series))
     return one
 
 
-def _seen(signal: str, definition: Constructed | None, series: Sequence[Series]) -> F:
+def _scored_values(signal: str, definition: ConstructedInput | None, series: Sequence[Series]) -> F:
     """Return the values (n,) of a signal on all scored ticks."""
     values = []
     for s in series:
@@ -60,7 +67,7 @@ def _seen(signal: str, definition: Constructed | None, series: Sequence[Series])
     return np.concatenate(values)
 
 
-def _narrowed(one: Frequency, seen: F) -> Frequency:
+def _narrow_range(one: Frequency, seen: F) -> Frequency:
     low, high = one.range_Hz
     margin = MARGIN * float(np.ptp(seen))
     narrow = max(low, float(seen.min()) - margin), min(high, float(seen.max()) + margin)
@@ -71,7 +78,7 @@ def _narrowed(one: Frequency, seen: F) -> Frequency:
     return replace(one, range_Hz=narrow)
 
 
-def _require_inside(hat: Hat, seen: F) -> None:
+def _require_inside(hat: TriangularMembership, seen: F) -> None:
     if not seen.min() <= hat.peak <= seen.max():
         raise CesError(
             f"{hat.name}: peaks at {hat.of} {hat.peak:g}, outside the data's {seen.min():g} to {seen.max():g}; "

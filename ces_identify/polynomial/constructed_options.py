@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from ces_identify.polynomial.constructed_rules import AUTO, constructions_from, without_auto
-from ces_identify.polynomial.regressors import Rules, SignalRule
+from ces_identify.polynomial.constructed_rules import AUTO, constructions_from, replace_auto
+from ces_identify.polynomial.regressors import CandidateRules, SignalRule
 from ces_observer.errors import CesError
-from ces_observer.structures.constructed import BASE, Hat
+from ces_observer.structures.constructed_inputs import BASE, TriangularMembership
 
 HYSTERESIS, REMANENCE, LAG, FREQUENCY = "hysteresis", "remanence", "lag", "frequency"
 CURRENT, VALVE = "current", "valve"  # products that name the current take the valve's, where rules know it
-MOST_BLENDED = 2  # inputs a term may have beside its membership
-AT_ONCE = SignalRule((0,))
+MAX_BLENDED_INPUTS = 2  # inputs a term may have beside its membership
+NO_LAG = SignalRule((0,))
 EXPECTED = "hysteresis:M,... or remanence:A,... or lag:S,... or frequency or frequency:S"
 
-MADE_RULES: Mapping[str, SignalRule] = {
+CONSTRUCTED_RULES: Mapping[str, SignalRule] = {
     HYSTERESIS: SignalRule((0,), (1.0, 2.0), ("signed",)),
     REMANENCE: SignalRule((0, 8), (1.0, 2.0), ("magnitude",), in_ms=True),
     LAG: SignalRule((0,), (1.0, 2.0), ("magnitude",)),
     FREQUENCY: SignalRule((0,), (0.5, 1.0), ("magnitude",)),
 }
-MADE_PRODUCTS: Mapping[str, tuple[tuple[str, ...], ...]] = {
+CONSTRUCTED_PRODUCTS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     HYSTERESIS: ((), (CURRENT,), ("speed",), ("speed", CURRENT)),
     REMANENCE: ((), ("speed",), ("position",)),
     LAG: ((), ("speed",), ("position",)),
@@ -30,45 +30,48 @@ MADE_PRODUCTS: Mapping[str, tuple[tuple[str, ...], ...]] = {
 }
 
 
-def with_constructed(rules: Rules, asked: str) -> Rules:
-    """Return `rules` with the constructed inputs `asked` for and products of them; raises CesError.
+def add_constructed_inputs(rules: CandidateRules, spec: str) -> CandidateRules:
+    """Return `rules` with the constructed inputs `spec` for and products of them; raises CesError.
 
-    `asked` is `hysteresis:W,...` (stops of the position, half widths in m), `remanence:W,...` (plays of the current,
+    `spec` is `hysteresis:W,...` (stops of the position, half widths in m), `remanence:W,...` (plays of the current,
     half widths in A), `lag:T,...` (first-order lags of the current, time constants in s or `auto`), `frequency` or
     `frequency:T` (window in s).
     """
-    kind, _, text = asked.partition(":")
-    if kind not in MADE_RULES or (kind != FREQUENCY and not text):
-        raise CesError(f"'{asked}': expected {EXPECTED}")
-    settings = [AUTO if kind == LAG and one == AUTO else _number(one, asked) for one in text.split(",") if one]
+    kind, _, text = spec.partition(":")
+    if kind not in CONSTRUCTED_RULES or (kind != FREQUENCY and not text):
+        raise CesError(f"'{spec}': expected {EXPECTED}")
+    settings = [AUTO if kind == LAG and one == AUTO else _number(one, spec) for one in text.split(",") if one]
     if kind == FREQUENCY:
         window = {"time_constant_s": settings[0]} if settings else {}
-        return _with(rules, {FREQUENCY: {"kind": FREQUENCY, **window}}, kind)
-    return _with(rules, {f"{kind}_{i + 1}": _definition(kind, one) for i, one in enumerate(settings)}, kind)
+        return _add_inputs(rules, {FREQUENCY: {"kind": FREQUENCY, **window}}, kind)
+    return _add_inputs(rules, {f"{kind}_{i + 1}": _definition(kind, one) for i, one in enumerate(settings)}, kind)
 
 
-def with_blend(rules: Rules, asked: str) -> Rules:
+def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
     """Return `rules` with each product once more for every sub-model of a blend; raises CesError.
 
-    `asked` is `SIGNAL:A,B,...`: sub-models that are alone at A (and below), at B, and so on (and above the last),
+    `spec` is `SIGNAL:A,B,...`: sub-models that are alone at A (and below), at B, and so on (and above the last),
     blended linearly between; SIGNAL is position, speed, current or a constructed input of `rules`. If these have the
     valve's current only, current is that: a proof of both would take them for independent. Products as they are remain,
     for what the sub-models share.
     """
-    of, _, text = asked.partition(":")
+    of, _, text = spec.partition(":")
     of = VALVE if of == CURRENT and CURRENT not in rules.signals and VALVE in rules.signals else of
-    known = (*BASE, *(name for name, made in rules.constructed.items() if not isinstance(made[0], Hat)))
+    known = (
+        *BASE,
+        *(name for name, made in rules.constructed.items() if not isinstance(made[0], TriangularMembership)),
+    )
     if of not in known:
-        raise CesError(f"'{asked}': expected SIGNAL:A,B,... with a signal among {', '.join(known)}")
+        raise CesError(f"'{spec}': expected SIGNAL:A,B,... with a signal among {', '.join(known)}")
     name = f"by_{of}"
-    raw = {name: {"kind": "hats", "of": of, "at": [_number(one, asked) for one in text.split(",") if one]}}
-    blended = [p for p in rules.products if len(set(p) - {"force"}) <= MOST_BLENDED]
-    return _extended(rules, raw, _membership_rule(rules, of), [(name, *p) for p in blended])
+    raw = {name: {"kind": "hats", "of": of, "at": [_number(one, spec) for one in text.split(",") if one]}}
+    blended = [p for p in rules.products if len(set(p) - {"force"}) <= MAX_BLENDED_INPUTS]
+    return _extend_rules(rules, raw, _membership_rule(rules, of), [(name, *p) for p in blended])
 
 
-def _membership_rule(rules: Rules, of: str) -> SignalRule:
+def _membership_rule(rules: CandidateRules, of: str) -> SignalRule:
     """Return the rule of hats over `of`: at a lag the signal stands at beside past forces, which keeps proofs short."""
-    beside = rules.beside_force.get(of, rules.signals.get(of, AT_ONCE))
+    beside = rules.beside_force.get(of, rules.signals.get(of, NO_LAG))
     return SignalRule(beside.lags[-1:], (1.0,), ("magnitude",), beside.in_ms)
 
 
@@ -79,19 +82,21 @@ def _definition(kind: str, setting: float | str) -> dict[str, object]:
     return {**how, "half_width": setting}
 
 
-def _with(rules: Rules, raw: Mapping[str, object], kind: str) -> Rules:
+def _add_inputs(rules: CandidateRules, raw: Mapping[str, object], kind: str) -> CandidateRules:
     current = VALVE if VALVE in rules.signals else CURRENT
-    beside = [tuple(current if signal == CURRENT else signal for signal in p) for p in MADE_PRODUCTS[kind]]
+    beside = [tuple(current if signal == CURRENT else signal for signal in p) for p in CONSTRUCTED_PRODUCTS[kind]]
     products = [(name, *p) for name in raw for p in beside if set(p) <= set(rules.signals)]
-    return _extended(rules, raw, MADE_RULES[kind], products)
+    return _extend_rules(rules, raw, CONSTRUCTED_RULES[kind], products)
 
 
-def _extended(rules: Rules, raw: Mapping[str, object], rule: SignalRule, products: Sequence[tuple[str, ...]]) -> Rules:
+def _extend_rules(
+    rules: CandidateRules, raw: Mapping[str, object], rule: SignalRule, products: Sequence[tuple[str, ...]]
+) -> CandidateRules:
     """Return `rules` with the definitions `raw`, which all follow `rule`, and products of them."""
     taken = sorted(set(raw) & {*rules.signals, *rules.constructed})
     if taken:
         raise CesError(f"constructed input '{taken[0]}': is defined already; give each of --construct and --blend once")
-    block, open_lags = without_auto(raw)
+    block, open_lags = replace_auto(raw)
     return replace(
         rules,
         signals={**rules.signals, **dict.fromkeys(raw, rule)},

@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import pairwise
 
-from ces_observer.checked import Checked
 from ces_observer.errors import CesError
-from ces_observer.structures.constructed import BASE, Constructed, hats
-from ces_observer.structures.constructed_file import constructed_from, require_name
+from ces_observer.json_checks import JsonObject
+from ces_observer.structures.constructed_file import parse_constructed, require_name
+from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, make_memberships
 
-Constructions = Mapping[str, tuple[Constructed, ...]]  # by the name rules and products know them by
+Constructions = Mapping[str, tuple[ConstructedInput, ...]]  # by the name rules and products know them by
 
-HATS = "hats"
+MEMBERSHIPS = "hats"
 AUTO, FIRST_GUESS_S = "auto", 0.01
-RULE_KINDS = ("stop", "play", "lag", "frequency", HATS)
-MOST_HATS = 20
-MOST_PLACE, LEAST_DISTANCE = 1e6, 1e-6  # [m, m/s, A, Hz] of hats
+RULE_KINDS = ("stop", "play", "lag", "frequency", MEMBERSHIPS)
+MAX_MEMBERSHIPS = 20
+MAX_PEAK, MIN_PEAK_DISTANCE = 1e6, 1e-6  # [m, m/s, A, Hz] of hats
 FREQUENCY = {"time_constant_s": 0.25, "range_Hz": [0.5, 20.0], "floor_m": 1e-4}  # unless told otherwise
 
 
-def without_auto(raw: object) -> tuple[object, tuple[str, ...]]:
+def replace_auto(raw: object) -> tuple[object, tuple[str, ...]]:
     """Return the block `constructed` with a guess for each lag whose time constant is `auto`, and their names."""
     if not isinstance(raw, Mapping):
         return raw, ()
@@ -31,37 +31,39 @@ def without_auto(raw: object) -> tuple[object, tuple[str, ...]]:
 
 def constructions_from(
     raw: object, where: str, known: Constructions | None = None
-) -> dict[str, tuple[Constructed, ...]]:
+) -> dict[str, tuple[ConstructedInput, ...]]:
     """Check the block `constructed` of a rules file, and return it with those `known` before; raises CesError."""
     if not isinstance(raw, Mapping):
         raise CesError(f"{where}: expected names, each with kind and settings")
     made = dict(known or {})
-    for name in sorted(raw, key=lambda key: isinstance(raw[key], Mapping) and raw[key].get("kind") == HATS):
-        made[str(name)] = _construction(str(name), Checked(raw[name], f"{where}: {name}"), made)
+    for name in sorted(raw, key=lambda key: isinstance(raw[key], Mapping) and raw[key].get("kind") == MEMBERSHIPS):
+        made[str(name)] = _construction(str(name), JsonObject(raw[name], f"{where}: {name}"), made)
     names = [one.name for group in made.values() for one in group]
     if len(set(names)) < len(names):
         raise CesError(f"{where}: hats are named NAME_1, NAME_2 and so on; expected these names to be free")
     return made
 
 
-def _construction(name: str, node: Checked, known: Constructions) -> tuple[Constructed, ...]:
+def _construction(name: str, node: JsonObject, known: Constructions) -> tuple[ConstructedInput, ...]:
     kind = node.choice("kind", RULE_KINDS)
-    if kind == HATS:
-        return _hats(require_name(name, node.where), node, known)
+    if kind == MEMBERSHIPS:
+        return _build_memberships(require_name(name, node.where), node, known)
     settings = {**(FREQUENCY if kind == "frequency" else {}), **node.value, "name": name}
-    return tuple(constructed_from([Checked(settings, node.where)]).values())
+    return tuple(parse_constructed([JsonObject(settings, node.where)]).values())
 
 
-def _hats(name: str, node: Checked, known: Constructions) -> tuple[Constructed, ...]:
+def _build_memberships(name: str, node: JsonObject, known: Constructions) -> tuple[ConstructedInput, ...]:
     smooth = {one.name: one for made in known.values() for one in made if one.kind != "hat"}
     of = node.choice("of", (*BASE, *smooth))
-    return hats(name, of, peaks_from(node.value.get("at"), f"{node.where}: at"), smooth.get(of))
+    return make_memberships(name, of, peaks_from(node.value.get("at"), f"{node.where}: at"), smooth.get(of))
 
 
 def peaks_from(raw: object, where: str) -> list[float]:
     """Return the ascending places of the hats of a blend; raises CesError."""
-    good = isinstance(raw, list) and all(isinstance(x, int | float) and abs(x) < MOST_PLACE for x in raw)
+    good = isinstance(raw, list) and all(isinstance(x, int | float) and abs(x) < MAX_PEAK for x in raw)
     peaks = [float(x) for x in raw] if isinstance(raw, list) and good else []
-    if not 2 <= len(peaks) <= MOST_HATS or any(b - a < LEAST_DISTANCE for a, b in pairwise(peaks)):
-        raise CesError(f"{where}: {raw!r}; expected 2 to {MOST_HATS} ascending numbers, where each sub-model is alone")
+    if not 2 <= len(peaks) <= MAX_MEMBERSHIPS or any(b - a < MIN_PEAK_DISTANCE for a, b in pairwise(peaks)):
+        raise CesError(
+            f"{where}: {raw!r}; expected 2 to {MAX_MEMBERSHIPS} ascending numbers, where each sub-model is alone"
+        )
     return peaks

@@ -9,20 +9,27 @@ from numpy.typing import NDArray
 
 from ces_identify.polynomial import constructed_kernels as kernels
 from ces_observer.model import Envelope
-from ces_observer.structures.constructed import Constructed, Frequency, Hat, Hysteresis, Lag
+from ces_observer.structures.constructed_inputs import (
+    ConstructedInput,
+    Frequency,
+    Hysteresis,
+    Lag,
+    TriangularMembership,
+)
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
 
 def constructed_values(
-    constructed: Sequence[Constructed],
+    constructed: Sequence[ConstructedInput],
     envelope: Envelope,
     inputs: Sequence[F],
     segments: I,
     rate_Hz: float,
 ) -> dict[str, F]:
-    """Return each constructed input (ticks,) by name, as `ces_observer.structures.constructed.Construction` makes it.
+    """Return each constructed input (ticks,) by name, as `ces_observer.structures.constructed_inputs.InputConstructor`
+    makes it.
 
     `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; they are clamped to `envelope`. Of `constructed`,
     each comes after those it is made of.
@@ -34,15 +41,15 @@ def constructed_values(
     return {one.name: known[one.name] for one in constructed}
 
 
-def membership(hat: Hat, values: F) -> F:
+def membership(definition: TriangularMembership, values: F) -> F:
     """Return the membership (n,) of `values` (n,)."""
-    low = 1.0 if hat.low is None else 1.0 - (values - hat.peak) / (hat.low - hat.peak)
-    high = 1.0 if hat.high is None else 1.0 - (values - hat.peak) / (hat.high - hat.peak)
-    return np.maximum(0.0, np.where(values < hat.peak, low, high))
+    low = 1.0 if definition.low is None else 1.0 - (values - definition.peak) / (definition.low - definition.peak)
+    high = 1.0 if definition.high is None else 1.0 - (values - definition.peak) / (definition.high - definition.peak)
+    return np.maximum(0.0, np.where(values < definition.peak, low, high))
 
 
-def _values(one: Constructed, known: Mapping[str, F], segments: I, rate_Hz: float) -> F:
-    if isinstance(one, Hat):
+def _values(one: ConstructedInput, known: Mapping[str, F], segments: I, rate_Hz: float) -> F:
+    if isinstance(one, TriangularMembership):
         return membership(one, known[one.of])
     if isinstance(one, Frequency):
         settings = (one.gain(rate_Hz), one.floor_m, *one.range_Hz)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.compiled import CompiledTerms, compile_terms, power_table
+from ces_identify.polynomial.compiled_terms import CompiledTerms, compile_terms, power_table
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial

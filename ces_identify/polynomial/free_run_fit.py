@@ -16,12 +16,12 @@ I = NDArray[np.int64]  # noqa: E741
 
 ROOM = 0.005  # below the most gain, where the penalty begins
 PENALTY = 1e3  # of a squared excess of gain, in units of the squared error at the start
-ENOUGH = 2e-4  # relative decrease at which to stop
+STOP_DECREASE = 2e-4  # relative decrease at which to stop
 TRIES = 8  # dampings tried for a step
 
 
 @dataclass(frozen=True)
-class Fit:
+class FreeRunFit:
     """Coefficients (terms,), weighted squared error (infinite if the run diverges), Gauss-Newton matrix of it."""
 
     coefficients: F
@@ -29,7 +29,7 @@ class Fit:
     matrix: F
 
 
-def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, iterations: int) -> Fit:
+def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, iterations: int) -> FreeRunFit:
     """Return the coefficients after at most `iterations` steps down the weighted free-run error.
 
     If the problem asks for stable models, every step is one if the first is; its probed gain may come to lie halfway
@@ -38,7 +38,7 @@ def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, itera
     arrays, probes = problem.compiled.subset(chosen).arrays, problem.probes[chosen]
 
     def equations(c: F) -> tuple[float, F, F]:
-        if kernels.probed_gain(probes, arrays[3], c) >= 0.5 * (1.0 + problem.most_gain):
+        if kernels.probed_gain(probes, arrays[3], c) >= 0.5 * (1.0 + problem.max_gain):
             return np.inf, np.empty(0), np.empty(0)
         found: tuple[float, F, F] = normal_equations(
             problem.powers, problem.segments, weights, problem.measured, *arrays, c, *problem.force_envelope
@@ -47,8 +47,8 @@ def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, itera
 
     error, matrix, gradient = equations(coefficients)
     if not np.isfinite(error):
-        return Fit(coefficients, np.inf, matrix)
-    hinge = _Hinge(probes, arrays[3], problem.most_gain - ROOM, PENALTY * error)
+        return FreeRunFit(coefficients, np.inf, matrix)
+    hinge = _Hinge(probes, arrays[3], problem.max_gain - ROOM, PENALTY * error)
     value, damping = error + hinge.value(coefficients), 1e-4
     for _ in range(iterations):
         bent, slope = hinge.bend(coefficients)
@@ -62,11 +62,11 @@ def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, itera
         else:
             break
         coefficients, error, matrix, gradient = coefficients + step, e, h, g
-        settled = value - trial < ENOUGH * value
+        settled = value - trial < STOP_DECREASE * value
         value, damping = trial, max(damping / 8.0, 1e-9)
         if settled:
             break
-    return Fit(coefficients, error, matrix)
+    return FreeRunFit(coefficients, error, matrix)
 
 
 class _Hinge:

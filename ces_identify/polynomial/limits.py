@@ -23,7 +23,7 @@ class Limits:
     Without `exchanges`, weak terms stay once the model is full.
     """
 
-    most_terms: int = 25
+    max_terms: int = 25
     seconds: float = 60.0
     target: float = 0.0
     starts: int = 8
@@ -35,7 +35,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """A model found: indices of its candidates, coefficients, selection cost [%], seed and why the start ended."""
 
     chosen: I
@@ -46,4 +46,4 @@ class Found:
     ended: str
 
 
-Listener = Callable[[Found], None]
+Listener = Callable[[SearchResult], None]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.compiled import CompiledTerms, compile_terms, power_table
+from ces_identify.polynomial.compiled_terms import CompiledTerms, compile_terms, power_table
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_identify.preparation.cost import require_force
 from ces_identify.preparation.series import Series
@@ -30,8 +30,8 @@ I = NDArray[np.int64]  # noqa: E741
 
 BLOCK_S = 1.0  # [s] of estimation and selection in turn
 ESTIMATION_BLOCKS, PERIOD_BLOCKS = 2, 3
-LEAST_TICKS = 200
-MOST_GAIN = 0.995  # of past forces, at the probed inputs: the proof over all inputs then has room
+MIN_TICKS = 200
+MAX_GAIN = 0.995  # of past forces, at the probed inputs: the proof over all inputs then has room
 CHUNK = 4096  # ticks per block of regressors held in memory
 INPUT_MARGIN = 0.1  # of an input's span
 EXTENSION = 0.5  # of the measured force's span, by which the force envelope exceeds it; it holds 0, where runs start
@@ -43,7 +43,7 @@ class Problem:
 
     `gram` (n + 1, n + 1) holds the measured force as its last row and column. Weights over the ticks: `fit` of all
     ticks least squares could use, `selection` and `everything` of the free-run cost. `probes` (n, points) are the
-    inputs' factors over the envelope, by which models of gain `most_gain` or more are passed over. See kernels.py for
+    inputs' factors over the envelope, by which models of gain `max_gain` or more are passed over. See kernels.py for
     the rest.
     """
 
@@ -60,7 +60,7 @@ class Problem:
     everything: F
     gram: F
     probes: F
-    most_gain: float
+    max_gain: float
 
     def gain(self, chosen: I, coefficients: F) -> float:
         """Return the largest gain of past forces at the probed inputs of the terms at the indices `chosen`."""
@@ -74,7 +74,7 @@ class Problem:
         return float(kernels.free_run_cost(*run, self.recordings, np.inf, *room))
 
 
-def coarser(problem: Problem, step: int) -> Problem:
+def coarsen(problem: Problem, step: int) -> Problem:
     """Return the problem at every `step`-th tick alone, its lags to the nearest of these, for quick looks by free run.
 
     Past forces keep their lags in ticks, which are longer now. The Gram matrix stays that of the fine ticks.
@@ -95,7 +95,7 @@ def coarser(problem: Problem, step: int) -> Problem:
     )
 
 
-def pose(
+def assemble_problem(
     series: Sequence[Series], candidates: Sequence[Term], stable: bool = True, weighting: Weighting = EQUAL
 ) -> Problem:
     """Return the problem of choosing among `candidates` on `series`; raises RecordingError if they hold too little.
@@ -105,7 +105,7 @@ def pose(
     """
     for one in series:
         require_force(one)
-    envelope = envelope_of(series)
+    envelope = compute_envelope(series)
     compiled = compile_terms(candidates)
     x, v, i = (np.concatenate([getattr(s, name) for s in series]) for name in ("position", "speed", "current"))
     segments, recordings = _stack_segments(series)
@@ -113,14 +113,14 @@ def pose(
     powers = power_table(compiled.powers, envelope, x, v, i, made)
     measured = np.nan_to_num(np.concatenate([s.force for s in series]))
     chosen = np.concatenate([estimation_ticks(s) for s in series])
-    weighting = weighting.over(series)
+    weighting = weighting.with_common_stroke(series)
     everything = np.concatenate([_weights(s, s.scored, weighting) for s in series])
     selection = np.concatenate([_weights(s, s.scored & ~estimation_ticks(s), weighting) for s in series])
     fit = _fit_weights(series, compiled, weighting)
     estimation = fit * chosen
-    if np.count_nonzero(estimation) < LEAST_TICKS:
+    if np.count_nonzero(estimation) < MIN_TICKS:
         raise RecordingError(
-            f"{np.count_nonzero(estimation)} ticks to estimate from; expected at least {LEAST_TICKS}: record longer"
+            f"{np.count_nonzero(estimation)} ticks to estimate from; expected at least {MIN_TICKS}: record longer"
         )
     gram = gram_matrix(compiled, powers, measured, segments, estimation)
     known = measured[everything > 0]
@@ -139,11 +139,11 @@ def pose(
         everything=everything,
         gram=gram,
         probes=probe(compiled, envelope),
-        most_gain=MOST_GAIN if stable else np.inf,
+        max_gain=MAX_GAIN if stable else np.inf,
     )
 
 
-def envelope_of(series: Sequence[Series]) -> Envelope:
+def compute_envelope(series: Sequence[Series]) -> Envelope:
     """Return the range of each input over the scored ticks of all series, widened a little at both ends."""
 
     def span(name: str) -> Range:
@@ -163,7 +163,7 @@ def probe(compiled: CompiledTerms, envelope: Envelope) -> F:
     rows = [_lagged_inputs(compiled, t) for t in range(len(compiled.outputs))]
     dimensions = sorted({key for t, row in enumerate(rows) if compiled.outputs[t] for key in row.values()})
     ranges = compiled.ranges(envelope)
-    inputs = _spread([ranges[s] for s, _ in dimensions], [compiled.kinks(s) for s, _ in dimensions])
+    inputs = _spread_points([ranges[s] for s, _ in dimensions], [compiled.kinks(s) for s, _ in dimensions])
     points = np.ones((len(rows), inputs.shape[1]))
     for t, row in enumerate(rows):
         for f, key in row.items() if compiled.outputs[t] else ():
@@ -176,7 +176,7 @@ def _lagged_inputs(compiled: CompiledTerms, term: int) -> dict[int, tuple[str, i
     return {f: compiled.variable(term, f) for f in range(compiled.counts[term])}
 
 
-def _spread(ranges: Sequence[Range], kinks: Sequence[Sequence[float]]) -> F:
+def _spread_points(ranges: Sequence[Range], kinks: Sequence[Sequence[float]]) -> F:
     """Return points (ranges, n) over a box, denser towards zero, where powers below one bend most.
 
     A grid goes through the `kinks` of each range, too, where memberships bend.
@@ -234,7 +234,7 @@ def estimation_ticks(series: Series) -> NDArray[np.bool_]:
 
 def _weights(series: Series, ticks: NDArray[np.bool_], weighting: Weighting) -> F:
     """Return w / sum w (y - mean y)^2 on `ticks`, 0 elsewhere, so that the weighted squared error is (J / 100)^2."""
-    weights, force = np.where(ticks, weighting.of(series), 0.0), np.where(ticks, series.force, 0.0)
+    weights, force = np.where(ticks, weighting.tick_weights(series), 0.0), np.where(ticks, series.force, 0.0)
     mean = float(weights @ force) / max(float(weights.sum()), 1e-300)
     spread = float(weights @ (force - mean) ** 2)
     if spread <= 0.0:
@@ -253,6 +253,6 @@ def _fit_weights(series: Sequence[Series], compiled: CompiledTerms, weighting: W
             usable[lag:] &= known[:-lag]
         for start, _ in one.segments:
             usable[start : start + depth] = False
-        scale = _weights(one, one.scored, weighting).sum() / max(weighting.of(one)[one.scored].sum(), 1e-300)
-        weights.append(np.where(usable, scale * weighting.of(one), 0.0))
+        scale = _weights(one, one.scored, weighting).sum() / max(weighting.tick_weights(one)[one.scored].sum(), 1e-300)
+        weights.append(np.where(usable, scale * weighting.tick_weights(one), 0.0))
     return np.concatenate(weights)

@@ -6,18 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.polynomial.free_run_fit import fit_free_run
-from ces_identify.polynomial.limits import Found
+from ces_identify.polynomial.limits import SearchResult
 from ces_identify.polynomial.problem import Problem
 
 F = NDArray[np.float64]
 ITERATIONS = 20
 
 
-def refitted(problem: Problem, found: Found) -> F:
+def refit_coefficients(problem: Problem, result: SearchResult) -> F:
     """Return coefficients fitted to the free run on all identification ticks.
 
     The found ones are kept if the fit makes the free run on the selection ticks worse.
     """
-    fit = fit_free_run(problem, found.chosen, found.coefficients, problem.everything, ITERATIONS)
-    harmless = np.isfinite(fit.error) and problem.selection_cost(found.chosen, fit.coefficients) <= found.cost
-    return fit.coefficients if harmless else found.coefficients
+    fit = fit_free_run(problem, result.chosen, result.coefficients, problem.everything, ITERATIONS)
+    harmless = np.isfinite(fit.error) and problem.selection_cost(result.chosen, fit.coefficients) <= result.cost
+    return fit.coefficients if harmless else result.coefficients

@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.config_file import parse_yaml_mapping, read_yaml_mapping, require_known_keys
-from ces_identify.polynomial.constructed_rules import Constructions, constructions_from, without_auto
+from ces_identify.polynomial.constructed_rules import Constructions, constructions_from, replace_auto
 from ces_observer.errors import CesError
-from ces_observer.structures.constructed import Constructed, Hat, Lag
+from ces_observer.structures.constructed_inputs import ConstructedInput, Lag, TriangularMembership
 from ces_observer.structures.structure import MAX_LAG
 from ces_observer.structures.terms import Factor, Term
 from ces_observer.structures.terms_file import MAX_POWER
 
-MOST_CANDIDATES = 6000
-MOST_LAG_MS = 200.0
+MAX_CANDIDATES = 6000
+MAX_LAG_MS = 200.0
 SIGNALS = ("force", "speed", "current", "position")
 EXPECTED = f"candidate rules: {', '.join(SIGNALS)} and products"
 FORMS = {"signed": True, "magnitude": False}
@@ -58,7 +58,7 @@ class SignalRule:
 
 
 @dataclass(frozen=True)
-class Rules:
+class CandidateRules:
     """Rules by signal, and the products of signals that make a term; () is the constant term.
 
     `beside_force` holds other rules for the signals that multiply a past force. Few different lags there keep the proof
@@ -77,28 +77,28 @@ class Rules:
         """Return how many candidates the rules make."""
         return sum(prod(len(factors) for factors in self._factors(signals)) for signals in self.products)
 
-    def at_rate(self, rate_Hz: float) -> Rules:
+    def at_rate(self, rate_Hz: float) -> CandidateRules:
         """Return the rules with every lag in ticks of that rate."""
         signals = {name: rule.at_rate(rate_Hz) for name, rule in self.signals.items()}
         return replace(
             self, signals=signals, beside_force={n: rule.at_rate(rate_Hz) for n, rule in self.beside_force.items()}
         )
 
-    def with_time_constant(self, name: str, seconds: float) -> Rules:
+    def with_time_constant(self, name: str, seconds: float) -> CandidateRules:
         """Return the rules with the lag `name`'s time constant, also where hats are of that lag."""
 
-        def settled(one: Constructed) -> Constructed:
-            if isinstance(one, Hat) and one.base is not None:
-                return replace(one, base=settled(one.base))
+        def set_time_constant(one: ConstructedInput) -> ConstructedInput:
+            if isinstance(one, TriangularMembership) and one.base is not None:
+                return replace(one, base=set_time_constant(one.base))
             return replace(one, time_constant_s=seconds) if isinstance(one, Lag) and one.name == name else one
 
         return replace(
             self,
-            constructed={n: tuple(settled(one) for one in made) for n, made in self.constructed.items()},
+            constructed={n: tuple(set_time_constant(one) for one in made) for n, made in self.constructed.items()},
             open_lags=tuple(n for n in self.open_lags if n != name),
         )
 
-    def without(self, signal: str) -> Rules:
+    def without_signal(self, signal: str) -> CandidateRules:
         """Return the rules with every product that holds `signal`, or what is constructed from it, left out."""
         gone = {signal} | {name for name, made in self.constructed.items() if signal in made[0].signals}
         return replace(
@@ -115,9 +115,9 @@ class Rules:
         """
         if any(rule.in_ms for rule in (*self.signals.values(), *self.beside_force.values())):
             raise ValueError("lags in milliseconds; call at_rate first")
-        if self.count() > MOST_CANDIDATES:
+        if self.count() > MAX_CANDIDATES:
             raise CesError(
-                f"candidate rules make {self.count()} terms; at most {MOST_CANDIDATES}: drop lags, powers or products"
+                f"candidate rules make {self.count()} terms; at most {MAX_CANDIDATES}: drop lags, powers or products"
             )
         return tuple(Term(1.0, factors) for signals in self.products for factors in product(*self._factors(signals)))
 
@@ -175,7 +175,7 @@ products:
 """
 
 
-def load_rules(path: Path | None) -> Rules:
+def load_rules(path: Path | None) -> CandidateRules:
     """Read candidate rules, the built-in ones if `path` is None; raises CesError naming file and key."""
     if path is not None:
         return parse_rules(read_yaml_mapping(path, EXPECTED), str(path))
@@ -183,17 +183,17 @@ def load_rules(path: Path | None) -> Rules:
     return parse_rules(parse_yaml_mapping(DEFAULT_RULES, source, EXPECTED), source)
 
 
-def parse_rules(raw: Mapping[str, Any], source: str) -> Rules:
+def parse_rules(raw: Mapping[str, Any], source: str) -> CandidateRules:
     """Check candidate rules given as nested mappings; raises CesError."""
-    block, open_lags = without_auto(raw.get("constructed", {}))
+    block, open_lags = replace_auto(raw.get("constructed", {}))
     constructed = constructions_from(block, f"{source}: constructed")
     names = (*SIGNALS, *constructed)
     require_known_keys(raw, (*names, "constructed", "products"), source)
-    hats = {name for name, made in constructed.items() if isinstance(made[0], Hat)}
+    hats = {name for name, made in constructed.items() if isinstance(made[0], TriangularMembership)}
     force, beside = _split_force(raw.get("force"), names[1:], hats, source)
     given = {**raw, "force": force} if "force" in raw else raw
     signals = {s: _signal_rule(s, given[s], f"{source}: {s}", s in hats) for s in names if s in given}
-    return Rules(signals, _products(raw.get("products"), signals, source), beside, constructed, open_lags)
+    return CandidateRules(signals, _products(raw.get("products"), signals, source), beside, constructed, open_lags)
 
 
 def _split_force(
@@ -215,15 +215,15 @@ def _signal_rule(signal: str, raw: object, where: str, hat: bool = False) -> Sig
     in_ms = "lags_ms" in raw
     if in_ms and (signal == "force" or "lags" in raw):
         raise CesError(f"{where}: lags_ms {raw['lags_ms']!r}; expected lags alone" + " in ticks" * (signal == "force"))
-    lags = _listed(raw, "lags_ms" if in_ms else "lags", where)
-    if in_ms and not all(_is_number(x) and 0.0 <= x <= MOST_LAG_MS for x in lags):
-        raise CesError(f"{where}: lags_ms {list(lags)}; expected numbers from 0 to {MOST_LAG_MS:g}")
+    lags = _read_list(raw, "lags_ms" if in_ms else "lags", where)
+    if in_ms and not all(_is_number(x) and 0.0 <= x <= MAX_LAG_MS for x in lags):
+        raise CesError(f"{where}: lags_ms {list(lags)}; expected numbers from 0 to {MAX_LAG_MS:g}")
     if not in_ms and not all(isinstance(x, int) and not isinstance(x, bool) and least <= x <= MAX_LAG for x in lags):
         raise CesError(f"{where}: lags {list(lags)}; expected whole numbers from {least} to {MAX_LAG}")
-    powers = _listed(raw, "powers", where) if "powers" in raw else (1.0,)
+    powers = _read_list(raw, "powers", where) if "powers" in raw else (1.0,)
     if not all(isinstance(x, int | float) and 0.0 <= x <= MAX_POWER for x in powers):
         raise CesError(f"{where}: powers {list(powers)}; expected numbers from 0 to {MAX_POWER:g}")
-    forms = _listed(raw, "forms", where) if "forms" in raw else ("signed",)
+    forms = _read_list(raw, "forms", where) if "forms" in raw else ("signed",)
     if not set(forms) <= set(FORMS):
         raise CesError(f"{where}: forms {list(forms)}; expected {' or '.join(FORMS)}")
     return SignalRule(lags, tuple(float(p) for p in powers), forms, in_ms)
@@ -233,7 +233,7 @@ def _is_number(x: object) -> bool:
     return isinstance(x, int | float) and not isinstance(x, bool)
 
 
-def _listed(raw: Mapping[str, Any], key: str, where: str) -> tuple[Any, ...]:
+def _read_list(raw: Mapping[str, Any], key: str, where: str) -> tuple[Any, ...]:
     value = raw.get(key)
     if not isinstance(value, list) or not value:
         raise CesError(f"{where}: {key} is {value!r}; expected a list")

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from ces_identify.numerics import search_clock
-from ces_identify.polynomial.limits import Found, Limits, Listener
+from ces_identify.polynomial.limits import Limits, Listener, SearchResult
 from ces_identify.polynomial.problem import Problem
 
 
@@ -23,24 +23,24 @@ class SearchStart(ABC):
         deadline: float,
         stop: threading.Event,
         listener: Listener,
-        begin: Found | None = None,
+        begin: SearchResult | None = None,
     ) -> None:
         self.problem, self.limits, self.seed = problem, limits, seed
         self.deadline, self.stop, self.listener = deadline, stop, listener
         self.random = np.random.default_rng(seed)
-        self.found = begin or self._first_model()
-        self.trials = self.found.trials
+        self.best = begin or self._first_model()
+        self.trials = self.best.trials
 
     @abstractmethod
-    def run(self) -> Found:
+    def run(self) -> SearchResult:
         """Search until nothing helps, the target is reached, time is up or it is interrupted; return the best model."""
 
-    def _first_model(self) -> Found:
-        return Found(np.empty(0, np.int64), np.empty(0), np.inf, self.seed, 0, "running")
+    def _first_model(self) -> SearchResult:
+        return SearchResult(np.empty(0, np.int64), np.empty(0), np.inf, self.seed, 0, "running")
 
     def _reason_to_end(self) -> str:
         if self.stop.is_set():
             return "interrupted"
-        if self.found.cost <= self.limits.target:
+        if self.best.cost <= self.limits.target:
             return "target cost reached"
         return "time is up" if search_clock.now() > self.deadline else ""

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from ces_identify.numerics.kernels import F, I, _add_product
-from ces_identify.numerics.normal_matrix import BLOCK, accumulate, deepest, mirror
+from ces_identify.numerics.normal_matrix import BLOCK, accumulate, longest_lag, mirror
 
 LANES = 32  # candidates whose sensitivities run side by side
 
@@ -37,7 +37,7 @@ def normal_equations(
     """
     n_terms = len(coefficients)
     output_lags = _distinct(outputs)
-    depth = deepest(output_lags)
+    depth = longest_lag(output_lags)
     matrix, gradient = np.zeros((n_terms, n_terms)), np.zeros(n_terms)
     terms, inputs, gains = np.empty((n_terms, BLOCK)), np.empty(BLOCK), np.empty((BLOCK, len(output_lags)))
     past, slopes = np.empty(depth + BLOCK), np.empty((depth + BLOCK, n_terms))
@@ -156,7 +156,7 @@ def sensitivities(
 
     Shape (ticks of a weight above zero, terms).
     """
-    n_terms, depth = len(which), deepest(output_lags)
+    n_terms, depth = len(which), longest_lag(output_lags)
     out = np.empty((np.count_nonzero(weights > 0.0), n_terms))
     terms, slopes = np.empty((n_terms, BLOCK)), np.empty((depth + BLOCK, n_terms))
     kept = 0

@@ -13,7 +13,7 @@ from ces_identify.polynomial.free_run import powers_of_inputs
 from ces_identify.preparation.simulated_series import SimulatedSeries
 from ces_identify.typesetting import UNITS, Column, ModelTable, minus, signal_symbol, three_figures
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.constructed import Hat, Hysteresis, Lag
+from ces_observer.structures.constructed_inputs import Hysteresis, Lag, TriangularMembership
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -40,7 +40,7 @@ def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSer
     rows = []
     for t in order:
         term, part = polynomial.terms[t], float(parts[t]) if whole > 0.0 else None
-        formula, coefficient = typeset(term, model.envelope), Markup("{}").format(minus(f"{term.coefficient:.5g}"))
+        formula, coefficient = format_term(term, model.envelope), Markup("{}").format(minus(f"{term.coefficient:.5g}"))
         rows.append((formula, coefficient, coefficient_unit(term), *_share_cells(part, whole)))
     equation = Markup("<var>F</var>(<var>k</var>) = Σ coefficient · regressor")
     return ModelTable("terms", "Regressors", equation, COLUMNS, tuple(rows), note_after=NOTE.format(role))
@@ -86,7 +86,7 @@ def term_forces(polynomial: Polynomial, model: Model, one: SimulatedSeries) -> l
     return pieces
 
 
-def typeset(term: Term, envelope: Envelope) -> Markup:
+def format_term(term: Term, envelope: Envelope) -> Markup:
     """Return the product of the term's factors in HTML, inputs first; bars are left out where a signal is never < 0."""
     factors = [_factor(f, _never_negative(f, envelope)) for f in (*term.inputs, *_outputs(term))]
     return Markup(" · ").join(factors) if factors else Markup("1")
@@ -111,7 +111,13 @@ def _unit(f: Factor) -> str:
     made = f.definition
     if made is None:
         return UNITS[f.signal]
-    return UNITS[made.of] if isinstance(made, Hysteresis | Lag) else "" if isinstance(made, Hat) else UNITS["frequency"]
+    return (
+        UNITS[made.of]
+        if isinstance(made, Hysteresis | Lag)
+        else ""
+        if isinstance(made, TriangularMembership)
+        else UNITS["frequency"]
+    )
 
 
 def _outputs(term: Term) -> tuple[Factor, ...]:
@@ -126,12 +132,12 @@ def _factor(f: Factor, never_negative: bool) -> Markup:
     if f.power == 0.0:
         return Markup("sgn {}").format(s) if f.signed else Markup("1")
     if never_negative or (f.signed and odd) or (not f.signed and f.power % 2 == 0.0):
-        return _raised(s, f.power)
-    size = _raised(Markup("|{}|").format(s), f.power)
+        return _format_power(s, f.power)
+    size = _format_power(Markup("|{}|").format(s), f.power)
     return Markup("sgn {} · {}").format(s, size) if f.signed else size
 
 
-def _raised(base: Markup, power: float) -> Markup:
+def _format_power(base: Markup, power: float) -> Markup:
     return base if power == 1.0 else Markup("{}<sup>{}</sup>").format(base, f"{power:g}")
 
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ces_identify.numerics import search_clock
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.gauss_newton import GaussNewtonStart
-from ces_identify.polynomial.limits import Found, Limits
-from ces_identify.polynomial.problem import Problem, coarser, pose
-from ces_identify.polynomial.regressors import Rules
+from ces_identify.polynomial.limits import Limits, SearchResult
+from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen
+from ces_identify.polynomial.regressors import CandidateRules
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.weighting import EQUAL, Weighting
 
@@ -36,17 +36,17 @@ COARSE_HZ = 250.0  # rate of searches and fits; the lag itself is made at the mo
 SHARE = 0.2  # of the time for the search that each guess may take
 
 
-def settled(
-    rules: Rules, series: Sequence[Series], limits: Limits, stable: bool = True, weighting: Weighting = EQUAL
-) -> Rules:
+def find_time_constants(
+    rules: CandidateRules, series: Sequence[Series], limits: Limits, stable: bool = True, weighting: Weighting = EQUAL
+) -> CandidateRules:
     """Return `rules` with every open time constant [s] set to the one of least selection cost [%] on `series`."""
     step = max(1, round(series[0].rate_Hz / COARSE_HZ)) if series else 1
-    short = replace(limits, target=0.0, most_terms=min(TERMS, limits.most_terms), exchanges=False)
+    short = replace(limits, target=0.0, max_terms=min(TERMS, limits.max_terms), exchanges=False)
 
-    def problem(choice: Rules, chosen: I | None = None) -> Problem:
+    def problem(choice: CandidateRules, chosen: I | None = None) -> Problem:
         terms = choice.candidates()
         terms = terms if chosen is None else tuple(terms[i] for i in chosen)
-        return coarser(pose(series, terms, stable, weighting), step)
+        return coarsen(assemble_problem(series, terms, stable, weighting), step)
 
     for name in rules.open_lags:
         guess, tried = GUESS_S, list[float]()
@@ -55,13 +55,17 @@ def settled(
             rules = rules.with_time_constant(name, guess)
             deadline = search_clock.now() + SHARE * limits.seconds
             start = GaussNewtonStart(problem(rules), short, limits.seed, deadline, threading.Event(), lambda f: None)
-            guess = _least(cache(partial(_refitted_cost, problem, rules, name, start.run())))
+            guess = _search_grid(cache(partial(_cost_after_refit, problem, rules, name, start.run())))
         rules = rules.with_time_constant(name, guess)
     return rules
 
 
-def _refitted_cost(
-    problem: Callable[[Rules, I], Problem], rules: Rules, name: str, found: Found, seconds: float
+def _cost_after_refit(
+    problem: Callable[[CandidateRules, I], Problem],
+    rules: CandidateRules,
+    name: str,
+    found: SearchResult,
+    seconds: float,
 ) -> float:
     """Return the selection cost [%] of the terms found, fitted anew on the estimation ticks with a time constant."""
     posed = problem(rules.with_time_constant(name, seconds), found.chosen)
@@ -71,7 +75,7 @@ def _refitted_cost(
     return posed.selection_cost(chosen, fit.coefficients) if np.isfinite(fit.error) else float("inf")
 
 
-def _least(cost: Callable[[float], float]) -> float:
+def _search_grid(cost: Callable[[float], float]) -> float:
     """Return the time constant of the grid with the least cost: every few of them first, then those around the best."""
     best = GRID_S.index(min(GRID_S[1::EVERY], key=cost))
     return min(GRID_S[max(0, best - AROUND) : best + AROUND + 1], key=cost)

@@ -19,7 +19,7 @@ F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
 WINDOW_S = 4.0  # [s] of a Welch segment
-LEAST_SAMPLES = 64  # of a stretch worth a spectrum
+MIN_SAMPLES = 64  # of a stretch worth a spectrum
 SPIKE_FACTOR = 5.0  # times the robust standard deviation of a sample's distance from its neighbours' parabola
 SPIKE_PASSES = 5  # for wild samples so close together that they hide each other
 
@@ -53,16 +53,16 @@ def position_spectrum(recording: Recording, max_gap_s: float) -> Spectrum:
     samples = usable_samples(recording, 1e6)
     if np.ptp(samples.position) == 0.0:
         raise RecordingError(f"{recording.name}: position does not move; check its topic and field in the signals file")
-    window = 2 ** round(np.log2(max(WINDOW_S * rate, LEAST_SAMPLES)))
+    window = 2 ** round(np.log2(max(WINDOW_S * rate, MIN_SAMPLES)))
     power, weight = np.zeros(window // 2), 0
     for time, position in _stretches(samples.stamps_ns, samples.position, max_gap_s):
-        if len(time) < LEAST_SAMPLES:
+        if len(time) < MIN_SAMPLES:
             continue
-        even = _evened(time, without_spikes(position), rate)
+        even = _resample_evenly(time, remove_spikes(position), rate)
         density = welch(even, rate, nperseg=min(window, len(even)), nfft=window, detrend="linear")[1]
         power, weight = power + len(even) * density[1:], weight + len(even)
     if weight == 0:
-        raise RecordingError(f"{recording.name}: no {LEAST_SAMPLES} position samples in a row without a gap")
+        raise RecordingError(f"{recording.name}: no {MIN_SAMPLES} position samples in a row without a gap")
     return Spectrum(rate, np.arange(1, window // 2 + 1) * rate / window, power / weight)
 
 
@@ -77,13 +77,13 @@ def _stretches(stamps_ns: I, position: F, max_gap_s: float) -> list[tuple[F, F]]
     return stretches
 
 
-def _evened(time: F, position: F, rate: float) -> F:
+def _resample_evenly(time: F, position: F, rate: float) -> F:
     """Return positions at even times, as many as samples were taken or lost: between samples noise would fade."""
     steps = np.maximum(np.rint(np.diff(time) * rate), 1.0)
     return np.asarray(np.interp(np.linspace(time[0], time[-1], 1 + round(steps.sum())), time, position))
 
 
-def without_spikes(position: F) -> F:
+def remove_spikes(position: F) -> F:
     """Return `position` with wild samples, up to three in a row, replaced from their neighbours.
 
     A wild sample lies far from the parabola through the three samples before it and from that through the three after.
@@ -91,7 +91,7 @@ def without_spikes(position: F) -> F:
     low, high = np.percentile(position, (1.0, 99.0))
     places, good, clean = np.arange(len(position)), np.ones(len(position), bool), position
     for _ in range(SPIKE_PASSES):
-        distance = _from_parabolas(clean)
+        distance = _parabola_distance(clean)
         wild = distance > max(SPIKE_FACTOR * 1.4826 * float(np.median(distance)), 0.002 * (high - low))
         if not wild.any():
             break
@@ -100,7 +100,7 @@ def without_spikes(position: F) -> F:
     return clean
 
 
-def _from_parabolas(x: F) -> F:
+def _parabola_distance(x: F) -> F:
     """Distances (n,) to the nearer of the parabolas through the three samples before and the three after."""
     before, after = np.full(len(x), np.inf), np.full(len(x), np.inf)
     before[3:] = abs(x[3:] - (3.0 * x[2:-1] - 3.0 * x[1:-2] + x[:-3]))

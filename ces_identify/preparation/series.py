@@ -65,7 +65,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Samples:
+class PositionSamples:
     """The usable position samples of a recording, each with the current that holds there.
 
     `index` (n,) tells which samples of the position channel they are.
@@ -78,20 +78,20 @@ class Samples:
     dropped: dict[str, int]
 
 
-def usable_samples(recording: Recording, max_current_age_s: float) -> Samples:
+def usable_samples(recording: Recording, max_current_age_s: float) -> PositionSamples:
     """Return the finite position samples that have a finite current no older than `max_current_age_s`."""
     position = recording.channel("position")
-    current = held_current(recording, position.stamps_ns, max_current_age_s)
+    current = hold_current(recording, position.stamps_ns, max_current_age_s)
     finite = np.isfinite(position.values)
     good = finite & np.isfinite(current)
     dropped = {"position not finite": int((~finite).sum()), "no current": int((finite & ~good).sum())}
     if not good.any():
         raise RecordingError(f"{recording.name}: no position sample with a current at most {max_current_age_s} s old")
     index = np.flatnonzero(good)
-    return Samples(index, position.stamps_ns[index], position.values[index], current[index], dropped)
+    return PositionSamples(index, position.stamps_ns[index], position.values[index], current[index], dropped)
 
 
-def held_current(recording: Recording, stamps_ns: I, max_age_s: float) -> F:
+def hold_current(recording: Recording, stamps_ns: I, max_age_s: float) -> F:
     """Return the newest current [A] at or before each stamp, NaN where there is none or it is too old."""
     if "current" in recording.constants:
         return np.full(len(stamps_ns), float(recording.constants["current"]))
@@ -141,7 +141,7 @@ def prepare(recording: Recording, sampling: Sampling) -> Series:
     )
 
 
-def track_samples(samples: Samples, sampling: Sampling) -> tuple[F, I, I, NDArray[np.int8], F, float]:
+def track_samples(samples: PositionSamples, sampling: Sampling) -> tuple[F, I, I, NDArray[np.int8], F, float]:
     """Return what `kernels.track` makes of the samples under `sampling`."""
     tracked: tuple[F, I, I, NDArray[np.int8], F, float] = kernels.track(
         samples.stamps_ns,

@@ -24,7 +24,7 @@ ZERO_CROSSING, STROKE_ENDS = "zero_crossing", "stroke_ends"
 SLOW_M_S = 0.05  # |speed| of a zero crossing, unless given
 CENTRAL = 0.8  # share of the stroke that is not its ends, unless given
 UNITS = {"speed": "m/s", "current": "A", "position": "m"}
-MOST_WEIGHT = 1e6
+MAX_WEIGHT = 1e6
 FORMS = "zero_crossing[:SPEED]=W, stroke_ends[:CENTRAL_SHARE]=W, or speed|current|position:FROM..TO=W"
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 WORD = re.compile(rf"(?P<region>\w+)(?::(?P<low>{NUMBER})(?:\.\.(?P<high>{NUMBER}))?)?=(?P<weight>{NUMBER})", re.ASCII)
@@ -51,14 +51,14 @@ class Weighting:
     regions: tuple[Region, ...] = ()
     stroke: Range | None = None
 
-    def of(self, series: Series) -> F:
+    def tick_weights(self, series: Series) -> F:
         """Return the weight of each tick (ticks,); 1 outside all regions."""
         weights = np.ones(len(series))
         for region in self.regions:
             weights[_inside(region, series, self.stroke)] *= region.weight
         return weights
 
-    def over(self, series: Sequence[Series]) -> Weighting:
+    def with_common_stroke(self, series: Sequence[Series]) -> Weighting:
         """Return the weighting with the stroke of a whole set of series, so that its ends are the same in each."""
         low = min(float(s.position[s.scored].min()) for s in series)
         return replace(self, stroke=(low, max(float(s.position[s.scored].max()) for s in series)))
@@ -75,19 +75,19 @@ EQUAL = Weighting()
 
 def parse_weighting(words: Sequence[str]) -> Weighting:
     """Return the weighting that `words` describe; raises CesError for a word that is none."""
-    return Weighting(tuple(_region(word) for word in words))
+    return Weighting(tuple(_parse_region(word) for word in words))
 
 
-def _region(word: str) -> Region:
+def _parse_region(word: str) -> Region:
     match = WORD.fullmatch(word)
     if match is None:
         raise CesError(f"--weight '{word}': expected {FORMS}")
     name, low, high = match["region"], match["low"], match["high"]
     weight = float(match["weight"])
-    if not 0.0 <= weight <= MOST_WEIGHT:
-        raise CesError(f"--weight '{word}': the weight is {weight:g}; expected 0 to {MOST_WEIGHT:g}")
+    if not 0.0 <= weight <= MAX_WEIGHT:
+        raise CesError(f"--weight '{word}': the weight is {weight:g}; expected 0 to {MAX_WEIGHT:g}")
     if name in (ZERO_CROSSING, STROKE_ENDS) and high is None:
-        return _named(word, name, None if low is None else float(low), weight)
+        return _parse_named_region(word, name, None if low is None else float(low), weight)
     if name not in UNITS or low is None or high is None:
         raise CesError(f"--weight '{word}': expected {FORMS}")
     span = float(low), float(high)
@@ -96,7 +96,7 @@ def _region(word: str) -> Region:
     return Region(name, span, weight, word)
 
 
-def _named(word: str, name: str, size: float | None, weight: float) -> Region:
+def _parse_named_region(word: str, name: str, size: float | None, weight: float) -> Region:
     if name == ZERO_CROSSING:
         width = SLOW_M_S if size is None else size
         if not 0.0 < width < math.inf:

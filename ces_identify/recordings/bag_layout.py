@@ -1,7 +1,7 @@
 """The layout of a serialised message: a walk along its bytes, guided by the type's definition.
 
-A raw message (CDR, either byte order) goes in; a `Layout` comes out that tells where the wanted numbers are and which
-bytes fix these places. The walk is checked against what rosbags reads from the same message.
+A raw message (CDR, either byte order) goes in; a `MessageLayout` comes out that tells where the wanted numbers are and
+which bytes fix these places. The walk is checked against what rosbags reads from the same message.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import BaseDesc, FieldDesc, NameDesc
 from rosbags.typesys.store import Typestore
 
-from ces_identify.recordings.bulk_decode import Layout, Number
+from ces_identify.recordings.bulk_decode import MessageLayout, NumberField
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
 
@@ -35,7 +35,9 @@ class NotWalkableError(Exception):
     """The message has a part whose size this walk does not know."""
 
 
-def layout_of(raw: bytes, typename: str, paths: Sequence[FieldPath], typestore: Typestore) -> Layout | None:
+def describe_layout(
+    raw: bytes, typename: str, paths: Sequence[FieldPath], typestore: Typestore
+) -> MessageLayout | None:
     """Describe the layout of a message, or return None if this walk cannot or disagrees with rosbags.
 
     Raises rosbags' SerdeError if the message cannot be read at all.
@@ -52,7 +54,7 @@ def layout_of(raw: bytes, typename: str, paths: Sequence[FieldPath], typestore: 
     if not all(_agrees(number, raw, path, message) for number, path in zip(numbers, paths, strict=True)):
         return None
     fixed = np.unique(np.array(walk.fixed, dtype=np.int64))
-    return Layout(fixed, np.frombuffer(raw, dtype=np.uint8)[fixed], numbers)
+    return MessageLayout(fixed, np.frombuffer(raw, dtype=np.uint8)[fixed], numbers)
 
 
 class _Walk:
@@ -64,14 +66,14 @@ class _Walk:
         self.order = "<" if raw[1] else ">"
         self.position = ENCAPSULATION
         self.fixed = [0, 1]
-        self.numbers: dict[Place, Number] = {}
+        self.numbers: dict[Place, NumberField] = {}
         self.texts: dict[Place, list[int]] = {}
 
     def message(self, typename: str, place: Place) -> None:
         for name, description in self.typestore.get_msgdef(typename).fields:
             self._field(description, (*place, name))
 
-    def find(self, message: object, path: FieldPath) -> Number | str:
+    def find(self, message: object, path: FieldPath) -> NumberField | str:
         """Return where the number at `path` is, or why there is none; joint names on the way become fixed bytes."""
         place: Place = ()
         for name, element in path.steps:
@@ -85,14 +87,14 @@ class _Walk:
         except SignalsError as error:
             return str(error)
 
-    def _number(self, place: Place) -> Number:
+    def _number(self, place: Place) -> NumberField:
         *parent, last = place
         if isinstance(last, int):
             place = tuple(parent)
         if place not in self.numbers:
             raise NotWalkableError(place)
         first = self.numbers[place]
-        return Number(first.offset + (last * first.dtype.itemsize if isinstance(last, int) else 0), first.dtype)
+        return NumberField(first.offset + (last * first.dtype.itemsize if isinstance(last, int) else 0), first.dtype)
 
     def _field(self, description: FieldDesc, place: Place) -> None:
         if description[0] == Nodetype.BASE:
@@ -121,7 +123,7 @@ class _Walk:
         dtype = np.dtype(self.order + KINDS[kind])
         if count:
             self._align(dtype.itemsize)
-            self.numbers[place] = Number(self.position, dtype)
+            self.numbers[place] = NumberField(self.position, dtype)
             self.position += count * dtype.itemsize
 
     def _text(self, place: Place) -> None:
@@ -155,7 +157,7 @@ def _place(message: object, path: FieldPath) -> Place:
     return place
 
 
-def _agrees(number: Number | str, raw: bytes, path: FieldPath, message: object) -> bool:
+def _agrees(number: NumberField | str, raw: bytes, path: FieldPath, message: object) -> bool:
     """Compare the number found by walking with the one rosbags reads."""
     if isinstance(number, str):
         return True

@@ -18,9 +18,9 @@ from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from ces_identify.recordings.bag_layout import layout_of
+from ces_identify.recordings.bag_layout import describe_layout
 from ces_identify.recordings.bag_storage import Bag, Topic, open_bag
-from ces_identify.recordings.bulk_decode import Block, BulkDecoder, Floats, Index, Layout
+from ces_identify.recordings.bulk_decode import Block, BulkDecoder, Floats, Index, MessageLayout
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Constant, FieldPath, Signal, Signals
@@ -28,7 +28,7 @@ from ces_observer.signals import Constant, FieldPath, Signal, Signals
 HEADER = (Nodetype.NAME, "std_msgs/msg/Header")
 STAMP = (FieldPath.parse("header.stamp.sec"), FieldPath.parse("header.stamp.nanosec"))
 INPUTS = ("position", "current")
-TOPICS_TOLD = 20
+MAX_TOPICS_LISTED = 20
 DAMAGED = (SerdeError, struct.error, ValueError, IndexError, AssertionError)  # rosbags before 0.11.9 lets others pass
 T = TypeVar("T")
 Kind = TypeVar("Kind", bound=np.generic)
@@ -69,7 +69,7 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
 def _readers(bag: Bag, signals: Signals, need: Collection[str]) -> dict[str, _TopicReader]:
     """Return a reader for each topic that carries a signal, by the topic's name."""
     wanted: dict[Topic, list[Signal]] = {}
-    for signal in signals.recorded():
+    for signal in signals.list_topic_signals():
         topic = _topic(bag, signal, signals.source, signal.name in need)
         if topic is not None:
             wanted.setdefault(topic, []).append(signal)
@@ -83,7 +83,7 @@ def _topic(bag: Bag, signal: Signal, source: str, needed: bool) -> Topic | None:
         return None
     if not found:
         raise RecordingError(
-            f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has {_told(bag.topics)}"
+            f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has {_format_topics(bag.topics)}"
         )
     for topic in found:
         if topic.type == signal.type:
@@ -94,9 +94,9 @@ def _topic(bag: Bag, signal: Signal, source: str, needed: bool) -> Topic | None:
     )
 
 
-def _told(topics: tuple[Topic, ...]) -> str:
-    told = [f"{topic.name} ({topic.type})" for topic in topics[:TOPICS_TOLD]]
-    more = [f"{len(topics) - TOPICS_TOLD} more"] if len(topics) > TOPICS_TOLD else []
+def _format_topics(topics: tuple[Topic, ...]) -> str:
+    told = [f"{topic.name} ({topic.type})" for topic in topics[:MAX_TOPICS_LISTED]]
+    more = [f"{len(topics) - MAX_TOPICS_LISTED} more"] if len(topics) > MAX_TOPICS_LISTED else []
     return ", ".join(told + more) or "none"
 
 
@@ -139,7 +139,7 @@ class _TopicReader:
         if count and not samples.stamped:
             why = "an empty header stamp" if self.stamp else "no header"
             _warn(f"{signal.name}: {self.topic.type} on {self.topic.name} has {why}; stamped with the bag's log time")
-        return Channel(signal.name, signal.unit, samples.stamps(), _joined(samples.values, np.float64))
+        return Channel(signal.name, signal.unit, samples.stamps(), _concatenate(samples.values, np.float64))
 
 
 class _Samples:
@@ -163,7 +163,7 @@ class _Samples:
         self.values.append(values)
 
     def stamps(self) -> Index:
-        return _joined(self.header_ns if self.stamped else self.log_ns, np.int64)
+        return _concatenate(self.header_ns if self.stamped else self.log_ns, np.int64)
 
 
 def _decoder(kind: str, paths: tuple[FieldPath, ...], typestore: Typestore, where: str) -> BulkDecoder:
@@ -171,22 +171,24 @@ def _decoder(kind: str, paths: tuple[FieldPath, ...], typestore: Typestore, wher
         message = typestore.deserialize_cdr(raw, kind)
         return [_read(path, message) for path in paths]
 
-    def describe(raw: bytes) -> Layout | None:
-        return layout_of(raw, kind, paths, typestore)
+    def describe(raw: bytes) -> MessageLayout | None:
+        return describe_layout(raw, kind, paths, typestore)
 
-    return BulkDecoder(len(paths), _explained(describe, kind, where), _explained(read_one, kind, where))
+    return BulkDecoder(
+        len(paths), _wrap_decode_errors(describe, kind, where), _wrap_decode_errors(read_one, kind, where)
+    )
 
 
-def _explained(read: Callable[[bytes], T], kind: str, where: str) -> Callable[[bytes], T]:
+def _wrap_decode_errors(read: Callable[[bytes], T], kind: str, where: str) -> Callable[[bytes], T]:
     """Turn rosbags' complaint about a message into a RecordingError."""
 
-    def explained(raw: bytes) -> T:
+    def read_or_raise(raw: bytes) -> T:
         try:
             return read(raw)
         except DAMAGED as error:
             raise RecordingError(f"{where}: a message cannot be decoded as {kind}: {error}") from None
 
-    return explained
+    return read_or_raise
 
 
 def _read(path: FieldPath, message: object) -> float | str:
@@ -196,7 +198,7 @@ def _read(path: FieldPath, message: object) -> float | str:
         return str(error)
 
 
-def _joined(parts: list[NDArray[Kind]], kind: type[Kind]) -> NDArray[Kind]:
+def _concatenate(parts: list[NDArray[Kind]], kind: type[Kind]) -> NDArray[Kind]:
     return np.concatenate(parts) if parts else np.empty(0, dtype=kind)
 
 

@@ -58,7 +58,7 @@ class Bag:
         """Return the hash of the data files' bytes, one after the other, as they are stored."""
         digest = hashlib.sha256()
         for storage in self._storages:
-            with self._stored(storage.path).open("rb") as file:
+            with self._find_stored_file(storage.path).open("rb") as file:
                 while part := file.read(1 << 20):
                     digest.update(part)
         return digest.hexdigest()
@@ -69,9 +69,9 @@ class Bag:
             numbers = {name: [c.id for c in storage.connections if c.topic == name] for name in topics}
             for block in _blocks(storage.path, [i for some in numbers.values() for i in some]):
                 for name, mine in numbers.items():
-                    part = block.of(mine)
+                    part = block.select_topics(mine)
                     if len(part):
-                        yield name, self._unpacked(part)
+                        yield name, self._unpack(part)
 
     def typestore(self, topic: Topic) -> Typestore:
         """Return the types to read a topic with: the bag's own definitions, or those of ROS 2 Jazzy if it has none."""
@@ -102,12 +102,12 @@ class Bag:
             if encoding != "cdr":
                 raise RecordingError(f"{self.path}: topic {connection.topic} is encoded as '{encoding}'; expected cdr")
 
-    def _stored(self, file: Path) -> Path:
+    def _find_stored_file(self, file: Path) -> Path:
         """Return the file as it lies in the bag; one that was compressed as a whole is read from a temporary copy."""
         packed = self.path / f"{file.name}.zstd"
         return packed if self.path.is_dir() and file.parent != self.path and packed.exists() else file
 
-    def _unpacked(self, block: Block) -> Block:
+    def _unpack(self, block: Block) -> Block:
         """Undo the compression of single messages, if the bag has it."""
         if not self._packed:
             return block

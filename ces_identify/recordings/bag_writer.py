@@ -18,9 +18,9 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from ces_identify.recordings.bag_layout import layout_of
+from ces_identify.recordings.bag_layout import describe_layout
 from ces_identify.recordings.bag_message import blank_message
-from ces_identify.recordings.bulk_decode import Number
+from ces_identify.recordings.bulk_decode import NumberField
 from ces_identify.recordings.recording import Recording, Stamps, Values
 from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import FieldPath, Signal, Signals
@@ -61,7 +61,7 @@ def recording_topics(recording: Recording, signals: Signals) -> tuple[TopicData,
     Raises RecordingError if two channels share a topic but not their stamps.
     """
     shared: dict[tuple[str, str], list[Signal]] = {}
-    for signal in signals.recorded():
+    for signal in signals.list_topic_signals():
         if signal.name in recording.channels:
             shared.setdefault((signal.topic, signal.type), []).append(signal)
     return tuple(_topic_data(recording, mine) for mine in shared.values())
@@ -175,15 +175,15 @@ class _Encoder:
 
 def _places(
     topic: TopicData, paths: list[FieldPath], typestore: Typestore
-) -> tuple[np.ndarray[tuple[int], np.dtype[np.uint8]], list[Number]]:
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.uint8]], list[NumberField]]:
     """Return the bytes of a blank message and where its numbers are."""
     try:
         raw = bytes(typestore.serialize_cdr(blank_message(topic.type, paths, typestore), topic.type))
-        layout = layout_of(raw, topic.type, paths, typestore)
+        layout = describe_layout(raw, topic.type, paths, typestore)
     except CesError as error:
         raise SignalsError(f"topic {topic.name}: {error}") from None
     found = layout.numbers if layout else tuple(f"field '{path.text}' cannot be written" for path in paths)
-    numbers = [number for number in found if isinstance(number, Number)]
+    numbers = [number for number in found if isinstance(number, NumberField)]
     missing = [number for number in found if isinstance(number, str)]
     if missing:
         raise SignalsError(f"topic {topic.name}: {topic.type}: {missing[0]}")

@@ -1,7 +1,8 @@
 """Many raw messages at a time into numbers, by NumPy, where their layout is proved equal; else one at a time.
 
 A serialised message is a row of bytes. Once the length words, string terminators and joint names of a message are
-known, so are the places of its numbers; messages in which the same bytes stand in the same places share that `Layout`.
+known, so are the places of its numbers; messages in which the same bytes stand in the same places share that
+`MessageLayout`.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class Block:
     starts: Index
     lengths: Index
 
-    def of(self, topics: Sequence[int]) -> Block:
+    def select_topics(self, topics: Sequence[int]) -> Block:
         """Return the messages of these topics."""
         keep = np.isin(self.topics, topics)
         return Block(self.buffer, self.topics[keep], self.log_ns[keep], self.starts[keep], self.lengths[keep])
@@ -48,7 +49,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Number:
+class NumberField:
     """Place and kind of one number in a message: `offset` in bytes from its start."""
 
     offset: int
@@ -62,7 +63,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Layout:
+class MessageLayout:
     """What fixes the places of the wanted numbers, and these places.
 
     `fixed` (k,) are the byte positions that decide on the layout, `expected` (k,) what stands there. `numbers` has an
@@ -71,7 +72,7 @@ class Layout:
 
     fixed: Index
     expected: Bytes
-    numbers: tuple[Number | str, ...]
+    numbers: tuple[NumberField | str, ...]
 
     def fits(self, buffer: Bytes, starts: Index) -> Mask:
         """Tell which of the messages at `starts`, all as long as the one described, have this layout; shape (n,)."""
@@ -79,7 +80,7 @@ class Layout:
         return found
 
 
-Describe = Callable[[bytes], Layout | None]
+Describe = Callable[[bytes], MessageLayout | None]
 ReadOne = Callable[[bytes], list[float | str]]
 
 
@@ -95,7 +96,7 @@ class BulkDecoder:
         self.reasons: list[str] = [""] * width
         self._describe = describe
         self._read_one = read_one
-        self._layouts: dict[int, list[Layout]] = {}
+        self._layouts: dict[int, list[MessageLayout]] = {}
         self._one_by_one: set[int] = set()
 
     def decode(self, block: Block) -> tuple[Floats, Mask]:
@@ -129,7 +130,7 @@ class BulkDecoder:
                 present[row, i] = not isinstance(number, str)
                 values[row, i] = np.nan if isinstance(number, str) else number
 
-    def _fill(self, layout: Layout, block: Block, rows: Index, values: Floats, present: Mask) -> Index:
+    def _fill(self, layout: MessageLayout, block: Block, rows: Index, values: Floats, present: Mask) -> Index:
         """Read the rows that have this layout; return the others."""
         if not len(rows):
             return rows
@@ -142,6 +143,6 @@ class BulkDecoder:
                 present[mine, i] = True
         return rows[~fits]
 
-    def _note(self, i: int, number: Number | float | str) -> None:
+    def _note(self, i: int, number: NumberField | float | str) -> None:
         if isinstance(number, str) and not self.reasons[i]:
             self.reasons[i] = number

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_identify.recordings.checks import SECOND, rate_of
+from ces_identify.recordings.checks import SECOND, mean_rate
 from ces_identify.recordings.recording import Channel
 
 GAP_INTERVALS = 5.0  # a gap is an interval longer than so many median intervals
@@ -39,7 +39,7 @@ def channel_stats(channel: Channel) -> ChannelStats:
     return ChannelStats(
         count=len(channel),
         duration_s=float(intervals_ns.sum() / SECOND),
-        rate_Hz=rate_of(channel),
+        rate_Hz=mean_rate(channel),
         jitter_s=float(intervals_ns[~gaps].std() / SECOND) if len(intervals_ns) else np.nan,
         longest_s=float(intervals_ns.max() / SECOND) if len(intervals_ns) else np.nan,
         gaps=int(gaps.sum()),

@@ -12,7 +12,7 @@ from ces_identify.recordings.recording import Channel, Recording, Stamps
 from ces_observer.errors import RecordingError
 
 ERROR, WARNING = "error", "warning"
-MOST_STROKE_M, MOST_CURRENT_A = 1.0, 100.0  # beyond these a unit is likelier to be wrong than the damper to be so large
+MAX_STROKE_M, MAX_CURRENT_A = 1.0, 100.0  # beyond these a unit is likelier to be wrong than the damper to be so large
 BAD_SHARE = 0.01  # of samples that are NaN or infinite; preparation can leave out fewer
 RATE_RATIO = 100.0
 MISSING_SHARE = 0.01  # of the position's span that the current may be absent from
@@ -51,7 +51,7 @@ def require_usable(recording: Recording) -> tuple[Finding, ...]:
     return found
 
 
-def rate_of(channel: Channel) -> float:
+def mean_rate(channel: Channel) -> float:
     """Return the mean rate [Hz] of a channel over the whole of its span; 0 if it has none."""
     span = int(channel.stamps_ns.max() - channel.stamps_ns.min()) if len(channel) else 0
     return (len(channel) - 1) * SECOND / span if span else 0.0
@@ -89,7 +89,7 @@ def _constant_position(recording: Recording) -> Iterator[Finding]:
 
 
 def _rates_apart(recording: Recording) -> Iterator[Finding]:
-    rates = {name: rate for name, channel in recording.channels.items() if (rate := rate_of(channel)) > 0.0}
+    rates = {name: rate for name, channel in recording.channels.items() if (rate := mean_rate(channel)) > 0.0}
     for (slow, low), (fast, high) in combinations(sorted(rates.items(), key=lambda item: item[1]), 2):
         if high >= RATE_RATIO * low and "temperature" not in (slow, fast):
             yield Finding(
@@ -117,7 +117,7 @@ def _current_missing(recording: Recording, start_ns: int) -> Iterator[Finding]:
 
 def _implausible(recording: Recording) -> Iterator[Finding]:
     """Doubt the unit of a position or current that hardly any damper has; robust, since wild samples are no unit."""
-    for name, unit, other, most in (("position", "m", "mm", MOST_STROKE_M), ("current", "A", "mA", MOST_CURRENT_A)):
+    for name, unit, other, most in (("position", "m", "mm", MAX_STROKE_M), ("current", "A", "mA", MAX_CURRENT_A)):
         values = recording.channels[name].values if name in recording.channels else np.empty(0)
         values = values[np.isfinite(values)]
         if not len(values):

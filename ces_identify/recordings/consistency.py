@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.recordings.checks import ERROR, MOST_CURRENT_A, MOST_STROKE_M, WARNING, Finding
+from ces_identify.recordings.checks import ERROR, MAX_CURRENT_A, MAX_STROKE_M, WARNING, Finding
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 
 F = NDArray[np.float64]
 
-UNITS_APART = 100.0  # ratio of spreads that no two experiments of one damper have
-ALIKE_SPEEDS = 10.0  # ratio of speeds within which forces can be compared so
-DAMPS = 0.3  # correlation of force with speed from which its sign counts
-BIN_S, LEAST_BINS = 0.005, 50  # positions are averaged over bins before speeds are taken; so many tell something
+UNIT_RATIO = 100.0  # ratio of spreads that no two experiments of one damper have
+MAX_SPEED_RATIO = 10.0  # ratio of speeds within which forces can be compared so
+MIN_DAMPING_CORRELATION = 0.3  # correlation of force with speed from which its sign counts
+BIN_S, MIN_BINS = 0.005, 50  # positions are averaged over bins before speeds are taken; so many tell something
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ def traits(recording: Recording) -> Traits:
     current = np.abs(_values(recording, "current"))
     return Traits(
         name=recording.name,
-        stroke_m=_spread(_values(recording, "position")),
-        speed_m_s=_spread(speed),
+        stroke_m=_robust_span(_values(recording, "position")),
+        speed_m_s=_robust_span(speed),
         current_A=float(np.percentile(current, 99.0)) if len(current) else np.nan,
-        force_N=_spread(_values(recording, "force")),
+        force_N=_robust_span(_values(recording, "force")),
         damping=_correlation(speed, force),
     )
 
@@ -74,28 +74,28 @@ def require_consistent(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
 
 def _strokes(all_: Sequence[Traits]) -> Iterator[Finding]:
     low, high = _extremes(all_, "stroke_m")
-    if high.stroke_m > MOST_STROKE_M and high.stroke_m > UNITS_APART * low.stroke_m:
-        yield _units(
+    if high.stroke_m > MAX_STROKE_M and high.stroke_m > UNIT_RATIO * low.stroke_m:
+        yield _unit_finding(
             "position", f"spans {high.stroke_m:.4g} m in {high.name}, {low.stroke_m:.4g} m in {low.name}", "mm"
         )
 
 
 def _currents(all_: Sequence[Traits]) -> Iterator[Finding]:
     low, high = _extremes(all_, "current_A")
-    if high.current_A > MOST_CURRENT_A and high.current_A > UNITS_APART * low.current_A:
-        yield _units(
+    if high.current_A > MAX_CURRENT_A and high.current_A > UNIT_RATIO * low.current_A:
+        yield _unit_finding(
             "current", f"reaches {high.current_A:.4g} A in {high.name}, {low.current_A:.4g} A in {low.name}", "mA"
         )
 
 
 def _forces(all_: Sequence[Traits]) -> Iterator[Finding]:
     low, high = _extremes(all_, "force_N")
-    if high.force_N > UNITS_APART * low.force_N and high.speed_m_s < ALIKE_SPEEDS * low.speed_m_s:
+    if high.force_N > UNIT_RATIO * low.force_N and high.speed_m_s < MAX_SPEED_RATIO * low.speed_m_s:
         told = f"spans {high.force_N:.4g} N in {high.name}, {low.force_N:.4g} N in {low.name}, at speeds of "
-        yield _units("force", f"{told}{high.speed_m_s:.2g} and {low.speed_m_s:.2g} m/s", "kN")
+        yield _unit_finding("force", f"{told}{high.speed_m_s:.2g} and {low.speed_m_s:.2g} m/s", "kN")
 
 
-def _units(signal: str, told: str, unit: str) -> Finding:
+def _unit_finding(signal: str, told: str, unit: str) -> Finding:
     return Finding(
         ERROR,
         f"{signal}: {told}; expected one unit: is one of them in {unit}? convert it, or identify on them one by one",
@@ -103,8 +103,8 @@ def _units(signal: str, told: str, unit: str) -> Finding:
 
 
 def _signs(all_: Sequence[Traits]) -> Iterator[Finding]:
-    along = [t for t in all_ if t.damping >= DAMPS]
-    against = [t for t in all_ if t.damping <= -DAMPS]
+    along = [t for t in all_ if t.damping >= MIN_DAMPING_CORRELATION]
+    against = [t for t in all_ if t.damping <= -MIN_DAMPING_CORRELATION]
     if along and against:
         odd, rest = (against, along) if len(against) <= len(along) else (along, against)
         yield Finding(
@@ -141,12 +141,12 @@ def _values(recording: Recording, signal: str) -> F:
     return np.asarray(values[np.isfinite(values)])
 
 
-def _spread(values: F) -> float:
+def _robust_span(values: F) -> float:
     return float(np.ptp(np.percentile(values, (1.0, 99.0)))) if len(values) else np.nan
 
 
 def _correlation(speed: F, force: F) -> float:
-    if len(speed) < LEAST_BINS or speed.std() == 0.0 or force.std() == 0.0:
+    if len(speed) < MIN_BINS or speed.std() == 0.0 or force.std() == 0.0:
         return np.nan
     return float(np.corrcoef(speed, force)[0, 1])
 
@@ -158,17 +158,17 @@ def _speed_and_force(recording: Recording) -> tuple[F, F]:
         return np.empty(0), np.empty(0)
     start = int(position.stamps_ns.min())
     width = max(BIN_S * 1e9, 2.0 * float(np.median(np.abs(np.diff(position.stamps_ns)))))
-    bins, place = _binned(position, start, width)
+    bins, place = _average_bins(position, start, width)
     inner = bins[2:] - bins[:-2] == 2
     at, speed = bins[1:-1][inner], ((place[2:] - place[:-2]) / (2e-9 * width))[inner]
     if "force" not in recording.channels:
         return speed, np.zeros(len(speed))
-    force_bins, force = _binned(recording.channels["force"], start, width)
+    force_bins, force = _average_bins(recording.channels["force"], start, width)
     _, mine, its = np.intersect1d(at, force_bins, assume_unique=True, return_indices=True)
     return speed[mine], force[its]
 
 
-def _binned(channel: Channel, start_ns: int, width_ns: float) -> tuple[NDArray[np.int64], F]:
+def _average_bins(channel: Channel, start_ns: int, width_ns: float) -> tuple[NDArray[np.int64], F]:
     """Return the numbers of the bins of time that hold finite samples, and their means."""
     good = np.isfinite(channel.values)
     at = np.floor((channel.stamps_ns[good] - start_ns) / width_ns).astype(np.int64)

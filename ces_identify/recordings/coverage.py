@@ -40,7 +40,7 @@ class Coverage:
 
 def coverage(recordings: Sequence[Recording], speed_cells: int = 24, current_cells: int = 8) -> Coverage:
     """Count the time of recordings with position and current in cells of speed and current."""
-    samples = [samples_of(recording) for recording in recordings]
+    samples = [speed_current_samples(recording) for recording in recordings]
     speed, current, weight = (np.concatenate(parts) for parts in zip(*samples, strict=True))
     top = float(np.quantile(np.abs(speed), RANGE_QUANTILE)) if len(speed) else 0.0
     speed_edges = np.linspace(-1.0, 1.0, speed_cells + 1) * (top or 1.0)
@@ -51,15 +51,15 @@ def coverage(recordings: Sequence[Recording], speed_cells: int = 24, current_cel
     return Coverage(speed_edges, current_edges, time / total if total else time, total)
 
 
-def samples_of(recording: Recording) -> tuple[F, F, F]:
+def speed_current_samples(recording: Recording) -> tuple[F, F, F]:
     """Return speed [m/s], current [A] and the time each stands for [s], of shape (n,), where both are known."""
-    times, speed, weight = _speed(recording.channel("position"))
-    current = _held_current(recording, times)
+    times, speed, weight = _estimate_speed(recording.channel("position"))
+    current = _hold_current(recording, times)
     known = np.isfinite(current) & np.isfinite(speed)
     return speed[known], current[known], weight[known]
 
 
-def _speed(position: Channel) -> tuple[NDArray[np.int64], F, F]:
+def _estimate_speed(position: Channel) -> tuple[NDArray[np.int64], F, F]:
     """Return stamps [ns], speed and weight on a regular grid within each run of position without a gap."""
     good = np.isfinite(position.values)
     stamps, first = np.unique(position.stamps_ns[good], return_index=True)
@@ -70,20 +70,20 @@ def _speed(position: Channel) -> tuple[NDArray[np.int64], F, F]:
     interval = max(1, int(np.median(intervals)))
     breaks = np.flatnonzero(intervals > GAP_INTERVALS * interval) + 1
     runs = zip(np.split(stamps, breaks), np.split(values, breaks), strict=True)
-    grids = [_run_speed(run, x, interval) for run, x in runs if run[-1] - run[0] >= MIN_SAMPLES * interval]
+    grids = [_estimate_run_speed(run, x, interval) for run, x in runs if run[-1] - run[0] >= MIN_SAMPLES * interval]
     times = np.concatenate([grid for grid, _ in grids] or [np.empty(0, np.int64)])
     speed = np.concatenate([v for _, v in grids] or [np.empty(0)])
     return times, speed, np.full(len(times), interval / SECOND)
 
 
-def _run_speed(stamps: NDArray[np.int64], values: F, interval: int) -> tuple[NDArray[np.int64], F]:
+def _estimate_run_speed(stamps: NDArray[np.int64], values: F, interval: int) -> tuple[NDArray[np.int64], F]:
     grid = np.arange(stamps[0], stamps[-1] + 1, interval)
     even = np.interp((grid - stamps[0]).astype(np.float64), (stamps - stamps[0]).astype(np.float64), values)
     window = min(max(MIN_SAMPLES, 2 * round(WINDOW_S * SECOND / interval / 2) + 1), (len(grid) - 1) // 2 * 2 + 1)
     return grid, savgol_filter(even, window, polyorder=2, deriv=1, delta=interval / SECOND)
 
 
-def _held_current(recording: Recording, times: NDArray[np.int64]) -> F:
+def _hold_current(recording: Recording, times: NDArray[np.int64]) -> F:
     """Return the current at each time: the last one logged, NaN before the first."""
     if "current" in recording.constants:
         return np.full(len(times), recording.constants["current"])

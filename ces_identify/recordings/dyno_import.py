@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ces_identify.recordings.dyno_mapping import Column, DynoMapping, Fixed, FromName, MappingError, Source
-from ces_identify.recordings.dyno_table import Table, read_table
+from ces_identify.recordings.dyno_mapping import Column, DynoMapping, FileNameValue, FixedValue, MappingError, Source
+from ces_identify.recordings.dyno_table import LogTable, read_table
 from ces_identify.recordings.recording import Channel, Recording, Stamps, Values
 from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS
@@ -35,15 +35,15 @@ def import_log(path: Path, mapping: DynoMapping) -> Recording:
     return Recording(path.stem, channels, source=str(path))
 
 
-def _values(table: Table, source: Source, path: Path, mapping: DynoMapping) -> Values | float:
-    if isinstance(source, Fixed):
+def _values(table: LogTable, source: Source, path: Path, mapping: DynoMapping) -> Values | float:
+    if isinstance(source, FixedValue):
         return source.value
     if isinstance(source, Column):
         return source.scale * table.column(source.key) + source.offset
     return source.scale * _number_in_name(source, path, mapping) + source.offset
 
 
-def _number_in_name(source: FromName, path: Path, mapping: DynoMapping) -> float:
+def _number_in_name(source: FileNameValue, path: Path, mapping: DynoMapping) -> float:
     found = source.pattern.search(path.name)
     try:
         return float(found.group(1) if found else "")
@@ -52,7 +52,7 @@ def _number_in_name(source: FromName, path: Path, mapping: DynoMapping) -> float
         raise MappingError(f"{mapping.source}: from_name '{pattern}' finds no number in '{path.name}'") from None
 
 
-def _stamps(table: Table, mapping: DynoMapping, path: Path, count: int) -> Stamps:
+def _stamps(table: LogTable, mapping: DynoMapping, path: Path, count: int) -> Stamps:
     if mapping.time is None:
         rate = _rate(table, mapping.rate, path)
         return _nanoseconds(np.arange(count) / rate)
@@ -68,7 +68,7 @@ def _nanoseconds(seconds: Values) -> Stamps:
     return stamps
 
 
-def _rate(table: Table, given: float | Column | None, path: Path) -> float:
+def _rate(table: LogTable, given: float | Column | None, path: Path) -> float:
     """Return the rate [Hz] as given, or from the first row of its column."""
     if not isinstance(given, Column):
         return given or 1.0
@@ -78,7 +78,7 @@ def _rate(table: Table, given: float | Column | None, path: Path) -> float:
     return rate
 
 
-def _require_forward(seconds: Values, table: Table, path: Path) -> None:
+def _require_forward(seconds: Values, table: LogTable, path: Path) -> None:
     if not np.isfinite(seconds).all():
         row = int(np.argmin(np.isfinite(seconds)))
         raise RecordingError(f"{path}: {table.place(row)}: the time is {seconds[row]}; expected seconds")

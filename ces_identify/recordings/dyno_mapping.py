@@ -60,14 +60,14 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Fixed:
+class FixedValue:
     """A value that is the same in all rows of all files."""
 
     value: float
 
 
 @dataclass(frozen=True)
-class FromName:
+class FileNameValue:
     """A number in the file's name, the first group of `pattern`; value = scale * number + offset."""
 
     pattern: re.Pattern[str]
@@ -75,7 +75,7 @@ class FromName:
     offset: float = 0.0
 
 
-Source = Column | Fixed | FromName
+Source = Column | FixedValue | FileNameValue
 
 
 @dataclass(frozen=True)
@@ -127,9 +127,9 @@ class _Reader:
         if sum(key in given for key in ("column", "constant", "from_name")) != 1:
             raise self._error(name, given, f"one of column, constant and from_name, in {UNITS[name]} after scaling")
         if "constant" in given:
-            return Fixed(self._number(given["constant"], name, "a finite number"))
+            return FixedValue(self._number(given["constant"], name, "a finite number"))
         if "from_name" in given:
-            return FromName(self._pattern(given["from_name"], name), *self._scaling(given, name))
+            return FileNameValue(self._pattern(given["from_name"], name), *self._scaling(given, name))
         return self.column(name)
 
     def column(self, name: str) -> Column:

@@ -19,7 +19,7 @@ SUFFIXES = {".csv": "csv", ".txt": "csv", ".dat": "csv", ".tsv": "csv", ".json":
 DELIMITERS = {",": "','", ";": "';'", "\t": "'\\t'", " ": "' '", "|": "'|'"}
 
 
-class Table(Protocol):
+class LogTable(Protocol):
     """Columns of equal length."""
 
     def column(self, key: str | int) -> Values:
@@ -32,7 +32,7 @@ class Table(Protocol):
         """Return where row `row` (from 0) is, for a message."""
 
 
-def read_table(path: Path, mapping: DynoMapping) -> Table:
+def read_table(path: Path, mapping: DynoMapping) -> LogTable:
     """Read a log; raises RecordingError if it is not in the format that the mapping or its suffix says."""
     kind = mapping.format or SUFFIXES.get(path.suffix.lower(), "")
     try:

@@ -47,10 +47,10 @@ def require_complete(path: Path) -> None:
         file.seek(max(0, size - FOOTER_SIZE - len(MCAP0_MAGIC)))
         tail = file.read()
     if len(tail) < FOOTER_SIZE + len(MCAP0_MAGIC) or tail[0] != Opcode.FOOTER or not tail.endswith(MCAP0_MAGIC):
-        raise truncated(path, size)
+        raise truncation_error(path, size)
 
 
-def truncated(path: Path, size: int) -> RecordingError:
+def truncation_error(path: Path, size: int) -> RecordingError:
     """Return the error for a file that ends early, `size` bytes after its start."""
     return RecordingError(
         f"{path}: the file ends early, after {size} bytes and without an MCAP footer (recording interrupted or copy"
@@ -85,10 +85,10 @@ def _record_runs(file: BinaryIO, path: Path) -> Iterator[bytes]:
                 continue
             record = stream.read(length)
             if len(record) < length:
-                raise truncated(path, size)
+                raise truncation_error(path, size)
             yield _unpack(record, path) if opcode == CHUNK else struct.pack("<BQ", opcode, length) + record
     except (McapError, struct.error):
-        raise truncated(path, size) from None
+        raise truncation_error(path, size) from None
 
 
 def _unpack(record: bytes, path: Path) -> bytes:

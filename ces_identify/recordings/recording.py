@@ -40,9 +40,9 @@ class Channel:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
-    def where(self, kept: NDArray[np.bool_]) -> Channel:
+    def select(self, mask: NDArray[np.bool_]) -> Channel:
         """Return the samples (n,) marked."""
-        return replace(self, stamps_ns=self.stamps_ns[kept], values=self.values[kept])
+        return replace(self, stamps_ns=self.stamps_ns[mask], values=self.values[mask])
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,13 @@ class Recording:
             raise RecordingError(f"{self.name}: no '{signal}' channel; it has {', '.join(self.channels) or 'none'}")
         return self.channels[signal]
 
-    def opening(self, share: float) -> Recording:
+    def first_part(self, share: float) -> Recording:
         """Return what was logged up to the first `share` of the position samples."""
         stamps = self.channel("position").stamps_ns
         end = stamps[min(len(stamps) - 1, round(share * len(stamps)))] if share < 1.0 else None
         if end is None:
             return self
-        kept = {n: c.where(c.stamps_ns < end) for n, c in self.channels.items()}
+        kept = {n: c.select(c.stamps_ns < end) for n, c in self.channels.items()}
         return replace(self, channels=kept)
 
 

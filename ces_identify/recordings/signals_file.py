@@ -14,7 +14,7 @@ import yaml
 
 from ces_identify.config_file import read_yaml_tree, to_python
 from ces_observer.errors import SignalsError
-from ces_observer.signals import NAMES, Signals, overridden, quoted
+from ces_observer.signals import NAMES, Signals, override, quote
 
 _Sections = list[tuple[str, yaml.MappingNode]]
 KEYS = frozenset({"topic", "type", "field", "scale", "offset", "constant"})
@@ -47,7 +47,7 @@ def load_signals(path: Path | None = None) -> Signals:
     path, damper = _file_and_damper(path)
     root = read_yaml_tree(path, "a signals description, '/**: ros__parameters: position: ...'", SignalsError)
     sections = list(_sections(root, "")) or [("/**", root)]
-    damper = _chosen(damper, _dampers(sections, path), path)
+    damper = _choose_damper(damper, _dampers(sections, path), path)
     common = _signals_of("", sections, path)
     own = _signals_of(damper, sections, path) if damper else {}
     if not common and not own:
@@ -55,7 +55,7 @@ def load_signals(path: Path | None = None) -> Signals:
     merged = {}
     for name in {**common, **own}:
         (_, general), (line, special) = common.get(name, (0, None)), own.get(name, common.get(name, (0, None)))
-        merged[name] = overridden(general, special)
+        merged[name] = override(general, special)
         _check(name, merged[name], f"{path}:{line}")
     return Signals.from_mapping(merged, f"{path}#{damper}" if damper else str(path))
 
@@ -77,14 +77,14 @@ def _dampers(sections: _Sections, path: Path) -> list[str]:
                     isinstance(name, str) and name.isprintable() for name in given
                 ):
                     raise SignalsError(
-                        f"{path}:{key.start_mark.line + 1}: 'dampers' is {quoted(given)}; expected a list of names, "
+                        f"{path}:{key.start_mark.line + 1}: 'dampers' is {quote(given)}; expected a list of names, "
                         "such as [front, rear]"
                     )
                 found = [name for name in given if name]
     return found
 
 
-def _chosen(damper: str, known: list[str], path: Path) -> str:
+def _choose_damper(damper: str, known: list[str], path: Path) -> str:
     if damper and damper not in known:
         there = f"its dampers are {', '.join(known)}" if known else "it has no parameter 'dampers'"
         raise SignalsError(f"{path}: has no damper '{damper}'; {there}")
@@ -139,7 +139,7 @@ def _merge(name: str, parts: list[_Description], path: Path) -> tuple[int, Any]:
     """Return one description for the signal, and the last line that adds to it, so that an error can name it."""
     exact = {part.section: part.line for part in parts if part.exact}
     if len(exact) > 1:
-        places = " and ".join(f"{quoted(section)} (line {line})" for section, line in exact.items())
+        places = " and ".join(f"{quote(section)} (line {line})" for section, line in exact.items())
         raise SignalsError(f"{path}: signal '{name}' is described for {places}; expected one node's signals in a file")
     merged: Any = {}
     for part in parts:

@@ -11,7 +11,7 @@ from pathlib import Path
 from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.report.page import render
 from ces_identify.validation.evaluate import Evaluation
-from ces_observer.checked import write_beside
+from ces_observer.json_checks import write_atomically
 from ces_observer.model import Model
 
 __all__ = ["write_report"]
@@ -31,4 +31,4 @@ def write_report(
     weighted J of each recording. Raises CesError if `path`
     cannot be written, in which case what was there is left as it was.
     """
-    write_beside(path, render(title, model, evaluations, facts, weighting))
+    write_atomically(path, render(title, model, evaluations, facts, weighting))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.report.drawing import Axis, F, Panel, label, svg
+from ces_identify.report.drawing import F, Panel, PlotAxis, label, svg
 from ces_identify.typesetting import minus
 from ces_identify.validation.residuals import Correlation, ResidualTests
 
@@ -37,7 +37,7 @@ def correlation_figure(ident: str, tests: ResidualTests, name: str) -> Markup:
 def _panel(correlation: Correlation, box: tuple[float, float], scale: float) -> Panel:
     last = 1e3 * float(correlation.lags_s[-1])
     left, top = box
-    return Panel(Axis(0.0, last, left, left + PANEL[0]), Axis(-scale, scale, top + PANEL[1], top))
+    return Panel(PlotAxis(0.0, last, left, left + PANEL[0]), PlotAxis(-scale, scale, top + PANEL[1], top))
 
 
 def _plot(p: Panel, correlation: Correlation, last: bool) -> str:

@@ -18,12 +18,12 @@ from ces_identify.typesetting import minus
 F = NDArray[np.float64]
 
 STEPS = (1.0, 2.0, 5.0, 10.0)
-LEAST_SPACING = 17.0  # [px] between the labels of ticks
+MIN_SPACING = 17.0  # [px] between the labels of ticks
 SLOT = 122.0  # [px] for one entry of a legend
 
 
 @dataclass(frozen=True)
-class Axis:
+class PlotAxis:
     """Values from `low` to `high` drawn from pixel `start` to pixel `stop`."""
 
     low: float
@@ -36,11 +36,11 @@ class Axis:
         share = (np.asarray(values, float) - self.low) / (self.high - self.low)
         return np.asarray(self.start + share * (self.stop - self.start))
 
-    def ticks(self, most: int) -> list[tuple[float, str]]:
-        """Return up to `most` round values inside the axis with their labels."""
-        if most < 1:
+    def ticks(self, max_count: int) -> list[tuple[float, str]]:
+        """Return up to `max_count` round values inside the axis with their labels."""
+        if max_count < 1:
             return []
-        rough = (self.high - self.low) / most
+        rough = (self.high - self.low) / max_count
         decade = 10.0 ** math.floor(math.log10(rough))
         step = next(s * decade for s in STEPS if s * decade >= rough * (1 - 1e-9))
         decimals = max(0, -math.floor(math.log10(step) + 1e-9))
@@ -55,7 +55,7 @@ class Axis:
         decade = 10.0 ** math.floor(math.log10(self.high))
         step = max(s * decade for s in STEPS if s * decade <= self.high)
         decimals = max(0, -math.floor(math.log10(step) + 1e-9))
-        zero = "0" if abs(self.px(step) - self.px(0.0)) >= LEAST_SPACING else ""
+        zero = "0" if abs(self.px(step) - self.px(0.0)) >= MIN_SPACING else ""
         return [(-step, minus(f"{-step:.{decimals}f}")), (0.0, zero), (step, f"{step:.{decimals}f}")]
 
 
@@ -63,8 +63,8 @@ class Axis:
 class Panel:
     """A plot area: `x` runs to the right, `y` upwards (so `y.start` is its lower edge)."""
 
-    x: Axis
-    y: Axis
+    x: PlotAxis
+    y: PlotAxis
 
     def rect(self, x0: float, x1: float, css: str, y0: float | None = None, y1: float | None = None) -> str:
         """Return a rectangle from `x0` to `x1`, over the whole height unless `y0` and `y1` are given."""
@@ -79,7 +79,7 @@ class Panel:
 def panel(x_range: tuple[float, float], y_range: tuple[float, float], box: tuple[float, float, float, float]) -> Panel:
     """Return a panel over `box` = (left, top, width, height) [px]; an empty range is widened to something drawable."""
     left, top, width, height = box
-    return Panel(Axis(*_open(*x_range), left, left + width), Axis(*_open(*y_range), top + height, top))
+    return Panel(PlotAxis(*_open(*x_range), left, left + width), PlotAxis(*_open(*y_range), top + height, top))
 
 
 def svg(ident: str, size: tuple[float, float], title: str, description: str, parts: Sequence[str]) -> Markup:
@@ -135,7 +135,7 @@ def legend(right: float, y: float, entries: Sequence[tuple[str, str]]) -> str:
     return "\n".join(out)
 
 
-def padded(low: float, high: float, share: float = 0.05) -> tuple[float, float]:
+def pad_range(low: float, high: float, share: float = 0.05) -> tuple[float, float]:
     """Return the range widened by `share` of itself on both sides."""
     return low - share * (high - low), high + share * (high - low)
 
@@ -144,7 +144,7 @@ def span_of(*arrays: F) -> tuple[float, float]:
     """Return the padded range of all finite values."""
     values = np.concatenate(arrays)
     values = values[np.isfinite(values)]
-    return padded(float(values.min()), float(values.max())) if len(values) else (-1.0, 1.0)
+    return pad_range(float(values.min()), float(values.max())) if len(values) else (-1.0, 1.0)
 
 
 def around_zero(error: F) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from ces_identify.report.window import Window
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
 
-MOST_DOTS = 2400  # of each force in a speed-force plot
+MAX_DOTS = 2400  # of each force in a speed-force plot
 LAYERS = 12  # measured and simulated dots are laid in turn, so that neither hides the other
 BOTH = (("measured", "measured"), ("simulated", "simulated"))
 SPEED_FORCE = (440, 446)
@@ -23,7 +23,7 @@ def speed_force(ident: str, evaluation: Evaluation, model: Model) -> Markup:
     """Return measured and simulated force [N] over speed [m/s] on the scored ticks."""
     series, run = evaluation.series, evaluation.run
     ticks = np.flatnonzero(series.scored)
-    order = np.random.default_rng(0).permutation(len(ticks))[:MOST_DOTS]  # no stride: it would beat with a sine
+    order = np.random.default_rng(0).permutation(len(ticks))[:MAX_DOTS]  # no stride: it would beat with a sine
     shown = ticks[order]
     speed, measured, simulated = series.speed[shown], series.force[shown], run.force[shown]
     p = panel(span_of(series.speed[series.scored]), span_of(series.force[series.scored], simulated), (58, 34, 366, 362))

@@ -14,12 +14,12 @@ from ces_observer.model import Envelope
 F = NDArray[np.float64]
 
 SPEEDS, CURRENTS = 30, 14  # cells
-LEAST_TICKS = 10  # of a cell whose error is told
+MIN_TICKS = 10  # of a cell whose error is told
 SAME_CURRENT = 0.01  # of the largest current: a narrower range counts as constant
 
 
 @dataclass(frozen=True)
-class Grid:
+class SpeedCurrentGrid:
     """Edges of the cells in speed [m/s] and current [A], as (SPEEDS + 1,) and (CURRENTS + 1,); (2,) if constant."""
 
     speed: F
@@ -42,7 +42,7 @@ class Grid:
             kept = e.series.scored & np.isfinite(e.run.force)
             ticks += self._sum(e, kept, None)
             squares += self._sum(e, kept, (e.series.force[kept] - e.run.force[kept]) ** 2)
-        enough = ticks >= LEAST_TICKS
+        enough = ticks >= MIN_TICKS
         return np.where(enough, np.sqrt(squares / np.maximum(ticks, 1.0)), np.nan)
 
     def _sum(self, evaluation: Evaluation, kept: NDArray[np.bool_], weights: F | None) -> F:
@@ -54,15 +54,15 @@ class Grid:
         return np.zeros((len(self.speed) - 1, len(self.current) - 1))
 
 
-def make_grid(evaluations: Sequence[Evaluation], envelope: Envelope) -> Grid:
+def make_grid(evaluations: Sequence[Evaluation], envelope: Envelope) -> SpeedCurrentGrid:
     """Return a grid over the model's envelope and all speeds and currents of the scored ticks."""
     speed = np.concatenate([e.series.speed[e.series.scored] for e in evaluations])
     current = np.concatenate([e.series.current[e.series.scored] for e in evaluations])
     speed, low, high = np.append(speed, envelope.speed_m_s), float(current.min()), float(current.max())
     if high - low <= SAME_CURRENT * max(abs(low), abs(high), 1e-9):
-        return Grid(_edges(speed.min(), speed.max(), SPEEDS), np.array([low - 1e-6, high + 1e-6]))
+        return SpeedCurrentGrid(_edges(speed.min(), speed.max(), SPEEDS), np.array([low - 1e-6, high + 1e-6]))
     low, high = min(low, envelope.current_A[0]), max(high, envelope.current_A[1])
-    return Grid(_edges(speed.min(), speed.max(), SPEEDS), _edges(low, high, CURRENTS))
+    return SpeedCurrentGrid(_edges(speed.min(), speed.max(), SPEEDS), _edges(low, high, CURRENTS))
 
 
 def _edges(low: float, high: float, cells: int) -> F:

@@ -9,8 +9,8 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ces_identify.report.drawing import Panel, axes, legend, note, panel, svg
-from ces_identify.report.grid import Grid
-from ces_identify.report.heat import cells, ramp
+from ces_identify.report.grid import SpeedCurrentGrid
+from ces_identify.report.heat_map import cells, ramp
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
 
@@ -25,7 +25,7 @@ QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def coverage_map(
-    ident: str, grid: Grid, filled: Sequence[Evaluation], outlined: Sequence[Evaluation], model: Model
+    ident: str, grid: SpeedCurrentGrid, filled: Sequence[Evaluation], outlined: Sequence[Evaluation], model: Model
 ) -> Markup:
     """Return the share of time [%] of `filled` in each cell, with an outline around where `outlined` has been."""
     share, beside = grid.share(filled), grid.share(outlined)
@@ -43,37 +43,41 @@ def coverage_map(
 
 
 def error_map(
-    ident: str, grid: Grid, judged: Sequence[Evaluation], known: Sequence[Evaluation], model: Model
+    ident: str,
+    grid: SpeedCurrentGrid,
+    evaluations: Sequence[Evaluation],
+    identified: Sequence[Evaluation],
+    model: Model,
 ) -> Markup:
-    """Return the RMS error [N] of `judged` in each cell, with an outline around where `known` has been."""
-    rms = grid.rms(judged)
+    """Return the RMS error [N] of `evaluations` in each cell, with an outline around where `identified` has been."""
+    rms = grid.rms(evaluations)
     worst = float(np.nanmax(rms, initial=0.0)) or 1.0
     if grid.one_current:
         parts = _bars(grid, np.nan_to_num(rms[:, 0]), "RMS error [N]", "wrong", None)
         return svg(ident, SIZE, "RMS error over speed", f"Largest: {worst:.3g} N.", parts)
     p = _map_panel(grid)
     parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, rms, rms / worst, "wrong", " N RMS error")]
-    if known:
-        parts += [_outline(p, grid, grid.share(known) > 0.0), legend(p.x.stop, 23, [("outline", "identified")])]
+    if identified:
+        parts += [_outline(p, grid, grid.share(identified) > 0.0), legend(p.x.stop, 23, [("outline", "identified")])]
     if not np.isfinite(rms).any():
         parts.append(note(p, "no simulated force to judge"))
     parts += [_envelope(p, model), ramp(*RAMP, [f * worst for f in QUARTERS], "wrong", "N")]
     return svg(ident, SIZE, "RMS error over speed and current", f"Largest RMS error of a cell: {worst:.3g} N.", parts)
 
 
-def _map_panel(grid: Grid) -> Panel:
+def _map_panel(grid: SpeedCurrentGrid) -> Panel:
     return panel((grid.speed[0], grid.speed[-1]), (grid.current[0], grid.current[-1]), BOX)
 
 
-def _cells(p: Panel, grid: Grid, values: F, shade: F, css: str, unit: str) -> str:
-    def tell(a: int, b: int) -> str:
+def _cells(p: Panel, grid: SpeedCurrentGrid, values: F, shade: F, css: str, unit: str) -> str:
+    def describe(a: int, b: int) -> str:
         v, c = grid.speed[a : a + 2], grid.current[b : b + 2]
         return f"{v[0]:.3g} to {v[1]:.3g} m/s, {c[0]:.3g} to {c[1]:.3g} A: {values[a, b]:.3g}{unit}"
 
-    return cells(p, (grid.speed, grid.current), values, shade, css, tell)
+    return cells(p, (grid.speed, grid.current), values, shade, css, describe)
 
 
-def _outline(p: Panel, grid: Grid, inside: NDArray[np.bool_]) -> str:
+def _outline(p: Panel, grid: SpeedCurrentGrid, inside: NDArray[np.bool_]) -> str:
     """Return the boundary of the cells that are `inside`."""
     wide = np.pad(inside, 1)
     x, y = p.x.px(grid.speed), p.y.px(grid.current)
@@ -90,7 +94,7 @@ def _envelope(p: Panel, model: Model) -> str:
     return p.rect(v0, v1, "envelope", c0, c1)
 
 
-def _bars(grid: Grid, values: F, y_label: str, css: str, beside: F | None) -> list[str]:
+def _bars(grid: SpeedCurrentGrid, values: F, y_label: str, css: str, beside: F | None) -> list[str]:
     """Return a histogram over speed, with a second one as a stepped line."""
     top = max(float(values.max()), 0.0 if beside is None else float(beside.max())) or 1.0
     p = panel((grid.speed[0], grid.speed[-1]), (0.0, 1.05 * top), FLAT_BOX)

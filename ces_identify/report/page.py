@@ -8,11 +8,11 @@ from typing import Any
 
 from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.report.correlations import correlation_figure
-from ces_identify.report.figures import MOST_DOTS, speed_force, time_plot
+from ces_identify.report.figures import MAX_DOTS, speed_force, time_plot
 from ces_identify.report.grid import make_grid
 from ces_identify.report.maps import coverage_map, error_map
-from ces_identify.report.shell import page_template, spoken, well_formed
-from ces_identify.report.summary import cost_rows, headline, in_order, of_role, pooled_row, warnings
+from ces_identify.report.shell import format_key, page_template, replace_unencodable
+from ces_identify.report.summary import cost_rows, headline, pooled_row, select_role, sort_validation_first, warnings
 from ces_identify.report.window import choose_window
 from ces_identify.structures import model_table
 from ces_identify.validation.error_regions import error_cells, error_regions
@@ -32,8 +32,8 @@ def render(
     weighting: Weighting = EQUAL,
 ) -> str:
     """Return the page as text that is both HTML and well-formed XML."""
-    judged = in_order(evaluations)
-    validated = bool(of_role(judged, VALIDATION))
+    judged = sort_validation_first(evaluations)
+    validated = bool(select_role(judged, VALIDATION))
     template = page_template("report.html.j2")
     page = template.render(
         title=title,
@@ -45,17 +45,19 @@ def render(
         rows=cost_rows(judged, weighting),
         weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
-        pooled=pooled_row(of_role(judged, VALIDATION)),
+        pooled=pooled_row(select_role(judged, VALIDATION)),
         recordings=[_recording(i, e, model) for i, e in enumerate(judged)],
-        most_dots=MOST_DOTS,
-        table=model_table(model, of_role(judged, VALIDATION) or judged, VALIDATION if validated else IDENTIFICATION),
+        most_dots=MAX_DOTS,
+        table=model_table(
+            model, select_role(judged, VALIDATION) or judged, VALIDATION if validated else IDENTIFICATION
+        ),
         maps=_maps(judged, model),
-        cells=error_cells(of_role(judged, VALIDATION) or judged)[:WORST_CELLS],
-        regions=error_regions(of_role(judged, VALIDATION) or judged),
+        cells=error_cells(select_role(judged, VALIDATION) or judged)[:WORST_CELLS],
+        regions=error_regions(select_role(judged, VALIDATION) or judged),
         settings=_settings(model),
         history={k: v for k, v in model.provenance.items() if not _plain(v)},
     )
-    return well_formed(page)
+    return replace_unencodable(page)
 
 
 def _recording(number: int, evaluation: Evaluation, model: Model) -> dict[str, Any]:
@@ -76,7 +78,7 @@ def _maps(judged: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
     """Return the two maps; what is missing of identification and validation is made up for by the other."""
     if not judged:
         return None
-    fitted, held_out = of_role(judged, IDENTIFICATION), of_role(judged, VALIDATION)
+    fitted, held_out = select_role(judged, IDENTIFICATION), select_role(judged, VALIDATION)
     grid = make_grid(judged, model.envelope)
     return {
         "one_current": grid.one_current,
@@ -90,10 +92,10 @@ def _maps(judged: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
 def _settings(model: Model) -> dict[str, Any]:
     """Return what the page's last section shows of the model, names made readable."""
     return {
-        "Sampling": {spoken(key): value for key, value in asdict(model.sampling).items()},
+        "Sampling": {format_key(key): value for key, value in asdict(model.sampling).items()},
         "Envelope": {
-            **{spoken(key): _span(value) for key, value in asdict(model.envelope).items()},
-            spoken("force_N"): _span(model.force_envelope_N),
+            **{format_key(key): _span(value) for key, value in asdict(model.envelope).items()},
+            format_key("force_N"): _span(model.force_envelope_N),
         },
         "Origin": {
             **{k: v for k, v in model.provenance.items() if _plain(v) and k != USAGE_RULE},

@@ -35,11 +35,11 @@ def page_template(name: str, package: str = HERE, styles: tuple[str, ...] = ()) 
     environment.globals.update(
         css=Markup("\n".join(css)), version=__version__
     )  # the style sheets are this package's own
-    environment.filters.update(spoken=spoken, three_figures=three_figures)
+    environment.filters.update(spoken=format_key, three_figures=three_figures)
     return environment.get_template(name)
 
 
-def spoken(key: str) -> str:
+def format_key(key: str) -> str:
     """Return `max_gap_s` as `max gap [s]`."""
     for ending, unit in UNITS.items():
         if key.endswith(ending):
@@ -47,7 +47,7 @@ def spoken(key: str) -> str:
     return key.replace("_", " ")
 
 
-def well_formed(page: str) -> str:
+def replace_unencodable(page: str) -> str:
     """Return the text with what UTF-8 cannot hold (names of files may) replaced."""
     return page.encode("utf-8", "replace").decode("utf-8")
 

@@ -52,19 +52,19 @@ class PooledRow:
     interval: str
 
 
-def in_order(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
+def sort_validation_first(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
     """Return the evaluations with validation first, otherwise in the order they came."""
     return sorted(evaluations, key=lambda e: e.role != VALIDATION)
 
 
-def of_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation]:
+def select_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation]:
     """Return the evaluations of `role`."""
     return [e for e in evaluations if e.role == role]
 
 
 def headline(evaluations: Sequence[Evaluation]) -> str:
     """Return one sentence on the costs."""
-    held_out = of_role(evaluations, VALIDATION)
+    held_out = select_role(evaluations, VALIDATION)
     if held_out:
         return f"Validation: {_range(held_out)}."
     if not evaluations:
@@ -123,7 +123,7 @@ def _row(number: int, e: Evaluation, longest: float, interval: CostInterval | No
         if interval
         else None,
         floor=three_figures(floor.floor) if isinstance(floor, CycleNoise) else "",
-        weighted=three_figures(_weighted(e, weighting)) if weighting else "",
+        weighted=three_figures(_compute_weighted_cost(e, weighting)) if weighting else "",
     )
 
 
@@ -133,9 +133,9 @@ def _interval(interval: CostInterval | None) -> str:
     return f"{three_figures(interval.low)} to {three_figures(interval.high)}"
 
 
-def _weighted(e: Evaluation, weighting: Weighting) -> float:
+def _compute_weighted_cost(e: Evaluation, weighting: Weighting) -> float:
     scored = e.series.scored
-    return weighted_cost(e.series.force[scored], e.run.force[scored], weighting.of(e.series)[scored])
+    return weighted_cost(e.series.force[scored], e.run.force[scored], weighting.tick_weights(e.series)[scored])
 
 
 def _range(evaluations: Sequence[Evaluation]) -> str:

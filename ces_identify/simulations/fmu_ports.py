@@ -72,14 +72,14 @@ def choose_ports(description: Any, names: Mapping[str, str], where: str) -> Port
     force = found.pop("force")
     inputs = {role: port for role, port in found.items() if port is not None}
     if force is None:
-        raise chooser.unclear("no output that is the damping force; name it", "force")
+        raise chooser.unclear_error("no output that is the damping force; name it", "force")
     if not inputs.keys() & {"position", "speed"}:
-        raise chooser.unclear("no input that is the piston's position or speed; name it", "position")
-    if "current" not in inputs and "current" not in names and chooser.others(inputs):
-        raise chooser.unclear(
+        raise chooser.unclear_error("no input that is the piston's position or speed; name it", "position")
+    if "current" not in inputs and "current" not in names and chooser.has_other_inputs(inputs):
+        raise chooser.unclear_error(
             "no input that is the valve current; name it, or say current= if there is none", "current"
         )
-    return Ports(inputs, force, chooser.valid())
+    return Ports(inputs, force, chooser.find_valid())
 
 
 class _Chooser:
@@ -96,27 +96,27 @@ class _Chooser:
         if name == "":
             return None
         if name is not None:
-            return self._named(role, name, among)
+            return self._find_by_name(role, name, among)
         fitting = [v for v in among if self._dimension(v) in DIMENSIONS[role]]
         if not fitting:
             fitting = [v for v in among if self._dimension(v) is None and _words(v.name) & WORDS[role]]
         if len(fitting) > 1:
             fitting = [v for v in fitting if _words(v.name) & WORDS[role]] or fitting
         if len(fitting) > 1:
-            raise self.unclear(f"{' and '.join(v.name for v in fitting)} may each be the {role}; name one", role)
+            raise self.unclear_error(f"{' and '.join(v.name for v in fitting)} may each be the {role}; name one", role)
         return self._port(fitting[0]) if fitting else None
 
-    def others(self, inputs: Mapping[str, Port]) -> bool:
+    def has_other_inputs(self, inputs: Mapping[str, Port]) -> bool:
         """Tell whether there are real inputs besides these that could be a current."""
         taken = {port.name for port in inputs.values()}
         return any(v.name not in taken and self._dimension(v) is None for v in self.inputs)
 
-    def valid(self) -> int | None:
+    def find_valid(self) -> int | None:
         """Return the value reference of the Boolean output that tells when the force may be used."""
         found = (v for v in self.variables if (v.name, v.type, v.causality) == (VALID, "Boolean", "output"))
         return next((int(v.valueReference) for v in found), None)
 
-    def unclear(self, what: str, role: str) -> CesError:
+    def unclear_error(self, what: str, role: str) -> CesError:
         """Return the error that asks the user."""
         path = self.where.rpartition("/")[2]
         return CesError(
@@ -124,11 +124,11 @@ class _Chooser:
             f"outputs: {self._list(self.outputs)}"
         )
 
-    def _named(self, role: str, name: str, among: Sequence[Any]) -> Port:
+    def _find_by_name(self, role: str, name: str, among: Sequence[Any]) -> Port:
         for variable in among:
             if variable.name == name:
                 return self._port(variable)
-        raise self.unclear(f"no real {'output' if role == 'force' else 'input'} '{name}' for the {role}", role)
+        raise self.unclear_error(f"no real {'output' if role == 'force' else 'input'} '{name}' for the {role}", role)
 
     def _port(self, variable: Any) -> Port:
         base = self.units.get(_unit(variable))

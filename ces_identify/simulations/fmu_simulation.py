@@ -18,7 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 from ces_identify.preparation.series import usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.fmu_ports import SPEC, Ports, choose_ports, read_names
-from ces_identify.simulations.fmu_slave import Wires, extracted, fmpy, instance, read_description
+from ces_identify.simulations.fmu_slave import FmuVariables, extract_fmu, import_fmpy, open_instance, read_description
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 
@@ -27,7 +27,7 @@ I = NDArray[np.int64]  # noqa: E741
 
 GAP_S, GAP_INTERVALS = 0.05, 10.0  # a gap is longer than both, as in `ces_identify.preparation.sampling`
 SMOOTHING_HZ = 70.0  # [Hz] zero-phase low-pass for the speed: well above any stroke, well below the position's noise
-MOST_STEPS = 50_000_000
+MAX_STEPS = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class FmuSimulation(Simulation):
         samples = usable_samples(recording, 1e6)
         time = (samples.stamps_ns - samples.stamps_ns[0]) * 1e-9
         force = np.full(len(recording.channel("position")), np.nan)
-        with extracted(self.path) as (description, folder):
+        with extract_fmu(self.path) as (description, folder):
             for part in stretches(samples.stamps_ns):
                 inputs = self._inputs(time[part], samples.position[part], samples.current[part])
                 force[samples.index[part]] = self._run(description, folder, time[part], inputs)
@@ -72,8 +72,8 @@ class FmuSimulation(Simulation):
         if self.step_s == 0.0 or len(time) < 2:
             return time
         count = int(np.ceil((time[-1] - time[0]) / self.step_s - 1e-9))
-        if count > MOST_STEPS:
-            raise CesError(f"{self.path}: {count} steps of {self.step_s:g} s; expected at most {MOST_STEPS}")
+        if count > MAX_STEPS:
+            raise CesError(f"{self.path}: {count} steps of {self.step_s:g} s; expected at most {MAX_STEPS}")
         return np.asarray(time[0] + self.step_s * np.arange(count + 1))
 
     def _steps(self, description: Any, folder: str, points: F, inputs: F) -> F:
@@ -85,8 +85,8 @@ class FmuSimulation(Simulation):
             slopes = (np.diff(inputs, axis=0) / np.diff(points)[:, None]).tolist()
         values, times = inputs.tolist(), points.tolist()
         try:
-            with instance(description, folder, said) as slave:
-                wires = Wires(slave, self.ports)
+            with open_instance(description, folder, said) as slave:
+                wires = FmuVariables(slave, self.ports)
                 wires.start(at, values[0])
                 force[0] = wires.force()
                 for k, at in enumerate(times[:-1]):
@@ -160,7 +160,7 @@ def _require_runnable(path: str, description: Any) -> None:
         raise CesError(f"{path}: FMI {description.fmiVersion}; expected FMI 2.0, export it anew")
     if description.coSimulation is None:
         raise CesError(f"{path}: for model exchange only; expected co-simulation, export it anew with its solver")
-    here, there = fmpy().platform, fmpy().supported_platforms(path)
+    here, there = import_fmpy().platform, import_fmpy().supported_platforms(path)
     if here not in there:
         has = ", ".join("sources" if platform == "c-code" else platform for platform in there) or "none"
         raise CesError(f"{path}: no binary for {here}; it has: {has}; compile or export it for this machine")

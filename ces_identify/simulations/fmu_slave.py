@@ -17,7 +17,7 @@ from ces_identify.simulations.fmu_ports import Ports
 from ces_observer.errors import CesError
 
 
-def fmpy(part: str = "fmpy") -> Any:
+def import_fmpy(part: str = "fmpy") -> Any:
     """Return FMPy, or the module of it that is named; raises CesError if it is not installed."""
     try:
         return import_module(part)
@@ -27,7 +27,7 @@ def fmpy(part: str = "fmpy") -> Any:
 
 def read_description(path: str) -> Any:
     """Return FMPy's ModelDescription of an FMU; raises CesError if it cannot be read."""
-    reader = fmpy("fmpy.model_description")
+    reader = import_fmpy("fmpy.model_description")
     if not Path(path).is_file():
         raise CesError(f"{path}: no such file; expected a co-simulation FMU")
     try:
@@ -39,20 +39,20 @@ def read_description(path: str) -> Any:
 
 
 @contextmanager
-def extracted(path: str) -> Iterator[tuple[Any, str]]:
+def extract_fmu(path: str) -> Iterator[tuple[Any, str]]:
     """Unzip the FMU into a temporary folder, which is removed in the end; yields its description and the folder."""
     with tempfile.TemporaryDirectory(prefix="ces_fmu_", ignore_cleanup_errors=sys.platform == "win32") as folder:
         try:
-            fmpy().extract(path, folder)
+            import_fmpy().extract(path, folder)
         except Exception as error:
             raise CesError(f"{path}: cannot be unpacked: {_line(error)}") from None
         yield read_description(path), folder
 
 
 @contextmanager
-def instance(description: Any, folder: str, said: list[str]) -> Iterator[Any]:
-    """Load the library and make an instance, whose errors are added to `said`; free both in the end."""
-    fmi2, here = fmpy("fmpy.fmi2"), Path.cwd()
+def open_instance(description: Any, folder: str, errors: list[str]) -> Iterator[Any]:
+    """Load the library and make an instance, whose errors are added to `errors`; free both in the end."""
+    fmi2, here = import_fmpy("fmpy.fmi2"), Path.cwd()
     try:
         slave = fmi2.FMU2Slave(
             guid=description.guid,
@@ -62,7 +62,7 @@ def instance(description: Any, folder: str, said: list[str]) -> Iterator[Any]:
         )
     finally:
         os.chdir(here)  # FMPy leaves the library's folder as the working one if loading fails
-    slave.instantiate(callbacks=_callbacks(fmi2, said))
+    slave.instantiate(callbacks=_callbacks(fmi2, errors))
     try:
         yield slave
         slave.terminate()
@@ -83,7 +83,7 @@ def _callbacks(fmi2: Any, said: list[str]) -> Any:
     return callbacks
 
 
-class Wires:
+class FmuVariables:
     """The variables of an FMPy slave that are driven and read, in arrays made once: a step calls C and nothing else."""
 
     def __init__(self, slave: Any, ports: Ports) -> None:
@@ -99,12 +99,12 @@ class Wires:
         """Initialise at a time with inputs in the FMU's units, in the order of the ports."""
         self.slave.setupExperiment(startTime=at_s)
         self.slave.enterInitializationMode()
-        self._set(inputs)
+        self._set_inputs(inputs)
         self.slave.exitInitializationMode()
 
     def step(self, at_s: float, length_s: float, inputs: list[Any], slopes: list[Any] | None = None) -> None:
         """Step on with inputs that hold, or with inputs at the beginning and their derivatives [1/s]."""
-        self._set(inputs)
+        self._set_inputs(inputs)
         if slopes:
             self.slopes[:] = slopes
             self.slave.fmi2SetRealInputDerivatives(
@@ -121,7 +121,7 @@ class Wires:
         self.slave.fmi2GetReal(self.slave.component, self.force_reference, 1, self.force_value)
         return self.ports.force.factor * float(self.force_value[0]) + self.ports.force.offset
 
-    def _set(self, inputs: list[Any]) -> None:
+    def _set_inputs(self, inputs: list[Any]) -> None:
         self.values[:] = inputs
         self.slave.fmi2SetReal(self.slave.component, self.references, self.count, self.values)
 

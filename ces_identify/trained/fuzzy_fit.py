@@ -15,28 +15,28 @@ from numpy.typing import NDArray
 
 from ces_identify.numerics.levenberg import Evaluate, damped_step
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
-from ces_identify.trained.lagged_kernels import Table, lagged_free_run, lagged_normal_equations
-from ces_identify.trained.lagged_table import delayed, regressor_table
+from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run, lagged_normal_equations
+from ces_identify.trained.lagged_table import delay_values, regressor_table
 from ces_identify.trained.training import SIGNALS, Training
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
-from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.lagged_signals import Regressor
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
 FIRST_GAIN = 0.95  # most that past forces count for in a start
 FIRST_SLOPE = 2.0
-LEAST_SLOPE, MOST_SLOPE = 0.6, 8.0  # of a membership
+MIN_SLOPE, MAX_SLOPE = 0.6, 8.0  # of a membership
 STIFFNESS = 1e-4  # [(J / 100)^2] price of a membership's move by its own size
 HYBRID_STEPS = 5
 HYBRID_DAMPING = 1.0
 QUANTILES = (0.002, 0.998)  # of a premise, between which the grid lies
-MOVED = 0.15  # spread of a start's centres, in distances between neighbours
+START_JITTER = 0.15  # spread of a start's centres, in distances between neighbours
 
 
 @dataclass(frozen=True)
-class Grid:
+class PremiseGrid:
     """A premise of the grid: an input, its lag [ticks], and how many memberships are spread over its range."""
 
     signal: str
@@ -53,7 +53,7 @@ class FuzzyFit:
 
     training: Training
     regressors: tuple[Regressor, ...]
-    grid: tuple[Grid, ...]
+    grid: tuple[PremiseGrid, ...]
     decay: float
 
     @property
@@ -73,7 +73,7 @@ class FuzzyFit:
         return np.array(list(product(*(range(a, b) for a, b in pairwise(first)))), np.int64)
 
     @cached_property
-    def table(self) -> Table:
+    def table(self) -> RegressorTable:
         """The regressors over the training ticks."""
         t = self.training
         return regressor_table(self.regressors, t.envelope, t.inputs, t.segments)
@@ -108,9 +108,9 @@ class FuzzyFit:
     def start(self, random: np.random.Generator) -> F:
         """Return parameters after hybrid learning from a grid of memberships, a little moved."""
         bells = self.grid_bells.copy()
-        bells[:, 0] += 2.0 * np.exp(bells[:, 1]) * random.normal(0.0, MOVED, len(bells))
+        bells[:, 0] += 2.0 * np.exp(bells[:, 1]) * random.normal(0.0, START_JITTER, len(bells))
         n = len(self.rules) * (1 + len(self.regressors))
-        params = hybrid(self._one_step_ahead(), np.concatenate([np.zeros(n), bells.ravel()]), n)
+        params = learn_hybrid(self._one_step_ahead(), np.concatenate([np.zeros(n), bells.ravel()]), n)
         past = self.parts(params)[0][:, 1 + self.past]
         past *= np.minimum(1.0, FIRST_GAIN / np.maximum(np.abs(past).sum(axis=1, keepdims=True), 1e-9))
         self.parts(params)[0][:, 1 + self.past] = past
@@ -121,20 +121,20 @@ class FuzzyFit:
         t, table = self.training, self.table
         values = table.values.copy()
         for j in self.past:
-            past = delayed(t.measured, int(table.past_lags[j]), t.segments)
+            past = delay_values(t.measured, int(table.past_lags[j]), t.segments)
             values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
         known = table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
         return lambda params, most: self.errors_on(known, params, most)
 
-    def errors(self, params: F, most: float) -> tuple[float, F, F]:
+    def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
         """Return the squared error on the estimation ticks with all prices, its matrix and its gradient."""
-        return self.errors_on(self.table, params, most)
+        return self.errors_on(self.table, params, max_error)
 
-    def errors_on(self, table: Table, params: F, most: float) -> tuple[float, F, F]:
+    def errors_on(self, table: RegressorTable, params: F, most: float) -> tuple[float, F, F]:
         """Return the errors on these regressors."""
         t = self.training
         slopes = np.exp(self.parts(params)[1][:, 2])
-        if slopes.min() < LEAST_SLOPE or slopes.max() > MOST_SLOPE:
+        if slopes.min() < MIN_SLOPE or slopes.max() > MAX_SLOPE:
             return np.inf, np.empty(0), np.empty(0)
         error, matrix, gradient = lagged_normal_equations(
             table, t.segments, self._arrays(params), *t.loose, t.measured, t.estimation, most
@@ -188,7 +188,7 @@ class FuzzyFit:
         return Fuzzy(self.regressors, self.training.scale_N, premises, rules)
 
 
-def hybrid(errors: Evaluate, params: F, consequents: int) -> F:
+def learn_hybrid(errors: Evaluate, params: F, consequents: int) -> F:
     """Return parameters after passes of hybrid learning (Jang 1993): consequents (the first ones) by least squares,
     then a step of the premises down the same error, kept if it lowers it."""
     for _ in range(HYBRID_STEPS):

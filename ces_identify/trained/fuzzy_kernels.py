@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from ces_identify.numerics.normal_matrix import F, I, propagate
-from ces_identify.trained.lagged_kernels import Table, fill_regressors, register
+from ces_identify.trained.lagged_kernels import RegressorTable, fill_regressors, register
 
 
 class FuzzyArrays(NamedTuple):
@@ -119,7 +119,7 @@ def _premise_slopes(
 
 
 def _run_block(
-    arrays: FuzzyArrays, table: Table, k0: int, n: int, past: F, now: int, low: float, high: float, slopes: F
+    arrays: FuzzyArrays, table: RegressorTable, k0: int, n: int, past: F, now: int, low: float, high: float, slopes: F
 ) -> int:
     scale, premises, owner, rules, consequents, bells = arrays
     values, past_lags, past_means, past_spreads = table

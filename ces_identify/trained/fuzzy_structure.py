@@ -12,22 +12,22 @@ from numpy.typing import NDArray
 from ces_identify.polynomial.limits import Listener
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.structure_kit import Fitted, Options, SizeOption, StructureKit
-from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.structure_kit import Fitted, IdentifyOptions, SizeOption, StructureKit
+from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
-from ces_identify.trained.lagged_fit import LAGS, Lags, changing, fit_family, regressors
+from ces_identify.trained.lagged_fit import LAGS, Lags, build_regressors, find_changing_inputs, fit_family
 from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.training import Training
 from ces_identify.typesetting import UNITS, ModelTable, four_figures, minus, parameter_table, signal_symbol
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.fuzzy import Fuzzy, Rule
-from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.lagged_signals import Regressor
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
-MOST_RULES = 60
+MAX_RULES = 60
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,18 @@ class FuzzyShape:
     lags: Lags = LAGS
     decay: float = 3e-6
 
-    def __call__(self, training: Sequence[Series], sampling: Sampling, options: Options, listener: Listener) -> Fitted:
+    def __call__(
+        self, training: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
+    ) -> Fitted:
         """Return the best neuro-fuzzy model."""
         return fit_family("anfis", self.family, training, sampling, options, listener)
 
     def family(self, data: Training, rate_Hz: float) -> FuzzyFit:
         """Return the neuro-fuzzy models of this size on the data."""
-        grid = [Grid("speed", 0, self.speeds)]
-        if self.currents > 1 and "current" in changing(data):
-            grid.append(Grid("current", round(self.current_delay_s * rate_Hz), self.currents))
-        return FuzzyFit(data, regressors(data, self.lags, rate_Hz), tuple(grid), self.decay)
+        grid = [PremiseGrid("speed", 0, self.speeds)]
+        if self.currents > 1 and "current" in find_changing_inputs(data):
+            grid.append(PremiseGrid("current", round(self.current_delay_s * rate_Hz), self.currents))
+        return FuzzyFit(data, build_regressors(data, self.lags, rate_Hz), tuple(grid), self.decay)
 
 
 def read_grid(text: str) -> tuple[int, int]:
@@ -61,8 +63,8 @@ def read_grid(text: str) -> tuple[int, int]:
     speeds, _, currents = text.partition("x")
     if not (speeds.isdecimal() and currents.isdecimal() and int(speeds) >= 2 and int(currents) >= 1):
         raise ValueError(f"'{text}' is not VxI, such as 7x2: at least 2 of speed and 1 of current")
-    if int(speeds) * int(currents) > MOST_RULES:
-        raise ValueError(f"'{text}' makes {int(speeds) * int(currents)} rules; at most {MOST_RULES}")
+    if int(speeds) * int(currents) > MAX_RULES:
+        raise ValueError(f"'{text}' makes {int(speeds) * int(currents)} rules; at most {MAX_RULES}")
     return int(speeds), int(currents)
 
 
@@ -117,7 +119,7 @@ RULES = SizeOption(
     "rules",
     f"{FuzzyShape().speeds}x{FuzzyShape().currents}",
     "memberships of speed and of current of neuro-fuzzy rules, as VxI",
-    f"memberships VxI such as 7x2, at most {MOST_RULES} rules",
+    f"memberships VxI such as 7x2, at most {MAX_RULES} rules",
     check=read_grid,
     metavar="VxI",
 )

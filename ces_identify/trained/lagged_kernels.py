@@ -2,7 +2,7 @@
 
 A structure comes as a NamedTuple of its arrays. Numba picks its part of the loop by that type: `make_work` returns room
 to work in, `force_at` the force of a tick, `derive_at` its derivatives. Each is declared here and given for a structure
-by `numba.extending.overload` beside its arrays. Regressors come as the arrays of `lagged_table.Table`;
+by `numba.extending.overload` beside its arrays. Regressors come as the arrays of `lagged_table.RegressorTable`;
 `segments[s] = (start, stop)` are ticks without a gap, before which forces count as zero.
 """
 
@@ -16,10 +16,10 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from ces_identify.numerics.normal_matrix import BLOCK, F, I, accumulate, deepest, mirror
+from ces_identify.numerics.normal_matrix import BLOCK, F, I, accumulate, longest_lag, mirror
 
 
-class Table(NamedTuple):
+class RegressorTable(NamedTuple):
     """Regressors over the ticks: `values` (ticks, regressors), 0 where a past force belongs.
 
     `past_lags` (regressors,) is the lag of a past force, 0 for an input; `past_means` and `past_spreads` scale it.
@@ -52,19 +52,19 @@ def _count(arrays: Any) -> int:
 
 
 def _run_block(
-    arrays: Any, table: Table, k0: int, n: int, past: F, now: int, low: float, high: float, slopes: F
+    arrays: Any, table: RegressorTable, k0: int, n: int, past: F, now: int, low: float, high: float, slopes: F
 ) -> int:
     raise NotImplementedError
 
 
 @njit(cache=True, nogil=True)
-def lagged_free_run(table: Table, segments: I, arrays: Any, low: float, high: float) -> tuple[F, int]:
+def lagged_free_run(table: RegressorTable, segments: I, arrays: Any, low: float, high: float) -> tuple[F, int]:
     """Simulate every segment from its own past forces.
 
     Returns force (ticks,) [N], NaN from where it left [low, high] to the end of that segment, and the first such
     tick, or -1.
     """
-    depth = deepest(table.past_lags)
+    depth = longest_lag(table.past_lags)
     force = np.zeros(len(table.values))
     none = np.empty((0, 0))
     first = -1
@@ -81,13 +81,13 @@ def lagged_free_run(table: Table, segments: I, arrays: Any, low: float, high: fl
 
 @njit(cache=True, nogil=True)
 def lagged_normal_equations(
-    table: Table, segments: I, arrays: Any, low: float, high: float, measured: F, weights: F, most: float
+    table: RegressorTable, segments: I, arrays: Any, low: float, high: float, measured: F, weights: F, most: float
 ) -> tuple[float, F, F]:
     """Return the weighted squared error of the free run, its Gauss-Newton matrix and (descending) gradient.
 
     The error is infinite, and the rest unfinished, if the force leaves [low, high] or the error exceeds `most`.
     """
-    n_params, depth = _count(arrays), deepest(table.past_lags)
+    n_params, depth = _count(arrays), longest_lag(table.past_lags)
     matrix, gradient = np.zeros((n_params, n_params)), np.zeros(n_params)
     past, slopes = np.empty(depth + BLOCK), np.empty((depth + BLOCK, n_params))
     total = 0.0

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.trained.lagged_kernels import Table
+from ces_identify.trained.lagged_kernels import RegressorTable
 from ces_observer.model import Envelope
-from ces_observer.structures.lagged import COLUMNS, Regressor
+from ces_observer.structures.lagged_signals import COLUMNS, Regressor
 
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
 
-def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs: F, segments: I) -> Table:
+def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs: F, segments: I) -> RegressorTable:
     """Return the regressors of `inputs` (3, ticks): position [m], speed [m/s] and current [A], clamped to `envelope`.
 
     Inputs before a segment's start are its first ones.
@@ -25,9 +25,9 @@ def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs:
     values = np.zeros((inputs.shape[1], len(regressors)))
     for j, r in enumerate(regressors):
         if r.signal != "force":
-            values[:, j] = (delayed(clamped[COLUMNS[r.signal]], r.lag, segments) - r.mean) / r.spread
+            values[:, j] = (delay_values(clamped[COLUMNS[r.signal]], r.lag, segments) - r.mean) / r.spread
     past = [r if r.signal == "force" else Regressor("force", 0, 0.0, 1.0) for r in regressors]
-    return Table(
+    return RegressorTable(
         values,
         np.array([r.lag for r in past], np.int64),
         np.array([r.mean for r in past]),
@@ -35,7 +35,7 @@ def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs:
     )
 
 
-def delayed(values: F, lag: int, segments: I) -> F:
+def delay_values(values: F, lag: int, segments: I) -> F:
     """Return `values` (ticks,) `lag` ticks ago, within each segment."""
     index = np.arange(len(values)) - lag
     for start, stop in segments:

@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.trained.lagged_kernels import Table, lagged_free_run, lagged_normal_equations
+from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run, lagged_normal_equations
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.network_kernels import NetworkArrays
 from ces_identify.trained.training import Training
 from ces_observer.model import Model, Sampling
-from ces_observer.structures.lagged import Regressor
-from ces_observer.structures.network import Network, Unit
+from ces_observer.structures.lagged_signals import Regressor
+from ces_observer.structures.network import Network, SigmoidUnit
 
 F = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class NetworkFit:
         return self.units
 
     @cached_property
-    def table(self) -> Table:
+    def table(self) -> RegressorTable:
         """The regressors over the training ticks."""
         t = self.training
         return regressor_table(self.regressors, t.envelope, t.inputs, t.segments)
@@ -64,11 +64,11 @@ class NetworkFit:
         constant = (1.0 - linear.sum()) * self.training.level
         return np.concatenate([[constant], linear, units.ravel()])
 
-    def errors(self, params: F, most: float) -> tuple[float, F, F]:
+    def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
         """Return the squared error on the estimation ticks with the price of decay, its matrix and its gradient."""
-        return self.errors_on(self.table, params, most)
+        return self.errors_on(self.table, params, max_error)
 
-    def errors_on(self, table: Table, params: F, most: float) -> tuple[float, F, F]:
+    def errors_on(self, table: RegressorTable, params: F, most: float) -> tuple[float, F, F]:
         """Return the errors on these regressors."""
         t = self.training
         error, matrix, gradient = lagged_normal_equations(
@@ -113,6 +113,6 @@ class NetworkFit:
         """Return the model of these parameters."""
         r, t = len(self.regressors), self.training
         rows = params[1 + r :].reshape(self.units, 2 + r).tolist()
-        units = tuple(Unit(row[0], row[1], tuple(row[2:])) for row in rows)
+        units = tuple(SigmoidUnit(row[0], row[1], tuple(row[2:])) for row in rows)
         network = Network(self.regressors, t.scale_N, float(params[0]), tuple(params[1 : 1 + r].tolist()), units)
         return Model(sampling, network, t.envelope, t.force_envelope)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from ces_identify.numerics.normal_matrix import F, I, propagate
-from ces_identify.trained.lagged_kernels import Table, fill_regressors, register
+from ces_identify.trained.lagged_kernels import RegressorTable, fill_regressors, register
 
 
 class NetworkArrays(NamedTuple):
@@ -66,7 +66,7 @@ def network_slopes(phi: F, params: F, risen: F, scale: float, past_lags: I, past
 
 
 def _run_block(
-    arrays: NetworkArrays, table: Table, k0: int, n: int, past: F, now: int, low: float, high: float, slopes: F
+    arrays: NetworkArrays, table: RegressorTable, k0: int, n: int, past: F, now: int, low: float, high: float, slopes: F
 ) -> int:
     scale, params, units = arrays
     values, past_lags, past_means, past_spreads = table

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ces_identify.polynomial.limits import Listener
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.structure_kit import Fitted, Options, SizeOption, StructureKit
-from ces_identify.trained.lagged_fit import LAGS, Lags, fit_family, regressors
+from ces_identify.structure_kit import Fitted, IdentifyOptions, SizeOption, StructureKit
+from ces_identify.trained.lagged_fit import LAGS, Lags, build_regressors, fit_family
 from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.network_fit import NetworkFit
@@ -38,13 +38,15 @@ class NetworkShape:
     lags: Lags = LAGS
     decay: float = 3e-6
 
-    def __call__(self, training: Sequence[Series], sampling: Sampling, options: Options, listener: Listener) -> Fitted:
+    def __call__(
+        self, training: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
+    ) -> Fitted:
         """Return the best network."""
         return fit_family("sigmoid", self.family, training, sampling, options, listener)
 
     def family(self, data: Training, rate_Hz: float) -> NetworkFit:
         """Return the networks of this size on the data."""
-        return NetworkFit(data, regressors(data, self.lags, rate_Hz), self.units, self.decay)
+        return NetworkFit(data, build_regressors(data, self.lags, rate_Hz), self.units, self.decay)
 
 
 def run_network(network: Network, model: Model, inputs: F, segments: I) -> tuple[F, int]:

@@ -1,7 +1,7 @@
 """Simulation-error training from several seeded starts: Levenberg-Marquardt on the free run, stopped early.
 
 Every start descends on the estimation ticks and keeps the parameters with the least cost on the selection ticks. With
-`certify` the gain of past forces is held below MOST_GAIN by a penalty, which is raised until a descent ends there, and
+`certify` the gain of past forces is held below MAX_GAIN by a penalty, which is raised until a descent ends there, and
 only parameters below it are kept.
 """
 
@@ -19,19 +19,19 @@ from numpy.typing import NDArray
 
 from ces_identify.numerics import search_clock
 from ces_identify.numerics.levenberg import descend
-from ces_identify.polynomial.limits import Found, Limits, Listener
+from ces_identify.polynomial.limits import Limits, Listener, SearchResult
 from ces_identify.trained.training import Training
 from ces_observer.model import Model, Sampling
 
 F = NDArray[np.float64]
 
-MOST_GAIN = 0.98  # of past forces: below 1, so that the past fades and the bound on the force is of use
-ROOM = 0.002  # below MOST_GAIN, where the penalty begins
+MAX_GAIN = 0.98  # of past forces: below 1, so that the past fades and the bound on the force is of use
+ROOM = 0.002  # below MAX_GAIN, where the penalty begins
 PENALTIES = (10.0, 100.0, 1e3, 1e4)  # [(J / 100)^2] of a squared excess of gain, in turn until it is gone
 STEPS = 300  # most of a start
 PATIENCE = 25  # steps without a gain on the selection ticks, after which a start ends
-LEAST_GAIN = 1e-3  # relative
-SETTLED = "no more gain on the selection ticks"
+MIN_GAIN = 1e-3  # relative
+NO_MORE_GAIN = "no more gain on the selection ticks"
 
 
 class Family(Protocol):
@@ -48,8 +48,8 @@ class Family(Protocol):
     def start(self, random: np.random.Generator) -> F:
         """Return parameters to descend from."""
 
-    def errors(self, params: F, most: float) -> tuple[float, F, F]:
-        """Return the squared error on the estimation ticks (infinite if over `most`), its matrix and its gradient."""
+    def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
+        """Return the squared error on the estimation ticks (infinite above `max_error`), its matrix and gradient."""
 
     def force(self, params: F) -> F:
         """Return the free run (ticks,) [N], NaN where it left the force envelope."""
@@ -61,11 +61,13 @@ class Family(Protocol):
         """Return the model of these parameters."""
 
 
-def train(family: Family, limits: Limits, certify: bool = True, listener: Listener = lambda found: None) -> list[Found]:
+def train(
+    family: Family, limits: Limits, certify: bool = True, listener: Listener = lambda found: None
+) -> list[SearchResult]:
     """Run the starts in parallel threads; return what each found, best first; those that found nothing are left out.
 
     Ctrl-C ends every start and returns the best so far. `listener` hears each improvement and each end of a start,
-    from the threads. `Found.chosen` counts the family's units or rules; `coefficients` are its parameters.
+    from the threads. `SearchResult.chosen` counts the family's units or rules; `coefficients` are its parameters.
     """
     stop = threading.Event()
     deadline = search_clock.now() + limits.seconds
@@ -79,7 +81,7 @@ def train(family: Family, limits: Limits, certify: bool = True, listener: Listen
     return sorted((f for f in found if np.isfinite(f.cost)), key=lambda f: (f.cost, f.seed))
 
 
-def _await(starts: Sequence[Future[Found]], stop: threading.Event) -> None:
+def _await(starts: Sequence[Future[SearchResult]], stop: threading.Event) -> None:
     pending = set(starts)
     while pending:
         try:
@@ -103,63 +105,63 @@ class _Start:
     ) -> None:
         self.family, self.limits, self.certify = family, limits, certify
         self.deadline, self.stop, self.listener = deadline, stop, listener
-        self.found = Found(np.arange(family.size), np.empty(0), np.inf, seed, 0, "running")
+        self.best = SearchResult(np.arange(family.size), np.empty(0), np.inf, seed, 0, "running")
         self.step = 0
         self.promising, self.promised_at = np.inf, 0  # least selection cost that was a gain, and its step
 
-    def run(self) -> Found:
+    def run(self) -> SearchResult:
         """Descend until nothing is gained on the selection ticks; return the best parameters."""
         ended = self._reason_to_end() or self._descend()
-        self.found = replace(self.found, ended=ended)
-        if np.isfinite(self.found.cost):
-            self.listener(self.found)
-        return self.found
+        self.best = replace(self.best, ended=ended)
+        if np.isfinite(self.best.cost):
+            self.listener(self.best)
+        return self.best
 
     def _descend(self) -> str:
-        params, ended = self.family.start(np.random.default_rng(self.found.seed)), "start diverged"
+        params, ended = self.family.start(np.random.default_rng(self.best.seed)), "start diverged"
         for penalty in PENALTIES:
             self.promising, self.promised_at = np.inf, self.step
-            for _, trial in descend(partial(self._penalised, penalty=penalty), params):
+            for _, trial in descend(partial(self._compute_errors_with_penalty, penalty=penalty), params):
                 if trial is not params or not self.step:
-                    self._judge(trial)
+                    self._evaluate(trial)
                 params = trial
                 self.step += 1
                 ended = self._reason_to_end()
                 if ended:
                     break
-            if ended != SETTLED or self._allowed(params):
+            if ended != NO_MORE_GAIN or self._is_allowed(params):
                 break
         return ended or "no step lowers the error"
 
-    def _judge(self, params: F) -> None:
+    def _evaluate(self, params: F) -> None:
         cost = self.family.training.cost(self.family.force(params), self.family.training.selection)
-        if cost < self.promising * (1.0 - LEAST_GAIN):
+        if cost < self.promising * (1.0 - MIN_GAIN):
             self.promising, self.promised_at = cost, self.step
-        if cost < self.found.cost and self._allowed(params):
-            self.found = replace(self.found, coefficients=params, cost=cost, trials=self.step + 1)
-            self.listener(self.found)
+        if cost < self.best.cost and self._is_allowed(params):
+            self.best = replace(self.best, coefficients=params, cost=cost, trials=self.step + 1)
+            self.listener(self.best)
 
     def _reason_to_end(self) -> str:
         if self.stop.is_set():
             return "interrupted"
-        if self.found.cost <= self.limits.target:
+        if self.best.cost <= self.limits.target:
             return "target cost reached"
         if search_clock.now() > self.deadline:
             return "time is up"
         if self.step - self.promised_at >= PATIENCE:
-            return SETTLED
+            return NO_MORE_GAIN
         return "" if self.step < STEPS else "steps exhausted"
 
-    def _penalised(self, params: F, most: float, penalty: float) -> tuple[float, F, F]:
-        """Return the family's errors with the penalty on gains above MOST_GAIN - ROOM."""
+    def _compute_errors_with_penalty(self, params: F, most: float, penalty: float) -> tuple[float, F, F]:
+        """Return the family's errors with the penalty on gains above MAX_GAIN - ROOM."""
         error, matrix, gradient = self.family.errors(params, most)
         if not self.certify or not np.isfinite(error):
             return error, matrix, gradient
         gains, slopes = self.family.gains(params)
-        excess = np.maximum(gains - (MOST_GAIN - ROOM), 0.0)
+        excess = np.maximum(gains - (MAX_GAIN - ROOM), 0.0)
         active = slopes[excess > 0.0]
         error += penalty * float(excess @ excess)
         return error, matrix + penalty * active.T @ active, gradient - penalty * excess @ slopes
 
-    def _allowed(self, params: F) -> bool:
-        return not self.certify or bool(self.family.gains(params)[0].max() < MOST_GAIN)
+    def _is_allowed(self, params: F) -> bool:
+        return not self.certify or bool(self.family.gains(params)[0].max() < MAX_GAIN)

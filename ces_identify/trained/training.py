@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.polynomial.problem import pose
+from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_observer.model import Envelope
-from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Term
 
@@ -75,9 +75,9 @@ class Training:
         return Regressor(signal, lag, float(values.mean()), spread if spread > 1e-9 else 1.0)
 
 
-def training(series: Sequence[Series], weighting: Weighting = EQUAL) -> Training:
+def build_training(series: Sequence[Series], weighting: Weighting = EQUAL) -> Training:
     """Return what to fit to; raises RecordingError if the series hold too little."""
-    problem = pose(series, (Term(1.0, ()),), weighting=weighting)
+    problem = assemble_problem(series, (Term(1.0, ()),), weighting=weighting)
     scored = problem.everything > 0.0
     return Training(
         inputs=np.stack([np.concatenate([getattr(s, name) for s in series]) for name in SIGNALS]),

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from ces_identify.numerics.correlation import block_length, runs_of
+from ces_identify.numerics.correlation import block_length, find_runs
 from ces_identify.validation.evaluate import Evaluation
 
 F = NDArray[np.float64]
@@ -31,7 +31,7 @@ I = NDArray[np.int64]  # noqa: E741
 LEVEL = 0.95
 REPLICATES = 2000
 BIN_S = 0.01  # [s] far below the time over which a damper's errors hang together
-LEAST_BLOCKS = 8
+MIN_BLOCKS = 8
 AT_ONCE = 2_000_000  # blocks drawn at a time
 
 
@@ -67,7 +67,7 @@ def cost_interval(evaluations: Sequence[Evaluation], seed: int = 0) -> CostInter
             return None
         ticks, bin_ticks = scored_ticks(evaluation), max(1, round(BIN_S * evaluation.series.rate_Hz))
         length = influence_block(ticks, bin_ticks)
-        if len(ticks.force) < LEAST_BLOCKS * length:
+        if len(ticks.force) < MIN_BLOCKS * length:
             return None
         total += replicates(ticks, length, random)
         facts.append((length / evaluation.series.rate_Hz, len(ticks.force) // length))
@@ -94,15 +94,15 @@ def pooled_cost(evaluations: Sequence[Evaluation]) -> float:
 def scored_ticks(evaluation: Evaluation) -> Ticks:
     """Return the scored ticks of `evaluation`."""
     series = evaluation.series
-    return Ticks(evaluation.error**2, series.force[series.scored], runs_of(series.scored, series.segments))
+    return Ticks(evaluation.error**2, series.force[series.scored], find_runs(series.scored, series.segments))
 
 
 def influence_block(ticks: Ticks, bin_ticks: int) -> int:
     """Return the block length [ticks] for `ticks`, a multiple of `bin_ticks`."""
     centred = (ticks.force - ticks.force.mean()) ** 2
     influence = ticks.squares / max(float(ticks.squares.mean()), 1e-300) - centred / centred.mean()
-    binned, runs = _binned(influence, ticks.runs, bin_ticks)
-    return bin_ticks * block_length(binned, runs) if len(binned) > 3 * LEAST_BLOCKS else len(influence)
+    binned, runs = _average_bins(influence, ticks.runs, bin_ticks)
+    return bin_ticks * block_length(binned, runs) if len(binned) > 3 * MIN_BLOCKS else len(influence)
 
 
 def replicates(ticks: Ticks, length: int, random: np.random.Generator) -> F:
@@ -138,7 +138,7 @@ def _block_sums(ticks: Ticks, length: int) -> tuple[F, F]:
     return sums, odds
 
 
-def _binned(x: F, runs: I, ticks: int) -> tuple[F, I]:
+def _average_bins(x: F, runs: I, ticks: int) -> tuple[F, I]:
     """Return the means of x over whole bins of `ticks` inside runs, and the runs of the bins."""
     parts = [x[a : a + (b - a) // ticks * ticks].reshape(-1, ticks).mean(axis=1) for a, b in runs if b - a >= ticks]
     ends = np.cumsum([len(p) for p in parts])

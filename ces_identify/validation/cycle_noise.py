@@ -25,13 +25,13 @@ F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
 SETTLE_S = 1.0  # [s] left out at the start of each stretch without a gap, past warm-up
-LEAST_CYCLES = 5
-LEAST_PERIOD_S = 0.02
+MIN_CYCLES = 5
+MIN_PERIOD_S = 0.02
 STROKE_MISMATCH = 0.01  # rms difference of a cycle from its neighbours, over the spread
 CURRENT_MISMATCH = 0.01  # rms difference of a cycle from its neighbours, over the rms current
 PEAK = 0.9  # autocorrelation at which a lag is a candidate for the period
-MOST_PEAKS = 50  # tried as the period
-MOST_PERIODS = 10  # taken together
+MAX_PEAKS = 50  # tried as the period
+MAX_PERIODS = 10  # taken together
 OFF_TICK = 0.1  # ticks by which periods taken together may miss a whole number
 
 
@@ -57,16 +57,16 @@ def cycle_noise(series: Series) -> CycleNoise | NoCycles:
 
     Single cycles that differ from their neighbours, such as where the rig fades in and out, are left out.
     """
-    settled = _settled(series)
+    settled = _find_settled_runs(series)
     start, stop = settled[np.argmax(settled[:, 1] - settled[:, 0])]
-    if stop - start < 2 * LEAST_CYCLES:
+    if stop - start < 2 * MIN_CYCLES:
         return NoCycles("too short to settle")
-    period = find_period(series.position[start:stop], LEAST_PERIOD_S * series.rate_Hz)
+    period = find_period(series.position[start:stop], MIN_PERIOD_S * series.rate_Hz)
     if period is None:
         return NoCycles("the stroke does not repeat")
     cycle, lag = (np.arange(len(series)) / period).astype(np.int64), whole_ticks(period)
-    stroke = _by_cycle(differences(series.position, settled, lag), cycle) / float(series.position[start:stop].std())
-    current = _by_cycle(differences(series.current, settled, lag), cycle) / max(_rms(series.current), 1e-12)
+    stroke = _rms_by_cycle(differences(series.position, settled, lag), cycle) / float(series.position[start:stop].std())
+    current = _rms_by_cycle(differences(series.current, settled, lag), cycle) / max(_rms(series.current), 1e-12)
     known = np.isfinite(stroke) & np.isfinite(current)
     for name, mismatch, limit in (("stroke", stroke, STROKE_MISMATCH), ("current", current, CURRENT_MISMATCH)):
         if known.any() and np.median(mismatch[known]) > limit:
@@ -80,14 +80,14 @@ def _noise(series: Series, difference: F, same: NDArray[np.bool_], period: float
     """Return the noise of the force from its differences on the ticks of cycles that are the `same`."""
     used = difference[same & np.isfinite(difference)]
     cycles = int(len(used) / period)
-    if cycles < LEAST_CYCLES:
-        return NoCycles(f"{cycles} cycles alike with a measured force; expected at least {LEAST_CYCLES}")
+    if cycles < MIN_CYCLES:
+        return NoCycles(f"{cycles} cycles alike with a measured force; expected at least {MIN_CYCLES}")
     noise = _rms(used)
     return CycleNoise(period / series.rate_Hz, cycles, noise, 100.0 * noise / float(series.force[series.scored].std()))
 
 
-def find_period(x: F, least: float) -> float | None:
-    """Return the shortest period [ticks] of x (n,), above `least` ticks, or None if it does not repeat.
+def find_period(x: F, min_period: float) -> float | None:
+    """Return the shortest period [ticks] of x (n,), above `min_period` ticks, or None if it does not repeat.
 
     Of the high peaks of the autocorrelation beyond its first fall below zero, the first at which most of x repeats, or
     else the highest, refined by a parabola at its latest multiple that leaves half of x to compare.
@@ -96,18 +96,18 @@ def find_period(x: F, least: float) -> float | None:
     negative = np.flatnonzero(rho < 0.0)
     if not len(negative):
         return None
-    inner = np.arange(max(int(negative[0]), int(least), 2), len(rho) - 1)
+    inner = np.arange(max(int(negative[0]), int(min_period), 2), len(rho) - 1)
     peaks = inner[(rho[inner] >= rho[inner - 1]) & (rho[inner] > rho[inner + 1]) & (rho[inner] > PEAK)]
     if not len(peaks):
         return None
-    periods = (_refined(rho, float(place)) for place in peaks[:MOST_PEAKS])
-    best = _refined(rho, float(peaks[np.argmax(rho[peaks])]))
-    return next((p for p in periods if _repeats(x, p)), best)
+    periods = (_refine_period(rho, float(place)) for place in peaks[:MAX_PEAKS])
+    best = _refine_period(rho, float(peaks[np.argmax(rho[peaks])]))
+    return next((p for p in periods if _is_periodic(x, p)), best)
 
 
 def whole_ticks(period: float) -> int:
     """Return the ticks of the fewest periods that come within OFF_TICK of a whole number, or else the nearest do."""
-    multiples = period * np.arange(1, MOST_PERIODS + 1)
+    multiples = period * np.arange(1, MAX_PERIODS + 1)
     off = np.abs(multiples - np.rint(multiples))
     near = off <= OFF_TICK
     return round(float(multiples[np.argmax(near) if near.any() else np.argmin(off)]))
@@ -125,7 +125,7 @@ def differences(x: F, runs: I, lag: int) -> F:
     return result
 
 
-def _by_cycle(difference: F, cycle: I) -> F:
+def _rms_by_cycle(difference: F, cycle: I) -> F:
     """Return the rms of the differences in each cycle, NaN where fewer than half its ticks have one."""
     known = np.isfinite(difference)
     ticks, all_ticks = np.bincount(cycle, known), np.bincount(cycle)
@@ -133,7 +133,7 @@ def _by_cycle(difference: F, cycle: I) -> F:
     return np.where(2 * ticks >= all_ticks, np.sqrt(squares / np.maximum(ticks, 1)), np.nan)
 
 
-def _settled(series: Series) -> I:
+def _find_settled_runs(series: Series) -> I:
     skipped = series.warm_up + round(SETTLE_S * series.rate_Hz)
     starts = np.minimum(series.segments[:, 0] + skipped, series.segments[:, 1])
     return np.stack([starts, series.segments[:, 1]], axis=1)
@@ -150,18 +150,18 @@ def _overlap_correlation(x: F, most: int) -> F:
     return np.asarray(2.0 * products / np.maximum(both, 1e-300))
 
 
-def _refined(rho: F, period: float) -> float:
+def _refine_period(rho: F, period: float) -> float:
     """Return the period near `period` by the places of the peaks at it, at twice it, and so on."""
     times = 1
     while True:
-        top = _summit(rho, round(times * period))
+        top = _find_peak(rho, round(times * period))
         period = top / times
         times *= 2
         if times * period >= len(rho) - 4:
             return period
 
 
-def _summit(rho: F, near: int) -> float:
+def _find_peak(rho: F, near: int) -> float:
     """Return the place of the peak within two ticks of `near`, by a parabola."""
     first = max(near - 2, 1)
     top = min(first + int(np.argmax(rho[first : near + 3])), len(rho) - 2)
@@ -169,7 +169,7 @@ def _summit(rho: F, near: int) -> float:
     return top + (float(0.5 * (rho[top - 1] - rho[top + 1]) / bend) if bend < 0.0 else 0.0)
 
 
-def _repeats(x: F, period: float) -> bool:
+def _is_periodic(x: F, period: float) -> bool:
     """Return whether x is, at most of its ticks, as it was a period before and will be a period after."""
     difference = np.abs(differences(x, np.array([[0, len(x)]]), whole_ticks(period)))
     known = difference[np.isfinite(difference)]

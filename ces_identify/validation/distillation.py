@@ -20,11 +20,11 @@ from ces_observer.model import Model
 
 F = NDArray[np.float64]
 
-LEAST_TICKS = 50  # with a measured force
+MIN_TICKS = 50  # with a measured force
 
 
 @dataclass(frozen=True)
-class Distilled:
+class DistillationCosts:
     """Costs J [%] on one recording, in the role it had; NaN against a force that was not measured."""
 
     recording: str
@@ -39,25 +39,27 @@ class Distilled:
         return self.model_to_measured - self.teacher_to_measured
 
 
-def distilled(model: Model, evaluations: Sequence[Evaluation], measured: Sequence[Recording]) -> tuple[Distilled, ...]:
+def compare_with_teacher(
+    model: Model, evaluations: Sequence[Evaluation], measured: Sequence[Recording]
+) -> tuple[DistillationCosts, ...]:
     """Return the costs on each evaluation of `model`, whose series hold the teacher's force.
 
     `measured` are the same recordings as they were logged, in any order; those without a force are left out.
     """
     known = [prepare(recording, model.sampling) for recording in measured if "force" in recording.channels]
-    return tuple(_costs(evaluation, _measured(evaluation.series, known)) for evaluation in evaluations)
+    return tuple(_costs(evaluation, _find_measured_force(evaluation.series, known)) for evaluation in evaluations)
 
 
-def _costs(evaluation: Evaluation, measured: F) -> Distilled:
+def _costs(evaluation: Evaluation, measured: F) -> DistillationCosts:
     series, told = evaluation.series, (evaluation.name, evaluation.role, evaluation.cost)
     both = series.scored & np.isfinite(measured)
-    if both.sum() < LEAST_TICKS or np.ptp(measured[both]) == 0.0:
-        return Distilled(*told, np.nan, np.nan)
+    if both.sum() < MIN_TICKS or np.ptp(measured[both]) == 0.0:
+        return DistillationCosts(*told, np.nan, np.nan)
     truth = measured[both]
-    return Distilled(*told, cost(truth, series.force[both]), cost(truth, evaluation.run.force[both]))
+    return DistillationCosts(*told, cost(truth, series.force[both]), cost(truth, evaluation.run.force[both]))
 
 
-def _measured(series: Series, known: Sequence[Series]) -> F:
+def _find_measured_force(series: Series, known: Sequence[Series]) -> F:
     """Return the measured force [N] on the ticks of `series`, a part of one of the known: the one of equal ticks."""
     for whole in known:
         first = int(np.searchsorted(whole.time_s, series.time_s[0]))

@@ -50,7 +50,7 @@ def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
 
     Runs that diverged count as far as they went.
     """
-    ticks = _scored(evaluations)
+    ticks = _collect_scored_ticks(evaluations)
     top = float(np.quantile(np.abs(ticks.speed), QUANTILE)) if len(ticks.speed) else 0.0
     speeds = np.linspace(-top, top, SPEEDS + 1)
     currents = _current_edges(ticks.current)
@@ -67,7 +67,7 @@ def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
 
 def error_regions(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
     """Return direction, zero crossing and stroke as axes, each with regions that together are the whole."""
-    ticks = _scored(evaluations)
+    ticks = _collect_scored_ticks(evaluations)
     slow = np.abs(ticks.speed) < SLOW_M_S
     low, high = ticks.stroke < 0.5 - CENTRAL / 2, ticks.stroke > 0.5 + CENTRAL / 2
     masks = {
@@ -78,19 +78,19 @@ def error_regions(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
     return [_share(ticks, axis, name, mask) for axis, regions in masks.items() for name, mask in regions.items()]
 
 
-def _scored(evaluations: Sequence[Evaluation]) -> _Scored:
+def _collect_scored_ticks(evaluations: Sequence[Evaluation]) -> _Scored:
     kept = [e.series.scored & np.isfinite(e.run.force) for e in evaluations]
     pairs = list(zip(evaluations, kept, strict=True))
 
-    def joined(signal: str) -> F:
+    def concatenate(signal: str) -> F:
         return np.concatenate([np.empty(0), *(getattr(e.series, signal)[k] for e, k in pairs)])
 
-    position = joined("position")
+    position = concatenate("position")
     low, span = (float(position.min()), float(np.ptp(position))) if len(position) else (0.0, 1.0)
     error = [e.series.force[k] - e.run.force[k] for e, k in pairs]
     spread = sum(float(((f - f.mean()) ** 2).sum()) for e in evaluations for f in (e.series.force[e.series.scored],))
     stroke = (position - low) / max(span, 1e-12)
-    return _Scored(joined("speed"), joined("current"), stroke, np.concatenate([np.empty(0), *error]), spread)
+    return _Scored(concatenate("speed"), concatenate("current"), stroke, np.concatenate([np.empty(0), *error]), spread)
 
 
 def _share(ticks: _Scored, axis: str, region: str, mask: B) -> ErrorShare:

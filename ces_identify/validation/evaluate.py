@@ -45,10 +45,10 @@ class Evaluation:
 
 def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluation]:
     """Return the evaluation of `model` on each series; raises RecordingError where there is no force to judge by."""
-    return [_one(model, s, role) for s in series]
+    return [_evaluate_one(model, s, role) for s in series]
 
 
-def _one(model: Model, series: Series, role: str) -> Evaluation:
+def _evaluate_one(model: Model, series: Series, role: str) -> Evaluation:
     require_force(series)
     run = simulate_series(model, series)
     return Evaluation(series.name, role, series, run, series_cost(series, run.force))

@@ -28,10 +28,10 @@ from ces_identify.numerics.correlation import (
     INSIGNIFICANT_IN_A_ROW,
     autocorrelation,
     covariance,
+    find_runs,
     flat_top,
     longest_memory,
     memory,
-    runs_of,
 )
 from ces_identify.validation.evaluate import Evaluation
 
@@ -41,9 +41,9 @@ I = NDArray[np.int64]  # noqa: E741
 LEVEL = 0.99
 Z = float(norm.ppf(0.5 + LEVEL / 2))
 LAG_S = 0.1  # [s] of the longest lag: dampers and valves forget within it
-LEAST_TICKS = 200
+MIN_TICKS = 200
 INPUTS = ("speed", "position", "current")
-STILL = 1e-2  # spread over level of an input that counts as constant
+CONSTANT_SPREAD = 1e-2  # spread over level of an input that counts as constant
 
 
 @dataclass(frozen=True)
@@ -104,9 +104,9 @@ class Sequence:
 def residual_tests(evaluation: Evaluation) -> ResidualTests | None:
     """Return the tests on the scored ticks of `evaluation`; None if it diverged or has too few of them."""
     series, error = evaluation.series, evaluation.error
-    if len(error) < LEAST_TICKS or not np.isfinite(error).all() or error.std() == 0.0:
+    if len(error) < MIN_TICKS or not np.isfinite(error).all() or error.std() == 0.0:
         return None
-    runs, most = runs_of(series.scored, series.segments), max(1, round(LAG_S * series.rate_Hz))
+    runs, most = find_runs(series.scored, series.segments), max(1, round(LAG_S * series.rate_Hz))
     inputs = {name: getattr(series, name)[series.scored] for name in INPUTS}
     still = tuple(name for name, u in inputs.items() if _is_still(u))
     moving = {name: u for name, u in inputs.items() if name not in still}
@@ -121,7 +121,7 @@ def residual_tests(evaluation: Evaluation) -> ResidualTests | None:
 
 
 def _is_still(x: F) -> bool:
-    return float(x.std()) <= STILL * max(1e-12, float(np.abs(x).max()))
+    return float(x.std()) <= CONSTANT_SPREAD * max(1e-12, float(np.abs(x).max()))
 
 
 def sequence(name: str, x: F, runs: I) -> Sequence:
@@ -132,30 +132,30 @@ def sequence(name: str, x: F, runs: I) -> Sequence:
     return Sequence(name, unit, rho, memory(rho, len(x), longest))
 
 
-def whiteness(error: F, runs: I, most: int, rate_Hz: float) -> tuple[Correlation, float]:
-    """Return the autocorrelation of `error` and the Ljung-Box statistic over lags 1 to `most`.
+def whiteness(error: F, runs: I, max_lag: int, rate_Hz: float) -> tuple[Correlation, float]:
+    """Return the autocorrelation of `error` and the Ljung-Box statistic over lags 1 to `max_lag`.
 
     Q = n (n + 2) sum of r^2 / pairs (Ljung & Box, Biometrika 65, 1978), pairs counted inside runs, against
-    chi-square with `most` degrees of freedom: a free run fits no model of the noise that would take any away.
+    chi-square with `max_lag` degrees of freedom: a free run fits no model of the noise that would take any away.
     """
     n, centred = len(error), error - error.mean()
-    sums, pairs = covariance(centred, centred, runs, most)
+    sums, pairs = covariance(centred, centred, runs, max_lag)
     values = sums / sums[0]
     statistic = float(n * (n + 2.0) * (values[1:] ** 2 / np.maximum(pairs[1:], 1.0)).sum())
-    p_value = float(chi2.sf(statistic, most))
-    lags = np.arange(most + 1) / rate_Hz
+    p_value = float(chi2.sf(statistic, max_lag))
+    lags = np.arange(max_lag + 1) / rate_Hz
     return Correlation("residual", "residual", lags, np.asarray(values), Z / math.sqrt(n), p_value), statistic
 
 
-def cross_correlation(first: Sequence, second: Sequence, runs: I, most: int, rate_Hz: float) -> Correlation:
-    """Return the correlation of two sequences, with `second` 0 to `most` ticks after `first`.
+def cross_correlation(first: Sequence, second: Sequence, runs: I, max_lag: int, rate_Hz: float) -> Correlation:
+    """Return the correlation of two sequences, with `second` 0 to `max_lag` ticks after `first`.
 
     The p-value is Bonferroni's over the lags, which holds however they depend on each other.
     """
-    values, _ = covariance(first.unit, second.unit, runs, most)
+    values, _ = covariance(first.unit, second.unit, runs, max_lag)
     deviation = math.sqrt(bartlett(first, second) / len(first.unit))
-    p_value = min(1.0, 2.0 * (most + 1) * float(norm.sf(np.abs(values).max() / deviation)))
-    return Correlation(first.name, second.name, np.arange(most + 1) / rate_Hz, values, Z * deviation, p_value)
+    p_value = min(1.0, 2.0 * (max_lag + 1) * float(norm.sf(np.abs(values).max() / deviation)))
+    return Correlation(first.name, second.name, np.arange(max_lag + 1) / rate_Hz, values, Z * deviation, p_value)
 
 
 def bartlett(first: Sequence, second: Sequence) -> float:
@@ -167,17 +167,17 @@ def bartlett(first: Sequence, second: Sequence) -> float:
 
 def verdicts(tests: ResidualTests) -> tuple[str, ...]:
     """Return a line on whiteness and one on the inputs, for people."""
-    return _on_whiteness(tests), _on_inputs(tests)
+    return _describe_whiteness(tests), _describe_inputs(tests)
 
 
-def _on_whiteness(tests: ResidualTests) -> str:
+def _describe_whiteness(tests: ResidualTests) -> str:
     white = tests.whiteness
     if white.passed:
         return f"white (Ljung-Box p = {white.p_value:.2g})"
     return f"not white: {white.values[1]:.2f} at lag 1, Ljung-Box p {_p(white.p_value)} (a free run's need not be)"
 
 
-def _on_inputs(tests: ResidualTests) -> str:
+def _describe_inputs(tests: ResidualTests) -> str:
     found = sorted((c for c in tests.inputs if not c.passed), key=lambda c: -c.share)
     if not tests.inputs:
         return "not tested against the inputs: none changes"

@@ -22,12 +22,12 @@ RULE = (
 )
 
 
-def usage(seen: Sequence[Series], held_out: Sequence[Series]) -> list[dict[str, Any]]:
+def usage(identified: Sequence[Series], held_out: Sequence[Series]) -> list[dict[str, Any]]:
     """Return a row for each series: from when to when [s], and its scored seconds of each kind.
 
-    `seen` are the series identified on, `held_out` those the model was only judged on.
+    `identified` are the series identified on, `held_out` those the model was only judged on.
     """
-    rows = [_row(series, estimation_ticks(series)) for series in seen]
+    rows = [_row(series, estimation_ticks(series)) for series in identified]
     return rows + [_row(series, None) for series in held_out]
 
 

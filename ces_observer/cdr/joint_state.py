@@ -33,18 +33,18 @@ class RawEstimate:
 
     def _lay_out(self, frame_id: bytes) -> None:
         """Prepare what lies between the numbers; offsets are from the end of the encapsulation, padding is zero."""
-        names = _aligned(_text(frame_id), 4) + ONE
-        names = _aligned(names + _text(self._name), 4) + ONE
-        self._names = _aligned(names, 8)
-        self._next = _aligned(ONE, 8)
+        names = _pad_to(_encode_text(frame_id), 4) + ONE
+        names = _pad_to(names + _encode_text(self._name), 4) + ONE
+        self._names = _pad_to(names, 8)
+        self._next = _pad_to(ONE, 8)
         self._frame_id = frame_id
         self._pack = Struct(f"<4siI{len(self._names)}sd8sd8sd").pack
 
 
-def _text(text: bytes) -> bytes:
+def _encode_text(text: bytes) -> bytes:
     return struct.pack("<I", len(text) + 1) + text + b"\0"
 
 
-def _aligned(part: bytes, size: int) -> bytes:
+def _pad_to(part: bytes, size: int) -> bytes:
     """Return `part`, which begins at a multiple of 8, filled up to a multiple of `size`."""
     return part + bytes(-len(part) % size)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from ces_observer.cdr.types import JOINT_NAMES, CdrUnsupportedError, Many, Number, Part, Record
+from ces_observer.cdr.types import JOINT_NAMES, ArrayPart, CdrUnsupportedError, MessagePart, NumberPart, Part
 from ces_observer.cdr.walk import Span, Walk
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
 
 
 @dataclass(frozen=True)
-class Layout:
+class FieldLayout:
     """The place of a number in messages of `length` bytes whose bytes in `fixed` are the same.
 
     `offset` and the spans (start, end) count from the first byte of the encapsulation; `code` is the number's for the
@@ -26,7 +26,7 @@ class Layout:
     runs: tuple[Span, ...]
 
 
-def layout_of(raw: bytes, record: Record, path: FieldPath) -> Layout:
+def find_layout(raw: bytes, record: MessagePart, path: FieldPath) -> FieldLayout:
     """Find the number at `path` in a message of type `record`; what follows it is not looked at.
 
     Raises SignalsError if the message is malformed up to there, or lacks the joint or element asked for, and
@@ -35,55 +35,55 @@ def layout_of(raw: bytes, record: Record, path: FieldPath) -> Layout:
     walk = Walk(raw, f"field '{path.text}'")
     part: Part = record
     for name, element in path.steps:
-        if isinstance(part, Record):
+        if isinstance(part, MessagePart):
             part = _enter(walk, part, name, element)
-    if not isinstance(part, Number):
+    if not isinstance(part, NumberPart):
         raise CdrUnsupportedError(f"field '{path.text}' is a {part.kind}")
-    offset = walk.numbers(part, 1)
-    return Layout(len(raw), offset, part.code, _joined(walk.fixed, {}), _joined(walk.fixed, walk.padding))
+    offset = walk.skip_numbers(part, 1)
+    return FieldLayout(len(raw), offset, part.code, _join_spans(walk.fixed, {}), _join_spans(walk.fixed, walk.padding))
 
 
-def _enter(walk: Walk, record: Record, name: str, element: int | str | None) -> Part:
+def _enter(walk: Walk, record: MessagePart, name: str, element: int | str | None) -> Part:
     """Go to the start of the field `name`, or of an element of it; returns what begins there."""
     part = record.fields[name]
-    if element is None or not isinstance(part, Many):
-        _pass_fields(walk, record, name, set())
+    if element is None or not isinstance(part, ArrayPart):
+        _skip_fields(walk, record, name, set())
         return part
     asked = set(JOINT_NAMES) & set(record.fields) if isinstance(element, str) else set()
-    texts = _pass_fields(walk, record, name, asked)
+    texts = _skip_fields(walk, record, name, asked)
     if isinstance(element, str):
         names = next((texts[field] for field in JOINT_NAMES if texts.get(field)), [])
         if element not in names:
             raise SignalsError(f"{walk.where}: no joint '{element}'; the message has {names or 'no names'}")
         element = names.index(element)
-    _pass_elements(walk, part, element)
-    return part.of
+    _skip_elements(walk, part, element)
+    return part.element
 
 
-def _pass_fields(walk: Walk, record: Record, name: str, asked: set[str]) -> dict[str, list[str]]:
-    """Go to the start of the field `name`; returns the strings in the fields `asked`, wherever they are."""
+def _skip_fields(walk: Walk, record: MessagePart, name: str, requested: set[str]) -> dict[str, list[str]]:
+    """Go to the start of the field `name`; returns the strings in the fields `requested`, wherever they are."""
     texts: dict[str, list[str]] = {}
     start = -1
     for field, part in record.fields.items():
         start = walk.at if field == name else start
-        if start >= 0 and len(texts) == len(asked):
+        if start >= 0 and len(texts) == len(requested):
             break
-        if field in asked:
-            texts[field] = walk.texts(part)
+        if field in requested:
+            texts[field] = walk.read_texts(part)
         else:
             walk.skip(part)
     walk.at = start
     return texts
 
 
-def _pass_elements(walk: Walk, many: Many, index: int) -> None:
-    count = walk.count(many)
+def _skip_elements(walk: Walk, many: ArrayPart, index: int) -> None:
+    count = walk.read_count(many)
     if index >= count:
         raise SignalsError(f"{walk.where}: index {index} is outside an array of {count}")
-    walk.many(many.of, index)
+    walk.skip_elements(many.element, index)
 
 
-def _joined(spans: Iterable[Span], padding: Mapping[int, int]) -> tuple[Span, ...]:
+def _join_spans(spans: Iterable[Span], padding: Mapping[int, int]) -> tuple[Span, ...]:
     """Return the spans in order; joined where they touch or have only padding (its ends by its starts) between them."""
     joined: list[Span] = []
     for start, end in sorted(spans):

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Any
 
-from ces_observer.cdr.layout import Layout, layout_of
-from ces_observer.cdr.types import CdrUnsupportedError, FieldsOf, Record, number_at, record_of
+from ces_observer.cdr.layout import FieldLayout, find_layout
+from ces_observer.cdr.types import CdrUnsupportedError, FieldsOf, MessagePart, find_number, parse_message_type
 from ces_observer.cdr.walk import ENCAPSULATION, Span
 from ces_observer.signals import Signal
 
 Reading = tuple[int | None, float, bytes]  # header stamp [ns], value [SI], frame id as UTF-8
 HEADER = "std_msgs/Header"
 STAMP_END = ENCAPSULATION + 8  # seconds and nanoseconds, 4 bytes each
-KEPT = 4  # layouts: publishers that differ in frame or joint order may share a topic
+MAX_TEMPLATES = 4  # layouts: publishers that differ in frame or joint order may share a topic
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Template:
     mask: int
 
     @property
-    def hot(self) -> tuple[Any, ...]:
+    def fast_path(self) -> tuple[Any, ...]:
         """What a reading takes, in the order in which it does."""
         return self.length, self.unpack, self.run, self.others, self.word, self.frame_id
 
@@ -59,9 +59,9 @@ class RawSignal:
     """
 
     def __init__(self, signal: Signal, fields_of: FieldsOf) -> None:
-        self._record = record_of(signal.type, fields_of)
-        number_at(self._record, signal.field)
-        self.stamped = _stamped(self._record, signal)
+        self._record = parse_message_type(signal.type, fields_of)
+        find_number(self._record, signal.field)
+        self.stamped = _has_stamp(self._record, signal)
         self.read: Callable[[bytes], Reading] = self._read_stamped if self.stamped else self._read_unstamped
         self._path = signal.field
         self._scale = float(signal.scale)
@@ -73,39 +73,39 @@ class RawSignal:
         length, unpack, run, others, word, frame_id = self._last
         if len(raw) == length:
             seen_word, sec, nanosec, seen, number = unpack(raw)
-            if seen == run and seen_word == word and (not others or _same(others, raw)):
+            if seen == run and seen_word == word and (not others or _parts_match(others, raw)):
                 return sec * 1_000_000_000 + nanosec, self._scale * number + self._offset, frame_id
-        return self._read_anew(raw)
+        return self._read_new_layout(raw)
 
     def _read_unstamped(self, raw: bytes) -> Reading:
         length, unpack, run, others, _, _ = self._last
         if len(raw) == length:
             seen, number = unpack(raw)
-            if seen == run and (not others or _same(others, raw)):
+            if seen == run and (not others or _parts_match(others, raw)):
                 return None, self._scale * number + self._offset, b""
-        return self._read_anew(raw)
+        return self._read_new_layout(raw)
 
-    def _read_anew(self, raw: bytes) -> Reading:
-        template = next((known for known in self._templates if known.fits(raw)), None) or self._learn(raw)
-        self._last = template.hot
+    def _read_new_layout(self, raw: bytes) -> Reading:
+        template = next((known for known in self._templates if known.fits(raw)), None) or self._learn_template(raw)
+        self._last = template.fast_path
         *start, _, number = template.unpack(raw)
         stamp_ns = start[1] * 1_000_000_000 + start[2] if self.stamped else None
         return stamp_ns, self._scale * number + self._offset, template.frame_id
 
-    def _learn(self, raw: bytes) -> Template:
-        template = _template(raw, layout_of(raw, self._record, self._path), self.stamped)
-        self._templates = (template, *self._templates[: KEPT - 1])
+    def _learn_template(self, raw: bytes) -> Template:
+        template = _make_template(raw, find_layout(raw, self._record, self._path), self.stamped)
+        self._templates = (template, *self._templates[: MAX_TEMPLATES - 1])
         return template
 
 
-def _same(parts: tuple[tuple[slice, bytes], ...], raw: bytes) -> bool:
+def _parts_match(parts: tuple[tuple[slice, bytes], ...], raw: bytes) -> bool:
     for part, kept in parts:  # noqa: SIM110  # all() with a generator takes three times as long
         if raw[part] != kept:
             return False
     return True
 
 
-def _stamped(record: Record, signal: Signal) -> bool:
+def _has_stamp(record: MessagePart, signal: Signal) -> bool:
     """Tell whether messages begin with a header."""
     header = record.fields.get("header")
     if header is None or header.kind != HEADER:
@@ -115,32 +115,32 @@ def _stamped(record: Record, signal: Signal) -> bool:
     return True
 
 
-def _template(raw: bytes, layout: Layout, stamped: bool) -> Template:
+def _make_template(raw: bytes, layout: FieldLayout, stamped: bool) -> Template:
     """Make a template of a message and its layout; the first run after the stamp begins with the frame id's length."""
     first, *others = layout.runs[1:] if stamped else layout.runs
     start, end = first
     form = f"{'<IiI' if stamped else '<'}{end - start}s{layout.offset - end}x{layout.code}"
-    mask = _mask(layout.fixed)
+    mask = _make_mask(layout.fixed)
     return Template(
         length=layout.length,
         unpack=Struct(form).unpack_from,
         word=int.from_bytes(raw[:ENCAPSULATION], "little"),
         run=raw[start:end],
         others=tuple((slice(*span), raw[slice(*span)]) for span in others),
-        frame_id=_frame_id(raw) if stamped else b"",
+        frame_id=_read_frame_id(raw) if stamped else b"",
         fixed=int.from_bytes(raw, "little") & mask,
         mask=mask,
     )
 
 
-def _mask(spans: tuple[Span, ...]) -> int:
+def _make_mask(spans: tuple[Span, ...]) -> int:
     mask = bytearray(spans[-1][1])
     for start, end in spans:
         mask[start:end] = b"\xff" * (end - start)
     return int.from_bytes(mask, "little")
 
 
-def _frame_id(raw: bytes) -> bytes:
+def _read_frame_id(raw: bytes) -> bytes:
     start = STAMP_END + 4
     length = int.from_bytes(raw[STAMP_END:start], "little")
     return raw[start : start + max(length - 1, 0)]

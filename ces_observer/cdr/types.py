@@ -42,7 +42,7 @@ class CdrUnsupportedError(Exception):
 
 
 @dataclass(frozen=True)
-class Number:
+class NumberPart:
     """One number; `code` is that of the module struct."""
 
     kind: str
@@ -56,7 +56,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Text:
+class TextPart:
     """A string of 8-bit characters."""
 
     kind: str
@@ -64,7 +64,7 @@ class Text:
 
 
 @dataclass(frozen=True)
-class Opaque:
+class OpaquePart:
     """What cannot be walked over: wstring, long double, a type that is not installed."""
 
     kind: str
@@ -72,22 +72,22 @@ class Opaque:
 
 
 @dataclass(frozen=True)
-class Many:
-    """An array of `count` elements, or a sequence if that is None, of at most `most` if that is not None."""
+class ArrayPart:
+    """An array of `count` elements, or a sequence if that is None, of at most `max_count` if that is not None."""
 
     kind: str
-    of: Part
+    element: Part
     count: int | None
-    most: int | None = None
+    max_count: int | None = None
 
     @property
     def fixed(self) -> bool:
         """True if it takes the same bytes in every message."""
-        return self.count is not None and self.of.fixed
+        return self.count is not None and self.element.fixed
 
 
 @dataclass(frozen=True)
-class Record:
+class MessagePart:
     """A message within a message, or the whole one."""
 
     kind: str
@@ -99,34 +99,34 @@ class Record:
         return all(part.fixed for part in self.fields.values())
 
 
-Part = Number | Text | Opaque | Many | Record
+Part = NumberPart | TextPart | OpaquePart | ArrayPart | MessagePart
 
 
-def record_of(type_name: str, fields_of: FieldsOf) -> Record:
+def parse_message_type(type_name: str, fields_of: FieldsOf) -> MessagePart:
     """Return the tree of a message type; raises CdrUnsupportedError if the type is not known."""
-    record = part_of(type_name, fields_of)
-    if not isinstance(record, Record):
+    record = parse_part(type_name, fields_of)
+    if not isinstance(record, MessagePart):
         raise CdrUnsupportedError(f"the fields of '{type_name}' are not known")
     return record
 
 
-def part_of(kind: str, fields_of: FieldsOf) -> Part:
+def parse_part(kind: str, fields_of: FieldsOf) -> Part:
     """Return the tree of a type string."""
     if sequence := _SEQUENCE.fullmatch(kind):
-        return Many(kind, part_of(sequence[1], fields_of), None, int(sequence[2]) if sequence[2] else None)
+        return ArrayPart(kind, parse_part(sequence[1], fields_of), None, int(sequence[2]) if sequence[2] else None)
     if array := _ARRAY.fullmatch(kind):
-        return Many(kind, part_of(array[1], fields_of), int(array[2]))
+        return ArrayPart(kind, parse_part(array[1], fields_of), int(array[2]))
     if kind in CODES:
-        return Number(kind, CODES[kind])
+        return NumberPart(kind, CODES[kind])
     if _TEXT.fullmatch(kind):
-        return Text(kind)
+        return TextPart(kind)
     try:
-        return Record(kind, {name: part_of(of, fields_of) for name, of in fields_of(kind).items()})
+        return MessagePart(kind, {name: parse_part(of, fields_of) for name, of in fields_of(kind).items()})
     except LookupError:
-        return Opaque(kind)
+        return OpaquePart(kind)
 
 
-def number_at(record: Record, path: FieldPath) -> Number:
+def find_number(record: MessagePart, path: FieldPath) -> NumberPart:
     """Return the kind of number at `path`.
 
     Raises SignalsError, as `path.read` does, if messages of this type hold no number there, and CdrUnsupportedError
@@ -134,25 +134,25 @@ def number_at(record: Record, path: FieldPath) -> Number:
     """
     part: Part = record
     for name, element in path.steps:
-        if not isinstance(part, Record) or name not in part.fields:
+        if not isinstance(part, MessagePart) or name not in part.fields:
             raise SignalsError(f"field '{path.text}': no '{name}' in {part.kind.rpartition('/')[2]}")
         parent, part = part, part.fields[name]
         if element is not None:
-            part = _element(parent, part, path, element)
-    if isinstance(part, Many | Record):
+            part = _find_element(parent, part, path, element)
+    if isinstance(part, ArrayPart | MessagePart):
         raise SignalsError(f"field '{path.text}' is a {part.kind}, not a number")
-    if not isinstance(part, Number) or part.kind == "octet":
+    if not isinstance(part, NumberPart) or part.kind == "octet":
         raise CdrUnsupportedError(f"field '{path.text}' is a {part.kind}")
     return part
 
 
-def _element(parent: Record, array: Part, path: FieldPath, element: int | str) -> Part:
-    if not isinstance(array, Many):
+def _find_element(parent: MessagePart, array: Part, path: FieldPath, element: int | str) -> Part:
+    if not isinstance(array, ArrayPart):
         raise CdrUnsupportedError(f"field '{path.text}': [{element}] of a {array.kind}")
     if isinstance(element, str):
         names = [parent.fields[field] for field in JOINT_NAMES if field in parent.fields]
         if not names:
             raise SignalsError(f"field '{path.text}': no joint '{element}'; the message has no names")
-        if not all(isinstance(part, Many) and isinstance(part.of, Text) for part in names):
+        if not all(isinstance(part, ArrayPart) and isinstance(part.element, TextPart) for part in names):
             raise CdrUnsupportedError(f"field '{path.text}': the joints of {parent.kind} are not named by strings")
-    return array.of
+    return array.element

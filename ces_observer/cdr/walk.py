@@ -7,14 +7,14 @@ section 9.3 (CDR: each number aligned to its size, counted from the end of the e
 
 from __future__ import annotations
 
-from ces_observer.cdr.types import CdrUnsupportedError, Many, Number, Part, Record, Text
+from ces_observer.cdr.types import ArrayPart, CdrUnsupportedError, MessagePart, NumberPart, Part, TextPart
 from ces_observer.errors import SignalsError
 
 ENCAPSULATION = 4  # bytes before the message: representation (2, big endian) and options (2)
 PLAIN_CDR_LITTLE = 0x0001
 KNOWN_REPRESENTATIONS = range(0x000C)  # either byte order, parameter lists, XML, XCDR 2
-MOST_PARTS = 10_000  # a longer walk takes longer than deserialising in C
-LENGTH = Number("uint32", "I")
+MAX_PARTS = 10_000  # a longer walk takes longer than deserialising in C
+LENGTH = NumberPart("uint32", "I")
 
 Span = tuple[int, int]  # of bytes: start and end, counted from the first byte of the encapsulation
 
@@ -33,106 +33,106 @@ class Walk:
         self.fixed: list[Span] = []
         self.padding: dict[int, int] = {}
         self._parts = 0
-        self._encapsulation()
+        self._read_encapsulation()
 
     def skip(self, part: Part) -> None:
         """Pass one part."""
         self._parts += 1
-        if self._parts > MOST_PARTS:
-            raise CdrUnsupportedError(f"{self.where}: more than {MOST_PARTS} parts before it")
-        if isinstance(part, Number):
-            self.numbers(part, 1)
-        elif isinstance(part, Text):
-            self._text()
-        elif isinstance(part, Many):
-            self.many(part.of, self.count(part))
-        elif isinstance(part, Record):
-            self._record(part)
+        if self._parts > MAX_PARTS:
+            raise CdrUnsupportedError(f"{self.where}: more than {MAX_PARTS} parts before it")
+        if isinstance(part, NumberPart):
+            self.skip_numbers(part, 1)
+        elif isinstance(part, TextPart):
+            self._read_text()
+        elif isinstance(part, ArrayPart):
+            self.skip_elements(part.element, self.read_count(part))
+        elif isinstance(part, MessagePart):
+            self._skip_message(part)
         else:
             raise CdrUnsupportedError(f"{self.where}: a {part.kind} comes before it")
 
-    def numbers(self, number: Number, count: int) -> int:
+    def skip_numbers(self, number: NumberPart, count: int) -> int:
         """Pass `count` numbers, at least one, and the padding before them; returns where the first is."""
         gap = -(self.at - ENCAPSULATION) % number.size
         if gap:
             self.padding[self.at] = self.at + gap
-            self._pass(gap)
-        return self._pass(count * number.size)
+            self._skip_bytes(gap)
+        return self._skip_bytes(count * number.size)
 
-    def many(self, of: Part, count: int) -> None:
+    def skip_elements(self, of: Part, count: int) -> None:
         """Pass `count` parts of one kind."""
-        if isinstance(of, Number):
+        if isinstance(of, NumberPart):
             if count:  # there is padding before the first only if there is a first
-                self.numbers(of, count)
+                self.skip_numbers(of, count)
         elif of.fixed:
-            self._all_alike(of, count)
+            self._skip_uniform(of, count)
         else:
-            self._one_by_one(of, count)
+            self._skip_one_by_one(of, count)
 
-    def count(self, many: Many) -> int:
+    def read_count(self, many: ArrayPart) -> int:
         """Return the number of elements, of which each takes a byte at least; passes the length of a sequence."""
         if many.count is not None:
             return many.count
-        count = self._word()
-        most = (len(self.raw) - self.at) // (many.of.size if isinstance(many.of, Number) else 1)
-        if count > most or (many.most is not None and count > many.most):
-            raise self._malformed(f"{count} elements of a {many.kind} at byte {self.at}")
+        count = self._read_word()
+        most = (len(self.raw) - self.at) // (many.element.size if isinstance(many.element, NumberPart) else 1)
+        if count > most or (many.max_count is not None and count > many.max_count):
+            raise self._malformed_error(f"{count} elements of a {many.kind} at byte {self.at}")
         return count
 
-    def texts(self, part: Part) -> list[str]:
+    def read_texts(self, part: Part) -> list[str]:
         """Pass an array of strings; returns them."""
-        count = self.count(part) if isinstance(part, Many) else 1
-        return [self._text().decode(errors="replace") for _ in range(count)]
+        count = self.read_count(part) if isinstance(part, ArrayPart) else 1
+        return [self._read_text().decode(errors="replace") for _ in range(count)]
 
-    def _encapsulation(self) -> None:
-        self.fixed.append((self._pass(ENCAPSULATION), self.at))
+    def _read_encapsulation(self) -> None:
+        self.fixed.append((self._skip_bytes(ENCAPSULATION), self.at))
         representation = int.from_bytes(self.raw[:2], "big")
         if representation not in KNOWN_REPRESENTATIONS:
-            raise self._malformed(f"representation {representation:#06x}")
+            raise self._malformed_error(f"representation {representation:#06x}")
         if representation != PLAIN_CDR_LITTLE:
             raise CdrUnsupportedError(f"{self.where}: the message is in representation {representation:#06x}")
 
-    def _record(self, record: Record) -> None:
+    def _skip_message(self, record: MessagePart) -> None:
         for part in record.fields.values():
             self.skip(part)
         if not record.fields:
-            self._pass(1)  # rosidl gives a structure without members one byte
+            self._skip_bytes(1)  # rosidl gives a structure without members one byte
 
-    def _all_alike(self, of: Part, count: int) -> None:
+    def _skip_uniform(self, of: Part, count: int) -> None:
         """Pass `count` parts without lengths in them; their padding repeats, so that most are passed at one go."""
         passed: dict[int, Span] = {}  # by alignment of the position: parts passed until then, and the position
         for done in range(count):
             before, position = passed.setdefault(self.at % 8, (done, self.at))
             if before < done:
                 periods, rest = divmod(count - done, done - before)
-                self._pass(periods * (self.at - position))
-                self._one_by_one(of, rest)
+                self._skip_bytes(periods * (self.at - position))
+                self._skip_one_by_one(of, rest)
                 return
             self.skip(of)
 
-    def _one_by_one(self, of: Part, count: int) -> None:
+    def _skip_one_by_one(self, of: Part, count: int) -> None:
         for _ in range(count):
             self.skip(of)
 
-    def _text(self) -> bytes:
+    def _read_text(self) -> bytes:
         """Pass a string, which ends in the only NUL in it; returns it without."""
-        length = self._word()
-        start = self._pass(length)
+        length = self._read_word()
+        start = self._skip_bytes(length)
         if length and self.raw.find(0, start, self.at) != self.at - 1:
-            raise self._malformed(f"the string at byte {start} does not end in its only NUL")
+            raise self._malformed_error(f"the string at byte {start} does not end in its only NUL")
         self.fixed.append((start, self.at))
         return self.raw[start : self.at - 1] if length else b""
 
-    def _word(self) -> int:
-        start = self.numbers(LENGTH, 1)
+    def _read_word(self) -> int:
+        start = self.skip_numbers(LENGTH, 1)
         self.fixed.append((start, self.at))
         return int.from_bytes(self.raw[start : self.at], "little")
 
-    def _pass(self, size: int) -> int:
+    def _skip_bytes(self, size: int) -> int:
         start, self.at = self.at, self.at + size
         if self.at > len(self.raw):
-            raise self._malformed(f"{size} bytes are expected at byte {start}")
+            raise self._malformed_error(f"{size} bytes are expected at byte {start}")
         return start
 
-    def _malformed(self, what: str) -> SignalsError:
+    def _malformed_error(self, what: str) -> SignalsError:
         return SignalsError(f"{self.where}: malformed message of {len(self.raw)} bytes: {what}")

@@ -26,38 +26,38 @@ class ControlLoop:
         self.max_age_s = max_age_s
         self.estimates = 0
         self.age_s = 0.0  # of the last estimate, when it came
-        self._heard_s = self._commanded_s = -inf
+        self._last_estimate_s = self._commanded_s = -inf
         self._measured_N, self._measured_s = nan, -inf
 
-    def measured(self, force_N: float, steady_s: float) -> None:
+    def take_measured_force(self, force_N: float, steady_s: float) -> None:
         """Take a measured force; it may be fed back as long as estimates may be apart."""
         self._measured_N, self._measured_s = force_N, steady_s
 
-    def estimate(self, stamp_ns: int, speed_m_s: float, force_N: float, now_ns: int, steady_s: float) -> float:
+    def take_estimate(self, stamp_ns: int, speed_m_s: float, force_N: float, now_ns: int, steady_s: float) -> float:
         """Return the current [A] to command for an estimate; `now_ns` is the node's clock, `steady_s` never jumps."""
-        elapsed_s = self._elapsed(steady_s)
+        elapsed_s = self._measure_elapsed(steady_s)
         self.estimates += 1
-        self._heard_s = steady_s
+        self._last_estimate_s = steady_s
         self.age_s = (now_ns - stamp_ns) * 1e-9
         if self.max_age_s > 0.0 and abs(self.age_s) > self.max_age_s:
             return self.controller.fail_safe(STALE, elapsed_s)
         if not isfinite(force_N):
             return self.controller.fail_safe(NOT_FINITE, elapsed_s)
-        return self.controller.step(stamp_ns, speed_m_s, self._fed_back(force_N, steady_s))
+        return self.controller.step(stamp_ns, speed_m_s, self._choose_feedback(force_N, steady_s))
 
     def watch(self, steady_s: float, ahead_s: float = 0.0) -> float | None:
         """Return the current [A] to command if no estimate has come, or None; `ahead_s` to the next look."""
-        if steady_s - self._heard_s + ahead_s <= self.controller.tuning.max_gap_s:
+        if steady_s - self._last_estimate_s + ahead_s <= self.controller.tuning.max_gap_s:
             return None
-        return self.controller.fail_safe(NO_ESTIMATE, self._elapsed(steady_s))
+        return self.controller.fail_safe(NO_ESTIMATE, self._measure_elapsed(steady_s))
 
-    def _fed_back(self, estimated_N: float, steady_s: float) -> float:
+    def _choose_feedback(self, estimated_N: float, steady_s: float) -> float:
         if self.feedback == ESTIMATE:
             return estimated_N
         fresh = steady_s - self._measured_s <= self.controller.tuning.max_gap_s
         return self._measured_N if self.feedback == MEASURED and fresh else nan
 
-    def _elapsed(self, steady_s: float) -> float:
+    def _measure_elapsed(self, steady_s: float) -> float:
         """Return the time [s] since the last command, at most a gap: a longer one earns no larger step."""
         elapsed_s = min(steady_s - self._commanded_s, self.controller.tuning.max_gap_s)
         self._commanded_s = steady_s

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from copy import deepcopy
 
 from ces_observer.control.control_loop import MEASURED, ControlLoop
-from ces_observer.control.force_controller import OK, Count
+from ces_observer.control.force_controller import OK, ControllerCounts
 from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Status
 from ces_observer.health.latencies import Latencies
 
@@ -24,13 +24,13 @@ class ControllerHealth:
     def __init__(self, loop: ControlLoop, facts: Mapping[str, str]) -> None:
         self.latency = Latencies()
         self._loop = loop
-        self.use(facts)
-        self._before, self._estimates = Count(), 0
+        self.set_facts(facts)
+        self._before, self._estimates = ControllerCounts(), 0
         self._rate_Hz = 0.0
         self._shares = dict.fromkeys(SHARES, 0.0)
         self._latency = self.latency.roll()
 
-    def use(self, facts: Mapping[str, str]) -> None:
+    def set_facts(self, facts: Mapping[str, str]) -> None:
         """Let `facts` stand in the status as they are."""
         self._facts = tuple(facts.items())
 
@@ -50,10 +50,10 @@ class ControllerHealth:
             told = f"safe current: {reason}" + (f": {detail}" if detail else "")
             return Status(LEVEL_ERROR, told, tuple(self._values()))
         if self._loop.feedback == MEASURED and self._shares["unfed"] > 0.0:
-            return Status(LEVEL_WARN, f"controlling; {self._told('unfed')}", tuple(self._values()))
+            return Status(LEVEL_WARN, f"controlling; {self._format_share('unfed')}", tuple(self._values()))
         return Status(LEVEL_OK, "controlling", tuple(self._values()))
 
-    def _told(self, share: str) -> str:
+    def _format_share(self, share: str) -> str:
         return f"{self._shares[share]:.1%} {SHARES[share]}"
 
     def _values(self) -> Iterator[tuple[str, str]]:

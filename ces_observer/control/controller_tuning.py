@@ -45,6 +45,6 @@ class Tuning:
         """
         return max(model_lag_s - preview_s, 0.0)
 
-    def limited(self, current_A: float) -> float:
+    def clip_current(self, current_A: float) -> float:
         """Return the current [A] within the limits."""
         return min(max(current_A, self.low_A), self.high_A)

@@ -49,7 +49,7 @@ LARGEST_N = 1e9  # as of a model's force envelope
 
 
 @dataclass
-class Count:
+class ControllerCounts:
     """Counts since the start: steps that followed the curve, how many of them ..., and interruptions by reason."""
 
     steps: int = 0
@@ -72,7 +72,7 @@ class ForceController:
         self.curve = curve
         self.inverse = inverse
         self.tuning = tuning
-        self.count = Count()
+        self.count = ControllerCounts()
         self.command_A = tuning.safe_A
         self._typical_slope = _typical_slope(inverse)
         self._before: tuple[InverseMap, Sequence[float]] | None = None  # map and trims that fade out
@@ -133,30 +133,30 @@ class ForceController:
 
     def _follow(self, speed: float, force: float, elapsed_s: float) -> float:
         self.desired_N = self.curve.at(speed)
-        self.reachable_N = self._reachable(self.inverse, speed)
+        self.reachable_N = self._clip_to_reachable(self.inverse, speed)
         self.count.unreachable += self.reachable_N != self.desired_N
         self._learn(speed, force, elapsed_s)
         tuning = self.tuning
         soon = self._speed_lead.step(speed, elapsed_s, tuning.preview_s + tuning.lead_filter_s, tuning.lead_filter_s)
-        wanted = tuning.limited(self._wanted(soon, elapsed_s))
+        wanted = tuning.clip_current(self._compute_current(soon, elapsed_s))
         leading = self._valve_lead.step(wanted, elapsed_s, tuning.valve_lag_s, tuning.lead_filter_s)
-        return self._command(self._taken_over(leading, elapsed_s), elapsed_s)
+        return self._command(self._fade_from_safe(leading, elapsed_s), elapsed_s)
 
-    def _wanted(self, speed: float, elapsed_s: float) -> float:
+    def _compute_current(self, speed: float, elapsed_s: float) -> float:
         """Return the current of map and trims [A], on the way to it from those before if they were changed."""
-        wanted = self._fed(self.inverse, self._trims, speed)
+        wanted = self._current_with_trim(self.inverse, self._trims, speed)
         if self._before is None:
             return wanted
-        self._share = self._faded(self._share, elapsed_s)
-        before = self._fed(*self._before, speed)
+        self._share = self._advance_fade(self._share, elapsed_s)
+        before = self._current_with_trim(*self._before, speed)
         if self._share == 1.0:
             self._before = None
         return before + self._share * (wanted - before)
 
-    def _fed(self, inverse: InverseMap, trims: Sequence[float], speed: float) -> float:
-        return inverse.current(speed, self._reachable(inverse, speed)) + trims[speed > 0.0]
+    def _current_with_trim(self, inverse: InverseMap, trims: Sequence[float], speed: float) -> float:
+        return inverse.current(speed, self._clip_to_reachable(inverse, speed)) + trims[speed > 0.0]
 
-    def _reachable(self, inverse: InverseMap, speed: float) -> float:
+    def _clip_to_reachable(self, inverse: InverseMap, speed: float) -> float:
         """Return the desired force as near as the steady force at the current limits comes to it."""
         ends = inverse.force(speed, self.tuning.low_A), inverse.force(speed, self.tuning.high_A)
         return min(max(self.curve.at(speed), min(ends)), max(ends))
@@ -171,26 +171,26 @@ class ForceController:
             return
         side, tuning = int(speed > 0.0), self.tuning
         wanted = self.inverse.current(speed, self.reachable_N) + self._trims[side]
-        slope = self.inverse.slope(speed, tuning.limited(wanted))
+        slope = self.inverse.slope(speed, tuning.clip_current(wanted))
         scheduled = tuning.loop_gain_1_s * slope / (slope * slope + self._typical_slope**2)
         change = scheduled * (self.reachable_N - force) * elapsed_s
         if (wanted < tuning.high_A or change < 0.0) and (wanted > tuning.low_A or change > 0.0):
             span = tuning.high_A - tuning.low_A
             self._trims[side] = min(max(self._trims[side] + change, -span), span)
 
-    def _taken_over(self, wanted: float, elapsed_s: float) -> float:
+    def _fade_from_safe(self, requested: float, elapsed_s: float) -> float:
         """Fade from the safe current to the wanted one within `recovery_s`."""
         if self._authority < 1.0:
-            self._authority = self._faded(self._authority, elapsed_s)
-        return self.tuning.safe_A + self._authority * (wanted - self.tuning.safe_A)
+            self._authority = self._advance_fade(self._authority, elapsed_s)
+        return self.tuning.safe_A + self._authority * (requested - self.tuning.safe_A)
 
-    def _faded(self, share: float, elapsed_s: float) -> float:
+    def _advance_fade(self, share: float, elapsed_s: float) -> float:
         recovery = self.tuning.recovery_s
         return min(1.0, share + elapsed_s / recovery) if recovery > 0.0 else 1.0
 
-    def _command(self, wanted: float, elapsed_s: float) -> float:
-        limited = self.tuning.limited(wanted)
-        last, reach = self.tuning.limited(self.command_A), self.tuning.rate_A_s * max(elapsed_s, 0.0)
+    def _command(self, requested: float, elapsed_s: float) -> float:
+        limited = self.tuning.clip_current(requested)
+        last, reach = self.tuning.clip_current(self.command_A), self.tuning.rate_A_s * max(elapsed_s, 0.0)
         self.command_A = min(max(limited, last - reach), last + reach)
         if self.reason == OK:
             self.count.saturated += limited in (self.tuning.low_A, self.tuning.high_A)

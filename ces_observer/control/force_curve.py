@@ -10,7 +10,7 @@ from math import isfinite
 
 from ces_observer.errors import CesError
 
-MOST_POINTS = 1000
+MAX_POINTS = 1000
 
 
 class CurveError(CesError):
@@ -40,7 +40,7 @@ class ForceCurve:
             raise CurveError(f"curve: {at_rest:g} N at rest; expected 0: give a point at speed 0, force 0")
 
     @classmethod
-    def of(cls, speeds_m_s: Sequence[float], forces_N: Sequence[float]) -> ForceCurve:
+    def from_points(cls, speeds_m_s: Sequence[float], forces_N: Sequence[float]) -> ForceCurve:
         """Return the curve through these points; raises CurveError."""
         return cls(tuple(map(float, speeds_m_s)), tuple(map(float, forces_N)))
 
@@ -57,9 +57,9 @@ class ForceCurve:
 
     def _check_numbers(self) -> None:
         speeds, forces = self.speeds_m_s, self.forces_N
-        if len(speeds) != len(forces) or not 2 <= len(speeds) <= MOST_POINTS:
+        if len(speeds) != len(forces) or not 2 <= len(speeds) <= MAX_POINTS:
             raise CurveError(
-                f"curve: {len(speeds)} speeds and {len(forces)} forces; expected as many of each, 2 to {MOST_POINTS}"
+                f"curve: {len(speeds)} speeds and {len(forces)} forces; expected as many of each, 2 to {MAX_POINTS}"
             )
         if not all(map(isfinite, (*speeds, *forces))):
             raise CurveError("curve: a speed or force is not finite; give finite numbers in m/s and N")

@@ -35,7 +35,7 @@ class InverseMap:
         numbers = (*self.speeds_m_s, *self.currents_A, *(force for row in self.forces_N for force in row))
         if len(self.forces_N) != len(self.speeds_m_s) or shapes != {len(self.currents_A)} or len(self.currents_A) < 2:
             raise CesError("inverse map: expected a row of forces for each speed, one force for each current")
-        if not all(map(isfinite, numbers)) or not (_rises(self.speeds_m_s) and _rises(self.currents_A)):
+        if not all(map(isfinite, numbers)) or not (_is_rising(self.speeds_m_s) and _is_rising(self.currents_A)):
             raise CesError("inverse map: expected finite forces on rising speeds and currents")
         if not self.speeds_m_s[0] < 0.0 < self.speeds_m_s[-1] or 0.0 in self.speeds_m_s:
             raise CesError("inverse map: expected speeds on both sides of zero, zero left out")
@@ -63,7 +63,7 @@ class InverseMap:
 
     def force(self, speed_m_s: float, current_A: float) -> float:
         """Return the steady force [N]; a current beyond the grid counts as the nearest on it."""
-        return _interpolated(self.currents_A, self.row(speed_m_s), current_A)
+        return _interpolate(self.currents_A, self.row(speed_m_s), current_A)
 
     def current(self, speed_m_s: float, force_N: float) -> float:
         """Return the current [A] that gives this force, or comes nearest to it; of several the lowest."""
@@ -84,11 +84,11 @@ class InverseMap:
         return (row[high] - row[low]) / (currents[high] - currents[low])
 
 
-def _interpolated(points: Sequence[float], values: Sequence[float], at: float) -> float:
+def _interpolate(points: Sequence[float], values: Sequence[float], at: float) -> float:
     right = min(max(bisect_right(points, at), 1), len(points) - 1)
     share = min(max((at - points[right - 1]) / (points[right] - points[right - 1]), 0.0), 1.0)
     return values[right - 1] + share * (values[right] - values[right - 1])
 
 
-def _rises(values: Sequence[float]) -> bool:
+def _is_rising(values: Sequence[float]) -> bool:
     return all(b > a for a, b in pairwise(values))

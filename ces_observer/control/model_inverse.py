@@ -10,7 +10,7 @@ import json
 from dataclasses import dataclass
 
 from ces_observer.control.inverse_map import InverseMap
-from ces_observer.control.steady_force import current_lag_s, inverse_map
+from ces_observer.control.steady_force import compute_inverse_map, current_lag_s
 from ces_observer.model import Model
 
 
@@ -22,9 +22,9 @@ class ModelInverse:
     lag_s: float
 
     @classmethod
-    def of(cls, model: Model, source: str = "model") -> ModelInverse:
+    def from_model(cls, model: Model, source: str = "model") -> ModelInverse:
         """Make it; raises ModelError, naming `source`, if the model's envelope is none to control in."""
-        return cls(inverse_map(model, source), current_lag_s(model))
+        return cls(compute_inverse_map(model, source), current_lag_s(model))
 
     def to_json(self) -> str:
         """Return it as text, every number exactly."""

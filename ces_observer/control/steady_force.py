@@ -19,10 +19,10 @@ SETTLING_S = 0.3  # of constant speed and current before the force is read; real
 STEP_S = 0.1
 RISE = 0.632
 STEP_SPEED_M_S = 0.15  # at which a step of current is judged
-LEAST_SPEED_M_S = 0.02  # of the grid: below, oil and seals give way before the valve has a say
+MIN_SPEED_M_S = 0.02  # of the grid: below, oil and seals give way before the valve has a say
 
 
-def inverse_map(model: Model, source: str = "model") -> InverseMap:
+def compute_inverse_map(model: Model, source: str = "model") -> InverseMap:
     """Return the inverse of the model's steady force, over its envelope of speeds and currents.
 
     Raises ModelError, naming `source`, if the envelope does not reach to both sides of speed 0, or holds one current
@@ -30,15 +30,15 @@ def inverse_map(model: Model, source: str = "model") -> InverseMap:
     """
     slowest, fastest = model.envelope.speed_m_s
     least, most = model.envelope.current_A
-    if not slowest < -LEAST_SPEED_M_S < LEAST_SPEED_M_S < fastest:
+    if not slowest < -MIN_SPEED_M_S < MIN_SPEED_M_S < fastest:
         raise ModelError(f"{source}: speeds from {slowest:g} to {fastest:g} m/s; a controller needs both directions")
     if not least < most:
         raise ModelError(f"{source}: identified at {least:g} A alone; identify it from recordings of several currents")
-    speeds = (*(-v for v in reversed(_graded(-slowest))), *_graded(fastest))
+    speeds = (*(-v for v in reversed(_space_speeds(-slowest))), *_space_speeds(fastest))
     currents = tuple(least + (most - least) * k / (CURRENTS - 1) for k in range(CURRENTS))
     run = model.make_predictor()
     rows = [[steady_force(model, run, speed, current) for current in currents] for speed in speeds]
-    return InverseMap(speeds, currents, tuple(_all_monotone(speeds, rows)))
+    return InverseMap(speeds, currents, tuple(_make_rows_monotone(speeds, rows)))
 
 
 def steady_force(model: Model, run: Predictor, speed_m_s: float, current_A: float) -> float:
@@ -67,11 +67,11 @@ def current_lag_s(model: Model) -> float:
     least, most = model.envelope.current_A
     quarter, three = (least + share * (most - least) for share in (0.25, 0.75))
     steps = ((quarter, three), (three, quarter))
-    times = [_rise_s(model, speed, *step) for speed in (-STEP_SPEED_M_S, STEP_SPEED_M_S) for step in steps]
+    times = [_measure_rise_s(model, speed, *step) for speed in (-STEP_SPEED_M_S, STEP_SPEED_M_S) for step in steps]
     return sum(times) / len(times)
 
 
-def _rise_s(model: Model, speed: float, start_A: float, end_A: float) -> float:
+def _measure_rise_s(model: Model, speed: float, start_A: float, end_A: float) -> float:
     """Step at mid-stroke and stay there, as the stroke's own share of the force is not asked for."""
     run, rate = model.make_predictor(), model.sampling.rate_Hz
     before = steady_force(model, run, speed, start_A)
@@ -83,15 +83,15 @@ def _rise_s(model: Model, speed: float, start_A: float, end_A: float) -> float:
     return next(k + 1 for k, force in enumerate(forces) if (force - before) / change >= RISE) / rate
 
 
-def _all_monotone(speeds: Sequence[float], rows: list[list[float]]) -> Iterator[tuple[float, ...]]:
+def _make_rows_monotone(speeds: Sequence[float], rows: list[list[float]]) -> Iterator[tuple[float, ...]]:
     """Make every row monotone in the sense that the valve has on the whole: more current, more (or less) damping."""
     stiffer = sum(copysign(1.0, v) * (row[-1] - row[0]) for v, row in zip(speeds, rows, strict=True))
     for speed, row in zip(speeds, rows, strict=True):
         sense = copysign(1.0, speed * stiffer)
-        yield tuple(sense * force for force in _monotone([sense * force for force in row]))
+        yield tuple(sense * force for force in _make_monotone([sense * force for force in row]))
 
 
-def _monotone(values: Sequence[float]) -> list[float]:
+def _make_monotone(values: Sequence[float]) -> list[float]:
     """Return the rising sequence nearest to `values` in least squares (pool adjacent violators)."""
     pools: list[tuple[float, int]] = []
     for value in values:
@@ -103,6 +103,6 @@ def _monotone(values: Sequence[float]) -> list[float]:
     return [mean for mean, count in pools for _ in range(count)]
 
 
-def _graded(fastest: float) -> list[float]:
-    """Return rising speeds from LEAST_SPEED_M_S to `fastest`, their spacing growing with speed."""
-    return [LEAST_SPEED_M_S + (fastest - LEAST_SPEED_M_S) * (k / (SPEEDS - 1)) ** 2 for k in range(SPEEDS)]
+def _space_speeds(fastest: float) -> list[float]:
+    """Return rising speeds from MIN_SPEED_M_S to `fastest`, their spacing growing with speed."""
+    return [MIN_SPEED_M_S + (fastest - MIN_SPEED_M_S) * (k / (SPEEDS - 1)) ** 2 for k in range(SPEEDS)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-KEPT = 10  # ended episodes that are told one by one; all are in the totals
-MOST_REASONS = 4  # of one episode that are told by name
+MAX_EPISODES = 10  # ended episodes that are told one by one; all are in the totals
+MAX_REASONS = 4  # of one episode that are told by name
 
 
 @dataclass(frozen=True)
@@ -38,19 +38,19 @@ class Episodes:
 
     def __init__(self) -> None:
         self.total = 0
-        self.last: deque[Episode] = deque(maxlen=KEPT)
+        self.last: deque[Episode] = deque(maxlen=MAX_EPISODES)
         self.by_reason: dict[str, tuple[int, float]] = {}
         self._reasons: list[str] = []
         self._start_ns = self._withheld = 0
 
-    def withheld(self, reason: str, now_ns: int, withheld_before: int) -> None:
+    def add_withheld(self, reason: str, now_ns: int, withheld_before: int) -> None:
         """Take a reason for withholding; `withheld_before` is how many samples were withheld before this one."""
         if not self._reasons:
             self._start_ns, self._withheld = now_ns, withheld_before
-        if reason not in self._reasons and len(self._reasons) < MOST_REASONS:
+        if reason not in self._reasons and len(self._reasons) < MAX_REASONS:
             self._reasons.append(reason)
 
-    def recovered(self, now_ns: int, withheld: int) -> None:
+    def end_episode(self, now_ns: int, withheld: int) -> None:
         """End the episode, if there is one; `withheld` is how many samples have been withheld up to now."""
         if not self._reasons:
             return

@@ -16,17 +16,17 @@ class ForcePairs:
     `max_gap_s` are never bridged. `unpaired` counts measured forces that no pair was made of.
     """
 
-    __slots__ = ("_estimates", "_max_gap_ns", "_stamps", "_use", "_waiting", "unpaired")
+    __slots__ = ("_estimates", "_max_gap_ns", "_on_pair", "_stamps", "_waiting", "unpaired")
 
-    def __init__(self, use: Callable[[int, float, float], None], max_gap_s: float) -> None:
-        self._use = use
+    def __init__(self, on_pair: Callable[[int, float, float], None], max_gap_s: float) -> None:
+        self._on_pair = on_pair
         self._max_gap_ns = round(max_gap_s * 1e9)
         self._waiting: deque[tuple[int, float]] = deque()
         self._stamps: list[int] = []
         self._estimates: list[float] = []
         self.unpaired = 0
 
-    def estimate(self, stamp_ns: int, force_N: float) -> None:
+    def add_estimate(self, stamp_ns: int, force_N: float) -> None:
         """Take an estimate; one that is not later than the one before means that time was set back."""
         stamps = self._stamps
         if stamps and stamp_ns <= stamps[-1]:
@@ -39,7 +39,7 @@ class ForcePairs:
         while waiting and waiting[0][0] <= stamp_ns:
             self._pair(*waiting.popleft())
 
-    def measured(self, stamp_ns: int, force_N: float) -> None:
+    def add_measured(self, stamp_ns: int, force_N: float) -> None:
         """Take a measured force, finite."""
         if self._stamps and stamp_ns <= self._stamps[-1]:
             self._pair(stamp_ns, force_N)
@@ -61,7 +61,7 @@ class ForcePairs:
         stamps, estimates = self._stamps, self._estimates
         after = bisect_left(stamps, stamp_ns)
         if stamps[after] == stamp_ns:
-            self._use(stamp_ns, measured_N, estimates[after])
+            self._on_pair(stamp_ns, measured_N, estimates[after])
             return
         step_ns = stamps[after] - stamps[after - 1] if after else 0
         if not 0 < step_ns <= self._max_gap_ns:
@@ -69,4 +69,4 @@ class ForcePairs:
             return
         share = (stamp_ns - stamps[after - 1]) / step_ns
         before = estimates[after - 1]
-        self._use(stamp_ns, measured_N, before + share * (estimates[after] - before))
+        self._on_pair(stamp_ns, measured_N, before + share * (estimates[after] - before))

@@ -81,26 +81,26 @@ class Health:
         self._name = name
         self._latency = LatencyFigures(0, 0, 0, 0)
         self._load = Load()
-        self._told = self._rests_told = 0  # ended episodes and rests that a status has told
-        self.use(damper, facts, cost)
+        self._reported_episodes = self._reported_rests = 0  # ended episodes and rests that a status has told
+        self.set_damper(damper, facts, cost)
 
-    def use(self, damper: DamperObserver, facts: Mapping[str, str], cost: RunningCost | None) -> None:
+    def set_damper(self, damper: DamperObserver, facts: Mapping[str, str], cost: RunningCost | None) -> None:
         """Tell of this damper and model from now on; `facts` stand in the status as they are."""
         self._damper, self.cost = damper, cost
         self._facts = tuple(facts.items())
         self._before = damper.tally.copy()
         self._paired = 0
-        self._judged = self._recorded = False
+        self._evaluated = self._recorded = False
         self._rate_Hz = self._withheld = self._clamped = 0.0
 
-    def change(self, now_ns: int) -> None:
+    def note_change(self, now_ns: int) -> None:
         """Take note of the damper's new reason; a force withheld again counts from its first sample."""
         tally, reason = self._damper.tally, self._damper.reason
         withheld = tally.samples - tally.estimates
         if reason == OK:
-            self.episodes.recovered(now_ns, withheld)
+            self.episodes.end_episode(now_ns, withheld)
         else:
-            self.episodes.withheld(reason, now_ns, withheld if reason == SILENT else withheld - 1)
+            self.episodes.add_withheld(reason, now_ns, withheld if reason == SILENT else withheld - 1)
 
     def roll(self, elapsed_s: float, now_ns: int, load: Load | None = None) -> None:
         """Close a window of `elapsed_s` seconds: its figures are told until the next one closes.
@@ -121,18 +121,18 @@ class Health:
             self._roll_cost(self.cost, now_ns)
 
     def _roll_cost(self, cost: RunningCost, now_ns: int) -> None:
-        self._judged, self._paired = cost.paired > self._paired, cost.paired
+        self._evaluated, self._paired = cost.paired > self._paired, cost.paired
         if not cost.drifted:
             self._recorded = False
         elif self.box is not None and not self._recorded:
-            notes = {"why": _drift(cost), **dict(self._facts)}
+            notes = {"why": _describe_drift(cost), **dict(self._facts)}
             self._recorded = self.box.save(f"{self._name}_drift", now_ns, notes)
 
     def status(self, detail: str) -> Status:
         """Return the status now; `detail` adds to the reason. An ended episode is told of in one status' message."""
         reason = self._damper.reason
         remarks = list(self._remarks())
-        self._told, self._rests_told = self.episodes.total, self.stillness.count
+        self._reported_episodes, self._reported_rests = self.episodes.total, self.stillness.count
         if reason != OK:
             level = LEVEL_ERROR if reason in ERRORS else LEVEL_WARN
             words = [f"withholding: {reason}" + (f": {detail}" if detail else "")]
@@ -142,7 +142,7 @@ class Health:
 
     def _remarks(self) -> Iterator[str]:
         episodes, ok = self.episodes, self._damper.reason == OK
-        if new := episodes.total - self._told:
+        if new := episodes.total - self._reported_episodes:
             last = episodes.last[-1]
             more = f" and {new - 1} more" if new > 1 else ""
             yield f"recovered from {last.reason} ({last.length_s:.2g} s){more}"
@@ -152,15 +152,15 @@ class Health:
             yield f"{self._clamped:.1%} of the forces from inputs outside what the model was identified on"
         if self.stillness.resting:
             yield f"the position has not changed for {self.stillness.last_s:.1f} s: at rest, or its sensor is stuck"
-        elif self.stillness.count > self._rests_told:
+        elif self.stillness.count > self._reported_rests:
             yield f"the position has not changed for {self.stillness.last_s:.1f} s and does now"
         figures = self.position.figures
         if figures.dropped and figures.dropped >= DROPPED_WARN * (figures.samples + figures.dropped):
             yield f"{figures.dropped / (figures.samples + figures.dropped):.1%} of the positions lost on the way"
         if self.cost is not None and self.cost.drifted:
-            yield f"re-identify: {_drift(self.cost)}{self._recording()}"
+            yield f"re-identify: {_describe_drift(self.cost)}{self._describe_recording()}"
 
-    def _recording(self) -> str:
+    def _describe_recording(self) -> str:
         """Return what became of the recording of a drift."""
         if self.box is None:
             return ""
@@ -188,13 +188,13 @@ class Health:
         for name, stream in (("position", self.position), ("current", self.current), ("measured force", self.force)):
             yield from stream_values(name, stream.figures)
         if self.cost is not None:
-            yield from cost_values(self.cost, self._judged)
+            yield from cost_values(self.cost, self._evaluated)
         if self.box is not None:
             yield from box_values(self.box)
         yield from self._facts
 
 
-def _drift(cost: RunningCost) -> str:
+def _describe_drift(cost: RunningCost) -> str:
     """Return the words for a cost beyond its threshold."""
     known = "unknown" if cost.J is None else f"{cost.J:.1f}%"
     return f"the cost J against the measured force is {known}, expected below {cost.warn_J:.1f}%"

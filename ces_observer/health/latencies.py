@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 PARTS_BITS = 6
 WHOLE_BITS = PARTS_BITS + 1  # numbers of so few bits have a class each
-MOST_NS = (1 << 37) - 1  # 137 s; longer ones are counted in the last class
-CLASSES = (MOST_NS.bit_length() - PARTS_BITS + 1) << PARTS_BITS
+MAX_NS = (1 << 37) - 1  # 137 s; longer ones are counted in the last class
+CLASSES = (MAX_NS.bit_length() - PARTS_BITS + 1) << PARTS_BITS
 
 
 class LatencyFigures(NamedTuple):
@@ -38,8 +38,8 @@ class Latencies:
         """Count a latency; one below zero, from clocks that differ, counts as zero."""
         if ns > self._max_ns:  # noqa: PLR1730  # a call of max takes longer
             self._max_ns = ns
-        if not 0 <= ns <= MOST_NS:
-            ns = 0 if ns < 0 else MOST_NS
+        if not 0 <= ns <= MAX_NS:
+            ns = 0 if ns < 0 else MAX_NS
         shift = ns.bit_length() - WHOLE_BITS
         if shift < 0:  # noqa: PLR1730
             shift = 0

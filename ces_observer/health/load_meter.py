@@ -13,7 +13,7 @@ class LoadMeter:
     def __init__(self) -> None:
         self._before = monotonic(), process_time(), thread_time()
 
-    def look(self) -> Load:
+    def measure(self) -> Load:
         """Return the shares since the last look; to be called by the thread that runs the executor."""
         now = monotonic(), process_time(), thread_time()
         elapsed, process, thread = (b - a for a, b in zip(self._before, now, strict=True))

@@ -18,10 +18,10 @@ from ces_observer.model import Model
 
 SECOND_NS = 1_000_000_000
 LATE_NS = 5 * SECOND_NS  # a pair from further back is one after time was set back
-LEAST_PAIRS = 100  # in the window; fewer say too little
-LEAST_FORCE_N = 20.0
-LEAST_FORCE_SHARE = 0.01  # of the force envelope: a smaller standard deviation is a damper that hardly moves
-LEAST_WARN_J = 10.0
+MIN_PAIRS = 100  # in the window; fewer say too little
+MIN_FORCE_N = 20.0
+MIN_FORCE_SHARE = 0.01  # of the force envelope: a smaller standard deviation is a damper that hardly moves
+MIN_WARN_J = 10.0
 BAD_SECONDS = 3  # in the window that must be bad each by itself before a drift is told, and good before it is withdrawn
 GOOD = 0.8  # share of the threshold below which a drift is withdrawn
 
@@ -29,7 +29,7 @@ GOOD = 0.8  # share of the threshold below which a drift is withdrawn
 class RunningCost:
     """Running J [%] of one damper.
 
-    `window_s` whole seconds; `warn_J` [%] the threshold of `drifted`; `least_N` the least standard deviation of the
+    `window_s` whole seconds; `warn_J` [%] the threshold of `drifted`; `min_N` the least standard deviation of the
     measured force [N] in the window at which J is told at all; `max_gap_s` the longest gap between two estimates that a
     measured force may lie in. After each whole second of stamps: `spread_N` is that standard deviation; `J` the cost,
     None if the window says too little; `drifted` is True from when J exceeds the threshold and so do three seconds or
@@ -44,32 +44,32 @@ class RunningCost:
         "_pairs",
         "_second",
         "_seconds",
+        "add_estimate",
         "drifted",
-        "estimate",
         "ignored",
-        "least_N",
+        "min_N",
         "paired",
         "spread_N",
         "warn_J",
     )
 
-    def __init__(
-        self, window_s: int = 10, warn_J: float = 20.0, least_N: float = 20.0, max_gap_s: float = 0.05
-    ) -> None:
-        self.warn_J, self.least_N = warn_J, least_N
+    def __init__(self, window_s: int = 10, warn_J: float = 20.0, min_N: float = 20.0, max_gap_s: float = 0.05) -> None:
+        self.warn_J, self.min_N = warn_J, min_N
         self._pairs = ForcePairs(self._take, max_gap_s)
-        self.estimate = self._pairs.estimate  # takes (stamp_ns, force_N), at once: it is called with every estimate
+        self.add_estimate = (
+            self._pairs.add_estimate
+        )  # takes (stamp_ns, force_N), at once: it is called with every estimate
         self.ignored = self.paired = 0
         self._seconds: deque[_Second] = deque(maxlen=window_s)
         self.drifted = False
         self._restart(0)
 
     @classmethod
-    def of_model(cls, model: Model, warn_J: float | None = None, window_s: int = 10) -> RunningCost:
+    def from_model(cls, model: Model, warn_J: float | None = None, window_s: int = 10) -> RunningCost:
         """Return the running cost of a model; without `warn_J`, twice its worst cost on validation, at least 10 %."""
         low, high = model.force_envelope_N
-        least_N = max(LEAST_FORCE_N, LEAST_FORCE_SHARE * (high - low))
-        warn_J = usual_warn_J(model.provenance) if warn_J is None else warn_J
+        least_N = max(MIN_FORCE_N, MIN_FORCE_SHARE * (high - low))
+        warn_J = default_warn_J(model.provenance) if warn_J is None else warn_J
         return cls(window_s, warn_J, least_N, model.sampling.max_gap_s)
 
     @property
@@ -77,10 +77,10 @@ class RunningCost:
         """Measured forces that no estimates surround."""
         return self._pairs.unpaired
 
-    def measured(self, stamp_ns: int, force_N: float) -> None:
+    def add_measured(self, stamp_ns: int, force_N: float) -> None:
         """Take a measured force."""
         if isfinite(force_N):
-            self._pairs.measured(stamp_ns, force_N)
+            self._pairs.add_measured(stamp_ns, force_N)
         else:
             self.ignored += 1
 
@@ -95,11 +95,11 @@ class RunningCost:
     def _take(self, stamp_ns: int, measured_N: float, estimated_N: float) -> None:
         """Take a pair; one that comes late counts where it comes."""
         if not -LATE_NS <= stamp_ns - self._end_ns < 0:
-            self._turn(stamp_ns)
+            self._end_second(stamp_ns)
         self.paired += 1
         self._second.add(measured_N, estimated_N - measured_N)
 
-    def _turn(self, stamp_ns: int) -> None:
+    def _end_second(self, stamp_ns: int) -> None:
         """End a second of stamps and judge the window, or begin anew after a pause or a jump of time."""
         if not 0 <= stamp_ns - self._end_ns < SECOND_NS:
             self._restart(stamp_ns)
@@ -107,13 +107,13 @@ class RunningCost:
         self._seconds.append(self._second)
         self._second = _Second()
         self._end_ns += SECOND_NS
-        self._judge(sum(second.pairs for second in self._seconds))
+        self._evaluate(sum(second.pairs for second in self._seconds))
 
-    def _judge(self, pairs: int) -> None:
+    def _evaluate(self, pairs: int) -> None:
         mean = sum(second.force for second in self._seconds) / pairs
         variance = sum(second.force2 for second in self._seconds) / pairs - mean * mean
         self.spread_N = sqrt(max(0.0, variance))
-        if pairs < LEAST_PAIRS or self.spread_N < self.least_N:
+        if pairs < MIN_PAIRS or self.spread_N < self.min_N:
             self.J = None
             return
         error_N = sqrt(sum(second.error2 for second in self._seconds) / pairs)
@@ -145,7 +145,7 @@ class _Second:
         self.error2 += error_N * error_N
 
 
-def usual_warn_J(provenance: Mapping[str, Any]) -> float:
+def default_warn_J(provenance: Mapping[str, Any]) -> float:
     """Return twice the worst cost on validation (else on identification) that a model's provenance tells, at least 10.
 
     A file's provenance is free text as far as the runtime is concerned: what is not a cost there is passed over.
@@ -156,4 +156,4 @@ def usual_warn_J(provenance: Mapping[str, Any]) -> float:
         if isinstance(row, Mapping) and isinstance(row.get("J"), int | float) and isfinite(row["J"]):
             costs.setdefault(row.get("role"), []).append(float(row["J"]))
     judged = costs.get("validation") or costs.get("identification") or [0.0]
-    return max(LEAST_WARN_J, 2.0 * max(judged))
+    return max(MIN_WARN_J, 2.0 * max(judged))

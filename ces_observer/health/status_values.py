@@ -68,9 +68,9 @@ def stream_values(name: str, figures: StreamFigures) -> Values:
     yield f"{name}: interruptions", str(figures.total_interruptions)
 
 
-def cost_values(cost: RunningCost, judged: bool) -> Values:
-    """Tell the running cost; `judged` is whether there was anything to judge of late."""
-    yield "running cost J [%]", f"{cost.J:.2f}" if judged and cost.J is not None else "none"
+def cost_values(cost: RunningCost, evaluated: bool) -> Values:
+    """Tell the running cost; `evaluated` is whether there was anything to judge of late."""
+    yield "running cost J [%]", f"{cost.J:.2f}" if evaluated and cost.J is not None else "none"
     yield "threshold of J [%]", f"{cost.warn_J:.2f}"
     yield "measured force, standard deviation [N]", f"{cost.spread_N:.1f}"
     yield "measured forces not finite", str(cost.ignored)

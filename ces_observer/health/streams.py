@@ -14,8 +14,8 @@ from statistics import fmean, median_low
 LEARN = 11  # intervals from which the period is learnt, and unusual ones in a row after which it is learnt anew
 BACK_NS, BACK_PERIODS = 50_000_000, 20  # a stamp further back than both is a clock set back, not a late message
 SILENCE_NS, SILENCE_PERIODS = 1_000_000_000, 10  # a longer interval than both is a silence, not a row of lost messages
-LEAST_AGE_NS = -(1 << 62)
-MOST_LOST = 0.5  # a period under which more than this share would have been lost while learning is not believed
+MIN_AGE_NS = -(1 << 62)
+MAX_LOST_SHARE = 0.5  # a period under which more than this share would have been lost while learning is not believed
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class Arrivals:
         "_long_ns",
         "_longest_ns",
         "_max_age_ns",
+        "_max_run",
         "_missing",
-        "_most_run",
         "_newest_ns",
         "_now_ns",
         "_pending",
@@ -86,13 +86,13 @@ class Arrivals:
     def __init__(self, stamped: bool = True) -> None:
         self._stamped = stamped
         self._newest_ns = self._now_ns = self._period_ns = 0
-        self._age_sum_ns = self._longest_ns = self._most_run = 0
-        self._max_age_ns = LEAST_AGE_NS
+        self._age_sum_ns = self._longest_ns = self._max_run = 0
+        self._max_age_ns = MIN_AGE_NS
         self._usual = self._rare = self._run = self._pending = self._streak = 0
         self._missing = self._late = self._duplicates = self._interruptions = 0
         self._steps: list[int] = []
         self._before = 0  # messages until the last roll
-        self._believe(0.0)
+        self._set_period(0.0)
         self.figures = StreamFigures(dropped=0, total_dropped=0) if stamped else StreamFigures()
 
     def take(self, stamp_ns: int, now_ns: int) -> None:
@@ -121,7 +121,7 @@ class Arrivals:
     def roll(self, elapsed_s: float) -> StreamFigures:
         """Close a window of `elapsed_s` seconds and return its figures."""
         if self._usual != self._streak_at:
-            self._settle()
+            self._count_pending()
         self._end_run()
         self._missing = max(self._missing, self._late)
         dropped = self._missing - self._late if self._stamped else None
@@ -137,7 +137,7 @@ class Arrivals:
             max_age_s=self._max_age_ns * 1e-9 if samples else 0.0,
             jitter_s=jitter_ns * 1e-9,
             longest_s=self._longest_ns * 1e-9,
-            burst=self._most_run + 1 if samples else 0,
+            burst=self._max_run + 1 if samples else 0,
             dropped=None if dropped is None else max(0, dropped - (self.figures.total_dropped or 0)),
             total_dropped=dropped,
             total_out_of_order=self._late,
@@ -145,14 +145,14 @@ class Arrivals:
             total_interruptions=self._interruptions,
         )
         if self._period_ns:
-            self._believe(self._period_ns + mean_ns)
+            self._set_period(self._period_ns + mean_ns)
         self._before += samples
         self._begin_window()
         return self.figures
 
     def _begin_window(self) -> None:
-        self._age_sum_ns = self._longest_ns = self._most_run = 0
-        self._max_age_ns = LEAST_AGE_NS
+        self._age_sum_ns = self._longest_ns = self._max_run = 0
+        self._max_age_ns = MIN_AGE_NS
 
     def _spread(self) -> tuple[float, float]:
         """Return mean deviation from the period and standard deviation of the usual intervals [ns]."""
@@ -163,7 +163,7 @@ class Arrivals:
         return mean, sqrt(max(0.0, self._deviation_ns2 / count - mean * mean))
 
     def _end_run(self) -> None:
-        self._most_run = max(self._most_run, self._run)
+        self._max_run = max(self._max_run, self._run)
         self._run = 0
 
     def _take_rare(self, stamp_ns: int, step_ns: int) -> None:
@@ -190,7 +190,7 @@ class Arrivals:
             self._learn(step_ns)
             return
         if self._usual != self._streak_at:
-            self._settle()
+            self._count_pending()
         self._pending += round(step_ns / self._period_ns) - 1
         self._streak += 1
         if self._streak < LEARN:
@@ -198,9 +198,9 @@ class Arrivals:
         if abs(self._pending) > LEARN // 2:  # nothing was lost: the rate is another one
             self._forget_period()
         else:
-            self._settle()
+            self._count_pending()
 
-    def _settle(self) -> None:
+    def _count_pending(self) -> None:
         """Count what was pending: usual intervals have ended the row of unusual ones."""
         self._missing += self._pending
         self._pending = self._streak = 0
@@ -212,17 +212,17 @@ class Arrivals:
             return
         period_ns: float = median_low(self._steps)
         lost = sum(round(step / period_ns) - 1 for step in self._steps)
-        if lost > MOST_LOST * (lost + LEARN):
+        if lost > MAX_LOST_SHARE * (lost + LEARN):
             period_ns, lost = fmean(self._steps), 0
         self._missing += max(0, lost)
-        self._believe(period_ns)
+        self._set_period(period_ns)
 
     def _forget_period(self) -> None:
         self._steps.clear()
         self._pending = self._streak = 0
-        self._believe(0.0)
+        self._set_period(0.0)
 
-    def _believe(self, period_ns: float) -> None:
+    def _set_period(self, period_ns: float) -> None:
         """Count from now on against this period, 0 while it is unknown."""
         self._period_ns = round(period_ns)
         self._short_ns, self._long_ns = round(0.5 * period_ns), round(1.5 * period_ns)

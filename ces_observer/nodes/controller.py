@@ -23,15 +23,20 @@ from ces_observer.control.force_controller import NO_ESTIMATE, OK, ForceControll
 from ces_observer.errors import CesError
 from ces_observer.nodes import executors
 from ces_observer.nodes.controller_model import ControllerModel
-from ces_observer.nodes.controller_parameters import LiveSettings, Settings, changed_settings, declare_settings
+from ces_observer.nodes.controller_parameters import (
+    ControllerSettings,
+    LiveSettings,
+    declare_settings,
+    read_live_settings,
+)
 from ces_observer.nodes.controller_topics import CommandOutput, DesiredOutput, estimate_signals, force_signal
-from ces_observer.nodes.diagnostics_output import DiagnosticsOutput, Report, status_with
-from ces_observer.nodes.inputs import Inputs
+from ces_observer.nodes.diagnostics_output import DamperReport, DiagnosticsOutput, add_remark
+from ces_observer.nodes.input_subscriptions import InputSubscriptions
 from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.nodes.node_parameters import TableNode
 
 WATCH_S = 0.01  # period of the watch for silence
-TELL_S = 0.1  # least time between two diagnostics
+REPORT_S = 0.1  # least time between two diagnostics
 DIAGNOSTICS_S = 1.0
 
 
@@ -47,15 +52,15 @@ class Controller(TableNode):
         self._loop = ControlLoop(controller, live.feedback, live.max_age_s)
         self._model = ControllerModel(self, settings, controller)
         self._health = ControllerHealth(self._loop, self._model.facts())
-        self._time = NodeClock(self, self._jumped)
+        self._time = NodeClock(self, self._on_time_jump)
         self._command, self._desired = CommandOutput(self), DesiredOutput(self)
         self._diagnostics = DiagnosticsOutput(self)
-        self._rolled = self._told = monotonic()
-        self._told_reason, self._failure = "", ""
+        self._rolled = self._reported_s = monotonic()
+        self._reported_reason, self._failure = "", ""
         self._speed, self._unreadable = nan, ""
-        self._listen(settings)
-        self.add_on_set_parameters_callback(self._check)
-        self.add_post_set_parameters_callback(self._set)
+        self._subscribe(settings)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
@@ -64,13 +69,13 @@ class Controller(TableNode):
         self._time.close()
         super().destroy_node()
 
-    def _listen(self, settings: Settings) -> None:
+    def _subscribe(self, settings: ControllerSettings) -> None:
         """Of the two numbers in an estimate the speed comes first."""
-        inputs = Inputs(self, self._time, self._unexpected)
+        inputs = InputSubscriptions(self, self._time, self._on_error)
         speed, force = estimate_signals(settings.values["estimate_topic"], settings.values["joint"])
-        inputs.subscribe(speed, self._on_speed, self._no_speed)
-        inputs.subscribe(force, self._on_force, self._no_number)
-        inputs.subscribe(force_signal(settings.values["force_topic"]), self._on_measured, self._no_number)
+        inputs.subscribe(speed, self._on_speed, self._on_unreadable_speed)
+        inputs.subscribe(force, self._on_force, self._on_unreadable_force)
+        inputs.subscribe(force_signal(settings.values["force_topic"]), self._on_measured, self._on_unreadable_force)
 
     def _on_speed(self, stamp_ns: int, speed_m_s: float, frame: bytes, now_ns: int) -> None:
         del stamp_ns, frame, now_ns
@@ -79,70 +84,70 @@ class Controller(TableNode):
     def _on_force(self, stamp_ns: int, force_N: float, frame: bytes, now_ns: int) -> None:
         self._unreadable = ""
         loop = self._loop
-        self._command.publish(loop.estimate(stamp_ns, self._speed, force_N, now_ns, monotonic()))
+        self._command.publish(loop.take_estimate(stamp_ns, self._speed, force_N, now_ns, monotonic()))
         self._health.latency.take(self._time.now() - stamp_ns)
-        if self._desired.is_heard and loop.controller.reason == OK:
+        if self._desired.has_listeners and loop.controller.reason == OK:
             self._desired.publish(stamp_ns, frame, loop.controller.reachable_N)
-        self._tell_change()
+        self._publish_change()
 
     def _on_measured(self, stamp_ns: int, force_N: float, frame: bytes, now_ns: int) -> None:
         del stamp_ns, frame, now_ns
-        self._loop.measured(force_N, monotonic())
+        self._loop.take_measured_force(force_N, monotonic())
 
-    def _no_speed(self, error: str) -> None:
+    def _on_unreadable_speed(self, error: str) -> None:
         self._speed = nan
         self._unreadable = error
 
-    def _no_number(self, error: str) -> None:
+    def _on_unreadable_force(self, error: str) -> None:
         self._unreadable = error
 
-    def _unexpected(self, error: Exception) -> None:
+    def _on_error(self, error: Exception) -> None:
         """Keep for the next diagnostics what no reader accounts for; estimates that cannot be taken end in silence."""
         self._failure = f"{type(error).__name__}: {error}"
 
-    def _jumped(self, what: str) -> None:
+    def _on_time_jump(self, what: str) -> None:
         self.get_logger().warning(f"{what}: the controller takes over anew")
         self._loop.controller.reset()
 
     def _watch(self) -> None:
         now = monotonic()
-        self._look_for_model()
+        self._poll_model()
         current_A = self._loop.watch(now, WATCH_S)
         if current_A is not None:
             self._command.publish(current_A)
         if now - self._rolled >= DIAGNOSTICS_S:
             self._roll(now)
         else:
-            self._tell_change()
+            self._publish_change()
 
-    def _look_for_model(self) -> None:
+    def _poll_model(self) -> None:
         try:
             if self._model.changes.poll():
-                self._health.use(self._model.facts())
+                self._health.set_facts(self._model.facts())
         except Exception as error:  # the model before runs on; the estimates need the node
-            self._unexpected(error)
+            self._on_error(error)
 
     def _roll(self, now: float) -> None:
-        executors.collect()
+        executors.collect_garbage()
         self._time.watch()
-        self._desired.look()
+        self._desired.check_listeners()
         self._health.roll(now - self._rolled)
         self._rolled = now
-        self._tell()
+        self._publish_status()
 
-    def _tell_change(self) -> None:
+    def _publish_change(self) -> None:
         """Tell of a new reason at once, unless the last telling was just now: then the watch does."""
-        if self._loop.controller.reason != self._told_reason and monotonic() - self._told >= TELL_S:
-            self._tell()
+        if self._loop.controller.reason != self._reported_reason and monotonic() - self._reported_s >= REPORT_S:
+            self._publish_status()
 
-    def _tell(self) -> None:
-        self._told, self._told_reason = monotonic(), self._loop.controller.reason
+    def _publish_status(self) -> None:
+        self._reported_s, self._reported_reason = monotonic(), self._loop.controller.reason
         status = self._health.status(self._detail())
         status = replace(status, values=(*status.values, *self._model.changes.values()))
         if self._failure:
-            status, self._failure = status_with(status, f"unexpected error: {self._failure}"), ""
+            status, self._failure = add_remark(status, f"unexpected error: {self._failure}"), ""
         damper = self._settings.values["joint"] or "damper"
-        self._diagnostics.publish([Report(damper, damper, self._told_reason, status)])
+        self._diagnostics.publish([DamperReport(damper, damper, self._reported_reason, status)])
 
     def _detail(self) -> str:
         """Return what there is to add to the reason."""
@@ -152,22 +157,22 @@ class Controller(TableNode):
         silent = "has a publisher that is silent" if self.count_publishers(topic) else "is published by nobody"
         return self._unreadable or f"{topic} {silent}"
 
-    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+    def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
-            self._changed(parameters)
+            self._read_live_settings(parameters)
         except CesError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _set(self, parameters: Sequence[Parameter]) -> None:
-        live, loop = self._changed(parameters), self._loop
+    def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:
+        live, loop = self._read_live_settings(parameters), self._loop
         loop.controller.curve, loop.controller.tuning = live.curve, live.tuning
         loop.feedback, loop.max_age_s = live.feedback, live.max_age_s
         if any(parameter.name == "model" for parameter in parameters):
-            self._model.changes.parameter_set()
+            self._model.changes.begin_from_parameter()
 
-    def _changed(self, parameters: Sequence[Parameter]) -> LiveSettings:
-        return changed_settings(self, parameters, self._model.lag_s)
+    def _read_live_settings(self, parameters: Sequence[Parameter]) -> LiveSettings:
+        return read_live_settings(self, parameters, self._model.lag_s)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -6,7 +6,7 @@ from rclpy.node import Node
 
 from ces_observer.control.force_controller import ForceController
 from ces_observer.control.model_inverse import ModelInverse
-from ces_observer.nodes.controller_parameters import Settings, changed_settings
+from ces_observer.nodes.controller_parameters import ControllerSettings, read_live_settings
 from ces_observer.nodes.model_changes import ModelChanges, ModelUser
 from ces_observer.nodes.model_check import INVERT, PROVE
 from ces_observer.nodes.model_reload import Verdict
@@ -18,7 +18,7 @@ class ControllerModel:
     `changes` are the models on their way to it.
     """
 
-    def __init__(self, node: Node, settings: Settings, controller: ForceController) -> None:
+    def __init__(self, node: Node, settings: ControllerSettings, controller: ForceController) -> None:
         self.lag_s = settings.inverse.lag_s
         self._node, self._controller, self._model = node, controller, settings.model
         user = ModelUser(
@@ -41,8 +41,8 @@ class ControllerModel:
 
     def _adopt(self, verdict: Verdict) -> str:
         """Change to a model that was checked, with the inverse that was made of it."""
-        inverse = ModelInverse.from_json(verdict.made)
-        tuning = changed_settings(self._node, (), inverse.lag_s).tuning
+        inverse = ModelInverse.from_json(verdict.output)
+        tuning = read_live_settings(self._node, (), inverse.lag_s).tuning
         self._model, self.lag_s = verdict.model, inverse.lag_s
         self._controller.tuning = tuning
         self._controller.adopt(inverse.map)

@@ -32,7 +32,7 @@ class LiveSettings:
 
 
 @dataclass(frozen=True)
-class Settings:
+class ControllerSettings:
     """What the node is started with; the inverse's lag stands in for a `valve_lag_s` that is left to the model."""
 
     values: Mapping[str, Any]  # by the names in FIXED
@@ -42,18 +42,18 @@ class Settings:
     live: LiveSettings
 
 
-def declare_settings(node: Node) -> Settings:
+def declare_settings(node: Node) -> ControllerSettings:
     """Declare and read the node's parameters; raises CesError or rclpy's ParameterException."""
     values = declare_table(node, ALL)
     path = model_path(values["model"])
     model = load_model(path)
     if not values["allow_uncertified"]:
         require_stable(model, str(path))
-    inverse = ModelInverse.of(model, str(path))
-    return Settings(values, model, path, inverse, live_settings(values, inverse.lag_s))
+    inverse = ModelInverse.from_model(model, str(path))
+    return ControllerSettings(values, model, path, inverse, build_live_settings(values, inverse.lag_s))
 
 
-def changed_settings(node: Node, parameters: Sequence[Parameter], model_lag_s: float) -> LiveSettings:
+def read_live_settings(node: Node, parameters: Sequence[Parameter], model_lag_s: float) -> LiveSettings:
     """Return the live settings with `parameters` changed; raises CesError if together they cannot be used.
 
     Of a model among them only the file is looked at: changing to it takes longer than a parameter's setting may.
@@ -63,16 +63,16 @@ def changed_settings(node: Node, parameters: Sequence[Parameter], model_lag_s: f
             load_model(model_path(parameter.value))
     values = {name: node.get_parameter(name).value for name in LIVE}
     values.update({parameter.name: parameter.value for parameter in parameters if parameter.name in values})
-    return live_settings(values, model_lag_s)
+    return build_live_settings(values, model_lag_s)
 
 
-def live_settings(values: Mapping[str, Any], model_lag_s: float) -> LiveSettings:
+def build_live_settings(values: Mapping[str, Any], model_lag_s: float) -> LiveSettings:
     """Return the settings in `values`, by parameter name; raises CesError if they cannot be used."""
     for spec in LOOP:
-        spec.checked(values[spec.name])
+        spec.check_value(values[spec.name])
     own = {"timeout_s": "max_gap_s"}
     tuning = {own.get(spec.name, spec.name): values[spec.name] for spec in TUNING}
     if tuning["valve_lag_s"] < 0.0:
         tuning["valve_lag_s"] = Tuning.lead_s(model_lag_s, tuning["preview_s"])
-    curve = ForceCurve.of(values[SPEEDS], values[FORCES])
+    curve = ForceCurve.from_points(values[SPEEDS], values[FORCES])
     return LiveSettings(curve, Tuning(**tuning), values["feedback"], values["max_age_s"])

@@ -8,7 +8,7 @@ from ces_observer.control.control_loop import FEEDBACKS
 from ces_observer.nodes.parameter_table import ALLOW_UNCERTIFIED, EXECUTOR, MODEL_TOPIC, ParameterSpec
 
 tunable = partial(ParameterSpec, live=True)
-MOST_A = 100.0
+MAX_CURRENT_A = 100.0
 AS_THE_MODEL = -1.0
 SPEEDS, FORCES = "curve.speeds_m_s", "curve.forces_N"
 CURVE = (
@@ -44,9 +44,9 @@ LOOP = (
     ),
 )
 TUNING = (
-    tunable("low_A", 0.29, "lowest current to command [A]", 0.0, MOST_A),
-    tunable("high_A", 0.70, "highest current to command [A]", 0.0, MOST_A),
-    tunable("safe_A", 0.40, "current without a usable estimate [A], within the limits", 0.0, MOST_A),
+    tunable("low_A", 0.29, "lowest current to command [A]", 0.0, MAX_CURRENT_A),
+    tunable("high_A", 0.70, "highest current to command [A]", 0.0, MAX_CURRENT_A),
+    tunable("safe_A", 0.40, "current without a usable estimate [A], within the limits", 0.0, MAX_CURRENT_A),
     tunable("rate_A_s", 100.0, "fastest change of the command [A/s]", 0.01, 1e6),
     tunable("timeout_s", 0.05, "time without estimates after which the current is the safe one [s]", 0.005, 10.0),
     tunable("loop_gain_1_s", 4.0, "gain of the feedback [1/s]; 0: feed-forward alone", 0.0, 100.0),

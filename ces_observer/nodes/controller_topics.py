@@ -59,11 +59,11 @@ class DesiredOutput:
     def __init__(self, node: Node) -> None:
         self._publisher = _publisher(node, WrenchStamped, "~/desired_force", 10)
         self._message = WrenchStamped()
-        self.is_heard = False
+        self.has_listeners = False
 
-    def look(self) -> None:
+    def check_listeners(self) -> None:
         """Look whether anybody listens."""
-        self.is_heard = self._publisher.get_subscription_count() > 0
+        self.has_listeners = self._publisher.get_subscription_count() > 0
 
     def publish(self, stamp_ns: int, frame: bytes, force_N: float) -> None:
         """Publish the force [N] with the estimate's stamp and frame."""

@@ -10,16 +10,16 @@ from rclpy.node import Node
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.damper_observer import NO_CURRENT, SILENT, DamperObserver
 from ces_observer.health.health import Health
-from ces_observer.health.running_cost import RunningCost, usual_warn_J
+from ces_observer.health.running_cost import RunningCost, default_warn_J
 from ces_observer.health.streams import Arrivals
 from ces_observer.nodes.estimate_output import EstimateOutput
-from ces_observer.nodes.inputs import Deliver, Inputs
+from ces_observer.nodes.input_subscriptions import Deliver, InputSubscriptions
 from ces_observer.nodes.node_clock import NodeClock
-from ces_observer.nodes.observer_parameters import Settings, live_value
+from ces_observer.nodes.observer_parameters import DamperSettings, live_value
+from ces_observer.position_queue import PositionQueue
 from ces_observer.signals import Constant, Signal
-from ces_observer.wait_for_current import HeldBack
 
-LEAST_SILENCE_S = 0.2
+MIN_SILENCE_S = 0.2
 
 
 class DamperTopics:
@@ -33,22 +33,22 @@ class DamperTopics:
     def __init__(
         self,
         node: Node,
-        settings: Settings,
-        inputs: Inputs,
+        settings: DamperSettings,
+        inputs: InputSubscriptions,
         clock: NodeClock,
         on_change: Callable[[], None],
         on_first_force: Callable[[DamperTopics], None],
     ) -> None:
         self.settings = settings
-        self.damper = DamperObserver(settings.model, _current(settings), settings.values["max_age_s"])
+        self.damper = DamperObserver(settings.model, _make_current(settings), settings.values["max_age_s"])
         self.health = Health(self.damper, {}, name=settings.name)
         self._node, self._clock = node, clock
         self._on_change, self._on_first_force = on_change, on_first_force
         self.health.stillness.warn_s = settings.values["still_warn_s"]
-        self._held = HeldBack(0.0)
+        self._positions = PositionQueue(0.0)
         self._wait_for_current(settings.values["wait_for_current_s"])
-        self._told = self.damper.reason
-        self._seen, self._quiet_s = 0, 0.0
+        self._reported_reason = self.damper.reason
+        self._last_samples, self._quiet_s = 0, 0.0
         output = EstimateOutput(node, f"{settings.topics}estimate", settings.name)
         self.estimate_topic, self._publish = output.topic, output.publish
         self.kept: Callable[[int, bytes], None] | None = None
@@ -57,37 +57,37 @@ class DamperTopics:
     def use_model(self, source: str) -> None:
         """Let health tell of the damper's model, which comes from `source`."""
         facts = {"model": source, "model sha256": self.damper.model.digest()}
-        self.health.use(self.damper, facts, None if self.health.cost is None else self._cost())
+        self.health.set_damper(self.damper, facts, None if self.health.cost is None else self._make_cost())
 
     def compare(self) -> None:
         """Compare the estimates with the measured force from now on."""
-        self.health.cost = self._cost()
+        self.health.cost = self._make_cost()
 
     def set_live_values(self) -> None:
         """Take over the parameters that can change while the node runs, but for the model."""
         value = partial(live_value, self._node, self.settings)
-        self.damper.allow_age(value("max_age_s"))
+        self.damper.set_max_age(value("max_age_s"))
         self._wait_for_current(value("wait_for_current_s"))
         self.health.stillness.warn_s = value("still_warn_s")
         if self.health.cost is not None:
-            self.health.cost.warn_J = value("cost_warn_J") or usual_warn_J(self.damper.model.provenance)
+            self.health.cost.warn_J = value("cost_warn_J") or default_warn_J(self.damper.model.provenance)
 
     def watch(self, elapsed_s: float) -> None:
         """Look, `elapsed_s` after the last look, whether samples still arrive, and let go those that waited."""
-        self._let_go(self._clock.now())
+        self._release_positions(self._clock.now())
         samples = self.damper.tally.samples
-        self._quiet_s = 0.0 if samples != self._seen else self._quiet_s + elapsed_s
-        self._seen = samples
-        if self._quiet_s >= max(LEAST_SILENCE_S, self.damper.model.sampling.max_gap_s):
-            self.damper.silence()
-            self._tell_change()
+        self._quiet_s = 0.0 if samples != self._last_samples else self._quiet_s + elapsed_s
+        self._last_samples = samples
+        if self._quiet_s >= max(MIN_SILENCE_S, self.damper.model.sampling.max_gap_s):
+            self.damper.report_silence()
+            self._report_change()
 
     def reset(self) -> None:
         """Begin anew after a jump of time; what was held back belongs to the time before it."""
-        for stamp_ns, position_m, frame in self._held.all():
+        for stamp_ns, position_m, frame in self._positions.pop_all():
             self._estimate(stamp_ns, position_m, frame, self._clock.now())
         self.damper.reset()
-        self._tell_change()
+        self._report_change()
 
     def detail(self) -> str:
         """Return what there is to add to the damper's reason, the state of a silent topic included."""
@@ -99,21 +99,25 @@ class DamperTopics:
 
     def _wait_for_current(self, wait_s: float) -> None:
         """Hold positions back for at most `wait_s` [s] until their current is known; a constant one always is."""
-        self._held.wait(wait_s if isinstance(self.damper.current, CurrentHold) else 0.0)
+        self._positions.set_wait(wait_s if isinstance(self.damper.current, CurrentHold) else 0.0)
 
-    def _cost(self) -> RunningCost:
+    def _make_cost(self) -> RunningCost:
         warn_J = live_value(self._node, self.settings, "cost_warn_J")
-        return RunningCost.of_model(self.damper.model, warn_J or None, self.settings.values["cost_window_s"])
+        return RunningCost.from_model(self.damper.model, warn_J or None, self.settings.values["cost_window_s"])
 
-    def _subscribe(self, inputs: Inputs) -> None:
+    def _subscribe(self, inputs: InputSubscriptions) -> None:
         """Subscribe, to current first: if one message brings both, its current holds for its position."""
         health, damper = self.health, self.damper
-        health.current = self._arrivals(inputs, "current", self._on_current, damper.unreadable_current)
-        health.position = self._arrivals(inputs, "position", self._on_position, damper.unreadable_position)
+        health.current = self._subscribe_signal(inputs, "current", self._on_current, damper.count_unreadable_current)
+        health.position = self._subscribe_signal(
+            inputs, "position", self._on_position, damper.count_unreadable_position
+        )
         if self.settings.values["compare_force"]:
-            health.force = self._arrivals(inputs, "force", self._on_measured_force, _ignore)
+            health.force = self._subscribe_signal(inputs, "force", self._on_measured_force, _ignore)
 
-    def _arrivals(self, inputs: Inputs, name: str, deliver: Deliver, unreadable: Callable[[str], None]) -> Arrivals:
+    def _subscribe_signal(
+        self, inputs: InputSubscriptions, name: str, deliver: Deliver, unreadable: Callable[[str], None]
+    ) -> Arrivals:
         signal = self.settings.signals[name]
         if isinstance(signal, Constant):
             return Arrivals()
@@ -127,15 +131,15 @@ class DamperTopics:
         del frame
         self.health.current.take(stamp_ns, now_ns)
         self.damper.take_current(stamp_ns, current_A)
-        if self._held.waits:
-            self._let_go(now_ns)
+        if self._positions.is_waiting:
+            self._release_positions(now_ns)
 
     def _on_position(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
         self.health.position.take(stamp_ns, now_ns)
         self.health.stillness.take(stamp_ns, position_m)
-        if self._held.waits:
-            self._held.put(stamp_ns, position_m, frame, now_ns)
-            self._let_go(now_ns)
+        if self._positions.is_waiting:
+            self._positions.add(stamp_ns, position_m, frame, now_ns)
+            self._release_positions(now_ns)
         else:
             self._estimate(stamp_ns, position_m, frame, now_ns)
 
@@ -146,13 +150,13 @@ class DamperTopics:
             self._on_first_force(self)
         health.force.take(stamp_ns, now_ns)
         if health.cost is not None:
-            health.cost.measured(stamp_ns, force_N)
+            health.cost.add_measured(stamp_ns, force_N)
 
-    def _let_go(self, now_ns: int) -> None:
+    def _release_positions(self, now_ns: int) -> None:
         """Estimate from the positions that have waited for their current."""
         current = self.damper.current
         newest_ns = current.newest_ns if isinstance(current, CurrentHold) else None
-        for stamp_ns, position_m, frame in self._held.ready(newest_ns, now_ns):
+        for stamp_ns, position_m, frame in self._positions.pop_ready(newest_ns, now_ns):
             self._estimate(stamp_ns, position_m, frame, now_ns)
 
     def _estimate(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
@@ -165,14 +169,14 @@ class DamperTopics:
             if self.kept is not None:
                 self.kept(sent_ns, raw)
             if health.cost is not None:
-                health.cost.estimate(stamp_ns, force)
-        if damper.reason != self._told:
-            self._tell_change()
+                health.cost.add_estimate(stamp_ns, force)
+        if damper.reason != self._reported_reason:
+            self._report_change()
 
-    def _tell_change(self) -> None:
-        if self.damper.reason != self._told:
-            self._told = self.damper.reason
-            self.health.change(self._clock.now())
+    def _report_change(self) -> None:
+        if self.damper.reason != self._reported_reason:
+            self._reported_reason = self.damper.reason
+            self.health.note_change(self._clock.now())
             self._on_change()
 
     def _topic_state(self, signal: Signal) -> str:
@@ -185,7 +189,7 @@ class DamperTopics:
         return f"{topic} has a publisher that is silent"
 
 
-def _current(settings: Settings) -> CurrentHold | ConstantCurrent:
+def _make_current(settings: DamperSettings) -> CurrentHold | ConstantCurrent:
     current = settings.signals["current"]
     if isinstance(current, Signal):
         return CurrentHold(settings.model.sampling.max_current_age_s)

@@ -15,7 +15,7 @@ from ces_observer.health.health import LEVEL_OK, LEVEL_WARN, Status
 LOG_S = 1.0  # least time between two lines on one damper, so that a flickering reason does not flood the console
 
 
-class Report(NamedTuple):
+class DamperReport(NamedTuple):
     """The status of a damper: its name in diagnostics, its joint, and why its force is withheld, "ok" if it is not."""
 
     damper: str
@@ -24,7 +24,7 @@ class Report(NamedTuple):
     status: Status
 
 
-def status_with(status: Status, remark: str) -> Status:
+def add_remark(status: Status, remark: str) -> Status:
     """Return the status with a remark in its message that is worth a warning."""
     return Status(max(status.level, LEVEL_WARN), f"{status.message}; {remark}", status.values)
 
@@ -37,7 +37,7 @@ class DiagnosticsOutput:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._logged: dict[str, tuple[str, float]] = {}
 
-    def publish(self, reports: Sequence[Report]) -> None:
+    def publish(self, reports: Sequence[DamperReport]) -> None:
         """Publish the status of each damper in one message, and log the reasons that are new."""
         message = DiagnosticArray(status=[self._diagnostic(report) for report in reports])
         message.header.stamp = self._node.get_clock().now().to_msg()
@@ -45,7 +45,7 @@ class DiagnosticsOutput:
         for report in reports:
             self._log(report)
 
-    def _diagnostic(self, report: Report) -> DiagnosticStatus:
+    def _diagnostic(self, report: DamperReport) -> DiagnosticStatus:
         status = report.status
         return DiagnosticStatus(
             level=bytes([status.level]),
@@ -55,7 +55,7 @@ class DiagnosticsOutput:
             values=[KeyValue(key=key, value=value) for key, value in status.values],
         )
 
-    def _log(self, report: Report) -> None:
+    def _log(self, report: DamperReport) -> None:
         known, at = self._logged.get(report.damper, ("", -inf))
         now = monotonic()
         if report.reason == known or now - at < LOG_S:

@@ -46,7 +46,7 @@ class EstimateOutput:
         """Compare the bytes written here with those rclpy makes of the same estimate."""
         stamp_ns, frame, *numbers = PROBE
         own = self._fill(stamp_ns, frame.encode(), *numbers)
-        return own == bytes(serialize_message(self._filled(stamp_ns, frame, *numbers)))
+        return own == bytes(serialize_message(self._fill_message(stamp_ns, frame, *numbers)))
 
     def _publish_bytes(self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float) -> bytes:
         raw = self._fill(stamp_ns, frame, position, speed, force)
@@ -54,12 +54,12 @@ class EstimateOutput:
         return raw
 
     def _publish_slowly(self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float) -> bytes:
-        message = self._filled(stamp_ns, frame.decode("utf-8", "replace"), position, speed, force)
+        message = self._fill_message(stamp_ns, frame.decode("utf-8", "replace"), position, speed, force)
         raw = bytes(serialize_message(message))
         self._publisher.publish(raw)
         return raw
 
-    def _filled(self, stamp_ns: int, frame: str, position: float, speed: float, force: float) -> JointState:
+    def _fill_message(self, stamp_ns: int, frame: str, position: float, speed: float, force: float) -> JointState:
         """Return the one message that is kept, filled in."""
         header = self._message.header
         header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)

@@ -44,7 +44,7 @@ def run(name: str, make: Callable[[], Node], argv: Sequence[str] | None = None) 
         # anything, and a second SIGINT, as ros2 launch sends, would end the interpreter on its way out.
         signal.signal(number, lambda number, frame: ends.append(number))
     try:
-        built = _built(name, make, argv, ends)
+        built = _build(name, make, argv, ends)
         if built is None:
             return 0 if ends else USER_ERROR
         _spin(*built)
@@ -55,34 +55,34 @@ def run(name: str, make: Callable[[], Node], argv: Sequence[str] | None = None) 
             signal.signal(number, signal.SIG_IGN)
 
 
-def chosen_executor(choice: str) -> Executor:
+def make_executor(choice: str) -> Executor:
     """Return a new executor for `choice`; raises CesError if it is unknown or this rclpy has no such executor."""
-    EXECUTOR.checked(choice)
+    EXECUTOR.check_value(choice)
     if choice == EVENTS and EventsExecutor is None:
         raise CesError("parameter 'executor' is 'events'; this rclpy has no EventsExecutor: set auto or single")
     return SingleThreadedExecutor() if choice == SINGLE or EventsExecutor is None else EventsExecutor()
 
 
-def tame_collector() -> None:
-    """Keep what was built so far out of the collector's sight and let it run by `collect` alone."""
+def freeze_garbage() -> None:
+    """Keep what was built so far out of the collector's sight and let it run by `collect_garbage` alone."""
     gc.collect()
     gc.freeze()
     gc.disable()
 
 
-def collect() -> None:
+def collect_garbage() -> None:
     """Collect what became garbage in cycles since the last time: well under a millisecond, as all else is frozen."""
     gc.collect()
 
 
-def _built(
+def _build(
     name: str, make: Callable[[], Node], argv: Sequence[str] | None, ends: Sequence[int]
 ) -> tuple[Node, Executor] | None:
     """Return node and executor; None if there is a mistake, which is told, or a signal came meanwhile."""
     try:
         rclpy.init(args=None if argv is None else list(argv))
         node = make()
-        executor = chosen_executor(getattr(node, "executor_choice", AUTO))
+        executor = make_executor(getattr(node, "executor_choice", AUTO))
     except START_ERRORS as error:
         if not ends:  # otherwise the signal has pulled the context away from under the node
             get_logger(name).fatal(str(error).splitlines()[0])
@@ -92,7 +92,7 @@ def _built(
 
 def _spin(node: Node, executor: Executor) -> None:
     executor.add_node(node)
-    tame_collector()
+    freeze_garbage()
     try:
         executor.spin()
     except ExternalShutdownException:

@@ -57,7 +57,7 @@ class ModelChanges:
         self._running, self._next_source = user.running(), ""
         self._reload = ModelReload()
         self._waiting: list[Future] = []
-        self._good_path, self._to_set_back = self._asked(), False
+        self._good_path, self._to_set_back = self._read_parameter(), False
         node.create_service(Trigger, f"{user.prefix}reload_model", self._on_service)
         if user.topic:
             options = QoSOverridingOptions.with_default_policies()
@@ -67,9 +67,9 @@ class ModelChanges:
         """Return what diagnostics tell of the changes."""
         return ("last change of the model", self.state), ("models refused", str(self.refused))
 
-    def parameter_set(self) -> None:
+    def begin_from_parameter(self) -> None:
         """Begin to change to the model that the parameter names, if it names another."""
-        text = self._asked()
+        text = self._read_parameter()
         if text == self._good_path:
             self._forget_parameter()
             return
@@ -96,7 +96,7 @@ class ModelChanges:
         """Give up what is under way."""
         self._reload.cancel()
 
-    def _asked(self) -> str:
+    def _read_parameter(self) -> str:
         """Return the path that the parameter holds now."""
         return str(value_of(self._node, self._user.parameter()))
 
@@ -112,7 +112,7 @@ class ModelChanges:
     def _adopt(self, verdict: Verdict) -> None:
         when = self._user.adopt(verdict)
         self._next_source = verdict.source
-        self._good_path, self._to_set_back = self._asked(), False
+        self._good_path, self._to_set_back = self._read_parameter(), False
         self.state = f"{verdict.source}: accepted; takes over {when}"
         self._node.get_logger().info(self.state)
         self._answer(True, self.state)
@@ -122,9 +122,9 @@ class ModelChanges:
         self.state = f"refused, the model before runs on: {reason}"
         self._node.get_logger().error(self.state)
         self._answer(False, reason)
-        self._set_back()
+        self._restore_parameter()
 
-    def _set_back(self) -> None:
+    def _restore_parameter(self) -> None:
         """Let the parameter name the model that runs, if it names one that was not accepted."""
         if self._to_set_back:
             self._to_set_back = False
@@ -140,7 +140,7 @@ class ModelChanges:
         """Answer when the model in the parameter's file is accepted or refused."""
         del request
         try:
-            self._begin_file(self._asked())
+            self._begin_file(self._read_parameter())
         except (CesError, OSError) as error:
             self._refuse(str(error))
             response.success, response.message = False, str(error)
@@ -154,7 +154,7 @@ class ModelChanges:
         source = f"topic {self._user.topic}"
         try:
             model = parse_model(message.data, source)
-            self._set_back()
+            self._restore_parameter()
             self._begin(model, source)
         except (CesError, OSError) as error:
             self._refuse(str(error))

@@ -17,10 +17,10 @@ from ces_observer.model import MAX_BYTES, Model, parse_model
 
 PROVE, INVERT = "prove", "invert"  # what is to be done with the model
 USER_ERROR = 2
-MOST_CPU_S = 300
-MOST_MEMORY = 1 << 30  # bytes of address space: a model is small, whatever it claims
+MAX_CPU_S = 300
+MAX_MEMORY_BYTES = 1 << 30  # bytes of address space: a model is small, whatever it claims
 NICENESS = 15
-MOST_REASON = 2000  # characters
+MAX_REASON_LENGTH = 2000  # characters
 
 
 def require_stable(model: Model, source: str) -> None:
@@ -35,8 +35,8 @@ def require_stable(model: Model, source: str) -> None:
 def main() -> int:
     """Check the model on standard input: the first argument names it in errors, the others say what is to be done."""
     os.nice(NICENESS)
-    resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_S, MOST_CPU_S))
-    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+    resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S))
+    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     source, *tasks = sys.argv[1:]
     try:
         text = sys.stdin.buffer.read(4 * MAX_BYTES).decode("utf-8")
@@ -44,9 +44,9 @@ def main() -> int:
         if PROVE in tasks:
             require_stable(model, source)
         if INVERT in tasks:
-            print(ModelInverse.of(model, source).to_json())
+            print(ModelInverse.from_model(model, source).to_json())
     except (CesError, UnicodeDecodeError) as error:
-        print(str(error).splitlines()[0][:MOST_REASON])
+        print(str(error).splitlines()[0][:MAX_REASON_LENGTH])
         return USER_ERROR
     return 0
 

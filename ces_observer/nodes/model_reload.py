@@ -26,13 +26,13 @@ PARENT = str(Path(__file__).resolve().parent.parent.parent)
 class Verdict:
     """The end of a check: a model, where it came from, and in `error` why it cannot be used; empty if it can.
 
-    `made` is what the check was asked to make of the model, as text.
+    `output` is what the check was asked to make of the model, as text.
     """
 
     model: Model
     source: str
     error: str
-    made: str = ""
+    output: str = ""
 
 
 class ModelReload:
@@ -41,7 +41,7 @@ class ModelReload:
     def __init__(self) -> None:
         self._checked: tuple[Model, str] | None = None
         self._child: subprocess.Popen[bytes] | None = None
-        self._told: BinaryIO | None = None
+        self._output: BinaryIO | None = None
         self._began_s = 0.0
 
     def start(self, model: Model, source: str, tasks: Sequence[str]) -> None:
@@ -51,8 +51,8 @@ class ModelReload:
         """
         self.cancel()
         if tasks:
-            self._told = tempfile.TemporaryFile()  # noqa: SIM115  # read when the child is done; it never waits for that
-            self._child = _checking(model.to_json(), (source, *tasks), self._told)
+            self._output = tempfile.TemporaryFile()  # noqa: SIM115  # read when the child is done; it never waits for that
+            self._child = _start_check(model.to_json(), (source, *tasks), self._output)
         self._checked, self._began_s = (model, source), monotonic()
 
     def poll(self) -> Verdict | None:
@@ -63,7 +63,7 @@ class ModelReload:
         if status is None and monotonic() - self._began_s < LONGEST_S:
             return None
         model, source = self._checked
-        told = self._read()
+        told = self._read_output()
         self.cancel()
         if status == 0:
             return Verdict(model, source, "", told)
@@ -76,25 +76,25 @@ class ModelReload:
             self._child.kill()
             self._child.wait()
             self._child = None
-        if self._told is not None:
-            self._told.close()
-            self._told = None
+        if self._output is not None:
+            self._output.close()
+            self._output = None
 
-    def _read(self) -> str:
+    def _read_output(self) -> str:
         """Return what the child has told."""
-        if self._told is None:
+        if self._output is None:
             return ""
-        self._told.seek(0)
-        return self._told.read().decode("utf-8", "replace").strip()
+        self._output.seek(0)
+        return self._output.read().decode("utf-8", "replace").strip()
 
 
-def _reason(source: str, status: int | None, told: str) -> str:
+def _reason(source: str, status: int | None, output: str) -> str:
     if status is None:
         return f"{source}: not checked within {LONGEST_S:g} s; expected a model this computer can prove stable"
-    return told or f"{source}: its check ended with status {status}; see what `ces info` says"
+    return output or f"{source}: its check ended with status {status}; see what `ces info` says"
 
 
-def _checking(text: str, words: Sequence[str], told: BinaryIO) -> subprocess.Popen[bytes]:
+def _start_check(text: str, words: Sequence[str], output: BinaryIO) -> subprocess.Popen[bytes]:
     """Start the child; it finds this very package, and files stand in for pipes, which might make one side wait."""
     paths = [PARENT, *filter(None, [os.environ.get("PYTHONPATH")])]
     with tempfile.TemporaryFile() as given:
@@ -103,7 +103,7 @@ def _checking(text: str, words: Sequence[str], told: BinaryIO) -> subprocess.Pop
         return subprocess.Popen(
             [sys.executable, "-m", "ces_observer.nodes.model_check", *words],
             stdin=given,
-            stdout=told,
+            stdout=output,
             stderr=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         )

@@ -28,13 +28,13 @@ class NodeClock:
         self._clock = node.get_clock()
         self._on_jump = on_jump
         self._wall = ClockWatch(time.time_ns(), time.monotonic_ns())
-        self._choose()
+        self._choose_clock()
         threshold = JumpThreshold(min_forward=FORWARD, min_backward=BACKWARD, on_clock_change=True)
-        self._jumps = self._clock.create_jump_callback(threshold, post_callback=self._jumped)
+        self._jumps = self._clock.create_jump_callback(threshold, post_callback=self._on_ros_jump)
 
     def watch(self) -> None:
         """Look whether the wall clock was set: rclpy tells of jumps of simulated time only."""
-        jump_ns = self._wall.look(time.time_ns(), time.monotonic_ns())
+        jump_ns = self._wall.measure_jump(time.time_ns(), time.monotonic_ns())
         if jump_ns and not self._clock.ros_time_is_active:
             self._on_jump(f"the wall clock was set by {jump_ns * 1e-9:+.3f} s")
 
@@ -42,14 +42,14 @@ class NodeClock:
         """Ask for no more news."""
         self._jumps.unregister()
 
-    def _choose(self) -> None:
+    def _choose_clock(self) -> None:
         simulated = self._clock.ros_time_is_active
         self.now: Callable[[], int] = self._simulated_now if simulated else time.time_ns
 
     def _simulated_now(self) -> int:
         return int(self._clock.now().nanoseconds)
 
-    def _jumped(self, jump: TimeJump) -> None:
-        self._choose()
+    def _on_ros_jump(self, jump: TimeJump) -> None:
+        self._choose_clock()
         seconds = jump.delta.nanoseconds * 1e-9
         self._on_jump(CHANGES.get(jump.clock_change, f"simulated time jumped by {seconds:+.3f} s"))

@@ -59,7 +59,7 @@ def warn_of_unknown(
 def declare(node: Node, spec: ParameterSpec) -> Any:
     """Declare `spec` and return its value; raises CesError or rclpy's ParameterException if what was given is wrong."""
     value = declare_anew(node, spec.name, spec.default, descriptor_of(spec))
-    return spec.checked([] if value is None and isinstance(spec.default, list) else value)
+    return spec.check_value([] if value is None and isinstance(spec.default, list) else value)
 
 
 def declare_unset(node: Node, spec: ParameterSpec, name: str) -> None:
@@ -72,7 +72,7 @@ def declare_unset(node: Node, spec: ParameterSpec, name: str) -> None:
     descriptor.description += "; not set: as for all dampers"
     value = declare_anew(node, name, None, descriptor)
     if value is not None:
-        spec.checked(value, name)
+        spec.check_value(value, name)
 
 
 def descriptor_of(spec: ParameterSpec) -> ParameterDescriptor:

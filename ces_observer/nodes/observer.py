@@ -19,16 +19,16 @@ from rclpy.parameter import Parameter
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.health.load_meter import LoadMeter
 from ces_observer.nodes import executors
+from ces_observer.nodes.black_box_recording import BlackBoxRecording
 from ces_observer.nodes.damper_topics import DamperTopics
-from ces_observer.nodes.diagnostics_output import DiagnosticsOutput, Report, status_with
-from ces_observer.nodes.inputs import Inputs
+from ces_observer.nodes.diagnostics_output import DamperReport, DiagnosticsOutput, add_remark
+from ces_observer.nodes.input_subscriptions import InputSubscriptions
 from ces_observer.nodes.model_changes import ModelChanges, ModelUser
 from ces_observer.nodes.model_check import PROVE
 from ces_observer.nodes.model_reload import Verdict
 from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.nodes.node_parameters import TableNode
-from ces_observer.nodes.observer_parameters import Settings, declare_settings, governing, refusal
-from ces_observer.nodes.recording import Recording
+from ces_observer.nodes.observer_parameters import DamperSettings, declare_settings, find_refusal, governing_parameter
 
 WATCH_S = 0.1  # period of the watch, and least time between two diagnostics
 DIAGNOSTICS_S = 1.0
@@ -41,18 +41,18 @@ class Observer(TableNode):
         super().__init__("observer")
         settings = declare_settings(self)
         self.executor_choice = settings.values["executor"]
-        self._time = NodeClock(self, self._jumped)
-        self._inputs = Inputs(self, self._time, self._unexpected)
-        self._recording = Recording(self, self._inputs, settings.values)
-        self._dampers = [self._damper(one) for one in settings.dampers]
+        self._time = NodeClock(self, self._on_time_jump)
+        self._inputs = InputSubscriptions(self, self._time, self._on_error)
+        self._recording = BlackBoxRecording(self, self._inputs, settings.values)
+        self._dampers = [self._make_damper(one) for one in settings.dampers]
         self._diagnostics = DiagnosticsOutput(self)
         self._load = LoadMeter()
-        self._watched = self._rolled = self._told = monotonic()
+        self._watched = self._rolled = self._reported_s = monotonic()
         self._pending = False
-        self._jumps = self._failures = self._failures_told = 0
+        self._jumps = self._failures = self._reported_failures = 0
         self._failure = self._jump = "none"
-        self.add_on_set_parameters_callback(self._check)
-        self.add_post_set_parameters_callback(self._set)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
@@ -63,12 +63,12 @@ class Observer(TableNode):
         self._time.close()
         super().destroy_node()
 
-    def _damper(self, settings: Settings) -> tuple[DamperTopics, ModelChanges]:
-        topics = DamperTopics(self, settings, self._inputs, self._time, self._changed, self._measured)
+    def _make_damper(self, settings: DamperSettings) -> tuple[DamperTopics, ModelChanges]:
+        topics = DamperTopics(self, settings, self._inputs, self._time, self._on_change, self._on_first_force)
         user = ModelUser(
             running=lambda: topics.damper.model,
             adopt=partial(_adopt, topics.damper),
-            parameter=partial(governing, self, settings, "model"),
+            parameter=partial(governing_parameter, self, settings, "model"),
             prefix=settings.topics,
             topic=settings.values["model_topic"],
             tasks=() if settings.values["allow_uncertified"] else (PROVE,),
@@ -79,11 +79,11 @@ class Observer(TableNode):
 
     def _watch(self) -> None:
         try:
-            self._look()
+            self._poll()
         except Exception as error:  # the next look may be better; the samples need the node
-            self._unexpected(error)
+            self._on_error(error)
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         now = monotonic()
         elapsed, self._watched = now - self._watched, now
         self._time.watch()
@@ -95,31 +95,31 @@ class Observer(TableNode):
         if now - self._rolled >= DIAGNOSTICS_S:
             self._roll(now - self._rolled)
             self._rolled = now
-            self._tell()
-            executors.collect()
+            self._publish_status()
+            executors.collect_garbage()
         elif self._pending:
-            self._tell()
+            self._publish_status()
 
     def _roll(self, elapsed_s: float) -> None:
-        load, now_ns = self._load.look(), self._time.now()
+        load, now_ns = self._load.measure(), self._time.now()
         for topics, _ in self._dampers:
             topics.health.roll(elapsed_s, now_ns, load)
 
-    def _changed(self) -> None:
+    def _on_change(self) -> None:
         """Tell of a new reason at once, unless the last telling was just now: then the watch does."""
         self._pending = True
-        if monotonic() - self._told >= WATCH_S:
-            self._tell()
+        if monotonic() - self._reported_s >= WATCH_S:
+            self._publish_status()
 
-    def _tell(self) -> None:
-        self._told, self._pending = monotonic(), False
-        self._diagnostics.publish([self._report(topics, changes) for topics, changes in self._dampers])
-        self._failures_told = self._failures
+    def _publish_status(self) -> None:
+        self._reported_s, self._pending = monotonic(), False
+        self._diagnostics.publish([self._make_report(topics, changes) for topics, changes in self._dampers])
+        self._reported_failures = self._failures
 
-    def _report(self, topics: DamperTopics, changes: ModelChanges) -> Report:
+    def _make_report(self, topics: DamperTopics, changes: ModelChanges) -> DamperReport:
         status = topics.health.status(topics.detail())
-        if self._failures > self._failures_told:
-            status = status_with(status, f"{self._failures} unexpected errors, the last: {self._failure}")
+        if self._failures > self._reported_failures:
+            status = add_remark(status, f"{self._failures} unexpected errors, the last: {self._failure}")
         others = (
             *changes.values(),
             ("jumps of time", f"{self._jumps}, the last: {self._jump}"),
@@ -127,15 +127,15 @@ class Observer(TableNode):
         )
         values = (*status.values, *others)
         damper = topics.settings.key or topics.settings.name
-        return Report(damper, topics.settings.name, topics.damper.reason, replace(status, values=values))
+        return DamperReport(damper, topics.settings.name, topics.damper.reason, replace(status, values=values))
 
-    def _measured(self, topics: DamperTopics) -> None:
+    def _on_first_force(self, topics: DamperTopics) -> None:
         """Compare with the measured force, and record for the case that the comparison fails, once there is one."""
         topics.compare()
         self._recording.begin([each for each, _ in self._dampers])
         topics.health.box = self._recording.box
 
-    def _jumped(self, what: str) -> None:
+    def _on_time_jump(self, what: str) -> None:
         """Begin anew after a jump of time."""
         try:
             self._jumps, self._jump = self._jumps + 1, what
@@ -143,26 +143,26 @@ class Observer(TableNode):
             for topics, _ in self._dampers:
                 topics.reset()
         except Exception as error:  # rcl calls this in the middle of setting its clock
-            self._unexpected(error)
+            self._on_error(error)
 
-    def _unexpected(self, error: Exception) -> None:
+    def _on_error(self, error: Exception) -> None:
         """Count what should not happen, for the next telling; no message may end the node."""
         self._failures += 1
         self._failure = f"{type(error).__name__}: {error}"
 
-    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        reason = refusal(self, parameters)
+    def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        reason = find_refusal(self, parameters)
         return SetParametersResult(successful=not reason, reason=reason)
 
-    def _set(self, parameters: Sequence[Parameter]) -> None:
+    def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:
         changed = {parameter.name.rpartition(".")[2] for parameter in parameters}
         try:
             for topics, changes in self._dampers:
                 topics.set_live_values()
                 if "model" in changed:
-                    changes.parameter_set()
+                    changes.begin_from_parameter()
         except Exception as error:  # the parameter is set; the samples need the node
-            self._unexpected(error)
+            self._on_error(error)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -36,7 +36,7 @@ _PLAIN_NAME = "expected letters, digits and underscores that do not begin with a
 
 
 @dataclass(frozen=True)
-class Settings:
+class DamperSettings:
     """What one damper is observed with; `key` is its name in `dampers`, empty if it is the only one."""
 
     key: str
@@ -58,14 +58,14 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class NodeSettings:
+class ObserverNodeSettings:
     """What the node is run with: `values` by the names in OF_THE_NODE."""
 
     values: dict[str, Any]
-    dampers: tuple[Settings, ...]
+    dampers: tuple[DamperSettings, ...]
 
 
-def declare_settings(node: Node) -> NodeSettings:
+def declare_settings(node: Node) -> ObserverNodeSettings:
     """Declare and read the node's parameters; raises CesError or rclpy's ParameterException."""
     values = {spec.name: declare(node, spec) for spec in OF_THE_NODE}
     keys = _declare_dampers(node)
@@ -77,28 +77,28 @@ def declare_settings(node: Node) -> NodeSettings:
         declare_signals(node, prefix)
     known = {spec.name for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)} | {DAMPERS}
     warn_of_unknown(node, known, NAMES, keys)
-    return NodeSettings(values, tuple(_settings(node, key) for key in keys or ("",)))
+    return ObserverNodeSettings(values, tuple(_read_settings(node, key) for key in keys or ("",)))
 
 
-def live_value(node: Node, settings: Settings, name: str) -> Any:
+def live_value(node: Node, settings: DamperSettings, name: str) -> Any:
     """Return what holds for a damper now: its own value, or else that for all."""
     own = value_of(node, settings.prefix + name) if settings.key else None
     return value_of(node, name) if own is None else own
 
 
-def governing(node: Node, settings: Settings, name: str) -> str:
+def governing_parameter(node: Node, settings: DamperSettings, name: str) -> str:
     """Return the name of the parameter whose value holds for a damper now."""
     own = settings.prefix + name
     return name if value_of(node, own) is None else own
 
 
-def refusal(node: Node, parameters: Sequence[Parameter]) -> str:
+def find_refusal(node: Node, parameters: Sequence[Parameter]) -> str:
     """Return why one of these parameters cannot be set to its value, empty if all can."""
     try:
         for parameter in parameters:
             spec = LIVE.get(parameter.name.rpartition(".")[2])
             if spec is not None and node.has_parameter(parameter.name):
-                value = spec.checked(parameter.value, parameter.name)
+                value = spec.check_value(parameter.value, parameter.name)
                 if spec.name == "model":
                     load_model(model_path(value))
     except CesError as error:
@@ -106,9 +106,9 @@ def refusal(node: Node, parameters: Sequence[Parameter]) -> str:
     return ""
 
 
-def _settings(node: Node, key: str) -> Settings:
+def _read_settings(node: Node, key: str) -> DamperSettings:
     prefix = f"{key}." if key else ""
-    values = {spec.name: spec.checked(_value(node, prefix, spec), prefix + spec.name) for spec in OF_A_DAMPER}
+    values = {spec.name: spec.check_value(_read_value(node, prefix, spec), prefix + spec.name) for spec in OF_A_DAMPER}
     signals = read_signals(node, prefix)
     if isinstance(signals["position"], Constant):
         raise SignalsError(
@@ -118,11 +118,11 @@ def _settings(node: Node, key: str) -> Settings:
     model = load_model(path)
     if not values["allow_uncertified"]:
         require_stable(model, str(path))
-    name = value_of(node, prefix + NAME.name) or _joint(signals["position"]) or key or "damper"
-    return Settings(key, name, model, path, signals, values)
+    name = value_of(node, prefix + NAME.name) or _joint_name(signals["position"]) or key or "damper"
+    return DamperSettings(key, name, model, path, signals, values)
 
 
-def _value(node: Node, prefix: str, spec: ParameterSpec) -> Any:
+def _read_value(node: Node, prefix: str, spec: ParameterSpec) -> Any:
     own = value_of(node, prefix + spec.name)
     return value_of(node, spec.name) if own is None else own
 
@@ -140,6 +140,6 @@ def _declare_dampers(node: Node) -> tuple[str, ...]:
     return tuple(keys)
 
 
-def _joint(position: Signal | Constant) -> str:
+def _joint_name(position: Signal | Constant) -> str:
     steps = position.field.steps if isinstance(position, Signal) else ()
     return next((element for _, element in steps if isinstance(element, str)), "")

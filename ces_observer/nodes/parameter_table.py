@@ -34,7 +34,7 @@ class ParameterSpec:
         """Lowest and highest number allowed, if it has bounds."""
         return None if self.lowest is None or self.highest is None else (self.lowest, self.highest)
 
-    def checked(self, value: Any, name: str = "") -> Any:
+    def check_value(self, value: Any, name: str = "") -> Any:
         """Return `value` as it is to be used for the parameter `name` (its own); raises CesError if it is not allowed.
 
         A whole number will do for a number, any sequence for a list.

@@ -9,7 +9,7 @@ from rclpy.node import Node
 
 from ces_observer.nodes.node_parameters import declare_anew, value_of
 from ces_observer.nodes.observer_table import SIGNAL_KEYS
-from ces_observer.signals import DEFAULTS, Signals, overridden
+from ces_observer.signals import DEFAULTS, Signals, override
 
 SIGNALS = ("position", "current", "force")
 
@@ -31,12 +31,12 @@ def declare_signals(node: Node, prefix: str) -> None:
 def read_signals(node: Node, prefix: str) -> Signals:
     """Return where each signal of a damper is, its own over what is said for all; raises SignalsError."""
     described = {
-        signal: overridden(_given(node, signal), _given(node, prefix + signal) if prefix else None)
+        signal: override(_read_parameters(node, signal), _read_parameters(node, prefix + signal) if prefix else None)
         for signal in SIGNALS
     }
     return Signals.from_mapping(described, f"parameters of '{prefix[:-1]}'" if prefix else "parameters")
 
 
-def _given(node: Node, signal: str) -> dict[str, Any]:
+def _read_parameters(node: Node, signal: str) -> dict[str, Any]:
     keys = {name: value_of(node, f"{signal}.{name}") for name in node.get_parameters_by_prefix(signal)}
     return {key: value for key, value in keys.items() if value is not None}

@@ -12,17 +12,17 @@ from collections.abc import Mapping, Sequence
 from ces_observer.proof.interval_sums import Box, Product, Sums
 from ces_observer.proof.intervals import Interval
 
-MOST_BOXES = 40_000
-MOST_WORK = 4_000_000  # interval products: a few seconds, whatever a file asks for
+MAX_BOXES = 40_000
+MAX_WORK = 4_000_000  # interval products: a few seconds, whatever a file asks for
 GAIN_GAP = 0.002  # relative distance of bound and actual value at which halving stops
 
 
-def maximum(
+def bound_maximum(
     groups: Sequence[Sequence[Product]],
     ranges: Mapping[str, Interval],
     enough: float = 0.0,
     gap: float = GAIN_GAP,
-    most_boxes: int = MOST_BOXES,
+    max_boxes: int = MAX_BOXES,
 ) -> tuple[float, int]:
     """Return an upper bound on the maximum over the `ranges` of the sum over groups of |sum of the group's terms|.
 
@@ -33,21 +33,21 @@ def maximum(
     root, kinks = sums.root(ranges), sums.kinks()
     heap = [(-sums.bound(root), 0, root)]
     reached = sums.value(root)
-    count, most_boxes = 1, min(most_boxes, MOST_WORK // max(sums.work, 1))
+    count, max_boxes = 1, min(max_boxes, MAX_WORK // max(sums.work, 1))
     while True:
         bound, _, box = heap[0]
         settled = -bound <= enough or (enough and reached > enough)
-        if settled or -bound <= reached + gap * max(abs(reached), 1e-3) or count >= most_boxes or not box:
+        if settled or -bound <= reached + gap * max(abs(reached), 1e-3) or count >= max_boxes or not box:
             return -bound, count
         heapq.heappop(heap)
-        for half in _halves(box, root, kinks):
+        for half in _split_box(box, root, kinks):
             value = min(sums.bound(half), -bound)
             reached = max(reached, sums.value(half))
             heapq.heappush(heap, (-value, count, half))
             count += 1
 
 
-def _halves(box: Box, root: Box, kinks: Sequence[Sequence[float]]) -> tuple[Box, Box]:
+def _split_box(box: Box, root: Box, kinks: Sequence[Sequence[float]]) -> tuple[Box, Box]:
     """Return `box` cut in two across its widest side relative to the whole envelope, at one of its `kinks` if any."""
     shares = [(high - low) / max(r[1] - r[0], 1e-300) for (low, high), r in zip(box, root, strict=True)]
     side = shares.index(max(shares))

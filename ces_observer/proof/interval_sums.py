@@ -17,7 +17,7 @@ from ces_observer.proof.intervals import Interval, down, product, up
 Box = tuple[Interval, ...]  # a range of each variable
 Row = tuple[float, tuple[int, ...]]  # coefficient and factors of a term
 Slope = tuple[int, float, int, tuple[int, ...]]  # variable, coefficient, factor differentiated by it, the others
-LEAST_SHARE = 1.0 - 1e-12  # of a value computed without outward rounding that is surely reached
+MIN_SHARE = 1.0 - 1e-12  # of a value computed without outward rounding that is surely reached
 
 
 class BoundedFactor(Protocol):
@@ -109,14 +109,14 @@ class Sums:
         ]
         tight = []
         for rows, slopes, (low, high) in zip(self._groups, self._slopes, natural, strict=True):
-            c_low, c_high = _centred(_sum(rows, centre), slopes, powers, steep, away)
+            c_low, c_high = _centred_form(_sum(rows, centre), slopes, powers, steep, away)
             tight.append((max(low, c_low), min(high, c_high)))
         return _total(tight)
 
     def value(self, box: Box) -> float:
         """Return what is surely reached in `box`: the largest value in its middle and two corners."""
         points = ([0.5 * (low + high) for low, high in box], [low for low, _ in box], [high for _, high in box])
-        return max(self._at(point) for point in points) * LEAST_SHARE
+        return max(self._at(point) for point in points) * MIN_SHARE
 
     def _at(self, point: Sequence[float]) -> float:
         powers = [f.at(point[place]) for f, place in zip(self.factors, self._places, strict=True)]
@@ -139,12 +139,12 @@ def _sum(rows: Sequence[Row], powers: Sequence[Interval]) -> Interval:
     """Return an interval that holds the sum of the terms: each factor's range, multiplied and added."""
     low = high = 0.0
     for coefficient, factors in rows:
-        value = _multiplied((coefficient, coefficient), factors, powers)
+        value = _multiply((coefficient, coefficient), factors, powers)
         low, high = down(low + value[0]), up(high + value[1])
     return low, high
 
 
-def _centred(
+def _centred_form(
     middle: Interval,
     slopes: Sequence[Slope],
     powers: Sequence[Interval],
@@ -160,7 +160,7 @@ def _centred(
         slope = steep[differentiated]
         if slope is None:
             return -inf, inf
-        one = _multiplied(product((coefficient, coefficient), slope), others, powers)
+        one = _multiply(product((coefficient, coefficient), slope), others, powers)
         sum_low, sum_high = by_variable.get(variable, (0.0, 0.0))
         by_variable[variable] = down(sum_low + one[0]), up(sum_high + one[1])
     for variable, slope in by_variable.items():
@@ -169,7 +169,7 @@ def _centred(
     return low, high
 
 
-def _multiplied(value: Interval, factors: Sequence[int], powers: Sequence[Interval]) -> Interval:
+def _multiply(value: Interval, factors: Sequence[int], powers: Sequence[Interval]) -> Interval:
     for f in factors:
         value = product(value, powers[f])
     return value

@@ -23,7 +23,7 @@ def product(one: Interval, two: Interval) -> Interval:
     return down(min(a, b, c, d)), up(max(a, b, c, d))
 
 
-def added(one: Interval, two: Interval) -> Interval:
+def add(one: Interval, two: Interval) -> Interval:
     """Return an interval that holds every sum of a number of `one` and a number of `two`."""
     return down(one[0] + two[0]), up(one[1] + two[1])
 

@@ -24,7 +24,7 @@ class BagFolder:
         self.path = path
         self._channels = channels
         self._notes = dict(notes)
-        self._part = part_of(path)
+        self._part = part_path(path)
         self._part.mkdir(parents=True)
         self._file = McapFile(self._part / f"{path.name}.mcap", channels)
         self.write = self._file.write  # takes (channel, log_ns, raw), at once: it is called with every message
@@ -51,7 +51,7 @@ class BagFolder:
         remove_bag(self._part)
 
 
-def part_of(path: Path) -> Path:
+def part_path(path: Path) -> Path:
     """Return the hidden folder in which the bag `path` is written."""
     return path.with_name(f".{path.name}{PART}")
 
@@ -66,8 +66,8 @@ def remove_bag(path: Path) -> None:
 def metadata_text(name: str, channels: Sequence[BagChannel], file: McapFile, notes: Mapping[str, str]) -> str:
     """Return the text of metadata.yaml; times are those of receipt."""
     total, start_ns, length_ns = sum(file.counts), file.start_ns, file.end_ns - file.start_ns
-    topics = "".join(_topic(channel, count) for channel, count in zip(channels, file.counts, strict=True))
-    custom = "".join(f"\n    {_quoted(key)}: {_quoted(value)}" for key, value in notes.items()) or " {}"
+    topics = "".join(_format_topic(channel, count) for channel, count in zip(channels, file.counts, strict=True))
+    custom = "".join(f"\n    {_quote(key)}: {_quote(value)}" for key, value in notes.items()) or " {}"
     return f"""rosbag2_bagfile_information:
   version: {VERSION}
   storage_identifier: mcap
@@ -80,30 +80,30 @@ def metadata_text(name: str, channels: Sequence[BagChannel], file: McapFile, not
   compression_format: ""
   compression_mode: ""
   relative_file_paths:
-    - {_quoted(f"{name}.mcap")}
+    - {_quote(f"{name}.mcap")}
   files:
-    - path: {_quoted(f"{name}.mcap")}
+    - path: {_quote(f"{name}.mcap")}
       starting_time:
         nanoseconds_since_epoch: {start_ns}
       duration:
         nanoseconds: {length_ns}
       message_count: {total}
   custom_data:{custom}
-  ros_distro: {_quoted(os.environ.get("ROS_DISTRO", ""))}
+  ros_distro: {_quote(os.environ.get("ROS_DISTRO", ""))}
 """
 
 
-def _topic(channel: BagChannel, count: int) -> str:
+def _format_topic(channel: BagChannel, count: int) -> str:
     return f"""
     - topic_metadata:
-        name: {_quoted(channel.topic)}
-        type: {_quoted(channel.type)}
+        name: {_quote(channel.topic)}
+        type: {_quote(channel.type)}
         serialization_format: cdr
         offered_qos_profiles: []
-        type_description_hash: {_quoted(channel.type_hash)}
+        type_description_hash: {_quote(channel.type_hash)}
       message_count: {count}"""
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     """Return a text as a YAML double-quoted scalar, which a JSON string is."""
     return json.dumps(text, ensure_ascii=False)

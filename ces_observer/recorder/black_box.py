@@ -20,7 +20,7 @@ from ces_observer.recorder.mcap_file import BagChannel
 from ces_observer.recorder.record_folder import SECOND_NS, RecordFolder
 
 OVERHEAD_BYTES = 250  # what Python needs for a kept message besides its bytes
-MOST_DROPPED = 1500  # messages too old that are dropped in one call of `work`
+MAX_DROPPED = 1500  # messages too old that are dropped in one call of `work`
 BATCH = 10  # messages written between two looks at the clock
 
 
@@ -42,7 +42,7 @@ class BlackBox:
         "_error",
         "_folder",
         "_label",
-        "_most_bytes",
+        "_max_bytes",
         "_notes",
         "_pause_ns",
         "_ring",
@@ -61,13 +61,13 @@ class BlackBox:
         *,
         seconds: float = 15.0,
         tail_s: float = 5.0,
-        most_bytes: int = 64 << 20,
-        most_bags: int = 10,
+        max_bytes: int = 64 << 20,
+        max_bags: int = 10,
         pause_s: float = 60.0,
     ) -> None:
-        self._channels, self._folder = tuple(channels), RecordFolder(folder, most_bags)
+        self._channels, self._folder = tuple(channels), RecordFolder(folder, max_bags)
         self._span_ns, self._tail_ns = round((seconds + tail_s) * SECOND_NS), round(tail_s * SECOND_NS)
-        self._most_bytes, self._pause_ns = most_bytes, round(pause_s * SECOND_NS)
+        self._max_bytes, self._pause_ns = max_bytes, round(pause_s * SECOND_NS)
         self._saved_ns = -1 << 62
         self._due_ns: int | None = None
         self._label, self._notes = "", dict[str, str]()
@@ -79,11 +79,11 @@ class BlackBox:
         self.saved: Path | None = None
         self.problem = ""
 
-    def keep(self, channel: int, now_ns: int, raw: bytes) -> None:
+    def add(self, channel: int, now_ns: int, raw: bytes) -> None:
         """Keep a message of a channel, given by its place among `channels`, that arrived at `now_ns`."""
         self._ring.append((channel, now_ns, raw))
         self._bytes += len(raw) + OVERHEAD_BYTES
-        if self._bytes > self._most_bytes:
+        if self._bytes > self._max_bytes:
             self._make_room()
 
     def save(self, label: str, now_ns: int, notes: Mapping[str, str]) -> bool:
@@ -110,7 +110,7 @@ class BlackBox:
             if due is not None and not due - self._tail_ns <= now_ns < due:
                 self._begin()
             elif self._ender is not None:
-                self._look_after_end()
+                self._check_end()
             elif self._bag is not None and self._writing:
                 self._write(self._bag, budget_s)
             elif self._bag is not None:
@@ -130,7 +130,7 @@ class BlackBox:
                 self._end(self._bag)
             if self._ender is not None:
                 self._ender.join()
-                self._look_after_end()
+                self._check_end()
         except OSError as error:
             self._give_up(error)
 
@@ -139,15 +139,15 @@ class BlackBox:
         self._bytes = 0
 
     def _make_room(self) -> None:
-        """Drop the oldest messages, some more than must be, so that the next `keep` need not."""
-        enough = self._most_bytes - self._most_bytes // 1024
+        """Drop the oldest messages, some more than must be, so that the next `add` need not."""
+        enough = self._max_bytes - self._max_bytes // 1024
         while self._bytes > enough:
             self._bytes -= len(self._ring.popleft()[2]) + OVERHEAD_BYTES
 
     def _drop_old(self, now_ns: int) -> None:
         """Drop messages that are too old, or from before time was set back; a bounded number of them."""
         ring, oldest = self._ring, now_ns - self._span_ns
-        for _ in range(min(MOST_DROPPED, len(ring))):
+        for _ in range(min(MAX_DROPPED, len(ring))):
             if oldest <= ring[0][1] <= now_ns:
                 return
             self._bytes -= len(ring.popleft()[2]) + OVERHEAD_BYTES
@@ -181,7 +181,7 @@ class BlackBox:
         except OSError as error:
             self._error = error
 
-    def _look_after_end(self) -> None:
+    def _check_end(self) -> None:
         """Tell the outcome once the thread is done."""
         if self._ender is None or self._bag is None or self._ender.is_alive():
             return

@@ -24,25 +24,25 @@ def message_definition(type_name: str, read_msg_file: Callable[[str], str]) -> s
     `read_msg_file` raises is passed on.
     """
     texts: dict[str, str] = {}
-    waiting = [_full(type_name, "")]
+    waiting = [_full_name(type_name, "")]
     while waiting:
         name = waiting.pop(0)
         if name not in texts:
             texts[name] = read_msg_file(name)
-            waiting.extend(_contained(texts[name], name.partition("/")[0]))
+            waiting.extend(_find_contained_types(texts[name], name.partition("/")[0]))
     parts = [f"{SEPARATOR}\nMSG: {name.replace('/msg/', '/')}\n{text}" for name, text in texts.items()]
-    return "\n".join([texts[_full(type_name, "")], *parts[1:]])
+    return "\n".join([texts[_full_name(type_name, "")], *parts[1:]])
 
 
-def _contained(text: str, package: str) -> Iterator[str]:
+def _find_contained_types(text: str, package: str) -> Iterator[str]:
     """Yield the full names of the message types among the fields of a .msg text."""
     for line in text.splitlines():
         field = FIELD.match(line.partition("#")[0])
         if field and field[1] not in PRIMITIVES:
-            yield _full(field[1], package)
+            yield _full_name(field[1], package)
 
 
-def _full(name: str, package: str) -> str:
+def _full_name(name: str, package: str) -> str:
     """Return a type's name as package/msg/Name; a name alone is of the same package."""
     parts = name.split("/")
     if len(parts) == 1 and package:

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from errno import ENOSPC
 from pathlib import Path
 
-from ces_observer.recorder.bag_folder import METADATA, part_of, remove_bag
+from ces_observer.recorder.bag_folder import METADATA, part_path, remove_bag
 
-LEAST_FREE_BYTES = 200 << 20  # a recording leaves so much of the disk to others
+MIN_FREE_BYTES = 200 << 20  # a recording leaves so much of the disk to others
 INTERRUPTED_S = 3600.0  # a younger unfinished bag may be one that another observer is writing
 STAMP = "%Y-%m-%d-%H-%M-%S"
 STAMP_PATTERN = r"\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d(_\d+)?"
@@ -21,9 +21,9 @@ SECOND_NS = 1_000_000_000
 class RecordFolder:
     """Bags named `label_UTC` in `path`; all that it does raises OSError where the file system does."""
 
-    def __init__(self, path: Path, most_bags: int) -> None:
+    def __init__(self, path: Path, max_bags: int) -> None:
         self.path = path
-        self.most_bags = most_bags
+        self.max_bags = max_bags
 
     def new_bag(self, label: str, time_ns: int, size: int) -> Path:
         """Return a free path for a bag of about `size` bytes; raises OSError also if the disk is nearly full.
@@ -31,9 +31,9 @@ class RecordFolder:
         What a recording of the same label left behind that was interrupted long ago is removed.
         """
         self.path.mkdir(parents=True, exist_ok=True)
-        if shutil.disk_usage(self.path).free < size + LEAST_FREE_BYTES:
-            raise OSError(ENOSPC, f"the disk is nearly full; a recording leaves {LEAST_FREE_BYTES >> 20} MiB free")
-        for left in self.path.glob(part_of(self.path / f"{label}_*").name):
+        if shutil.disk_usage(self.path).free < size + MIN_FREE_BYTES:
+            raise OSError(ENOSPC, f"the disk is nearly full; a recording leaves {MIN_FREE_BYTES >> 20} MiB free")
+        for left in self.path.glob(part_path(self.path / f"{label}_*").name):
             if time.time() - left.stat().st_mtime > INTERRUPTED_S:
                 remove_bag(left)
         stem = f"{label}_{time.strftime(STAMP, time.gmtime(time_ns // SECOND_NS))}"
@@ -44,9 +44,9 @@ class RecordFolder:
         return path
 
     def prune(self, label: str) -> None:
-        """Remove the oldest bags of a label beyond `most_bags`, but never one with more in it than a bag's files."""
+        """Remove the oldest bags of a label beyond `max_bags`, but never one with more in it than a bag's files."""
         bags = sorted(self._bags(label), key=lambda path: path.stat().st_mtime_ns)
-        for path in bags[: -self.most_bags]:
+        for path in bags[: -self.max_bags]:
             remove_bag(path)
 
     def _bags(self, label: str) -> Iterator[Path]:

@@ -5,9 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 
-from ces_observer.checked import Checked
 from ces_observer.errors import ModelError
-from ces_observer.structures.constructed import BASE, Constructed, Frequency, Hat, Hysteresis, Lag
+from ces_observer.json_checks import JsonObject
+from ces_observer.structures.constructed_inputs import (
+    BASE,
+    ConstructedInput,
+    Frequency,
+    Hysteresis,
+    Lag,
+    TriangularMembership,
+)
 
 RESERVED = (*BASE, "force", "products", "constructed")
 NAME = re.compile(r"(?!.*_(abs|p\d|lag\d))[a-z][a-z0-9_]{0,39}")
@@ -19,17 +26,17 @@ SETTINGS = {
     "hat": ("of", "low", "peak", "high"),
 }
 KINDS = tuple(SETTINGS)
-MOST_CONSTRUCTED = 64
-MOST_WIDTH = 1e6  # [m, m/s, A]
-LEAST_WIDTH = 1e-9  # so that no slope overflows
-LEAST_HZ, MOST_HZ = 1e-3, 1e5
+MAX_CONSTRUCTED = 64
+MAX_WIDTH = 1e6  # [m, m/s, A]
+MIN_WIDTH = 1e-9  # so that no slope overflows
+MIN_HZ, MAX_HZ = 1e-3, 1e5
 
 
-def constructed_from(nodes: Iterable[Checked]) -> dict[str, Constructed]:
+def parse_constructed(nodes: Iterable[JsonObject]) -> dict[str, ConstructedInput]:
     """Check the list `constructed` of a model file, and return its inputs by name; raises ModelError."""
-    known: dict[str, Constructed] = {}
+    known: dict[str, ConstructedInput] = {}
     for node in nodes:
-        one = _one_from(node, known)
+        one = _parse_one(node, known)
         if one.name in known:
             raise ModelError(f"{node.where}: name '{one.name}' is taken; expected a name for each constructed input")
         known[one.name] = one
@@ -46,35 +53,37 @@ def require_name(name: str, where: str) -> str:
     return name
 
 
-def _one_from(node: Checked, known: Mapping[str, Constructed]) -> Constructed:
+def _parse_one(node: JsonObject, known: Mapping[str, ConstructedInput]) -> ConstructedInput:
     name, kind = require_name(node.text("name"), node.where), node.choice("kind", KINDS)
-    node.only("name", "kind", *SETTINGS[kind])
+    node.require_only_keys("name", "kind", *SETTINGS[kind])
     if kind == "frequency":
-        return _frequency_from(node, name)
+        return _parse_frequency(node, name)
     if kind == "hat":
-        smooth = [one.name for one in known.values() if not isinstance(one, Hat)]
-        return _hat_from(node, name, node.choice("of", (*BASE, *smooth)), known)
+        smooth = [one.name for one in known.values() if not isinstance(one, TriangularMembership)]
+        return _parse_membership(node, name, node.choice("of", (*BASE, *smooth)), known)
     if kind == "lag":
         return Lag(name, node.choice("of", BASE), node.number("time_constant_s", 1e-4, 1e4))
-    return Hysteresis(name, kind, node.choice("of", BASE), node.number("half_width", LEAST_WIDTH, MOST_WIDTH))
+    return Hysteresis(name, kind, node.choice("of", BASE), node.number("half_width", MIN_WIDTH, MAX_WIDTH))
 
 
-def _frequency_from(node: Checked, name: str) -> Frequency:
+def _parse_frequency(node: JsonObject, name: str) -> Frequency:
     """Check the settings of a frequency estimate; raises ModelError."""
-    low, high = node.range("range_Hz", MOST_HZ)
-    if not LEAST_HZ <= low < high:
-        raise ModelError(f"{node.where}: range_Hz is [{low:g}, {high:g}]; expected {LEAST_HZ:g} <= low < high")
+    low, high = node.range("range_Hz", MAX_HZ)
+    if not MIN_HZ <= low < high:
+        raise ModelError(f"{node.where}: range_Hz is [{low:g}, {high:g}]; expected {MIN_HZ:g} <= low < high")
     return Frequency(
-        name, node.number("time_constant_s", 1e-4, 1e4), (low, high), node.number("floor_m", LEAST_WIDTH, MOST_WIDTH)
+        name, node.number("time_constant_s", 1e-4, 1e4), (low, high), node.number("floor_m", MIN_WIDTH, MAX_WIDTH)
     )
 
 
-def _hat_from(node: Checked, name: str, of: str, known: Mapping[str, Constructed]) -> Hat:
+def _parse_membership(
+    node: JsonObject, name: str, of: str, known: Mapping[str, ConstructedInput]
+) -> TriangularMembership:
     low, high = (None if node.value.get(key) is None else node.number(key, -1e6, 1e6) for key in ("low", "high"))
     peak = node.number("peak", -1e6, 1e6)
-    falls = low is None or low <= peak - LEAST_WIDTH
-    if not (falls and (high is None or high >= peak + LEAST_WIDTH)) or low is high is None:
+    falls = low is None or low <= peak - MIN_WIDTH
+    if not (falls and (high is None or high >= peak + MIN_WIDTH)) or low is high is None:
         raise ModelError(
             f"{node.where}: low {low}, peak {peak:g}, high {high}; expected low < peak < high, one not null"
         )
-    return Hat(name, of, low, peak, high, known.get(of))
+    return TriangularMembership(name, of, low, peak, high, known.get(of))

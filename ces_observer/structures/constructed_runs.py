@@ -1,4 +1,4 @@
-"""The constructed inputs at work, tick by tick; ces_observer.structures.constructed tells what they are.
+"""The constructed inputs at work, tick by tick; ces_observer.structures.constructed_inputs tells what they are.
 
 `ces_identify.polynomial.constructed_kernels` holds their twins over whole arrays, operation by operation.
 """
@@ -12,13 +12,13 @@ from typing import Protocol
 TWO_PI = 2.0 * pi
 
 
-class Run(Protocol):
+class ConstructedRun(Protocol):
     """A constructed input at work, tick by tick."""
 
     def reset(self) -> None:
         """Forget the past."""
 
-    def arrive(self, values: Sequence[float]) -> float:
+    def update(self, values: Sequence[float]) -> float:
         """Return the value at this tick; `values` are position, speed, current and what was constructed before."""
 
 
@@ -36,7 +36,7 @@ class StopRun:
         self._stop = 0.0
         self._last: float | None = None
 
-    def arrive(self, values: Sequence[float]) -> float:
+    def update(self, values: Sequence[float]) -> float:
         """Return the value at this tick."""
         value = values[self._column]
         half, last = self._half, self._last
@@ -60,7 +60,7 @@ class PlayRun:
         """Forget the past."""
         self._play: float | None = None
 
-    def arrive(self, values: Sequence[float]) -> float:
+    def update(self, values: Sequence[float]) -> float:
         """Return the value at this tick."""
         value = values[self._column]
         low, high, play = value - self._half, value + self._half, self._play
@@ -81,7 +81,7 @@ class LagRun:
         """Forget the past."""
         self._lagged: float | None = None
 
-    def arrive(self, values: Sequence[float]) -> float:
+    def update(self, values: Sequence[float]) -> float:
         """Return the value at this tick."""
         value, lagged = values[self._column], self._lagged
         self._lagged = lagged = value if lagged is None else lagged + self._gain * (value - lagged)
@@ -103,7 +103,7 @@ class FrequencyRun:
         self._started = False
         self._x = self._v = self._xx = self._vv = 0.0
 
-    def arrive(self, values: Sequence[float]) -> float:
+    def update(self, values: Sequence[float]) -> float:
         """Return the value at this tick."""
         x, v, gain = values[0], values[1], self._gain
         if not self._started:
@@ -117,7 +117,7 @@ class FrequencyRun:
         return self._low if told < self._low else self._high if told > self._high else told
 
 
-class HatRun:
+class MembershipRun:
     """A membership of one column of the values, which has no past."""
 
     __slots__ = ("_at", "_column")
@@ -128,6 +128,6 @@ class HatRun:
     def reset(self) -> None:
         """Nothing to forget."""
 
-    def arrive(self, values: Sequence[float]) -> float:
+    def update(self, values: Sequence[float]) -> float:
         """Return the value at this tick."""
         return self._at(values[self._column])

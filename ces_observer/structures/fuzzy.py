@@ -18,28 +18,28 @@ from math import prod
 from operator import mul
 from typing import Any, ClassVar, Self
 
-from ces_observer.checked import Checked
 from ces_observer.errors import ModelError
+from ces_observer.json_checks import JsonObject
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import largest, up
-from ces_observer.structures.lagged import (
-    MOST_NUMBER,
+from ces_observer.structures.lagged_signals import (
+    MAX_NUMBER,
     LaggedRun,
     Regressor,
     affine,
-    number_from,
-    regressors_from,
+    parse_number,
+    parse_regressors,
     scale_from,
 )
 from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure
 
 INPUTS = ("speed", "current", "position")
-MOST_RULES = 200
-MOST_PREMISES = 6
-MOST_MEMBERSHIPS = 200
+MAX_RULES = 200
+MAX_PREMISES = 6
+MAX_MEMBERSHIPS = 200
 STEEPEST = 10.0
-LEAST_WIDTH = 1e-6  # [m, m/s, A]; with STEEPEST and MOST_NUMBER, so that no power overflows
-LEAST_FIRING = 1e-200  # so that the shares can be formed without underflow
+MIN_WIDTH = 1e-6  # [m, m/s, A]; with STEEPEST and MAX_NUMBER, so that no power overflows
+MIN_FIRING = 1e-200  # so that the shares can be formed without underflow
 CLAIM = "sum_j |a_j| <= gain < 1 in every rule, so in every blend; |b| <= drive_N for every input in the input envelope"
 METHOD = "convex blend of the rules; interval arithmetic, outward rounding"
 
@@ -118,15 +118,15 @@ class Fuzzy(Structure):
         return {"fuzzy": numbers}
 
     @classmethod
-    def from_json(cls, root: Checked, inputs: Ranges) -> Self:
+    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
         """Check the rules of a model file over its ranges of inputs; raises ModelError."""
         node = root.at("fuzzy")
-        node.only("regressors", "scale_N", "premises", "rules")
-        regressors = regressors_from(node)
-        premises = tuple(_premise(item) for item in node.items("premises", 1, MOST_PREMISES))
-        rules = tuple(_rule(item, premises, len(regressors)) for item in node.items("rules", 1, MOST_RULES))
+        node.require_only_keys("regressors", "scale_N", "premises", "rules")
+        regressors = parse_regressors(node)
+        premises = tuple(_parse_premise(item) for item in node.items("premises", 1, MAX_PREMISES))
+        rules = tuple(_parse_rule(item, premises, len(regressors)) for item in node.items("rules", 1, MAX_RULES))
         fuzzy = cls(regressors, scale_from(node), premises, rules)
-        if least_firing(fuzzy, inputs) < LEAST_FIRING:
+        if min_firing(fuzzy, inputs) < MIN_FIRING:
             raise ModelError(
                 f"{node.where}: rules: none is felt in all of the input envelope; expected wider memberships"
             )
@@ -150,35 +150,35 @@ class Fuzzy(Structure):
         return total
 
 
-def least_firing(fuzzy: Fuzzy, inputs: Ranges) -> float:
+def min_firing(fuzzy: Fuzzy, inputs: Ranges) -> float:
     """Return what the firing of all rules together is at least, over the ranges: a bell is least at an end of it."""
     ends = [[min(b.at(x) for x in inputs[p.signal]) for b in p.memberships] for p in fuzzy.premises]
     return max(prod(ends[p][m] for p, m in enumerate(rule.memberships)) for rule in fuzzy.rules)
 
 
-def _premise(node: Checked) -> Premise:
-    node.only("signal", "lag", "memberships")
-    bells = tuple(_bell(item) for item in node.items("memberships", 1, MOST_MEMBERSHIPS))
-    return Premise(node.choice("signal", INPUTS), node.whole("lag", 0, MAX_LAG), bells)
+def _parse_premise(node: JsonObject) -> Premise:
+    node.require_only_keys("signal", "lag", "memberships")
+    bells = tuple(_parse_bell(item) for item in node.items("memberships", 1, MAX_MEMBERSHIPS))
+    return Premise(node.choice("signal", INPUTS), node.integer("lag", 0, MAX_LAG), bells)
 
 
-def _bell(node: Checked) -> Bell:
-    node.only("centre", "width", "slope")
-    width = node.number("width", LEAST_WIDTH, MOST_NUMBER)
-    return Bell(number_from(node, "centre"), width, node.number("slope", 0.1, STEEPEST))
+def _parse_bell(node: JsonObject) -> Bell:
+    node.require_only_keys("centre", "width", "slope")
+    width = node.number("width", MIN_WIDTH, MAX_NUMBER)
+    return Bell(parse_number(node, "centre"), width, node.number("slope", 0.1, STEEPEST))
 
 
-def _rule(node: Checked, premises: Sequence[Premise], regressors: int) -> Rule:
-    node.only("memberships", "constant", "linear")
-    chosen = node.numbers("memberships", len(premises), MOST_MEMBERSHIPS)
+def _parse_rule(node: JsonObject, premises: Sequence[Premise], regressors: int) -> Rule:
+    node.require_only_keys("memberships", "constant", "linear")
+    chosen = node.numbers("memberships", len(premises), MAX_MEMBERSHIPS)
     for index, premise in zip(chosen, premises, strict=True):
         if index not in range(len(premise.memberships)):
             raise ModelError(
                 f"{node.where}: membership {index:g} of {premise.signal}; expected a whole number from 0 to "
                 f"{len(premise.memberships) - 1}"
             )
-    linear = node.numbers("linear", regressors, MOST_NUMBER)
-    return Rule(tuple(int(index) for index in chosen), number_from(node, "constant"), linear)
+    linear = node.numbers("linear", regressors, MAX_NUMBER)
+    return Rule(tuple(int(index) for index in chosen), parse_number(node, "constant"), linear)
 
 
 class FuzzyRun(LaggedRun):

@@ -18,21 +18,21 @@ from math import exp
 from operator import mul
 from typing import Any, ClassVar, Self
 
-from ces_observer.checked import Checked
+from ces_observer.json_checks import JsonObject
 from ces_observer.proof.certificate import Contraction
-from ces_observer.proof.intervals import Interval, added, largest, product, up
-from ces_observer.structures.lagged import (
-    MOST_NUMBER,
+from ces_observer.proof.intervals import Interval, add, largest, product, up
+from ces_observer.structures.lagged_signals import (
+    MAX_NUMBER,
     LaggedRun,
     Regressor,
     affine,
-    number_from,
-    regressors_from,
+    parse_number,
+    parse_regressors,
     scale_from,
 )
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 
-MOST_UNITS = 200
+MAX_UNITS = 200
 STEEPEST = 700.0  # e^x overflows beyond
 CLAIM = (
     "sum_j |dF/dF(k-j)| <= gain < 1 for any past and inputs; "
@@ -44,7 +44,7 @@ ROUNDING = 1e-15  # relative error of exp, an addition and a division, with room
 
 
 @dataclass(frozen=True)
-class Unit:
+class SigmoidUnit:
     """One sigmoid: its weight in the output, its bias, and its slope along each regressor."""
 
     weight: float
@@ -63,7 +63,7 @@ class Network(Structure):
     scale_N: float
     constant: float
     linear: tuple[float, ...]
-    units: tuple[Unit, ...]
+    units: tuple[SigmoidUnit, ...]
 
     @property
     def max_lag(self) -> int:
@@ -87,17 +87,17 @@ class Network(Structure):
         return {"network": numbers}
 
     @classmethod
-    def from_json(cls, root: Checked, inputs: Ranges) -> Self:
+    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
         """Check the network of a model file; raises ModelError."""
         node = root.at("network")
-        node.only("regressors", "scale_N", "constant", "linear", "units")
-        regressors = regressors_from(node)
+        node.require_only_keys("regressors", "scale_N", "constant", "linear", "units")
+        regressors = parse_regressors(node)
         return cls(
             regressors,
             scale_from(node),
-            number_from(node, "constant"),
-            node.numbers("linear", len(regressors), MOST_NUMBER),
-            tuple(_unit(item, len(regressors)) for item in node.items("units", 0, MOST_UNITS)),
+            parse_number(node, "constant"),
+            node.numbers("linear", len(regressors), MAX_NUMBER),
+            tuple(_parse_unit(item, len(regressors)) for item in node.items("units", 0, MAX_UNITS)),
         )
 
     def make_predictor(self, within: OperatingRange) -> NetworkRun:
@@ -117,7 +117,7 @@ class Network(Structure):
         total = (self.linear[j], self.linear[j])
         for unit in self.units:
             steepest = product((unit.weight, unit.weight), (unit.slopes[j], unit.slopes[j]))
-            total = added(total, product(steepest, SLOPE))
+            total = add(total, product(steepest, SLOPE))
         return total
 
     def _drive(self, inputs: Ranges) -> Interval:
@@ -127,14 +127,14 @@ class Network(Structure):
         for unit in self.units:
             low, high = affine(unit.bias, unit.slopes, at)
             risen = sigmoid(low) * (1.0 - ROUNDING), min(1.0, sigmoid(high) * (1.0 + ROUNDING))
-            total = added(total, product((unit.weight, unit.weight), risen))
+            total = add(total, product((unit.weight, unit.weight), risen))
         return total
 
 
-def _unit(node: Checked, regressors: int) -> Unit:
-    node.only("weight", "bias", "slopes")
-    slopes = node.numbers("slopes", regressors, MOST_NUMBER)
-    return Unit(number_from(node, "weight"), number_from(node, "bias"), slopes)
+def _parse_unit(node: JsonObject, regressors: int) -> SigmoidUnit:
+    node.require_only_keys("weight", "bias", "slopes")
+    slopes = node.numbers("slopes", regressors, MAX_NUMBER)
+    return SigmoidUnit(parse_number(node, "weight"), parse_number(node, "bias"), slopes)
 
 
 class NetworkRun(LaggedRun):

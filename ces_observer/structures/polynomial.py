@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from math import copysign, inf, sqrt
 from typing import Any, ClassVar, Protocol, Self
 
-from ces_observer.checked import Checked
-from ces_observer.proof.branch_and_bound import maximum
+from ces_observer.json_checks import JsonObject
+from ces_observer.proof.branch_and_bound import bound_maximum
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import down
-from ces_observer.structures.constructed import Constructed, Construction
+from ces_observer.structures.constructed_inputs import ConstructedInput, InputConstructor
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
-from ces_observer.structures.terms import Term, constructed_in
+from ces_observer.structures.terms import Term, collect_constructed
 from ces_observer.structures.terms_file import term_to_json, terms_from
 from ces_observer.structures.tick_source import tick_source
 
@@ -42,9 +42,9 @@ class Polynomial(Structure):
     terms: tuple[Term, ...]
 
     @property
-    def constructed(self) -> tuple[Constructed, ...]:
+    def constructed(self) -> tuple[ConstructedInput, ...]:
         """The constructed inputs its terms use, each after those it is made of."""
-        return constructed_in(self.terms)
+        return collect_constructed(self.terms)
 
     @property
     def max_lag(self) -> int:
@@ -62,7 +62,7 @@ class Polynomial(Structure):
         return {**constructed, "terms": [term_to_json(term) for term in self.terms]}
 
     @classmethod
-    def from_json(cls, root: Checked, inputs: Ranges) -> Self:
+    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
         """Check the terms of a model file; raises ModelError."""
         return cls(terms_from(root, inputs))
 
@@ -72,14 +72,14 @@ class Polynomial(Structure):
 
     def certify(self, within: OperatingRange) -> Contraction:
         """Return the proved bounds; they may be loose (never wrong) if the boxes run out."""
-        gain, boxes = maximum(self._by_output_lag(), within.inputs)
+        gain, boxes = bound_maximum(self._by_output_lag(), within.inputs)
         inputs_alone = [term for term in self.terms if not term.output_lag]
-        drive, more = maximum([inputs_alone], within.inputs, gap=DRIVE_GAP, most_boxes=DRIVE_BOXES)
+        drive, more = bound_maximum([inputs_alone], within.inputs, gap=DRIVE_GAP, max_boxes=DRIVE_BOXES)
         return Contraction(gain, drive, boxes + more, CLAIM, METHOD)
 
     def is_stable(self, within: OperatingRange) -> bool:
         """Prove, and no more than needed, that past forces count for less than one."""
-        return maximum(self._by_output_lag(), within.inputs, enough=down(1.0))[0] < 1.0
+        return bound_maximum(self._by_output_lag(), within.inputs, enough=down(1.0))[0] < 1.0
 
     def _by_output_lag(self) -> list[list[Term]]:
         lags = sorted({term.output_lag for term in self.terms if term.output_lag})
@@ -106,9 +106,9 @@ class PolynomialRun:
     tick: Tick
 
     def __init__(self, polynomial: Polynomial, within: OperatingRange) -> None:
-        self._construction = Construction(polynomial.constructed, within.rate_Hz)
+        self._construction = InputConstructor(polynomial.constructed, within.rate_Hz)
         make = _compile(tick_source(polynomial.terms, within))
-        self.tick, self._pasts, self._forces = make(self, self._construction.arrive)
+        self.tick, self._pasts, self._forces = make(self, self._construction.update)
         self.reset()
 
     def reset(self) -> None:

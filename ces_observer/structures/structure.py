@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self
 
-from ces_observer.checked import Checked
+from ces_observer.json_checks import JsonObject
 from ces_observer.proof.certificate import Certificate
 
 MAX_LAG = 1000  # ticks, of any signal
@@ -70,7 +70,7 @@ class Structure(ABC):
 
     @classmethod
     @abstractmethod
-    def from_json(cls, root: Checked, inputs: Ranges) -> Self:
+    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
         """Check the `keys` of a model file over its ranges of inputs; raises ModelError."""
 
     @abstractmethod

@@ -8,10 +8,10 @@ from math import copysign
 
 from ces_observer.errors import ModelError
 from ces_observer.proof.intervals import Interval, down, up
-from ces_observer.structures.constructed import Constructed, Hat
+from ces_observer.structures.constructed_inputs import ConstructedInput, TriangularMembership
 from ces_observer.structures.structure import Range, Ranges
 
-LEAST_SIZE = 1e-100  # a slope nearer to zero than that may overflow: as good as none
+MIN_SIZE = 1e-100  # a slope nearer to zero than that may overflow: as good as none
 
 
 @dataclass(frozen=True)
@@ -26,21 +26,21 @@ class Factor:
     lag: int
     power: float = 1.0
     signed: bool = True
-    definition: Constructed | None = None
+    definition: ConstructedInput | None = None
 
     @property
     def variable(self) -> tuple[str, int]:
         """What the factor is a function of, signal and lag: a hat is one of the signal it is of."""
-        return (self.definition.of if isinstance(self.definition, Hat) else self.signal), self.lag
+        return (self.definition.of if isinstance(self.definition, TriangularMembership) else self.signal), self.lag
 
     @property
     def kinks(self) -> tuple[float, ...]:
         """Where the factor bends, besides zero."""
-        return self.definition.kinks if isinstance(self.definition, Hat) else ()
+        return self.definition.kinks if isinstance(self.definition, TriangularMembership) else ()
 
     def at(self, value: float) -> float:
         """Return the factor where its variable is `value`."""
-        if isinstance(self.definition, Hat):
+        if isinstance(self.definition, TriangularMembership):
             return self.definition.at(value)
         size = float(abs(value) ** self.power)
         return copysign(size, value) if self.signed else size
@@ -51,14 +51,18 @@ class Factor:
 
     def variable_range(self, ranges: Ranges) -> Range:
         """Return the range of the factor's variable."""
-        return self.definition.base_range(ranges) if isinstance(self.definition, Hat) else self.signal_range(ranges)
+        return (
+            self.definition.base_range(ranges)
+            if isinstance(self.definition, TriangularMembership)
+            else self.signal_range(ranges)
+        )
 
     def interval(self, at: Interval) -> Interval:
         """Return an interval that holds the factor for every value of its variable in `at`.
 
         Powers are rounded by two floats.
         """
-        if isinstance(self.definition, Hat):
+        if isinstance(self.definition, TriangularMembership):
             return self.definition.interval(at)
         low, high = at
         if self.signed:
@@ -72,9 +76,9 @@ class Factor:
 
     def slope_interval(self, at: Interval) -> Interval | None:
         """Return an interval that holds the factor's derivative over `at`, None if `at` nears zero (but for a hat)."""
-        if isinstance(self.definition, Hat):
+        if isinstance(self.definition, TriangularMembership):
             return self.definition.slope_interval(at)
-        if at[0] <= LEAST_SIZE and at[1] >= -LEAST_SIZE:
+        if at[0] <= MIN_SIZE and at[1] >= -MIN_SIZE:
             return None
         ends = [self.power * abs(s) ** (self.power - 1.0) for s in at]
         low, high = down(down(down(min(ends)))), up(up(up(max(ends))))
@@ -99,11 +103,11 @@ class Term:
         return tuple(f for f in self.factors if f.signal != "force")
 
 
-def constructed_in(terms: Sequence[Term]) -> tuple[Constructed, ...]:
+def collect_constructed(terms: Sequence[Term]) -> tuple[ConstructedInput, ...]:
     """Return the constructed inputs of `terms` by name, hats last; raises ModelError if two of a name differ."""
-    known: dict[str, Constructed] = {}
+    known: dict[str, ConstructedInput] = {}
     used = {f.definition for term in terms for f in term.factors if f.definition is not None}
-    for one in used | {one.base for one in used if isinstance(one, Hat) and one.base is not None}:
+    for one in used | {one.base for one in used if isinstance(one, TriangularMembership) and one.base is not None}:
         if known.setdefault(one.name, one) != one:
             raise ModelError(f"constructed input '{one.name}': defined twice, differently; expected a name for each")
-    return tuple(sorted(known.values(), key=lambda one: (isinstance(one, Hat), one.name)))
+    return tuple(sorted(known.values(), key=lambda one: (isinstance(one, TriangularMembership), one.name)))

@@ -17,9 +17,9 @@ from math import isfinite
 from operator import index
 
 from ces_observer.errors import ModelError
-from ces_observer.structures.constructed import BASE
+from ces_observer.structures.constructed_inputs import BASE
 from ces_observer.structures.structure import OperatingRange, Range, Ranges
-from ces_observer.structures.terms import Factor, Term, constructed_in
+from ces_observer.structures.terms import Factor, Term, collect_constructed
 
 FORMS = {0.0: "1.0", 0.5: "sqrt({0})", 1.0: "{0}", 1.5: "{0} * sqrt({0})", 2.0: "{0} * {0}"}
 
@@ -34,7 +34,7 @@ def tick_source(polynomial: Sequence[Term], within: OperatingRange) -> str:
     begins anew. Needs abs, min, max, sqrt, copysign, inf and deque as globals. Raises ModelError for a number that is
     not finite or a signal that is unknown.
     """
-    constructed = constructed_in(polynomial)
+    constructed = collect_constructed(polynomial)
     signals = {one.name: f"made{i}" for i, one in enumerate(constructed)} | {signal: signal for signal in BASE}
     powers = sorted({_power(f, signals) for term in polynomial for f in term.inputs})
     names = {power: _name(i, power) for i, power in enumerate(powers)}

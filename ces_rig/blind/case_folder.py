@@ -21,14 +21,14 @@ from ces_identify.recordings.bag_writer import TopicData, recording_topics, writ
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulation import FunctionSimulation
-from ces_rig.blind.draw import HELD_OUT, NOISE_N, REAL, REFERENCE, Drawn, Seen, rms
+from ces_rig.blind.draw import HELD_OUT, NOISE_N, REAL, REFERENCE, DrawnCase, IdealRecording, rms
 from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.drive.currents import ConstantCurrent
+from ces_rig.drive.currents import ConstantLevel
 from ces_rig.drive.strokes import Common, Rest, Stroke
-from ces_rig.experiment import EPOCH_NS, Experiment, Settings, Truth, measure
+from ces_rig.experiment import EPOCH_NS, Experiment, ExperimentSettings, Truth, measure
 from ces_rig.sensors import Sensor, Sensors
 from ces_rig.simulation import load_rig
-from ces_rig.withheld.plants import description, physical
+from ces_rig.withheld.plants import describe_plant, physical_numbers
 
 Array = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[np.float32]]
@@ -50,35 +50,35 @@ EPOCH_S = EPOCH_NS // 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Answer:
+class CaseAnswer:
     """What the seal keeps of a case: its label, and noise-free arrays at the position samples of judged recordings."""
 
     label: dict[str, Any]
     arrays: Arrays
 
 
-def write_case(drawn: Drawn, folder: Path) -> Answer:
+def write_case(drawn: DrawnCase, folder: Path) -> CaseAnswer:
     """Write the case to `folder` (new) and return its answer; raises CesError."""
     folder.mkdir(parents=True)
-    (folder / BASELINE).write_text(yaml.safe_dump(description(drawn.simulated), sort_keys=True), encoding="utf-8")
+    (folder / BASELINE).write_text(yaml.safe_dump(describe_plant(drawn.simulated), sort_keys=True), encoding="utf-8")
     simulation = FunctionSimulation(BASELINE, load_rig(folder / BASELINE))
     arrays: dict[str, NDArray[np.float32]] = {}
     for name, place in FOLDERS.items():
-        recording = logged(drawn.seen[name].true, name, drawn.seeds[name])
+        recording = log_sensors(drawn.recordings[name].true, name, drawn.seeds[name])
         simulated = simulation.force(recording)
         _write_bag(folder / place / name, recording, simulated)
         if name not in REFERENCE:
-            arrays |= _judged(name, drawn.seen[name], recording, simulated)
-    (folder / DESCRIPTION).write_text(json.dumps(_for_the_user(drawn), indent=1) + "\n", encoding="utf-8")
-    _same_times(folder)
-    return Answer(_label(drawn, arrays), arrays)
+            arrays |= _noise_free_arrays(name, drawn.recordings[name], recording, simulated)
+    (folder / DESCRIPTION).write_text(json.dumps(_describe_case(drawn), indent=1) + "\n", encoding="utf-8")
+    _equalise_times(folder)
+    return CaseAnswer(_make_label(drawn, arrays), arrays)
 
 
-def logged(true: Truth, name: str, seed: int) -> Recording:
+def log_sensors(true: Truth, name: str, seed: int) -> Recording:
     """Return what the rig's sensors log of the true signals."""
-    settings = Settings(name=name, duration_s=float(true.time_s[-1]), seed=seed)
+    settings = ExperimentSettings(name=name, duration_s=float(true.time_s[-1]), seed=seed)
     still = Stroke(Rest(), Common())  # `true` holds the stroke and the current already
-    return measure(Experiment(settings, still, ConstantCurrent(0.0), Damper(), SENSORS), true)
+    return measure(Experiment(settings, still, ConstantLevel(0.0), Damper(), SENSORS), true)
 
 
 def _write_bag(path: Path, recording: Recording, simulated: Array) -> None:
@@ -88,7 +88,9 @@ def _write_bag(path: Path, recording: Recording, simulated: Array) -> None:
     write_bag(path, [*recording_topics(recording, load_signals()), predictions])
 
 
-def _judged(name: str, seen: Seen, recording: Recording, simulated: Array) -> dict[str, NDArray[np.float32]]:
+def _noise_free_arrays(
+    name: str, seen: IdealRecording, recording: Recording, simulated: Array
+) -> dict[str, NDArray[np.float32]]:
     """Return noise-free arrays at the stamps of the position samples: what is, and what the simulation says."""
     true = seen.true
     at = (recording.channel("position").stamps_ns - EPOCH_NS) * 1e-9
@@ -103,7 +105,7 @@ def _judged(name: str, seen: Seen, recording: Recording, simulated: Array) -> di
     return {f"{name}_{key}": np.asarray(values, np.float32) for key, values in columns.items()}
 
 
-def _for_the_user(drawn: Drawn) -> dict[str, Any]:
+def _describe_case(drawn: DrawnCase) -> dict[str, Any]:
     return {
         "schema": "ces-blind-case/1",
         "case": f"{drawn.case.number:04d}",
@@ -117,9 +119,9 @@ def _for_the_user(drawn: Drawn) -> dict[str, Any]:
     }
 
 
-def _label(drawn: Drawn, arrays: Arrays) -> dict[str, Any]:
+def _make_label(drawn: DrawnCase, arrays: Arrays) -> dict[str, Any]:
     case = drawn.case
-    force, effect, baseline = (_joined(arrays, key) for key in ("force_N", "effect_N", "baseline_N"))
+    force, effect, baseline = (_join_recordings(arrays, key) for key in ("force_N", "effect_N", "baseline_N"))
     error = force - effect - baseline
     return {
         "case": f"{case.number:04d}",
@@ -129,7 +131,8 @@ def _label(drawn: Drawn, arrays: Arrays) -> dict[str, Any]:
         "gap_to_noise": case.gap_to_noise,
         "baseline_ratio": case.baseline_ratio,
         "effects": [
-            {"name": w.name, "severity": w.severity, "physical": physical(drawn.plant, w)} for w in drawn.withheld
+            {"name": w.name, "severity": w.severity, "physical": physical_numbers(drawn.plant, w)}
+            for w in drawn.withheld
         ],
         "gap_N": rms(effect),
         "noise_N": NOISE_N,
@@ -137,12 +140,12 @@ def _label(drawn: Drawn, arrays: Arrays) -> dict[str, Any]:
     }
 
 
-def _joined(arrays: Arrays, key: str) -> Array:
+def _join_recordings(arrays: Arrays, key: str) -> Array:
     """Return one of the arrays over all real recordings."""
     return np.concatenate([arrays[f"{name}_{key}"] for name in REAL]).astype(np.float64)
 
 
-def _same_times(folder: Path) -> None:
+def _equalise_times(folder: Path) -> None:
     """Give every file and folder the same time of change."""
     for path in (*folder.rglob("*"), folder):
         os.utime(path, (EPOCH_S, EPOCH_S))

@@ -14,8 +14,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from ces_rig.drive.currents import Binary, ConstantCurrent, Current, FilteredNoise, Prbs, Reg1
-from ces_rig.drive.strokes import FrequencyModulated, Noise, Road, Shape, fade
+from ces_rig.drive.currents import Binary, ConstantLevel, Current, FilteredNoise, Prbs, Reg1
+from ces_rig.drive.strokes import FrequencyModulated, NoiseStroke, RoadStroke, Shape, fade
 
 Array = NDArray[np.float64]
 Parts = tuple[tuple[Shape, ...], Current]
@@ -68,39 +68,43 @@ class Drive:
 
 def draw_drive(kind: str, range_A: tuple[float, float], rng: Generator) -> Drive:
     """Return a drive of this kind, its settings drawn; its currents lie in `range_A`."""
-    shapes, current = DRAWN[kind](*range_A, rng)
+    shapes, current = DRIVE_KINDS[kind](*range_A, rng)
     return Drive(shapes, current, rng.uniform(*REACH_M))
 
 
-def _rich(low: float, high: float, rng: Generator) -> Parts:
+def _draw_rich(low: float, high: float, rng: Generator) -> Parts:
     kinds: tuple[Current, ...] = (
         Binary(low, high, shortest_s=0.06, mean_s=rng.uniform(0.2, 0.5)),
         Prbs(low, high, hold_s=rng.uniform(0.08, 0.2)),
         FilteredNoise(low, high, cutoff_Hz=rng.uniform(2.0, 6.0)),
     )
-    return _two_noises(rng), kinds[int(rng.integers(len(kinds)))]
+    return _draw_two_noises(rng), kinds[int(rng.integers(len(kinds)))]
 
 
-def _road(low: float, high: float, rng: Generator) -> Parts:
-    road = Road(road_class="CD"[int(rng.integers(2))], vehicle_m_s=rng.uniform(10.0, 22.0))
+def _draw_road(low: float, high: float, rng: Generator) -> Parts:
+    road = RoadStroke(road_class="CD"[int(rng.integers(2))], vehicle_m_s=rng.uniform(10.0, 22.0))
     if rng.random() < 0.5:
         return (road,), FilteredNoise(low, high, cutoff_Hz=rng.uniform(1.5, 5.0))
     return (road,), Reg1(low, high, stroke_m=rng.uniform(0.006, 0.016), lag_s=rng.uniform(0.005, 0.02))
 
 
-def _constant(low: float, high: float, rng: Generator) -> Parts:
-    level = ConstantCurrent(low + (high - low) * rng.uniform(0.1, 0.8))
+def _draw_constant(low: float, high: float, rng: Generator) -> Parts:
+    level = ConstantLevel(low + (high - low) * rng.uniform(0.1, 0.8))
     if rng.random() < 0.5:
-        return _two_noises(rng), level
+        return _draw_two_noises(rng), level
     swept = FrequencyModulated(amplitude_m=rng.uniform(0.008, 0.014), low_Hz=1.0, high_Hz=rng.uniform(5.0, 9.0))
-    slow = Noise(peak_to_peak_m=rng.uniform(0.020, 0.040), cutoff_Hz=1.5, order=4)
+    slow = NoiseStroke(peak_to_peak_m=rng.uniform(0.020, 0.040), cutoff_Hz=1.5, order=4)
     return (swept, slow), level
 
 
-def _two_noises(rng: Generator) -> tuple[Shape, ...]:
-    fast = Noise(peak_to_peak_m=rng.uniform(0.030, 0.050), cutoff_Hz=rng.uniform(8.0, 15.0))
-    slow = Noise(peak_to_peak_m=rng.uniform(0.030, 0.050), cutoff_Hz=rng.uniform(1.0, 2.5), order=4)
+def _draw_two_noises(rng: Generator) -> tuple[Shape, ...]:
+    fast = NoiseStroke(peak_to_peak_m=rng.uniform(0.030, 0.050), cutoff_Hz=rng.uniform(8.0, 15.0))
+    slow = NoiseStroke(peak_to_peak_m=rng.uniform(0.030, 0.050), cutoff_Hz=rng.uniform(1.0, 2.5), order=4)
     return fast, slow
 
 
-DRAWN: dict[str, Callable[[float, float, Generator], Parts]] = {RICH: _rich, ROAD: _road, CONSTANT: _constant}
+DRIVE_KINDS: dict[str, Callable[[float, float, Generator], Parts]] = {
+    RICH: _draw_rich,
+    ROAD: _draw_road,
+    CONSTANT: _draw_constant,
+}

@@ -9,7 +9,7 @@ from typing import Any
 
 from ces_rig.blind.case_folder import write_case
 from ces_rig.blind.draw import draw_case
-from ces_rig.blind.plan import Case
+from ces_rig.blind.plan import BlindCase
 from ces_rig.blind.seal import Label, write_arrays, write_seal
 from ces_rig.errors import RigError
 
@@ -18,31 +18,33 @@ Spare = Sequence[tuple[str, ...]]
 
 def make_cases(
     folder: Path,
-    plan: Sequence[tuple[Case, Spare]],
+    plan: Sequence[tuple[BlindCase, Spare]],
     seconds: float,
     processes: int,
     about: Mapping[str, Any],
-    heard: Callable[[Label], None],
+    on_label: Callable[[Label], None],
 ) -> str:
     """Write `folder/cases/NNNN/`, `folder/seal.json` and `folder/seal/`; returns the published hash.
 
-    `heard` hears of each label as its case is made. `folder` must not exist or be empty. Raises CesError.
+    `on_label` hears of each label as its case is made. `folder` must not exist or be empty. Raises CesError.
     """
     if folder.exists() and any(folder.iterdir()):
         raise RigError(f"{folder}: is not empty; choose another folder for the cases")
     (folder / "cases").mkdir(parents=True, exist_ok=True)
     labels = []
     try:
-        for label in _in_processes(folder, plan, seconds, processes):
+        for label in _make_in_processes(folder, plan, seconds, processes):
             labels.append(label)
-            heard(label)
+            on_label(label)
     except BaseException:
-        _take_away(folder)
+        _remove_partial(folder)
         raise
     return write_seal(folder, {**about, "seconds": seconds}, sorted(labels, key=lambda x: str(x["case"])))
 
 
-def _in_processes(folder: Path, plan: Sequence[tuple[Case, Spare]], seconds: float, processes: int) -> Iterator[Label]:
+def _make_in_processes(
+    folder: Path, plan: Sequence[tuple[BlindCase, Spare]], seconds: float, processes: int
+) -> Iterator[Label]:
     """Yield labels as they come."""
     import joblib  # type: ignore[import-untyped]
 
@@ -51,15 +53,15 @@ def _in_processes(folder: Path, plan: Sequence[tuple[Case, Spare]], seconds: flo
         yield from joblib.Parallel(n_jobs=processes, batch_size=1, return_as="generator")(tasks)
 
 
-def make_case(folder: Path, case: Case, seconds: float, spare: Spare) -> Label:
+def make_case(folder: Path, case: BlindCase, seconds: float, spare_effects: Spare) -> Label:
     """Make one case and return its label; raises CesError."""
-    answer = write_case(draw_case(case, seconds, spare), folder / "cases" / f"{case.number:04d}")
+    answer = write_case(draw_case(case, seconds, spare_effects), folder / "cases" / f"{case.number:04d}")
     sha256 = write_arrays(folder, answer.label["case"], answer.arrays)
     planned = {"planned": list(case.effects), "arrays_sha256": sha256}
     return {**answer.label, **planned}
 
 
-def _take_away(folder: Path) -> None:
+def _remove_partial(folder: Path) -> None:
     """Leave nothing half made."""
     for name in ("cases", "seal"):
         shutil.rmtree(folder / name, ignore_errors=True)

@@ -30,7 +30,7 @@ INVISIBLE = {CONSTANT: frozenset({"valve_lag", "current_hysteresis", "current_cr
 
 
 @dataclass(frozen=True)
-class Case:
+class BlindCase:
     """One case: `effects` are names (none, one or two), `seed` seeds everything that is drawn for it.
 
     `gap_to_noise` is that of the effect; with nothing withheld it only sets how large the simulation's error is.
@@ -59,64 +59,66 @@ class Levels:
     excitations: tuple[str, ...] = EXCITATIONS
 
 
-def grid(levels: Levels, seed: int) -> list[Case]:
+def plan_grid(levels: Levels, seed: int) -> list[BlindCase]:
     """Return every case of the grid, shuffled: effects, outside effects and some pairs cross all levels."""
     rng = np.random.default_rng([seed, 0])
-    cases = [case for kind in levels.kinds for case in _crossed(levels, kind, rng)]
-    return _numbered(cases, seed, rng)
+    cases = [case for kind in levels.kinds for case in _cross_levels(levels, kind, rng)]
+    return _number_cases(cases, seed, rng)
 
 
-def sample(levels: Levels, seed: int, count: int) -> list[Case]:
+def plan_sample(levels: Levels, seed: int, count: int) -> list[BlindCase]:
     """Return `count` cases, shuffled: in each kind every level comes up equally often, to within one."""
     rng = np.random.default_rng([seed, 1])
     cases = [
-        case for kind, many in _shared_out(levels.kinds, count).items() for case in _balanced(levels, kind, many, rng)
+        case
+        for kind, many in _share_out(levels.kinds, count).items()
+        for case in _balance_levels(levels, kind, many, rng)
     ]
-    return _numbered(cases, seed, rng)
+    return _number_cases(cases, seed, rng)
 
 
-def spare(case: Case, levels: Levels, count: int = 3) -> list[tuple[str, ...]]:
+def list_spare_effects(case: BlindCase, levels: Levels, count: int = 3) -> list[tuple[str, ...]]:
     """Return what else of the same kind may be withheld if the case's own effects cannot be had, in its own order."""
     rng = np.random.default_rng([case.seed, 3])
-    others = [e for e in _subjects(levels, case.kind, rng) if e != case.effects and visible(e, case.excitation)]
+    others = [e for e in _list_subjects(levels, case.kind, rng) if e != case.effects and is_visible(e, case.excitation)]
     return [others[i] for i in rng.permutation(len(others))[:count]]
 
 
-def visible(effects: Sequence[str], excitation: str) -> bool:
+def is_visible(effects: Sequence[str], excitation: str) -> bool:
     """Tell whether the excitation can show every one of the effects."""
     return not INVISIBLE.get(excitation, frozenset()) & set(effects)
 
 
-def _crossed(levels: Levels, kind: str, rng: Generator) -> Iterator[Case]:
-    subjects = _subjects(levels, kind, rng)
+def _cross_levels(levels: Levels, kind: str, rng: Generator) -> Iterator[BlindCase]:
+    subjects = _list_subjects(levels, kind, rng)
     if kind == PAIR:
         subjects = subjects[:GRID_PAIRS]
     if kind == NONE:
-        yield from _crossed_none(levels)
+        yield from _cross_without_effect(levels)
         return
     for effects, gap, error, excitation in product(subjects, levels.gaps, levels.errors, levels.excitations):
-        if visible(effects, excitation):
-            yield Case(kind, effects, gap, error, excitation, levels.plants)
+        if is_visible(effects, excitation):
+            yield BlindCase(kind, effects, gap, error, excitation, levels.plants)
 
 
-def _crossed_none(levels: Levels) -> Iterator[Case]:
+def _cross_without_effect(levels: Levels) -> Iterator[BlindCase]:
     """Nothing withheld: as many cases with a right simulation as with a wrong one."""
     wrong = [error for error in levels.errors if error > 0.0] or [0.0]
     for _, error, gap, excitation in product(range(GRID_NONE), wrong, levels.gaps, levels.excitations):
         for mine in (error, 0.0):
-            yield Case(NONE, (), gap, mine, excitation, levels.plants)
+            yield BlindCase(NONE, (), gap, mine, excitation, levels.plants)
 
 
-def _balanced(levels: Levels, kind: str, count: int, rng: Generator) -> list[Case]:
-    subjects = _cycled(_subjects(levels, kind, rng), count, rng)
-    gaps, errors = _cycled(levels.gaps, count, rng), _cycled(_errors(levels, kind), count, rng)
-    excitations = _cycled(levels.excitations, count, rng)
-    cases = [Case(kind, *drawn, levels.plants) for drawn in zip(subjects, gaps, errors, excitations, strict=True)]
-    return [_made_visible(case, levels, rng) for case in cases]
+def _balance_levels(levels: Levels, kind: str, count: int, rng: Generator) -> list[BlindCase]:
+    subjects = _cycle_values(_list_subjects(levels, kind, rng), count, rng)
+    gaps, errors = _cycle_values(levels.gaps, count, rng), _cycle_values(_error_levels(levels, kind), count, rng)
+    excitations = _cycle_values(levels.excitations, count, rng)
+    cases = [BlindCase(kind, *drawn, levels.plants) for drawn in zip(subjects, gaps, errors, excitations, strict=True)]
+    return [_make_visible(case, levels, rng) for case in cases]
 
 
-def _made_visible(case: Case, levels: Levels, rng: Generator) -> Case:
-    shows = [e for e in levels.excitations if visible(case.effects, e)]
+def _make_visible(case: BlindCase, levels: Levels, rng: Generator) -> BlindCase:
+    shows = [e for e in levels.excitations if is_visible(case.effects, e)]
     if case.excitation in shows:
         return case
     if not shows:
@@ -124,13 +126,13 @@ def _made_visible(case: Case, levels: Levels, rng: Generator) -> Case:
     return replace(case, excitation=shows[int(rng.integers(len(shows)))])
 
 
-def _errors(levels: Levels, kind: str) -> tuple[float, ...]:
+def _error_levels(levels: Levels, kind: str) -> tuple[float, ...]:
     """Return the levels of the simulation's error; with nothing withheld half of the simulations are right."""
     wrong = tuple(error for error in levels.errors if error > 0.0)
     return (*wrong, *(0.0 for _ in wrong)) if kind == NONE and wrong else levels.errors
 
 
-def _subjects(levels: Levels, kind: str, rng: Generator) -> list[tuple[str, ...]]:
+def _list_subjects(levels: Levels, kind: str, rng: Generator) -> list[tuple[str, ...]]:
     """Return what may be withheld in cases of this kind, pairs in random order."""
     if kind == NONE:
         return [()]
@@ -140,13 +142,13 @@ def _subjects(levels: Levels, kind: str, rng: Generator) -> list[tuple[str, ...]
     return [(name,) for name in (levels.effects if kind == EFFECT else levels.outside)]
 
 
-def _cycled(values: Sequence[T], count: int, rng: Generator) -> list[T]:
+def _cycle_values(values: Sequence[T], count: int, rng: Generator) -> list[T]:
     """Return `count` values, each round through all of them in its own random order."""
     rounds = -(-count // max(1, len(values)))
     return [values[i] for _ in range(rounds) for i in rng.permutation(len(values))][:count]
 
 
-def _shared_out(kinds: Sequence[str], count: int) -> Mapping[str, int]:
+def _share_out(kinds: Sequence[str], count: int) -> Mapping[str, int]:
     """Return how many cases each kind gets: shares by largest remainder."""
     total = sum(SHARES[kind] for kind in kinds)
     exact = {kind: count * SHARES[kind] / total for kind in kinds}
@@ -156,7 +158,7 @@ def _shared_out(kinds: Sequence[str], count: int) -> Mapping[str, int]:
     return many
 
 
-def _numbered(cases: Sequence[Case], seed: int, rng: Generator) -> list[Case]:
+def _number_cases(cases: Sequence[BlindCase], seed: int, rng: Generator) -> list[BlindCase]:
     seeds = np.random.default_rng([seed, 2]).integers(2**62, size=len(cases))
     order = rng.permutation(len(cases))
     return [replace(cases[i], number=n + 1, seed=int(seeds[n])) for n, i in enumerate(order)]

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_observer.checked import write_beside
+from ces_observer.json_checks import write_atomically
 from ces_rig.blind.case_folder import Arrays
 from ces_rig.errors import RigError
 
@@ -44,8 +44,8 @@ def write_seal(folder: Path, about: Mapping[str, Any], labels: Sequence[Label]) 
     (folder / "cases").mkdir(parents=True, exist_ok=True)
     salt = secrets.token_hex(32)
     digest = _digest(salt, packed)
-    write_beside(folder / "seal.json", json.dumps({"schema": SCHEMA, "salt": salt, "labels": packed}) + "\n")
-    write_beside(folder / "cases" / "seal.sha256", f"{digest}\n")
+    write_atomically(folder / "seal.json", json.dumps({"schema": SCHEMA, "salt": salt, "labels": packed}) + "\n")
+    write_atomically(folder / "cases" / "seal.sha256", f"{digest}\n")
     return digest
 
 

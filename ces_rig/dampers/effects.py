@@ -49,7 +49,7 @@ Change = Callable[[Any, float, Mapping[str, float]], dict[str, float]]
 
 
 @dataclass(frozen=True)
-class Withheld:
+class WithheldEffect:
     """An effect put into a plant: severity 0 is none; raises RigError for an unknown name or a negative severity."""
 
     name: str
@@ -63,7 +63,7 @@ class Withheld:
             raise RigError(f"withheld effect {self.name}: severity {self.severity!r}; expected a number from 0 on")
 
 
-def scaled(withheld: Withheld, severity: float) -> Withheld:
+def with_severity(withheld: WithheldEffect, severity: float) -> WithheldEffect:
     """Return the same effect, of the same proportions, at another severity."""
     return replace(withheld, severity=severity)
 
@@ -73,16 +73,16 @@ def log_spread(low: float, high: float) -> Spread:
     return Spread(low, high)
 
 
-def even(low: float, high: float) -> Spread:
+def uniform_spread(low: float, high: float) -> Spread:
     """Return a uniform spread."""
     return Spread(low, high, uniform=True)
 
 
-def either_sign(low: float, high: float) -> Spread:
+def signed_spread(low: float, high: float) -> Spread:
     """Return a spread of either sign, log-uniform in magnitude."""
     return Spread(low, high, signed=True)
 
 
-def grown(start: float, target: float, share: float) -> float:
+def interpolate_log(start: float, target: float, share: float) -> float:
     """Return a number on its way from the plant's own to the effect's, geometrically."""
     return float(start ** (1.0 - share) * target**share)

@@ -20,7 +20,7 @@ from ces_rig.dampers.bouc_wen import effects as bouc_wen
 from ces_rig.dampers.bouc_wen import kernel as bouc_wen_kernel
 from ces_rig.dampers.bouc_wen import live as bouc_wen_live
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
-from ces_rig.dampers.effects import Change, Proportions, Withheld
+from ces_rig.dampers.effects import Change, Proportions, WithheldEffect
 from ces_rig.dampers.hydraulic import effects as hydraulic
 from ces_rig.dampers.hydraulic import kernel as hydraulic_kernel
 from ces_rig.dampers.hydraulic import live as hydraulic_live
@@ -33,7 +33,7 @@ from ces_rig.dampers.polyviscous import live as polyviscous_live
 from ces_rig.dampers.polyviscous.parameters import Polyviscous
 from ces_rig.descriptions import build
 from ces_rig.errors import RigError
-from ces_rig.parts import put
+from ces_rig.nested_numbers import replace_numbers
 
 Array = NDArray[np.float64]
 HYDRAULIC = "hydraulic"
@@ -71,7 +71,7 @@ class DamperModel(Protocol):
     def without_coil(self) -> Self:
         """Return the damper as driven with a measured coil current."""
 
-    def changed(self, numbers: Mapping[str, float]) -> Self:
+    def with_numbers(self, numbers: Mapping[str, float]) -> Self:
         """Return the damper with other numbers; raises RigError for one that no real damper has."""
 
     def number(self, path: str) -> float:
@@ -99,9 +99,9 @@ class DamperKind:
     def draw_plant(self, rng: Generator) -> Any:
         """Return the design with the numbers `varied` drawn log-normal, each with its standard deviation."""
         factors = {path: float(np.exp(s * rng.standard_normal())) for path, s in self.varied.items()}
-        return self.design.changed({path: f * self.design.number(path) for path, f in factors.items()})
+        return self.design.with_numbers({path: f * self.design.number(path) for path, f in factors.items()})
 
-    def numbers(self, model: DamperModel, withheld: Withheld) -> dict[str, float]:
+    def numbers(self, model: DamperModel, withheld: WithheldEffect) -> dict[str, float]:
         """Return the physical numbers of `model` under the effect, by path."""
         return self.changes[withheld.name](model.damper, withheld.severity, withheld.proportions)
 
@@ -115,7 +115,7 @@ def _kind(design: Any, effects: ModuleType, kernel: ModuleType, live: ModuleType
 
 KINDS: Mapping[str, DamperKind] = {
     HYDRAULIC: _kind(
-        hydraulic.Hydraulic(put(Damper(), hydraulic.DESIGN)), hydraulic, hydraulic_kernel, hydraulic_live,
+        hydraulic.Hydraulic(replace_numbers(Damper(), hydraulic.DESIGN)), hydraulic, hydraulic_kernel, hydraulic_live,
         stepper.STEP_S,
     ),
     BoucWen.kind: _kind(BoucWen(), bouc_wen, bouc_wen_kernel, bouc_wen_live, lumped.STEP_S),

@@ -14,10 +14,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_rig.dampers.effects import Change, Proportions, even, log_spread
+from ces_rig.dampers.effects import Change, Proportions, log_spread, uniform_spread
 from ces_rig.dampers.hydraulic.stepper import spline_speed
 from ces_rig.errors import RigError
-from ces_rig.parts import put, value
+from ces_rig.nested_numbers import get_number, replace_numbers
 
 Array = NDArray[np.float64]
 STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_withheld_kernels)
@@ -72,13 +72,13 @@ class LumpedDamper(ABC):
         """Return the damper as driven with a measured coil current."""
         return replace(self, coil_s=0.0)  # type: ignore[type-var]
 
-    def changed(self, numbers: Mapping[str, float]) -> Self:
+    def with_numbers(self, numbers: Mapping[str, float]) -> Self:
         """Return the damper with other numbers; raises RigError for one out of range."""
-        return put(self, numbers, f"{self.kind} plant")
+        return replace_numbers(self, numbers, f"{self.kind} plant")
 
     def number(self, path: str) -> float:
         """Return the number of this name."""
-        return value(self, path)
+        return get_number(self, path)
 
     def description(self) -> dict[str, Any]:
         """Return what its YAML file holds."""
@@ -87,8 +87,9 @@ class LumpedDamper(ABC):
 
 LUMPED_SPREADS: Mapping[str, Proportions] = {
     "inertia": {"mass_kg": log_spread(1.5, 4.0)},
-    "groove": {"bypass_m_Ns": log_spread(6e-5, 2e-4), "at_m": even(-0.012, 0.012), "half_m": log_spread(0.004, 0.01)},
-    "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": even(-0.01, 0.01)},
+    "groove": {"bypass_m_Ns": log_spread(6e-5, 2e-4), "at_m": uniform_spread(-0.012, 0.012),
+    "half_m": log_spread(0.004, 0.01)},
+    "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": uniform_spread(-0.01, 0.01)},
 }  # fmt: skip
 
 

@@ -38,7 +38,7 @@ LOW, HIGH = 0.29, 0.70  # [A] the range of the CES valve in the thesis
 
 
 @dataclass(frozen=True)
-class ConstantCurrent:
+class ConstantLevel:
     """One value."""
 
     current_A: float = _current(REQUIRED, "the current")
@@ -167,7 +167,7 @@ class SineCurrent:
 
 
 KINDS: Mapping[str, type[Any]] = {
-    "constant": ConstantCurrent,
+    "constant": ConstantLevel,
     "ramp": Ramp,
     "steps": Steps,
     "prbs": Prbs,
@@ -178,9 +178,9 @@ KINDS: Mapping[str, type[Any]] = {
 }
 
 
-def make_current(given: object, where: str) -> Current:
+def make_current(description: object, where: str) -> Current:
     """Return the current described by `{kind: …, its parameters}`; raises RigError."""
-    kind, settings = take_kind(given, KINDS, where)
+    kind, settings = take_kind(description, KINDS, where)
     made: Current = build(KINDS[kind], settings, where)
     if getattr(made, "high_A", 1.0) <= getattr(made, "low_A", 0.0):
         raise RigError(f"{where}: high_A is not above low_A")

@@ -102,7 +102,7 @@ class Sweep:
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseStroke:
     """White noise through a 10th-order Butterworth low-pass (thesis), scaled to its peak-to-peak value."""
 
     peak_to_peak_m: float = quantity(0.050, "m", "largest less smallest position", 0.0, 1.0, above=True)
@@ -118,7 +118,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Road:
+class RoadStroke:
     """Suspension stroke of a quarter vehicle on an ISO 8608 road (quarter_vehicle.py)."""
 
     road_class: str = choice("C", "ISO 8608 road class", ("A", "B", "C", "D"))
@@ -170,8 +170,8 @@ KINDS: Mapping[str, type[Any]] = {
     "sine": Sine,
     "sum_of_sines": SumOfSines,
     "sweep": Sweep,
-    "noise": Noise,
-    "road": Road,
+    "noise": NoiseStroke,
+    "road": RoadStroke,
     "frequency_modulated": FrequencyModulated,
     "triangle": Triangle,
 }
@@ -198,19 +198,19 @@ class Stroke:
         return self.common.offset_m + faded
 
 
-def make_stroke(given: object, where: str) -> Stroke:
+def make_stroke(description: object, where: str) -> Stroke:
     """Return the stroke described by `{kind: …, its parameters, offset_m, fade_s}`; raises RigError."""
-    kind, settings = take_kind(given, KINDS, where)
+    kind, settings = take_kind(description, KINDS, where)
     common = {key: settings.pop(key) for key in ("offset_m", "fade_s") if key in settings}
     return Stroke(build(KINDS[kind], settings, where), build(Common, common, where))
 
 
-def take_kind(given: object, kinds: Mapping[str, object], where: str) -> tuple[str, dict[str, Any]]:
+def take_kind(description: object, kinds: Mapping[str, object], where: str) -> tuple[str, dict[str, Any]]:
     """Split a description into its `kind`, one of `kinds`, and the other settings; raises RigError."""
-    if not isinstance(given, Mapping) or given.get("kind") not in kinds:
-        found = repr(given.get("kind")) if isinstance(given, Mapping) else repr(given)
+    if not isinstance(description, Mapping) or description.get("kind") not in kinds:
+        found = repr(description.get("kind")) if isinstance(description, Mapping) else repr(description)
         raise RigError(f"{where}: kind is {found}; expected one of {', '.join(kinds)}")
-    settings = dict(given)
+    settings = dict(description)
     return settings.pop("kind"), settings
 
 

@@ -58,7 +58,7 @@ def vehicle_step(b: VehicleNumbers, m: Array, road: float, road_speed: float, h:
     m[WHEEL_SPEED] += h * (tyre - up) / b.unsprung
     m[BODY] += h * m[BODY_SPEED]
     m[WHEEL] += h * m[WHEEL_SPEED]
-    end_of_stroke(b, m)
+    limit_stroke(b, m)
     m[STROKE] = m[WHEEL] - m[BODY]
     m[STROKE_SPEED] = m[WHEEL_SPEED] - m[BODY_SPEED]
     m[TYRE] = weight + tyre
@@ -75,7 +75,7 @@ def stop_force(b: VehicleNumbers, bend: float) -> float:
 
 
 @njit(cache=True)
-def end_of_stroke(b: VehicleNumbers, m: Array) -> None:
+def limit_stroke(b: VehicleNumbers, m: Array) -> None:
     """Where metal meets metal, let both masses go on at their common speed: a plastic blow that keeps momentum."""
     bend = m[WHEEL] - m[BODY]
     excess = bend - b.limit if bend > 0.0 else bend + b.limit

@@ -14,19 +14,19 @@ class Command:
         self._value, self._since = 0.0, -inf
         self.refused = 0
 
-    def give(self, current_A: float, time_s: float) -> None:
+    def set_current(self, current_A: float, time_s: float) -> None:
         """Take a command at a time of the rig; one that is no number is refused and counted."""
         if isfinite(current_A):
             self._value, self._since = current_A, time_s
         else:
             self.refused += 1
 
-    def is_heard(self, time_s: float) -> bool:
+    def is_fresh(self, time_s: float) -> bool:
         """Tell whether a command holds."""
         age = time_s - self._since
         return age < inf and (self.timeout_s == 0.0 or age <= self.timeout_s)
 
     def at(self, time_s: float) -> float:
         """Return the current [A] that the driver sets."""
-        current = self._value if self.is_heard(time_s) else self.safe_A
+        current = self._value if self.is_fresh(time_s) else self.safe_A
         return min(max(current, self._low), self._high)

@@ -8,13 +8,13 @@ from math import sqrt
 from pathlib import Path
 
 from ces_identify.config_file import parse_yaml_mapping, read_yaml_mapping, require_known_keys
-from ces_rig.dampers.effects import Spread, Withheld
+from ces_rig.dampers.effects import Spread, WithheldEffect
 from ces_rig.dampers.hydraulic.effects import Hydraulic
-from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
+from ces_rig.dampers.hydraulic.parameters import Damper, parse_damper
 from ces_rig.dampers.hydraulic.stepper import rest_force
 from ces_rig.dampers.kinds import HYDRAULIC, KINDS, DamperModel, read_lumped
 from ces_rig.errors import RigError
-from ces_rig.experiment import Experiment, experiment_from
+from ces_rig.experiment import Experiment, parse_experiment
 from ces_rig.sensors import Sensors
 from ces_rig.withheld import plants, sensing
 
@@ -22,52 +22,54 @@ LIVE_SENSING = ("current_scale", "force_offset", "force_drift", "force_scale", "
 
 
 @dataclass(frozen=True)
-class Description:
+class DamperDescription:
     """A damper of a kind (`dampers.kinds.KINDS`), its sensors, and what the cell reads at mid-stroke [N]."""
 
     kind: str = HYDRAULIC
     model: DamperModel = field(default_factory=lambda: Hydraulic(Damper()))
     sensors: Sensors = field(default_factory=Sensors)
     rest_N: float = 0.0
-    sensed: tuple[tuple[str, Mapping[str, float]], ...] = ()  # effects of the sensors: name and physical numbers
+    sensor_effects: tuple[
+        tuple[str, Mapping[str, float]], ...
+    ] = ()  # effects of the sensors: name and physical numbers
 
 
-def load_description(path: Path) -> Description:
+def load_description(path: Path) -> DamperDescription:
     """Return the damper in a rig YAML (a damper of any kind, or an experiment); raises RigError."""
     given = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
     lumped = read_lumped(given, str(path))
     if lumped is not None:
-        return Description(lumped.kind, lumped)
+        return DamperDescription(lumped.kind, lumped)
     if "stroke" in given:
-        return of_experiment(experiment_from(given, str(path), path))
-    return Description(model=Hydraulic(damper_from(given, str(path))))
+        return describe_experiment(parse_experiment(given, str(path), path))
+    return DamperDescription(model=Hydraulic(parse_damper(given, str(path))))
 
 
-def of_experiment(experiment: Experiment) -> Description:
+def describe_experiment(experiment: Experiment) -> DamperDescription:
     """Return the damper and sensors of an experiment."""
     rest = 0.0 if experiment.settings.tare else rest_force(experiment.damper)
-    return Description(model=Hydraulic(experiment.damper), sensors=experiment.sensors, rest_N=rest)
+    return DamperDescription(model=Hydraulic(experiment.damper), sensors=experiment.sensors, rest_N=rest)
 
 
-def with_effects(damper: Description, given: Iterable[str]) -> Description:
+def with_effects(damper: DamperDescription, effects: Iterable[str]) -> DamperDescription:
     """Return the damper with the effects put in, each given as `name` or `name: {severity: s, proportion: p, …}`.
 
     Raises RigError for what is no effect, or cannot be had by this damper or live.
     """
-    for effect in (effect_from(text, damper.kind) for text in given):
+    for effect in (parse_effect(text, damper.kind) for text in effects):
         if effect.name in sensing.SENSING:
             numbers = sensing.numbers(effect, damper.model.current_A[1])
-            damper = replace(damper, sensed=(*damper.sensed, (effect.name, numbers)))
+            damper = replace(damper, sensor_effects=(*damper.sensor_effects, (effect.name, numbers)))
         else:
-            changed = damper.model.changed(KINDS[damper.kind].numbers(damper.model, effect))
+            changed = damper.model.with_numbers(KINDS[damper.kind].numbers(damper.model, effect))
             damper = replace(damper, model=changed)
     return damper
 
 
-def effect_from(text: str, kind: str) -> Withheld:
+def parse_effect(text: str, kind: str) -> WithheldEffect:
     """Return the effect that a line of YAML describes; by default severity is 1, each proportion amid its spread."""
-    name, numbers = _read(text)
-    known = _available(kind)
+    name, numbers = _parse_text(text)
+    known = _available_effects(kind)
     if name not in known:
         there = ", ".join(known)
         raise RigError(f"withheld '{text}': no effect '{name}' on a live {kind} damper; there are {there}")
@@ -75,16 +77,16 @@ def effect_from(text: str, kind: str) -> Withheld:
     middle = {key: _middle(spread) for key, spread in spreads.items()}
     require_known_keys(numbers, ("severity", *middle), f"withheld '{text}'", RigError)
     severity = numbers.pop("severity", 1.0)
-    return Withheld(name, severity, {**middle, **numbers})
+    return WithheldEffect(name, severity, {**middle, **numbers})
 
 
-def _available(kind: str) -> Sequence[str]:
+def _available_effects(kind: str) -> Sequence[str]:
     """Names of the effects that can be had tick by tick: not of sensors with a memory, nor foam in the CES damper."""
     unable = {*sensing.SENSING} - {*LIVE_SENSING} | ({"foaming"} if kind == HYDRAULIC else set())
-    return [name for name in plants.available(kind) if name not in unable]
+    return [name for name in plants.available_effects(kind) if name not in unable]
 
 
-def _read(text: str) -> tuple[str, dict[str, float]]:
+def _parse_text(text: str) -> tuple[str, dict[str, float]]:
     if text.strip().isidentifier():
         return text.strip(), {}
     try:

@@ -15,13 +15,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ces_observer.nodes.executors import collect, run
+from ces_observer.nodes.executors import collect_garbage, run
 from ces_observer.nodes.node_parameters import TableNode, declare_table
 from ces_rig.drive import vehicle_kernel as qv
 from ces_rig.errors import RigError
-from ces_rig.live.node_table import OF_THE_NODE, OF_THE_RIG, NodeSettings, read_settings
+from ces_rig.live.node_table import OF_THE_NODE, OF_THE_RIG, RigNodeSettings, read_settings
 from ces_rig.live.pace import Pace
-from ces_rig.live.rig import LIVE, VEHICLE, LiveRig, Settings
+from ces_rig.live.rig import LIVE, VEHICLE, LiveRig, RigSettings
 from ces_rig.live.topics import RigTopics
 
 SECOND_NS = 1_000_000_000
@@ -43,21 +43,21 @@ class Rig(TableNode):
         super().__init__("rig")
         own, settings = declare_settings(self)
         self.executor_choice = own.executor
-        self._own, self._rig = own, _compiled(settings, self)
+        self._own, self._rig = own, _build_rig(settings, self)
         self._free = own.publish_clock and own.real_time_factor == 0.0
         self._answers = self._free and own.answer_s > 0.0
         self._topics = RigTopics(
             self,
             own.joint,
-            self._command,
+            self._on_command,
             vehicle=settings.drive == VEHICLE,
             stamped=own.stamped_current,
             clock=own.publish_clock,
-            patient=self._free,
+            keep_all=self._free,
         )
-        self.add_on_set_parameters_callback(self._check)
-        self.add_post_set_parameters_callback(self._set)
-        self._asked_s, self._blows, self._refused, self._commanded = monotonic(), 0, 0, False
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+        self._sample_s, self._blows, self._refused, self._commanded = monotonic(), 0, 0, False
         self._adrift = False  # whether an answer is overdue: samples come unasked for until there is one
         self._quiet = 0  # idle periods since a commander appeared, or since its last command before samples wait for it
         self._start()
@@ -74,9 +74,9 @@ class Rig(TableNode):
 
     def _keep_pace(self) -> None:
         """Make the samples that are due; more than AT_ONCE wait until commands have been heard."""
-        for _ in range(min(self._pace.due(monotonic()), AT_ONCE)):
+        for _ in range(min(self._pace.count_due(monotonic()), AT_ONCE)):
             self._tick()
-            self._pace.done(1)
+            self._pace.mark_done(1)
 
     def _follow(self) -> None:
         """Make samples as fast as they are taken, or unasked for while an answer is overdue."""
@@ -91,7 +91,7 @@ class Rig(TableNode):
 
     def _tick(self) -> None:
         sample = self._rig.tick()
-        self._asked_s = monotonic()
+        self._sample_s = monotonic()
         try:
             self._topics.publish(sample, self._first_ns + sample.tick * SECOND_NS // self._rig.settings.rate_hz)
         except RuntimeError:
@@ -105,10 +105,10 @@ class Rig(TableNode):
 
     @property
     def _is_overdue(self) -> bool:
-        return monotonic() - self._asked_s > self._own.answer_s
+        return monotonic() - self._sample_s > self._own.answer_s
 
-    def _command(self, current_A: float) -> None:
-        self._rig.command.give(current_A, self._rig.time_s)
+    def _on_command(self, current_A: float) -> None:
+        self._rig.command.set_current(current_A, self._rig.time_s)
         if self._answers and self._commanded:
             if self._waits and not self._adrift:
                 self._tick()
@@ -117,7 +117,7 @@ class Rig(TableNode):
 
     def _watch(self) -> None:
         """Once a second: clocks, and what went wrong meanwhile."""
-        collect()
+        collect_garbage()
         self._look_for_commander()
         if not self._own.publish_clock:
             self._follow_clock()
@@ -153,15 +153,15 @@ class Rig(TableNode):
             self.get_logger().warning(f"{refused - self._refused} commands were no finite number and refused")
         self._blows, self._refused = blows, refused
 
-    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+    def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
-            self._rig.check(_live(parameters))
+            self._rig.check(_live_values(parameters))
         except RigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _set(self, parameters: Sequence[Parameter]) -> None:
-        self._rig.change(_live(parameters))
+    def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:
+        self._rig.change(_live_values(parameters))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -169,7 +169,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run("rig", Rig, argv)
 
 
-def declare_settings(node: Node) -> tuple[NodeSettings, Settings]:
+def declare_settings(node: Node) -> tuple[RigNodeSettings, RigSettings]:
     """Declare and read all parameters; raises CesError or rclpy's ParameterException."""
     own, rig = read_settings(declare_table(node, (*OF_THE_NODE, *OF_THE_RIG)))
     if node.get_parameter("use_sim_time").value and not own.publish_clock:
@@ -179,11 +179,11 @@ def declare_settings(node: Node) -> tuple[NodeSettings, Settings]:
     return own, rig
 
 
-def _live(parameters: Sequence[Parameter]) -> dict[str, object]:
+def _live_values(parameters: Sequence[Parameter]) -> dict[str, object]:
     return {parameter.name: parameter.value for parameter in parameters if parameter.name in LIVE}
 
 
-def _compiled(settings: Settings, node: Node) -> LiveRig:
+def _build_rig(settings: RigSettings, node: Node) -> LiveRig:
     """Return the rig at rest, its kernels compiled, so that no sample is late for that."""
     begin = monotonic()
     LiveRig(settings).tick()

@@ -8,12 +8,12 @@ from typing import Any
 
 from ces_observer.nodes.parameter_table import EXECUTOR, NO_WORDS, ParameterSpec
 from ces_rig.descriptions import choice, quantity
-from ces_rig.live.rig import LIVE, Settings
-from ces_rig.parts import put
+from ces_rig.live.rig import LIVE, RigSettings
+from ces_rig.nested_numbers import replace_numbers
 
 
 @dataclass(frozen=True)
-class NodeSettings:
+class RigNodeSettings:
     """What the node adds to a live rig; with `publish_clock` it is the source of time."""
 
     joint: str = field(default="rear_damper", metadata={"unit": "", "what": "joint name, and frame of all stamps"})
@@ -49,11 +49,11 @@ def _spec(f: Field[Any], name: str, default: Any) -> ParameterSpec:
     )
 
 
-OF_THE_NODE, OF_THE_RIG = tuple(specs(NodeSettings())), tuple(specs(Settings()))
+OF_THE_NODE, OF_THE_RIG = tuple(specs(RigNodeSettings())), tuple(specs(RigSettings()))
 
 
-def read_settings(values: Mapping[str, Any]) -> tuple[NodeSettings, Settings]:
+def read_settings(values: Mapping[str, Any]) -> tuple[RigNodeSettings, RigSettings]:
     """Return what the values by parameter name say; raises RigError for one out of range."""
     own, rig = ({spec.name: values[spec.name] for spec in table} for table in (OF_THE_NODE, OF_THE_RIG))
     rig["withheld"] = [text for text in rig["withheld"] if text]
-    return put(NodeSettings(), own, "parameters"), put(Settings(), rig, "parameters")
+    return replace_numbers(RigNodeSettings(), own, "parameters"), replace_numbers(RigSettings(), rig, "parameters")

@@ -10,11 +10,11 @@ class Pace:
         self._period_s, self._start_s, self._factor = period_s, start_s, factor
         self._done = 0
 
-    def due(self, now_s: float) -> int:
+    def count_due(self, now_s: float) -> int:
         """Return how many ticks are due at `now_s` and not yet done."""
         return int((now_s - self._start_s) * self._factor / self._period_s) - self._done
 
-    def done(self, count: int) -> None:
+    def mark_done(self, count: int) -> None:
         """Note that so many were made."""
         self._done += count
 

@@ -19,12 +19,12 @@ class PatchedMessage:
     Where the number is not found in the serialised probe (another encapsulation), messages are published as usual.
     """
 
-    def __init__(self, publisher: Publisher, message: Any, put: Callable[[Any, float], None]) -> None:
-        self._publish, self._message, self._put = publisher.publish, message, put
+    def __init__(self, publisher: Publisher, message: Any, set_number: Callable[[Any, float], None]) -> None:
+        self._publish, self._message, self._set_number = publisher.publish, message, set_number
         self._fill(*PROBE)
         self._bytes = bytearray(serialize_message(message))
-        self._stamp_at = _place(self._bytes, STAMP.pack(*PROBE[:2]))
-        self._number_at = _place(self._bytes, NUMBER.pack(PROBE[2]))
+        self._stamp_at = _find_place(self._bytes, STAMP.pack(*PROBE[:2]))
+        self._number_at = _find_place(self._bytes, NUMBER.pack(PROBE[2]))
         if self._stamp_at < 0 or self._number_at < 0:
             self.publish = self._publish_whole  # type: ignore[method-assign]
 
@@ -41,9 +41,9 @@ class PatchedMessage:
     def _fill(self, sec: int, nanosec: int, number: float) -> None:
         stamp = self._message.header.stamp
         stamp.sec, stamp.nanosec = sec, nanosec
-        self._put(self._message, number)
+        self._set_number(self._message, number)
 
 
-def _place(whole: bytearray, part: bytes) -> int:
+def _find_place(whole: bytearray, part: bytes) -> int:
     """Return where `part` is in `whole`, or -1 if it is not there exactly once."""
     return whole.find(part) if whole.count(part) == 1 else -1

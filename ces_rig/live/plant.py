@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_rig.dampers.kinds import KINDS
-from ces_rig.live.description import Description
+from ces_rig.live.description import DamperDescription
 
 Array = NDArray[np.float64]
 STROKE, SPEED, CURRENT, LATE, ROWS = 0, 1, 2, 3, 4
@@ -22,7 +22,7 @@ class LivePlant:
     `step_s` is the integrator's step, or None for that of the batch simulation.
     """
 
-    def __init__(self, damper: Description, interval_s: float, count: int, step_s: float | None = None) -> None:
+    def __init__(self, damper: DamperDescription, interval_s: float, count: int, step_s: float | None = None) -> None:
         self._kind, self._model = KINDS[damper.kind], damper.model
         self._interval_s = interval_s
         self._substeps = max(1, round(interval_s / (step_s or self._kind.step_s)))
@@ -41,14 +41,14 @@ class LivePlant:
 
     def drive(self, stroke_m: Array, speed_m_s: Array, current_A: float) -> None:
         """Go a tick through strokes and speeds, each (count,), under one command; fills `forces` (count,)."""
-        moves = self._commanded(current_A)
+        moves = self._prepare_moves(current_A)
         moves[STROKE, 1:], moves[SPEED, 1:] = stroke_m, speed_m_s
         self._kind.drive(self._numbers, self.state, moves, self._interval_s, self._substeps, self.forces)
         self.force_N = self.forces[-1]
 
     def ride(self, vehicle: Array, motion: Array, heights_m: Array, current_A: float) -> None:
         """Go a tick under a vehicle over road `heights_m` (count,); `motion` changes (`vehicle_kernel.py`)."""
-        moves = self._commanded(current_A)
+        moves = self._prepare_moves(current_A)
         moves[STROKE, 1:] = heights_m
         self._kind.ride(self._numbers, self.state, vehicle, motion, moves, self._interval_s, self._substeps)
 
@@ -57,7 +57,7 @@ class LivePlant:
         """The current in the coil [A]."""
         return float(self.state[self._kind.coil])
 
-    def _commanded(self, current_A: float) -> Array:
+    def _prepare_moves(self, current_A: float) -> Array:
         moves = self._moves
         moves[:, 0] = moves[:, -1]
         moves[CURRENT, 1:] = current_A

@@ -15,20 +15,20 @@ from ces_rig.drive import vehicle_kernel as qv
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, Experiment, find_experiment, load_experiment
 from ces_rig.live.command import Command
-from ces_rig.live.description import Description, load_description, of_experiment, with_effects
+from ces_rig.live.description import DamperDescription, describe_experiment, load_description, with_effects
 from ces_rig.live.plant import LivePlant
-from ces_rig.live.road import Road
-from ces_rig.live.script import Actuator, Loop, Script, loop_of, loop_of_experiment, still
+from ces_rig.live.road import LiveRoad
+from ces_rig.live.script import Actuator, Loop, Script, make_experiment_loop, make_loop, make_rest_loop
 from ces_rig.live.sensing import LiveSensors
 from ces_rig.live.vehicle import Vehicle, numbers_of
-from ces_rig.parts import put
+from ces_rig.nested_numbers import replace_numbers
 
 SCRIPT, EXPERIMENT, VEHICLE = "script", "experiment", "vehicle"
 ROAD_STREAM = 6  # beside ces_rig.experiment.STREAMS
 
 
 @dataclass(frozen=True)
-class Settings:
+class RigSettings:
     """What a live rig is."""
 
     drive: str = choice(SCRIPT, "what moves the damper", (SCRIPT, EXPERIMENT, VEHICLE))
@@ -53,7 +53,7 @@ class Settings:
     vehicle: Vehicle = field(default_factory=Vehicle)
 
 
-class Sample(NamedTuple):
+class RigSample(NamedTuple):
     """What one tick gives: readings, None where a sensor gave none; and the truth about a vehicle."""
 
     tick: int
@@ -67,21 +67,21 @@ class Sample(NamedTuple):
 class LiveRig:
     """The rig at tick 0, at rest; raises RigError for settings that cannot be used."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: RigSettings) -> None:
         self.settings = settings
         experiment = load_experiment(find_experiment(settings.experiment)) if settings.drive == EXPERIMENT else None
-        self.damper = with_effects(_damper(settings, experiment), settings.withheld)
+        self.damper = with_effects(_load_damper(settings, experiment), settings.withheld)
         self.period_s = 1.0 / settings.rate_hz
         self._count = ceil(self.period_s / GRID_S - 1e-9)
         self._interval_s = self.period_s / self._count
         self._plant = LivePlant(self.damper, self._interval_s, self._count, settings.step_s or None)
         self.command = Command(self.damper.model.current_A, settings.safe_current_A, settings.command_timeout_s)
-        self.sensors = LiveSensors(self.damper.sensors, settings.seed, settings.rate_hz, self.damper.sensed)
-        self.sensors.set(settings.noise, settings.dropout)
+        self.sensors = LiveSensors(self.damper.sensors, settings.seed, settings.rate_hz, self.damper.sensor_effects)
+        self.sensors.set_imperfections(settings.noise, settings.dropout)
         self.motion = np.zeros(qv.MOTION_SIZE)
         self._numbers = numbers_of(settings.vehicle, self.damper.model.reach_m)
-        self._road = _road(settings, self._interval_s)
-        self._actuator = self._actuated(settings, experiment)
+        self._road = _make_road(settings, self._interval_s)
+        self._actuator = self._make_actuator(settings, experiment)
         self.ticks = 0
         self._plant.settle(*self._actuator.start, self.command.at(0.0))
 
@@ -95,7 +95,7 @@ class LiveRig:
         """True current in the coil [A]."""
         return self._plant.coil_A
 
-    def tick(self) -> Sample:
+    def tick(self) -> RigSample:
         """Go one tick on under the command as it stands."""
         current = self.command.at(self.time_s)
         self.ticks += 1
@@ -110,34 +110,36 @@ class LiveRig:
 
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise the RigError that `change` would raise."""
-        self._changed(values)
+        self._with_changes(values)
 
     def change(self, values: Mapping[str, Any]) -> None:
         """Change what may change while it runs (`LIVE`), given by dotted name; raises RigError and changes nothing."""
-        changed, loop = self._changed(values)
+        changed, loop = self._with_changes(values)
         if loop is not None:
             self._actuator.change(loop)
         self._road.road_class, self._road.speed_m_s = changed.vehicle.road_class, changed.vehicle.speed_m_s
         self.command.safe_A, self.command.timeout_s = changed.safe_current_A, changed.command_timeout_s
-        self.sensors.set(changed.noise, changed.dropout)
+        self.sensors.set_imperfections(changed.noise, changed.dropout)
         self.settings = changed
 
-    def _changed(self, values: Mapping[str, Any]) -> tuple[Settings, Loop | None]:
+    def _with_changes(self, values: Mapping[str, Any]) -> tuple[RigSettings, Loop | None]:
         """Return the settings as changed, and the script's loop if it is a new one."""
         changed = with_values(self.settings, values)
         if changed.script == self.settings.script or self.settings.drive != SCRIPT:
             return changed, None
-        return changed, loop_of(changed.script, self._interval_s, changed.seed).checked(self.damper.model.reach_m)
+        return changed, make_loop(changed.script, self._interval_s, changed.seed).require_within(
+            self.damper.model.reach_m
+        )
 
-    def _sample(self, command: float, body: float) -> Sample:
+    def _sample(self, command: float, body: float) -> RigSample:
         motion, sensors = self.motion, self.sensors
-        stroke, current, force = sensors.seen(
+        stroke, current, force = sensors.apply_effects(
             self.time_s,
             float(motion[qv.STROKE]),
             command if sensors.commanded else self._plant.coil_A,
             float(motion[qv.FORCE]) + self.damper.rest_N,
         )
-        return Sample(
+        return RigSample(
             self.ticks,
             sensors.position.read(stroke),
             sensors.current.read(current) if self.ticks % sensors.current_every == 0 else None,
@@ -146,15 +148,15 @@ class LiveRig:
             float(motion[qv.TYRE]),
         )
 
-    def _actuated(self, settings: Settings, experiment: Experiment | None) -> Actuator:
+    def _make_actuator(self, settings: RigSettings, experiment: Experiment | None) -> Actuator:
         """An experiment fades in by itself; a script is blended in from rest."""
         if experiment is not None:
-            loop = loop_of_experiment(experiment, self._interval_s).checked(self.damper.model.reach_m)
+            loop = make_experiment_loop(experiment, self._interval_s).require_within(self.damper.model.reach_m)
             return Actuator(loop, self._interval_s)
-        actuator = Actuator(still(self._interval_s), self._interval_s)
+        actuator = Actuator(make_rest_loop(self._interval_s), self._interval_s)
         if settings.drive == SCRIPT:
-            loop = loop_of(settings.script, self._interval_s, settings.seed)
-            actuator.change(loop.checked(self.damper.model.reach_m))
+            loop = make_loop(settings.script, self._interval_s, settings.seed)
+            actuator.change(loop.require_within(self.damper.model.reach_m))
         return actuator
 
 
@@ -164,20 +166,20 @@ LIVE = (
 )  # fmt: skip
 
 
-def with_values(settings: Settings, values: Mapping[str, Any]) -> Settings:
+def with_values(settings: RigSettings, values: Mapping[str, Any]) -> RigSettings:
     """Return the settings with other values at dotted names; raises RigError for one out of range or not LIVE."""
     for name in values:
         if name not in LIVE:
             raise RigError(f"rig: '{name}' cannot change while it runs; what can is {', '.join(LIVE)}")
-    return put(settings, values, "rig")
+    return replace_numbers(settings, values, "rig")
 
 
-def _damper(settings: Settings, experiment: Experiment | None) -> Description:
+def _load_damper(settings: RigSettings, experiment: Experiment | None) -> DamperDescription:
     if settings.damper:
         return load_description(Path(settings.damper).expanduser())
-    return of_experiment(experiment) if experiment else Description()
+    return describe_experiment(experiment) if experiment else DamperDescription()
 
 
-def _road(settings: Settings, interval_s: float) -> Road:
+def _make_road(settings: RigSettings, interval_s: float) -> LiveRoad:
     rng = np.random.default_rng([settings.seed, ROAD_STREAM])
-    return Road(settings.vehicle.road_class, settings.vehicle.speed_m_s, interval_s, rng)
+    return LiveRoad(settings.vehicle.road_class, settings.vehicle.speed_m_s, interval_s, rng)

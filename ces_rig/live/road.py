@@ -30,7 +30,7 @@ def roughness_m3(road_class: str) -> float:
 AVERAGING = 2.8  # contact length over the length of a first-order filter that is 3 dB down at the same wave
 
 
-class Road:
+class LiveRoad:
     """The road under the wheel at grid points every `interval_s` seconds; `road_class` and `speed_m_s` may be set."""
 
     def __init__(self, road_class: str, speed_m_s: float, interval_s: float, rng: Generator) -> None:
@@ -42,12 +42,12 @@ class Road:
     def heights(self, count: int) -> Array:
         """Return the next `count` heights [m] under the tyre, at most BLOCK."""
         if self._next + count > len(self._block):
-            self._block = np.concatenate([self._block[self._next :], self._rolled()])
+            self._block = np.concatenate([self._block[self._next :], self._roll_block()])
             self._next = 0
         self._next += count
         return self._block[self._next - count : self._next]
 
-    def _rolled(self) -> Array:
+    def _roll_block(self) -> Array:
         out = self._rng.standard_normal(BLOCK)
         roll(self._state, roughness_m3(self.road_class), self.speed_m_s * self._interval_s, out)
         return out

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from ces_rig.dampers.hydraulic.stepper import spline_speed
 from ces_rig.descriptions import choice, quantity
-from ces_rig.drive.strokes import Common, Noise, Rest, Sine, Stroke, Sweep, Triangle
+from ces_rig.drive.strokes import Common, NoiseStroke, Rest, Sine, Stroke, Sweep, Triangle
 from ces_rig.errors import RigError
 from ces_rig.experiment import STREAMS, Experiment
 
@@ -44,11 +44,11 @@ class Loop:
     stroke_m: Array
     speed_m_s: Array
 
-    def scaled(self, factor: float) -> Loop:
+    def scale(self, factor: float) -> Loop:
         """Return it larger."""
         return Loop(factor * self.stroke_m, factor * self.speed_m_s)
 
-    def checked(self, reach_m: float) -> Loop:
+    def require_within(self, reach_m: float) -> Loop:
         """Return it if it stays inside ±`reach_m`; raises RigError."""
         reach = float(np.abs(self.stroke_m).max())
         if reach > reach_m:
@@ -56,7 +56,7 @@ class Loop:
         return self
 
 
-def loop_of(script: Script, interval_s: float, seed: int) -> Loop:
+def make_loop(script: Script, interval_s: float, seed: int) -> Loop:
     """Return the script's loop; raises RigError."""
     if script.kind in PERIODIC and script.amplitude_m > 0.0:
         return _cycles(script, interval_s)
@@ -65,7 +65,7 @@ def loop_of(script: Script, interval_s: float, seed: int) -> Loop:
     return Loop(stroke[:-1], spline_speed(time, stroke)[:-1])
 
 
-def loop_of_experiment(experiment: Experiment, interval_s: float) -> Loop:
+def make_experiment_loop(experiment: Experiment, interval_s: float) -> Loop:
     """Return the experiment's stroke as a loop; raises RigError if it does not end where it begins."""
     settings = experiment.settings
     time = _times(round(settings.duration_s / interval_s), interval_s)
@@ -83,7 +83,7 @@ class Actuator:
         self.start = float(loop.stroke_m[0]), float(loop.speed_m_s[0])
         self._loop, self._place = loop, 0
         self._new: Loop | None = None
-        self._wanted: Loop | None = None
+        self._requested: Loop | None = None
         points = round(BLEND_S / interval_s / BLOCK) * BLOCK or BLOCK
         u = np.arange(1, points + 1) / points
         self._weight = u**3 * (10.0 + u * (6.0 * u - 15.0))
@@ -94,7 +94,7 @@ class Actuator:
 
     def change(self, loop: Loop) -> None:
         """Go over to another loop, half a second long, as soon as the last change is done."""
-        self._wanted = loop
+        self._requested = loop
 
     def moves(self, count: int) -> tuple[Array, Array]:
         """Return the next `count` strokes [m] and speeds [m/s], at most BLOCK."""
@@ -106,8 +106,8 @@ class Actuator:
         return self._ready[0, part], self._ready[1, part]
 
     def _block(self) -> Array:
-        if self._new is None and self._wanted is not None:
-            self._new, self._wanted, self._blended = self._wanted, None, 0
+        if self._new is None and self._requested is not None:
+            self._new, self._requested, self._blended = self._requested, None, 0
         at = np.arange(self._place + 1, self._place + BLOCK + 1)
         self._place += BLOCK
         old = _points(self._loop, at)
@@ -124,9 +124,9 @@ class Actuator:
         return mixed
 
 
-def still(interval_s: float) -> Loop:
+def make_rest_loop(interval_s: float) -> Loop:
     """Return a loop that rests at mid-stroke."""
-    return loop_of(replace(Script(), kind="rest", loop_s=2.0), interval_s, 0)
+    return make_loop(replace(Script(), kind="rest", loop_s=2.0), interval_s, 0)
 
 
 def _points(loop: Loop, at: NDArray[np.int64]) -> Array:
@@ -150,7 +150,7 @@ def _cycles(script: Script, interval_s: float) -> Loop:
     return Loop(stroke[:-1], np.asarray(speed[:-1]))
 
 
-def _shape(script: Script) -> Rest | Sine | Sweep | Noise | Triangle:
+def _shape(script: Script) -> Rest | Sine | Sweep | NoiseStroke | Triangle:
     a, f = script.amplitude_m, script.frequency_Hz
     if a == 0.0 or script.kind == "rest":
         return Rest()
@@ -159,5 +159,5 @@ def _shape(script: Script) -> Rest | Sine | Sweep | Noise | Triangle:
     if script.kind == "sweep":
         return Sweep(script.from_Hz, script.to_Hz, a, script.speed_m_s)
     if script.kind == "noise":
-        return Noise(2.0 * a, script.cutoff_Hz)
+        return NoiseStroke(2.0 * a, script.cutoff_Hz)
     return Triangle(a, 4.0 * a * f, min(0.02, 0.1 / f))

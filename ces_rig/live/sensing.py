@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from ces_rig.experiment import STREAMS, Truth
 from ces_rig.sensors import Sensor, Sensors
-from ces_rig.withheld.sensing import sensed
+from ces_rig.withheld.sensing import apply_sensor_effect
 
 BLOCK = 1024
 
@@ -56,17 +56,19 @@ class LiveSensors:
         self._effects = tuple(effects)
         self._pair = Truth(*(np.zeros(2) for _ in range(6)))  # the start, for drifts, and now
 
-    def set(self, noise: float, dropout: float) -> None:
+    def set_imperfections(self, noise: float, dropout: float) -> None:
         """Scale all imperfections and lose this share of all samples."""
         for sensor in (self.position, self.current, self.force):
             sensor.noise, sensor.dropout = noise, dropout
 
-    def seen(self, time_s: float, stroke_m: float, current_A: float, force_N: float) -> tuple[float, float, float]:
+    def apply_effects(
+        self, time_s: float, stroke_m: float, current_A: float, force_N: float
+    ) -> tuple[float, float, float]:
         """Return stroke, current and force as ideal sensors with the withheld effects show them."""
         if not self._effects:
             return stroke_m, current_A, force_N
         pair = self._pair
         pair.time_s[1], pair.stroke_m[1], pair.coil_A[1], pair.force_N[1] = time_s, stroke_m, current_A, force_N
         for name, numbers in self._effects:
-            pair = sensed(pair, name, numbers)
+            pair = apply_sensor_effect(pair, name, numbers)
         return float(pair.stroke_m[1]), float(pair.coil_A[1]), float(pair.force_N[1])

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from ces_rig.live.patched_message import PatchedMessage
-from ces_rig.live.rig import Sample
+from ces_rig.live.rig import RigSample
 
 DEPTH = 100  # a tenth of a second at 1 kHz
 
@@ -27,29 +27,29 @@ class RigTopics:
         self,
         node: Node,
         joint: str,
-        hear: Callable[[float], None],
+        on_command: Callable[[float], None],
         *,
         vehicle: bool,
         stamped: bool,
         clock: bool,
-        patient: bool,
+        keep_all: bool,
     ) -> None:
         self._node, self._joint = node, joint
-        self._history = HistoryPolicy.KEEP_ALL if patient else HistoryPolicy.KEEP_LAST
-        self._position = self._patched("joint_states", JointState(name=[joint], position=[0.0]), _put_position)
-        self._force = self._patched("measured_force", WrenchStamped(), _put_force)
-        self._current = self._stamped_current() if stamped else self._plain_current()
-        self._body = self._patched("body_acceleration", AccelStamped(), _put_acceleration) if vehicle else None
-        self._tyre = self._patched("tyre_load", WrenchStamped(), _put_force) if vehicle else None
+        self._history = HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST
+        self._position = self._make_patched("joint_states", JointState(name=[joint], position=[0.0]), _set_position)
+        self._force = self._make_patched("measured_force", WrenchStamped(), _set_force)
+        self._current = self._make_stamped_current() if stamped else self._make_plain_current()
+        self._body = self._make_patched("body_acceleration", AccelStamped(), _set_acceleration) if vehicle else None
+        self._tyre = self._make_patched("tyre_load", WrenchStamped(), _set_force) if vehicle else None
         self._clocks = node.create_publisher(Clock, "/clock", 10) if clock else None
         self._clock = Clock()
-        self._hear = hear
+        self._on_command = on_command
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._commands = node.create_subscription(
-            Float64, "valve_command", self._heard, qos, qos_overriding_options=_overridable()
+            Float64, "valve_command", self._on_message, qos, qos_overriding_options=_overridable()
         )
 
-    def publish(self, sample: Sample, stamp_ns: int) -> None:
+    def publish(self, sample: RigSample, stamp_ns: int) -> None:
         """Publish what the sensors gave at `stamp_ns`: clock first, then what an observer needs before a position."""
         sec, nanosec = divmod(stamp_ns, 1_000_000_000)
         if self._clocks is not None:
@@ -69,18 +69,18 @@ class RigTopics:
         """Tell whether anybody publishes commands."""
         return bool(self._commands.get_publisher_count() > 0)
 
-    def _heard(self, message: Float64) -> None:
-        self._hear(message.data)
+    def _on_message(self, message: Float64) -> None:
+        self._on_command(message.data)
 
-    def _patched(self, topic: str, message: Any, put: Callable[[Any, float], None]) -> PatchedMessage:
+    def _make_patched(self, topic: str, message: Any, set_number: Callable[[Any, float], None]) -> PatchedMessage:
         message.header.frame_id = self._joint
-        return PatchedMessage(self._publisher(type(message), topic), message, put)
+        return PatchedMessage(self._publisher(type(message), topic), message, set_number)
 
-    def _stamped_current(self) -> Callable[[int, int, float], None]:
+    def _make_stamped_current(self) -> Callable[[int, int, float], None]:
         message = JointState(name=[self._joint], effort=[0.0])
-        return self._patched("valve_current", message, _put_effort).publish
+        return self._make_patched("valve_current", message, _set_effort).publish
 
-    def _plain_current(self) -> Callable[[int, int, float], None]:
+    def _make_plain_current(self) -> Callable[[int, int, float], None]:
         """Return what publishes a current and leaves its stamp out."""
         publisher, message = self._publisher(Float64, "valve_current"), Float64()
 
@@ -99,17 +99,17 @@ def _overridable() -> QoSOverridingOptions:
     return QoSOverridingOptions.with_default_policies()
 
 
-def _put_position(message: Any, value: float) -> None:
+def _set_position(message: Any, value: float) -> None:
     message.position[0] = value
 
 
-def _put_effort(message: Any, value: float) -> None:
+def _set_effort(message: Any, value: float) -> None:
     message.effort[0] = value
 
 
-def _put_force(message: Any, value: float) -> None:
+def _set_force(message: Any, value: float) -> None:
     message.wrench.force.z = value
 
 
-def _put_acceleration(message: Any, value: float) -> None:
+def _set_acceleration(message: Any, value: float) -> None:
     message.accel.linear.z = value

@@ -1,8 +1,8 @@
 """Plants for blind tests and what ideal sensors see of them with effects in place.
 
     plant = draw_plant("hydraulic", rng)
-    effect = scale_to(plant, draw(plant.kind, "friction", rng), 40.0, time_s, stroke_m, command_A)
-    true = signals(plant, [effect], time_s, stroke_m, command_A)     # then ces_rig.experiment.measured
+    effect = scale_to_gap(plant, draw(plant.kind, "friction", rng), 40.0, time_s, stroke_m, command_A)
+    true = signals(plant, [effect], time_s, stroke_m, command_A)     # then ces_rig.experiment.measure_signals
     yaml.safe_dump(description(perturbed(plant, 0.3, rng)))          # a simulation: ces_rig.simulation.load_rig
 
 The plant itself is free of every effect; its description simulates it exactly.
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Withheld
+from ces_rig.dampers.effects import EFFECTS, OUTSIDE, WithheldEffect
 from ces_rig.dampers.kinds import KINDS, DamperKind, DamperModel
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, Truth
@@ -29,7 +29,7 @@ PLANTS = tuple(KINDS)
 
 
 @dataclass(frozen=True)
-class Plant:
+class BlindPlant:
     """A drawn damper of a kind, free of every effect."""
 
     kind: str
@@ -41,26 +41,26 @@ class Plant:
         return KINDS[self.kind].current_A
 
 
-def available(kind: str) -> tuple[str, ...]:
+def available_effects(kind: str) -> tuple[str, ...]:
     """Return the effects, of the library and outside it, that the kind of plant can have."""
-    spreads = {**_kind(kind).spreads, **sensing.SPREADS}
+    spreads = {**_require_kind(kind).spreads, **sensing.SPREADS}
     return tuple(name for name in EFFECTS + OUTSIDE if name in spreads)
 
 
-def draw_plant(kind: str, rng: Generator) -> Plant:
+def draw_plant(kind: str, rng: Generator) -> BlindPlant:
     """Return a drawn damper of the kind; raises RigError for a kind that is not in PLANTS."""
-    return Plant(kind, _kind(kind).draw_plant(rng))
+    return BlindPlant(kind, _require_kind(kind).draw_plant(rng))
 
 
-def draw(kind: str, name: str, rng: Generator) -> Withheld:
+def draw_effect(kind: str, name: str, rng: Generator) -> WithheldEffect:
     """Return an effect of severity 1 with drawn proportions; raises RigError if the kind of plant cannot have it."""
-    spreads = {**_kind(kind).spreads, **sensing.SPREADS}
+    spreads = {**_require_kind(kind).spreads, **sensing.SPREADS}
     if name not in spreads:
-        raise RigError(f"{kind} plant: no effect '{name}'; it can have {', '.join(available(kind))}")
-    return Withheld(name, 1.0, {key: spread.draw(rng) for key, spread in spreads[name].items()})
+        raise RigError(f"{kind} plant: no effect '{name}'; it can have {', '.join(available_effects(kind))}")
+    return WithheldEffect(name, 1.0, {key: spread.draw(rng) for key, spread in spreads[name].items()})
 
 
-def perturbed(plant: Plant, size: float, rng: Generator) -> Plant:
+def perturb(plant: BlindPlant, size: float, rng: Generator) -> BlindPlant:
     """Return the plant with several parameters wrong together, by some 20 % each at size 1; size 0 changes nothing.
 
     The same state of `rng` gives the same direction of error, so that `size` can be searched.
@@ -68,22 +68,24 @@ def perturbed(plant: Plant, size: float, rng: Generator) -> Plant:
     wrong = KINDS[plant.kind].wrong
     factors = {paths: float(np.exp(size * deviation * rng.standard_normal())) for paths, deviation in wrong.items()}
     numbers = {path: f * plant.model.number(path) for paths, f in factors.items() for path in paths}
-    return Plant(plant.kind, plant.model.changed(numbers))
+    return BlindPlant(plant.kind, plant.model.with_numbers(numbers))
 
 
-def description(plant: Plant) -> dict[str, Any]:
+def describe_plant(plant: BlindPlant) -> dict[str, Any]:
     """Return the plant as a rig description; written as YAML, `load_rig` gives its simulation."""
     return plant.model.description()
 
 
-def physical(plant: Plant, withheld: Withheld) -> dict[str, float]:
+def physical_numbers(plant: BlindPlant, withheld: WithheldEffect) -> dict[str, float]:
     """Return the true physical numbers for the label: the plant's numbers under the effect, or the sensor's."""
     if withheld.name in sensing.SENSING:
         return sensing.numbers(withheld, plant.current_A[1])
     return KINDS[plant.kind].numbers(plant.model, withheld)
 
 
-def signals(plant: Plant, effects: Sequence[Withheld], time_s: Array, stroke_m: Array, command_A: Array) -> Truth:
+def simulate_signals(
+    plant: BlindPlant, effects: Sequence[WithheldEffect], time_s: Array, stroke_m: Array, command_A: Array
+) -> Truth:
     """Return what ideal sensors see: `time_s` (n,) a grid of GRID_S, `stroke_m` the true stroke, all of shape (n,).
 
     Effects inside the damper change its equations; then those of the sensors act, in the order given. Raises
@@ -93,34 +95,36 @@ def signals(plant: Plant, effects: Sequence[Withheld], time_s: Array, stroke_m: 
     model = plant.model
     for effect in effects:
         if effect.name not in sensing.SENSING and effect.severity > 0.0:
-            model = model.changed(KINDS[plant.kind].numbers(model, effect))
+            model = model.with_numbers(KINDS[plant.kind].numbers(model, effect))
     force, coil, temperature = model.run(GRID_S, stroke_m, command_A)
     true = Truth(time_s, stroke_m, command_A, coil, force, temperature)
     for effect in effects:
         if effect.name in sensing.SENSING and effect.severity > 0.0:
-            true = sensing.sensed(true, effect.name, sensing.numbers(effect, plant.current_A[1]))
+            true = sensing.apply_sensor_effect(true, effect.name, sensing.numbers(effect, plant.current_A[1]))
     return true
 
 
-def expected(plant: Plant, true: Truth) -> Array:
+def simulate_expected(plant: BlindPlant, true: Truth) -> Array:
     """Return the force [N] (n,) of the plant without effects, driven with the position and coil current as sensed."""
     return plant.model.without_coil().run(GRID_S, true.stroke_m, true.coil_A)[0]
 
 
-def gap_N(plant: Plant, effects: Sequence[Withheld], time_s: Array, stroke_m: Array, command_A: Array) -> float:
+def gap_N(
+    plant: BlindPlant, effects: Sequence[WithheldEffect], time_s: Array, stroke_m: Array, command_A: Array
+) -> float:
     """Return the RMS [N] of the force as sensed less that of the plant without effects driven with what was sensed."""
-    free = signals(plant, (), time_s, stroke_m, command_A)
-    return gap_from(plant, free, signals(plant, effects, time_s, stroke_m, command_A))
+    free = simulate_signals(plant, (), time_s, stroke_m, command_A)
+    return gap_from(plant, free, simulate_signals(plant, effects, time_s, stroke_m, command_A))
 
 
-def gap_from(plant: Plant, free: Truth, true: Truth) -> float:
+def gap_from(plant: BlindPlant, free: Truth, true: Truth) -> float:
     """Return `gap_N` of `true` when the signals `free` without effects are at hand: often that saves a simulation."""
     unmoved = np.array_equal(true.stroke_m, free.stroke_m) and np.array_equal(true.coil_A, free.coil_A)
-    without = free.force_N if unmoved else expected(plant, true)
+    without = free.force_N if unmoved else simulate_expected(plant, true)
     return float(np.sqrt(np.mean((true.force_N - without) ** 2)))
 
 
-def _kind(kind: str) -> DamperKind:
+def _require_kind(kind: str) -> DamperKind:
     if kind not in KINDS:
         raise RigError(f"plant kind '{kind}' is unknown; known are {', '.join(KINDS)}")
     return KINDS[kind]

@@ -9,51 +9,51 @@ from math import exp, inf, log
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_rig.dampers.effects import Withheld, scaled
+from ces_rig.dampers.effects import WithheldEffect, with_severity
 from ces_rig.errors import RigError
-from ces_rig.withheld.plants import Plant, gap_from, perturbed, signals
+from ces_rig.withheld.plants import BlindPlant, gap_from, perturb, simulate_signals
 
 Array = NDArray[np.float64]
 Gap = Callable[[float], float]
 
 TOLERANCE = 0.03  # of the wanted gap
-MOST_RUNS = 20
+MAX_RUNS = 20
 HIGHEST = log(2e3)  # log severity: beyond, an effect that shows nothing never will
 STRIDE = log(8.0)  # longest step of the search in log size
 
 
-def scale_to(
-    plant: Plant, withheld: Withheld, target_N: float, time_s: Array, stroke_m: Array, command_A: Array
-) -> Withheld:
+def scale_to_gap(
+    plant: BlindPlant, withheld: WithheldEffect, target_N: float, time_s: Array, stroke_m: Array, command_A: Array
+) -> WithheldEffect:
     """Return the effect at the severity that makes a gap of `target_N` RMS (3 %) under this excitation.
 
     The gap is the force as sensed less that of the plant without effects driven with what was sensed. Raises RigError
     if no severity in the physical range does: for example a valve's lag at a constant current.
     """
-    free = signals(plant, (), time_s, stroke_m, command_A)
+    free = simulate_signals(plant, (), time_s, stroke_m, command_A)
 
     def gap(severity: float) -> float:
-        true = signals(plant, (scaled(withheld, severity),), time_s, stroke_m, command_A)
+        true = simulate_signals(plant, (with_severity(withheld, severity),), time_s, stroke_m, command_A)
         return gap_from(plant, free, true)
 
-    found = search(gap, target_N, f"{plant.kind} plant: {withheld.name}")
-    return scaled(withheld, found)
+    found = search_size(gap, target_N, f"{plant.kind} plant: {withheld.name}")
+    return with_severity(withheld, found)
 
 
-def perturb_to(
-    plant: Plant, target_N: float, seed: int | list[int], time_s: Array, stroke_m: Array, command_A: Array
-) -> tuple[Plant, float]:
+def perturb_to_gap(
+    plant: BlindPlant, target_N: float, seed: int | list[int], time_s: Array, stroke_m: Array, command_A: Array
+) -> tuple[BlindPlant, float]:
     """Return the plant made wrong by `target_N` RMS (3 %), in the direction that `seed` draws, and the size of it."""
-    base = signals(plant, (), time_s, stroke_m, command_A).force_N
+    base = simulate_signals(plant, (), time_s, stroke_m, command_A).force_N
 
-    def wrong(size: float) -> Plant:
-        return perturbed(plant, size, np.random.default_rng(seed))
+    def perturb_plant(size: float) -> BlindPlant:
+        return perturb(plant, size, np.random.default_rng(seed))
 
     def gap(size: float) -> float:
-        return rms(signals(wrong(size), (), time_s, stroke_m, command_A).force_N - base)
+        return rms(simulate_signals(perturb_plant(size), (), time_s, stroke_m, command_A).force_N - base)
 
-    size = search(gap, target_N, f"{plant.kind} plant: perturbation")
-    return wrong(size), size
+    size = search_size(gap, target_N, f"{plant.kind} plant: perturbation")
+    return perturb_plant(size), size
 
 
 def rms(values: Array) -> float:
@@ -89,12 +89,12 @@ class Bracket:
         return self.low + min(max(share, 0.15), 0.85) * (self.high - self.low)
 
 
-def search(gap: Gap, target_N: float, what: str) -> float:
+def search_size(gap: Gap, target_N: float, what: str) -> float:
     """Return the size at which `gap`, growing with size, is `target_N` within TOLERANCE; raises RigError if none is."""
     if not target_N > 0.0:
         raise RigError(f"{what}: wanted gap {target_N!r} N; expected a number above 0")
     at, bracket, largest, refusal = 0.0, Bracket(), 0.0, ""
-    for _ in range(MOST_RUNS):
+    for _ in range(MAX_RUNS):
         try:
             found = gap(exp(at))
             largest = max(largest, found)

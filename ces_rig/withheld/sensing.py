@@ -14,29 +14,32 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
-from ces_rig.dampers.effects import Proportions, Withheld, either_sign, even, log_spread
+from ces_rig.dampers.effects import Proportions, WithheldEffect, log_spread, signed_spread, uniform_spread
 from ces_rig.experiment import Truth
 
 Array = NDArray[np.float64]
 Numbers = Mapping[str, float]
 
 SPREADS: Mapping[str, Proportions] = {
-    "current_scale": {"gain": either_sign(0.02, 0.1), "offset": either_sign(0.002, 0.03)},
-    "force_offset": {"offset_N": either_sign(30.0, 60.0)},
+    "current_scale": {"gain": signed_spread(0.02, 0.1), "offset": signed_spread(0.002, 0.03)},
+    "force_offset": {"offset_N": signed_spread(30.0, 60.0)},
     "force_drift": {
-        "slope_N_s": either_sign(2.0, 6.0), "settling_N": even(-20.0, 20.0), "settling_s": log_spread(2.0, 8.0),
+        "slope_N_s": signed_spread(2.0, 6.0), "settling_N": uniform_spread(-20.0, 20.0), "settling_s": log_spread(2.0,
+        8.0),
     },
-    "force_scale": {"gain": either_sign(0.02, 0.08), "asymmetry": even(-0.15, 0.15)},
-    "position_delay": {"delay_s": either_sign(1e-3, 4e-3), "lag_share": even(0.0, 0.6)},
+    "force_scale": {"gain": signed_spread(0.02, 0.08), "asymmetry": uniform_spread(-0.15, 0.15)},
+    "position_delay": {"delay_s": signed_spread(1e-3, 4e-3), "lag_share": uniform_spread(0.0, 0.6)},
     "ring_tilt": {
         "kick_N": log_spread(40.0, 90.0), "decay_s": log_spread(0.01, 0.04), "turn_m_s": log_spread(0.01, 0.03),
     },
     "cell_resonance": {"frequency_Hz": log_spread(45.0, 75.0), "damping": log_spread(0.03, 0.1)},
-    "cell_creep": {"share": either_sign(0.05, 0.12), "decay_s": log_spread(0.15, 1.5)},
-    "current_crosstalk": {"rate_Ns": either_sign(2.0, 6.0), "decay_s": log_spread(2e-3, 1e-2)},
-    "mains_hum": {"amplitude_N": log_spread(20.0, 60.0), "phase_rad": even(0.0, 6.28), "third": even(0.0, 0.4)},
+    "cell_creep": {"share": signed_spread(0.05, 0.12), "decay_s": log_spread(0.15, 1.5)},
+    "current_crosstalk": {"rate_Ns": signed_spread(2.0, 6.0), "decay_s": log_spread(2e-3, 1e-2)},
+    "mains_hum": {"amplitude_N": log_spread(20.0, 60.0), "phase_rad": uniform_spread(0.0, 6.28),
+    "third": uniform_spread(0.0, 0.4)},
     "position_wave": {
-        "amplitude_m": log_spread(1e-4, 3e-4), "pitch_m": log_spread(4e-3, 1.2e-2), "phase_rad": even(0.0, 6.28),
+        "amplitude_m": log_spread(1e-4, 3e-4), "pitch_m": log_spread(4e-3, 1.2e-2), "phase_rad": uniform_spread(0.0,
+        6.28),
     },
 }  # fmt: skip
 GROWING = (
@@ -47,7 +50,7 @@ GROWING = (
 MAINS_HZ = 50.0
 
 
-def numbers(withheld: Withheld, largest_A: float) -> dict[str, float]:
+def numbers(withheld: WithheldEffect, largest_A: float) -> dict[str, float]:
     """Return the sensor's physical numbers; `largest_A` [A] is the upper end of the plant's current."""
     shape = {key: p * (withheld.severity if key in GROWING else 1.0) for key, p in withheld.proportions.items()}
     if withheld.name == "current_scale":
@@ -59,12 +62,12 @@ def numbers(withheld: Withheld, largest_A: float) -> dict[str, float]:
     return shape
 
 
-def sensed(true: Truth, name: str, numbers: Numbers) -> Truth:
+def apply_sensor_effect(true: Truth, name: str, numbers: Numbers) -> Truth:
     """Return what the sensors show of `true` under one effect of theirs, of these physical numbers."""
     return SENSING[name](true, numbers)
 
 
-def low_passed(signal: Array, decay_s: float, step_s: float) -> Array:
+def low_pass(signal: Array, decay_s: float, step_s: float) -> Array:
     """Return `signal` (n,) behind a first-order lag that starts settled."""
     if decay_s <= 0.0:
         return signal
@@ -81,7 +84,7 @@ def _step(true: Truth) -> float:
     return float(true.time_s[1] - true.time_s[0])
 
 
-def _added(true: Truth, force_N: Array | float) -> Truth:
+def _add_force(true: Truth, force_N: Array | float) -> Truth:
     return replace(true, force_N=true.force_N + force_N)
 
 
@@ -91,12 +94,12 @@ def _current_scale(true: Truth, p: Numbers) -> Truth:
 
 def _force_drift(true: Truth, p: Numbers) -> Truth:
     since = true.time_s - true.time_s[0]
-    return _added(true, (p["slope_N_s"] * since + p["settling_N"] * (1.0 - np.exp(-since / p["settling_s"]))))
+    return _add_force(true, (p["slope_N_s"] * since + p["settling_N"] * (1.0 - np.exp(-since / p["settling_s"]))))
 
 
 def _force_scale(true: Truth, p: Numbers) -> Truth:
     side = 1.0 + p["asymmetry"] * np.tanh(true.force_N / 50.0)
-    return _added(true, p["gain"] * side * true.force_N)
+    return _add_force(true, p["gain"] * side * true.force_N)
 
 
 def _position_delay(true: Truth, p: Numbers) -> Truth:
@@ -105,13 +108,13 @@ def _position_delay(true: Truth, p: Numbers) -> Truth:
     lag = max(0.0, delay) * p["lag_share"]
     at = np.clip(true.time_s - (delay - lag), true.time_s[0], true.time_s[-1])
     shifted = np.asarray(CubicSpline(true.time_s, true.stroke_m)(at))
-    return replace(true, stroke_m=low_passed(shifted, lag, _step(true)))
+    return replace(true, stroke_m=low_pass(shifted, lag, _step(true)))
 
 
 def _ring_tilt(true: Truth, p: Numbers) -> Truth:
     """After each reversal the tilted ring scrapes, less and less until it lies flat: memory of direction in time."""
     direction = np.tanh(speed_of(true) / p["turn_m_s"])
-    return _added(true, p["kick_N"] * (direction - low_passed(direction, p["decay_s"], _step(true))))
+    return _add_force(true, p["kick_N"] * (direction - low_pass(direction, p["decay_s"], _step(true))))
 
 
 def _cell_resonance(true: Truth, p: Numbers) -> Truth:
@@ -122,18 +125,18 @@ def _cell_resonance(true: Truth, p: Numbers) -> Truth:
 
 
 def _cell_creep(true: Truth, p: Numbers) -> Truth:
-    return _added(true, p["share"] * low_passed(true.force_N, p["decay_s"], _step(true)))
+    return _add_force(true, p["share"] * low_pass(true.force_N, p["decay_s"], _step(true)))
 
 
 def _crosstalk(true: Truth, p: Numbers) -> Truth:
     """The coil's changing current induces a voltage in the cell's leads."""
     rate = np.gradient(true.coil_A, true.time_s)
-    return _added(true, p["rate_Ns_A"] * low_passed(rate, p["decay_s"], _step(true)))
+    return _add_force(true, p["rate_Ns_A"] * low_pass(rate, p["decay_s"], _step(true)))
 
 
 def _mains_hum(true: Truth, p: Numbers) -> Truth:
     angle = 2.0 * np.pi * MAINS_HZ * true.time_s + p["phase_rad"]
-    return _added(true, p["amplitude_N"] * (np.sin(angle) + p["third"] * np.sin(3.0 * angle)))
+    return _add_force(true, p["amplitude_N"] * (np.sin(angle) + p["third"] * np.sin(3.0 * angle)))
 
 
 def _position_wave(true: Truth, p: Numbers) -> Truth:
@@ -143,7 +146,7 @@ def _position_wave(true: Truth, p: Numbers) -> Truth:
 
 SENSING: Mapping[str, Callable[[Truth, Numbers], Truth]] = {
     "current_scale": _current_scale,
-    "force_offset": lambda true, p: _added(true, p["offset_N"]),
+    "force_offset": lambda true, p: _add_force(true, p["offset_N"]),
     "force_drift": _force_drift,
     "force_scale": _force_scale,
     "position_delay": _position_delay,

@@ -10,13 +10,13 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "reliability"))
 
 from faults import BOUNDED, NONE, TRUE, Fault
-from judge import Episode, Rules, evidence, judge
+from judge import EpisodeLimits, FaultEpisode, evaluate_episode, find_evidence
 
 MS = 1_000_000
 BEGAN, GOOD, END = 1000, 1500, 3000  # [ms]
 LATENCY_NS = MS // 2
 SILENT = Fault("no samples", ("no position samples",), NONE, "silence", restarts=True)
-RULES = Rules((-100.0, 100.0), lambda stamp_ns: 50.0, 80.0, warm_up_s=0.1, max_age_s=0.5)
+RULES = EpisodeLimits((-100.0, 100.0), lambda stamp_ns: 50.0, 80.0, warm_up_s=0.1, max_age_s=0.5)
 
 
 def ms(times):
@@ -34,7 +34,7 @@ def told(at, message="estimating", **values):
 
 
 def episode(fault=SILENT):
-    return Episode(fault, BEGAN * MS, GOOD * MS, BEGAN * MS, (GOOD - 1) * MS, GOOD * MS)
+    return FaultEpisode(fault, BEGAN * MS, GOOD * MS, BEGAN * MS, (GOOD - 1) * MS, GOOD * MS)
 
 
 TOLD = [told(900), told(1200, "withholding: no position samples arrive")]
@@ -42,11 +42,11 @@ SOUND = [*range(BEGAN), *range(GOOD + 110, END)]
 
 
 def wrong(stamps=SOUND, diagnoses=TOLD, fault=SILENT, **others):
-    return judge(episode(fault), heard(stamps, **others), diagnoses, RULES).wrong
+    return evaluate_episode(episode(fault), heard(stamps, **others), diagnoses, RULES).wrong
 
 
 def test_a_sound_episode_passes():
-    outcome = judge(episode(), heard(SOUND), TOLD, RULES)
+    outcome = evaluate_episode(episode(), heard(SOUND), TOLD, RULES)
     assert outcome.wrong == ()
     assert outcome.reason == "no position samples"
     assert outcome.recovery_s == pytest.approx(0.1105)
@@ -121,14 +121,14 @@ COUNT = Fault("lost", ("dropped",), TRUE, "dropouts")
     ],
 )
 def test_evidence_is_a_count_that_rises_or_a_text_that_changes(before, after, found):
-    assert evidence(COUNT, [told(900, **before), told(1100, **after)], BEGAN * MS, END * MS) == found
+    assert find_evidence(COUNT, [told(900, **before), told(1100, **after)], BEGAN * MS, END * MS) == found
 
 
 def test_evidence_may_be_a_value_that_doubles():
     flood = Fault("flood", (), BOUNDED, "flood", doubles="rate")
-    assert not evidence(flood, [told(900, rate="1000"), told(1100, rate="1900")], BEGAN * MS, END * MS)
-    assert evidence(flood, [told(900, rate="1000"), told(1100, rate="2100")], BEGAN * MS, END * MS) == "rate"
+    assert not find_evidence(flood, [told(900, rate="1000"), told(1100, rate="1900")], BEGAN * MS, END * MS)
+    assert find_evidence(flood, [told(900, rate="1000"), told(1100, rate="2100")], BEGAN * MS, END * MS) == "rate"
 
 
 def test_diagnoses_after_the_time_allowed_are_no_evidence():
-    assert not evidence(SILENT, [told(900), told(3100, "no position samples")], BEGAN * MS, END * MS)
+    assert not find_evidence(SILENT, [told(900), told(3100, "no position samples")], BEGAN * MS, END * MS)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bench.gaps import real_gaps
-from bench.gaps.effects import CHANGES, later
-from bench.gaps.simulations import BandBrake, StaticMap, settled, stopped
+from bench.gaps.effects import CHANGES, delay_channel
+from bench.gaps.simulations import BandBrake, StaticMap, find_settled, stop_operator
 from ces_gap.diagnosis import AMBIGUOUS, NAMED
 from ces_identify.recordings.recording import Channel, Recording
 
@@ -28,7 +28,7 @@ def recording(position, current, force):
 
 
 def put(effect, before):
-    return next(c for c in CHANGES if c.effect == effect).put(before)
+    return next(c for c in CHANGES if c.effect == effect).apply(before)
 
 
 def values(of, name):
@@ -62,9 +62,11 @@ def test_the_lag_of_a_real_valve_is_told_from_a_static_map(tmp_path):
 
 def test_a_brake_is_fitted_past_its_play():
     stiffness, play = 2e6, 0.004
-    stretched = stopped(0.02 * np.sin(OMEGA * TIME), 1.0, -9000.0 / stiffness - play / 2, 8000.0 / stiffness + play / 2)
+    stretched = stop_operator(
+        0.02 * np.sin(OMEGA * TIME), 1.0, -9000.0 / stiffness - play / 2, 8000.0 / stiffness + play / 2
+    )
     force = stiffness * np.sign(stretched) * np.maximum(np.abs(stretched) - play / 2, 0.0)
-    brake = BandBrake.fitted(recording(0.02 * np.sin(OMEGA * TIME), np.zeros_like(TIME), force))
+    brake = BandBrake.fit(recording(0.02 * np.sin(OMEGA * TIME), np.zeros_like(TIME), force))
     assert (brake.push_N, brake.pull_N) == pytest.approx((8000.0, 9000.0), rel=1e-6)
     assert brake.stiffness_N_m == pytest.approx(stiffness, rel=0.05)
 
@@ -74,11 +76,11 @@ def test_a_map_is_fitted_where_the_voltage_has_settled():
     voltage = np.repeat(dice.integers(0, 2, int(SECONDS / 0.2)), int(0.2 * RATE_HZ)) * 2.0
     position = 0.02 * np.sin(2.0 * np.pi * TIME) + 0.005 * np.sin(2.0 * np.pi * 2.7 * TIME)
     speed = np.gradient(position, TIME)
-    late = later(recording(position, voltage, speed), "current", 0.02).channel("current").values
+    late = delay_channel(recording(position, voltage, speed), "current", 0.02).channel("current").values
     made = recording(position, voltage, 1000.0 * speed * (1.0 + late))
-    static = StaticMap.fitted(made)(TIME, position, voltage)
+    static = StaticMap.fit(made)(TIME, position, voltage)
     assert static[200:-200] == pytest.approx((1000.0 * speed * (1.0 + voltage))[200:-200], abs=30.0)
-    steady = settled(voltage, 40, 0.2)
+    steady = find_settled(voltage, 40, 0.2)
     assert 0.5 < steady.mean() < 0.9
     assert np.abs(static - made.channel("force").values)[steady].max() < 100.0
 

@@ -5,16 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.markdown import between, markdown, put_between
+from bench.markdown import between, markdown, replace_between
 from bench.thesis import models, tables
-from bench.thesis.models import OURS, POLYNOMIAL, THESIS, Job, Outcome, described, trained
+from bench.thesis.models import (
+    OURS,
+    POLYNOMIAL,
+    THESIS,
+    TrainingJob,
+    TrainingOutcome,
+    load_named_experiment,
+    train_jobs,
+)
 from bench.thesis.one_step import OneStepFuzzy, OneStepNetwork
-from bench.thesis.plant import PULL, integrated, plant_cost
-from bench.thesis.tables import ROWS, jobs, judge, table
+from bench.thesis.plant import PULL, integrate_speed, plant_cost
+from bench.thesis.tables import ROWS, evaluate_outcome, jobs, table
 from ces_identify.preparation.series import prepare
-from ces_identify.trained.fuzzy_fit import Grid
-from ces_identify.trained.lagged_fit import Lags, regressors
-from ces_identify.trained.training import training
+from ces_identify.trained.fuzzy_fit import PremiseGrid
+from ces_identify.trained.lagged_fit import Lags, build_regressors
+from ces_identify.trained.training import build_training
 from ces_observer.model import Sampling
 from ces_rig.experiment import run
 from ces_rig.sensors import Sensor, Sensors
@@ -24,7 +32,7 @@ PERFECT = Sensors(Sensor(), Sensor(), Sensor())
 
 
 def short(name, **changes):
-    experiment = described(name, fresh=False)
+    experiment = load_named_experiment(name, fresh=False)
     settings = replace(experiment.settings, duration_s=3.0)
     return replace(experiment, settings=settings, **changes)
 
@@ -39,12 +47,12 @@ def test_speed_is_integrated_to_the_stroke_it_belongs_to():
     time = np.arange(4000) * 1e-3
     stroke = 0.02 * np.sin(2 * np.pi * 4.0 * time)
     speed = 0.02 * 2 * np.pi * 4.0 * np.cos(2 * np.pi * 4.0 * time)
-    np.testing.assert_allclose(integrated(speed, stroke, 1e-3), stroke, atol=2e-6)
+    np.testing.assert_allclose(integrate_speed(speed, stroke, 1e-3), stroke, atol=2e-6)
 
 
 def test_an_offset_of_the_speed_does_not_drift_away():
     nothing = np.zeros(5000)
-    stroke = integrated(nothing + 0.01, nothing, 1e-3)
+    stroke = integrate_speed(nothing + 0.01, nothing, 1e-3)
     assert stroke[0] == 0.0
     assert stroke[-1] == pytest.approx(0.01 / PULL, rel=1e-6)
 
@@ -63,11 +71,11 @@ def test_another_damper_costs_more_on_the_same_estimates(noisy):
 
 
 def family(kind, series):
-    data = training([series])
-    lags = regressors(data, Lags(), 1000.0)
+    data = build_training([series])
+    lags = build_regressors(data, Lags(), 1000.0)
     if kind is OneStepNetwork:
         return kind(data, lags, 4, 0.0)
-    return kind(data, lags, (Grid("speed", 0, 3),), 0.0)
+    return kind(data, lags, (PremiseGrid("speed", 0, 3),), 0.0)
 
 
 @pytest.mark.parametrize("kind", [OneStepNetwork, OneStepFuzzy])
@@ -96,8 +104,8 @@ def test_one_step_gradient_is_that_of_finite_differences(noisy, kind):
 def test_only_what_is_between_the_markers_is_replaced(tmp_path):
     path = tmp_path / "page.md"
     path.write_text("before\n<!-- a: begin (how) -->\nold\n<!-- a: end -->\nafter\n")
-    put_between(path, "a", "new\n\nlines")
-    put_between(path, "a", "newer\n\nlines")
+    replace_between(path, "a", "new\n\nlines")
+    replace_between(path, "a", "newer\n\nlines")
     assert path.read_text() == "before\n<!-- a: begin (how) -->\nnewer\n\nlines\n<!-- a: end -->\nafter\n"
     with pytest.raises(ValueError, match="no markers 'b: begin'"):
         between(path, "b")
@@ -125,10 +133,10 @@ def test_every_table_has_its_jobs_once():
 def test_a_model_is_trained_once_kept_and_judged_on_another_run(tmp_path, monkeypatch):
     monkeypatch.setattr(models, "code_digest", lambda: "fixed")
     monkeypatch.setattr(models, "POLYNOMIAL_STARTS", 1)
-    job = Job(POLYNOMIAL, THESIS, ("sine_4hz",), terms=3)
-    first, again = (dict(trained([job], 120.0, 1, tmp_path))[job] for _ in range(2))
+    job = TrainingJob(POLYNOMIAL, THESIS, ("sine_4hz",), terms=3)
+    first, again = (dict(train_jobs([job], 120.0, 1, tmp_path))[job] for _ in range(2))
     assert first.seconds == again.seconds, "the second time it comes from the store"
     assert 1 <= len(first.model.body.terms) <= 3
-    recording = run(described("sine_4hz", fresh=True))
-    assert 0.5 < judge(first, recording).cost < 60.0
-    assert judge(Outcome(None, "why", 0.0), recording) is None
+    recording = run(load_named_experiment("sine_4hz", fresh=True))
+    assert 0.5 < evaluate_outcome(first, recording).cost < 60.0
+    assert evaluate_outcome(TrainingOutcome(None, "why", 0.0), recording) is None

@@ -19,8 +19,8 @@ from ces_cli.main import main
 from ces_cli.terminal import terminal
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
-from ces_observer.checked import write_together
 from ces_observer.errors import CesError
+from ces_observer.json_checks import write_all_atomically
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
@@ -177,7 +177,7 @@ def interrupt(*_, **__):
         "ces_identify.identify.choose_sampling",
         "ces_identify.identify.pose",
         "ces_identify.identify.evaluate",
-        "ces_observer.checked.os.fsync",
+        "ces_observer.json_checks.os.fsync",
         "ces_identify.report.render",
     ],
 )
@@ -219,7 +219,7 @@ def test_ctrl_c_in_the_search_writes_the_best_so_far(work, tmp_path, monkeypatch
 )
 def test_ctrl_c_while_a_bag_or_table_is_written(work, tmp_path, capsys, monkeypatch, words):
     monkeypatch.setattr("ces_identify.recordings.bag_writer._put_in_place", interrupt)
-    monkeypatch.setattr("ces_observer.checked.os.fsync", interrupt)
+    monkeypatch.setattr("ces_observer.json_checks.os.fsync", interrupt)
     paths = [work / word if word in ("model.json", "one") else word for word in words]
     assert told(capsys, 130, *paths, tmp_path / "out") == f"ces {words[0]}: interrupted"
     assert list(tmp_path.iterdir()) == []
@@ -273,7 +273,7 @@ def test_a_full_disk_keeps_the_model_that_was_there(work, tmp_path, capsys, monk
         raise OSError(28, "No space left on device")
 
     (tmp_path / "m.json").write_text("old")
-    monkeypatch.setattr("ces_observer.checked.os.fsync", full)
+    monkeypatch.setattr("ces_observer.json_checks.os.fsync", full)
     line = told(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json")
     assert line.endswith("m.json: cannot be written: No space left on device; choose a folder that can be")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("m.json", "old")]
@@ -282,9 +282,9 @@ def test_a_full_disk_keeps_the_model_that_was_there(work, tmp_path, capsys, monk
 def test_files_that_belong_together_come_together_or_not_at_all(tmp_path):
     (tmp_path / "a").write_text("old")
     with pytest.raises(CesError, match="missing/b: cannot be written"):
-        write_together({tmp_path / "a": "new", tmp_path / "missing" / "b": b"new"})
+        write_all_atomically({tmp_path / "a": "new", tmp_path / "missing" / "b": b"new"})
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a", "old")]
-    write_together({tmp_path / "a": "new", tmp_path / "b": b"\x00"})
+    write_all_atomically({tmp_path / "a": "new", tmp_path / "b": b"\x00"})
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a": b"new", "b": b"\x00"}
 
 

@@ -12,11 +12,11 @@ from test_whole_diagnosis import sprung, wrong
 from twin_effects import CurrentGain, Friction, Spring
 
 from ces_gap import diagnose as pipeline
-from ces_gap.diagnose import Options, diagnose
+from ces_gap.diagnose import DiagnoseOptions, diagnose
 from ces_gap.diagnosis import NAMED, Diagnosis
 from ces_gap.effects.effect import Effect
 from ces_gap.inference import decide, learn_baseline
-from ces_gap.inference.explaining import HeldOutScorer
+from ces_gap.inference.explanations import HeldOutScorer
 from ces_gap.intake import prepare
 
 FEW: tuple[Effect, ...] = (CurrentGain(), Friction(), Spring())
@@ -32,7 +32,7 @@ def _few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
 def diagnosed(with_references: bool = True) -> Diagnosis:
     reference = [recorded(wrong, s, 8.0) for s in (11, 12)] if with_references else []
     real, held_out = [recorded(sprung, s, 4.0) for s in (1, 2)], [recorded(sprung, 3, 4.0)]
-    return diagnose(SIMULATION, "damper", real, held_out, reference, Options(experiment=False))
+    return diagnose(SIMULATION, "damper", real, held_out, reference, DiagnoseOptions(experiment=False))
 
 
 def count(monkeypatch: pytest.MonkeyPatch, places: list[Any], name: str) -> list[Any]:

@@ -8,13 +8,13 @@ import pytest
 from diagnoses import named
 
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
-from ces_gap.sentence import sentence
+from ces_gap.sentence import format_verdict
 
 FOUND = named()
 
 
 def told(**changed: object) -> str:
-    return sentence(replace(FOUND, **changed))  # type: ignore[arg-type]
+    return format_verdict(replace(FOUND, **changed))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("verdict", [NAMED, AMBIGUOUS, UNKNOWN, NO_GAP])
@@ -53,7 +53,7 @@ def test_nothing_known_names_the_nearest_if_there_is_one() -> None:
 
 def no_gap(rms_N: float, corrected_N: float) -> str:
     found: Diagnosis = replace(FOUND, verdict=NO_GAP, gap=replace(FOUND.gap, rms_N=rms_N, corrected_N=corrected_N))
-    return sentence(found)
+    return format_verdict(found)
 
 
 def test_without_a_gap_the_simulations_own_error_is_told_if_there_is_one() -> None:

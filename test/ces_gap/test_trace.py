@@ -12,13 +12,13 @@ from ces_gap.derivative import derivative
 from ces_gap.errors import GapError
 from ces_gap.grid import GRID_HZ
 from ces_gap.trace import (
-    Inputs,
     Trace,
+    TraceInputs,
     make_trace,
-    on_grid,
     open_trace,
     require_usable,
-    smoothed,
+    resample_to_grid,
+    smooth_recording,
 )
 from ces_identify.recordings.recording import Channel, Recording
 
@@ -121,10 +121,10 @@ def test_the_simulation_is_run_on_the_smoothed_position_and_as_given() -> None:
     recording = replace(recording, channels={**recording.channels, "position": replace(position, values=noisy)})
     trace, clean = open_trace(SIMULATION, recording), traced()
     use = trace.usable
-    given, smooth = (np.std((f - clean.simulated)[use]) for f in (trace.as_given, trace.simulated))
+    given, smooth = (np.std((f - clean.simulated)[use]) for f in (trace.simulated_as_logged, trace.simulated))
     assert smooth < 0.5 * given
-    once = open_trace(SIMULATION, recording, as_given=False)
-    np.testing.assert_array_equal(once.simulated, once.as_given)
+    once = open_trace(SIMULATION, recording, also_as_logged=False)
+    np.testing.assert_array_equal(once.simulated, once.simulated_as_logged)
     np.testing.assert_allclose(once.simulated, trace.simulated, atol=1e-6)
 
 
@@ -133,7 +133,7 @@ def test_the_smoothed_recording_keeps_stamps_and_gaps() -> None:
     position = recording.channel("position")
     holed = replace(position, values=np.where(np.arange(len(position)) == 700, np.nan, position.values))
     recording = replace(recording, channels={**recording.channels, "position": holed})
-    made = smoothed(recording, of(recording)).channel("position")
+    made = smooth_recording(recording, of(recording)).channel("position")
     np.testing.assert_array_equal(made.stamps_ns, position.stamps_ns)
     assert np.flatnonzero(np.isnan(made.values)).tolist() == [700]
     inside = np.delete(np.arange(10, len(position) - 10), 690)
@@ -144,17 +144,17 @@ def test_a_force_at_the_samples_goes_on_the_grid_as_the_simulated_one_did() -> N
     recording = sine(2000.0)
     force = recording.channel("force").values
     trace = make_trace(recording, force)
-    np.testing.assert_array_equal(on_grid(trace, force), trace.simulated)
+    np.testing.assert_array_equal(resample_to_grid(trace, force), trace.simulated)
 
 
 def test_moved_inputs_change_their_speed_by_as_much() -> None:
     inputs = traced().inputs
     time = np.arange(len(inputs.position)) / RATE_HZ
-    moved = inputs.moved(inputs.position + 0.001 * np.sin(10.0 * time), RATE_HZ)
+    moved = inputs.with_position(inputs.position + 0.001 * np.sin(10.0 * time), RATE_HZ)
     np.testing.assert_allclose((moved.speed - inputs.speed)[3:-3], 0.01 * np.cos(10.0 * time[3:-3]), atol=1e-6)
     assert moved.current is inputs.current
-    powered = inputs.powered(2.0 * inputs.current)
-    assert isinstance(powered, Inputs) and powered.position is inputs.position
+    powered = inputs.with_current(2.0 * inputs.current)
+    assert isinstance(powered, TraceInputs) and powered.position is inputs.position
 
 
 def test_a_derivative_is_of_fourth_order() -> None:

@@ -11,12 +11,12 @@ import pytest
 from engine_plant import NOISE_N, SIMULATION, WEIGHTS, F, Truth, damper, recorded
 
 from ces_gap import diagnose as diagnose_module
-from ces_gap.diagnose import Options, diagnose
+from ces_gap.diagnose import DiagnoseOptions, diagnose
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
-from ces_gap.effects.effect import Effect, Parameter
+from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.errors import GapError
 from ces_gap.intake import prepare as prepare_module
-from ces_gap.trace import Inputs, Trace
+from ces_gap.trace import Trace, TraceInputs
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation, Simulation
 
@@ -50,9 +50,9 @@ class Ripple(Effect):
     """A user's own effect: what is strange above."""
 
     name, form, needs = "ripple", "sine", "motion"
-    parameters = (Parameter("ripple_N", 0.0, 500.0, (50.0,), "size", magnitude=True),)
+    parameters = (EffectParameter("ripple_N", 0.0, 500.0, (50.0,), "size", magnitude=True),)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force + values[0] * np.sin(inputs.speed / 0.08) * np.cos(4.0 * inputs.current))
 
 
@@ -76,7 +76,7 @@ def diagnosed(truth: Truth, effects: tuple[Effect, ...] = (), played_back: bool 
     if played_back:
         real, held_out, reference = ([with_predictions(r) for r in some] for some in (real, held_out, reference))
     return diagnose(
-        simulation, "damper.py:force", real, held_out, reference, Options(effects, threads, experiment=False)
+        simulation, "damper.py:force", real, held_out, reference, DiagnoseOptions(effects, threads, experiment=False)
     )
 
 
@@ -153,7 +153,7 @@ def test_the_same_recordings_give_the_same_diagnosis_by_however_many_threads() -
 
 def test_without_references_a_cause_that_no_calibration_absorbs_is_named() -> None:
     real, held_out = [recorded(late, seed, 5.0) for seed in (1, 2)], [recorded(late, 3, 5.0)]
-    found = diagnose(SIMULATION, "damper.py:force", real, held_out, options=Options(experiment=False))
+    found = diagnose(SIMULATION, "damper.py:force", real, held_out, options=DiagnoseOptions(experiment=False))
     assert found.verdict == NAMED and found.composition.effects == ("position_delay",)
     assert found.composition.estimates[0][0].value == pytest.approx(0.004, abs=2e-4)
     assert found.gap.corrected_N == pytest.approx(found.gap.rms_N) and found.correction is None
@@ -185,8 +185,8 @@ def test_a_users_effect_that_breaks_its_contract_is_refused() -> None:
     class Breaking(Ripple):
         """Gives nonsense."""
 
-        def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
             return np.full(len(force), np.nan)
 
     with pytest.raises(GapError, match="ripple"):
-        diagnose(SIMULATION, "m", [recorded()], [recorded(seed=2)], (), Options((Breaking(),)))
+        diagnose(SIMULATION, "m", [recorded()], [recorded(seed=2)], (), DiagnoseOptions((Breaking(),)))

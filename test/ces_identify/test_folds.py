@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from planted import NETWORK, SAMPLING, planted
 
-from ces_identify.folds import between, cross_validate, split_folds
-from ces_identify.identify import Identified
+from ces_identify.folds import cross_validate, cut_recording, split_folds
+from ces_identify.identify import IdentificationResult
 from ces_identify.preparation.series import prepare
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_observer.errors import CesError
 
@@ -23,14 +23,14 @@ def stand_in(calls):
         calls.append(([r.name for r in kept], [r.name for r in held_out], options.split))
         evaluations = evaluate(NETWORK, [prepare(r, SAMPLING) for r in kept], IDENTIFICATION)
         evaluations += evaluate(NETWORK, [prepare(r, SAMPLING) for r in held_out], VALIDATION)
-        return Identified(NETWORK, tuple(evaluations), ())
+        return IdentificationResult(NETWORK, tuple(evaluations), ())
 
     return identify
 
 
 def test_each_recording_is_held_out_once():
     calls = []
-    result = cross_validate(recordings(5), 2, stand_in(calls), Options())
+    result = cross_validate(recordings(5), 2, stand_in(calls), IdentifyOptions())
     assert calls == [(["r1", "r3"], ["r0", "r2", "r4"], 1.0), (["r0", "r2", "r4"], ["r1", "r3"], 1.0)]
     assert sorted(row.recording for row in result.rows) == [f"r{i}" for i in range(5)]
     assert [row.fold for row in result.rows] == [1, 1, 1, 2, 2]
@@ -42,17 +42,17 @@ def test_each_recording_is_held_out_once():
 
 def test_as_many_folds_as_recordings_leave_one_out():
     calls = []
-    cross_validate(recordings(3), 3, stand_in(calls), Options())
+    cross_validate(recordings(3), 3, stand_in(calls), IdentifyOptions())
     assert [held for _, held, _ in calls] == [["r0"], ["r1"], ["r2"]]
 
 
 def test_a_single_recording_is_cut_into_stretches_that_no_model_steps_across():
     one = recordings(1, 12.0)[0]
     folds = split_folds([one], 3)
-    assert [len(f.kept) for f in folds] == [1, 2, 1]
+    assert [len(f.identification) for f in folds] == [1, 2, 1]
     stamps = one.channel("position").stamps_ns
     for fold in folds:
-        parts = [r.channel("position").stamps_ns for r in (*fold.kept, *fold.held_out)]
+        parts = [r.channel("position").stamps_ns for r in (*fold.identification, *fold.held_out)]
         np.testing.assert_array_equal(np.sort(np.concatenate(parts)), stamps)
     held = np.concatenate([f.held_out[0].channel("force").values for f in folds])
     np.testing.assert_array_equal(held, one.channel("force").values)
@@ -62,7 +62,7 @@ def test_a_single_recording_is_cut_into_stretches_that_no_model_steps_across():
 def test_between_keeps_the_samples_of_every_channel():
     one = recordings(1)[0]
     origin = int(one.channel("position").stamps_ns[0])
-    part = between(one, origin + 10**9, origin + 2 * 10**9)
+    part = cut_recording(one, origin + 10**9, origin + 2 * 10**9)
     for channel in part.channels.values():
         assert channel.stamps_ns.min() >= origin + 10**9
         assert channel.stamps_ns.max() < origin + 2 * 10**9
@@ -77,7 +77,7 @@ def test_a_diverged_fold_is_no_number():
         result = inner(kept, held_out, options)
         return replace(result, evaluations=tuple(replace(e, cost=float("inf")) for e in result.evaluations))
 
-    result = cross_validate(recordings(2), 2, identify, Options())
+    result = cross_validate(recordings(2), 2, identify, IdentifyOptions())
     assert result.mean == result.spread == float("inf")
     assert all(row.interval is None for row in result.rows)
 

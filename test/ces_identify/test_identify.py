@@ -11,7 +11,7 @@ from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, Sampling
@@ -56,7 +56,7 @@ def planted(seed, seconds=12.0, noise=5.0, name="planted"):
 
 
 def options(**changes):
-    return Options(**{"rules": RULES, "limits": Limits(6, 30.0, 0.0, 2, 1, 2), "bandwidth_Hz": 40.0, **changes})
+    return IdentifyOptions(**{"rules": RULES, "limits": Limits(6, 30.0, 0.0, 2, 1, 2), "bandwidth_Hz": 40.0, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +150,7 @@ def test_weights_pull_the_model_to_their_region():
     slow = parse_weighting(["zero_crossing:0.1=1000"])
 
     def slow_error(weighting):
-        options = Options(1.0, poor, Limits(1, 10.0, starts=1, threads=1), weighting=weighting)
+        options = IdentifyOptions(1.0, poor, Limits(1, 10.0, starts=1, threads=1), weighting=weighting)
         result = identify([recording], options=options)
         one = result.evaluations[0]
         crossing = abs(one.series.speed[one.series.scored]) < 0.1

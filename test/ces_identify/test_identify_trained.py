@@ -11,11 +11,11 @@ from planted import FUZZY, NETWORK, RATE_HZ, planted
 from ces_identify.identify import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Channel
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_identify.trained.fuzzy_structure import FuzzyShape
 from ces_identify.trained.lagged_fit import Lags
 from ces_identify.trained.network_structure import NetworkShape
-from ces_identify.trained.simulation_error import MOST_GAIN
+from ces_identify.trained.simulation_error import MAX_GAIN
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
@@ -30,7 +30,7 @@ NOISE_N = 4.0
 
 def options(**changes):
     fields = {"limits": Limits(seconds=30.0, starts=2, threads=2), "rate_Hz": RATE_HZ, "bandwidth_Hz": 40.0}
-    return Options(**{"split": 1.0, **fields, **changes})
+    return IdentifyOptions(**{"split": 1.0, **fields, **changes})
 
 
 def found(kind, split=1.0, training=None, listener=lambda found: None, **changes):
@@ -54,7 +54,7 @@ def test_cost_on_a_fresh_recording_is_the_noise_floor(result):
 
 def test_the_model_is_certified_and_its_proof_stands(result):
     _, identified = result
-    assert identified.model.certificate["gain"] < MOST_GAIN + 1e-9
+    assert identified.model.certificate["gain"] < MAX_GAIN + 1e-9
     assert identified.model.is_stable()
 
 
@@ -102,10 +102,10 @@ def test_a_constant_current_is_left_out(kind):
 def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
     heard = []
     quick = found(kind, limits=Limits(seconds=0.3, starts=1, threads=1), listener=heard.append)
-    assert quick.found[0].ended in {"time is up", "no more gain on the selection ticks"}
+    assert quick.search_results[0].ended in {"time is up", "no more gain on the selection ticks"}
     costs = [f.cost for f in heard]
     assert costs == sorted(costs, reverse=True)
-    assert costs[-1] == quick.found[0].cost
+    assert costs[-1] == quick.search_results[0].cost
 
     def interrupt(*args, **kwargs):
         if threading.current_thread() is threading.main_thread() and len(heard) > 3:
@@ -116,14 +116,14 @@ def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
     heard.clear()
     monkeypatch.setattr("ces_identify.trained.simulation_error.wait", interrupt)
     broken_off = found(kind, limits=Limits(seconds=60.0, starts=1, threads=1), listener=heard.append)
-    assert broken_off.found[0].ended == "interrupted"
-    assert np.isfinite(broken_off.found[0].cost)
+    assert broken_off.search_results[0].ended == "interrupted"
+    assert np.isfinite(broken_off.search_results[0].cost)
 
 
 def test_without_a_certificate_none_is_written():
     loose = found("network", certify=False, limits=Limits(seconds=10.0, starts=1, target=20.0))
     assert loose.model.certificate is None
-    assert loose.found[0].ended == "target cost reached"
+    assert loose.search_results[0].ended == "target cost reached"
 
 
 @pytest.mark.parametrize("kind", list(KINDS))
@@ -139,7 +139,7 @@ def test_a_damper_slower_than_may_be_proved_is_met_as_nearly_as_may_be():
     slow = replace(NETWORK, body=replace(NETWORK.body, linear=(0.99, 0.05, 0.03, 0.0), constant=0.0, units=()))
     once = Limits(seconds=20.0, starts=1)
     identified = identify([planted(slow, 1)], [], options(limits=once), fitter=NetworkShape(2, LAGS, 1e-8))
-    assert 0.95 < identified.model.certificate["gain"] < MOST_GAIN + 1e-9
+    assert 0.95 < identified.model.certificate["gain"] < MAX_GAIN + 1e-9
     assert identified.evaluations[0].cost < 20.0
 
 

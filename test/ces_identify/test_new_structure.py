@@ -11,14 +11,14 @@ import pytest
 from markupsafe import Markup
 from planted import RATE_HZ, SAMPLING, WIDE, planted
 
+from ces_cli.identify.certificate_check import verify_certificate
 from ces_cli.identify.program import parser
-from ces_cli.identify.reproof import reprove
-from ces_cli.identify.structures import identifier
+from ces_cli.identify.structures import select_identify_function
 from ces_identify import structures as offline
-from ces_identify.polynomial.limits import Found
+from ces_identify.polynomial.limits import SearchResult
 from ces_identify.report import write_report
 from ces_identify.simulations.simulate import sample_force
-from ces_identify.structure_kit import Fitted, Options, SizeOption, StructureKit
+from ces_identify.structure_kit import Fitted, IdentifyOptions, SizeOption, StructureKit
 from ces_identify.typesetting import parameter_table
 from ces_observer import structures as on_vehicle
 from ces_observer.control.steady_force import steady_force
@@ -109,7 +109,7 @@ def fit(share):
         model = Model(sampling, Dashpot(share * float(v @ f / (v @ v))), WIDE, (-1e5, 1e5))
         certificate = model.certify().to_mapping() if options.certify else None
         model = Model(sampling, model.body, WIDE, (-1e5, 1e5), certificate)
-        found = Found(np.arange(1), np.array([model.body.viscosity]), 1.0, 1, 1, "solved")
+        found = SearchResult(np.arange(1), np.array([model.body.viscosity]), 1.0, 1, 1, "solved")
         return Fitted(model, [found], {"method": "least squares"})
 
     return fitter
@@ -166,9 +166,9 @@ def test_its_own_proof_decides(capsys):
     require_stable(model(), "m.json")
     with pytest.raises(ModelError, match="it is not proved to dissipate; identify it anew"):
         require_stable(model(-1.0), "m.json")
-    assert reprove(model(), "m.json") == 0
+    assert verify_certificate(model(), "m.json") == 0
     assert "proved: force times speed is never negative (sign of the viscosity)" in capsys.readouterr().out
-    assert reprove(model(-1.0), "m.json") == 1
+    assert verify_certificate(model(-1.0), "m.json") == 1
     assert "it drives the motion" in capsys.readouterr().out
 
 
@@ -179,8 +179,8 @@ def test_the_controller_can_invert_it():
 def test_it_is_identified_by_its_name_and_reported(tmp_path):
     words = shlex.split("--structure dashpot --percent 50")
     assert parser().parse_args(["bag"]).structure == "polynomial"
-    identify = identifier(parser().parse_args(["bag", *words]))
-    found = identify([planted(model(), 1)], [planted(model(), 2)], Options(rate_Hz=RATE_HZ, bandwidth_Hz=40.0))
+    identify = select_identify_function(parser().parse_args(["bag", *words]))
+    found = identify([planted(model(), 1)], [planted(model(), 2)], IdentifyOptions(rate_Hz=RATE_HZ, bandwidth_Hz=40.0))
     assert found.model.body.viscosity == pytest.approx(400.0, rel=0.05)
     assert found.model.certificate["viscosity_Ns_m"] == found.model.body.viscosity
     assert found.model.provenance["selection"]["method"] == "least squares"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ces_observer.clock_watch import LEAST_JUMP_NS, ClockWatch
+from ces_observer.clock_watch import MIN_JUMP_NS, ClockWatch
 
 LOOK_NS = 100_000_000
 WALL_NS, STEADY_NS = 1_700_000_000_000_000_000, 5_000_000_000
@@ -16,11 +16,11 @@ def jumps(steps_ns: list[int]) -> list[int]:
     found = []
     for k, step in enumerate(steps_ns, start=1):
         wall += LOOK_NS + step
-        found.append(watch.look(wall, STEADY_NS + k * LOOK_NS))
+        found.append(watch.measure_jump(wall, STEADY_NS + k * LOOK_NS))
     return found
 
 
-@pytest.mark.parametrize("jump_ns", [-3_600_000_000_000, -LEAST_JUMP_NS, LEAST_JUMP_NS, 2_500_000_000])
+@pytest.mark.parametrize("jump_ns", [-3_600_000_000_000, -MIN_JUMP_NS, MIN_JUMP_NS, 2_500_000_000])
 def test_a_jump_is_noticed_once(jump_ns: int) -> None:
     assert jumps([0, 0, jump_ns, 0, 0]) == [0, 0, jump_ns, 0, 0]
 

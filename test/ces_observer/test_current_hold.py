@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_identify.preparation.series import held_current
+from ces_identify.preparation.series import hold_current
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.current_hold import HISTORY, JUMP_NS, ConstantCurrent, CurrentHold
 
@@ -19,7 +19,7 @@ MAX_AGE_S = 0.2
 def hold_of(*samples: tuple[int, float]) -> CurrentHold:
     hold = CurrentHold(MAX_AGE_S)
     for stamp_ms, current in samples:
-        hold.put(stamp_ms * MS, current)
+        hold.add(stamp_ms * MS, current)
     return hold
 
 
@@ -32,15 +32,15 @@ def test_nothing_before_the_first() -> None:
     assert isnan(hold_of().at(0))
     hold = hold_of((10, 0.3))
     assert isnan(hold.at(9 * MS))
-    assert hold.why(9 * MS).endswith("0.001 s before the first current that is known")
-    assert hold.why(-1000 * MS).endswith("are both on one clock?")
+    assert hold.explain(9 * MS).endswith("0.001 s before the first current that is known")
+    assert hold.explain(-1000 * MS).endswith("are both on one clock?")
 
 
 def test_age_limit_is_inclusive() -> None:
     hold = hold_of((0, 0.3))
     assert hold.at(200 * MS) == 0.3
     assert isnan(hold.at(200 * MS + 1))
-    assert "0.2 s" in hold.why(500 * MS)
+    assert "0.2 s" in hold.explain(500 * MS)
 
 
 def test_a_late_arrival_is_sorted_in() -> None:
@@ -56,8 +56,8 @@ def test_not_finite_counts_as_not_received() -> None:
 
 def test_clock_set_back_forgets_the_future() -> None:
     hold = hold_of((0, 0.9))
-    hold.put(10 * JUMP_NS, 0.3)
-    hold.put(5 * JUMP_NS, 0.5)
+    hold.add(10 * JUMP_NS, 0.3)
+    hold.add(5 * JUMP_NS, 0.5)
     assert hold.at(5 * JUMP_NS) == 0.5
     assert isnan(hold.at(10 * JUMP_NS))
 
@@ -65,20 +65,20 @@ def test_clock_set_back_forgets_the_future() -> None:
 def test_memory_is_bounded_and_keeps_the_newest() -> None:
     hold = CurrentHold(1e6)
     for k in range(3 * HISTORY):
-        hold.put(k * MS, float(k))
+        hold.add(k * MS, float(k))
     assert hold.at((2 * HISTORY) * MS) == 2.0 * HISTORY
     assert isnan(hold.at((HISTORY - 1) * MS))
 
 
 def test_another_view_has_the_same_currents_under_another_limit() -> None:
     hold = hold_of((0, 0.9))
-    view = hold.aged(10.0)
-    hold.put(5 * MS, 0.5)
+    view = hold.with_max_age(10.0)
+    hold.add(5 * MS, 0.5)
     assert isnan(hold.at(9000 * MS)) and view.at(9000 * MS) == 0.5
     assert view.newest_ns == hold.newest_ns == 5 * MS
     hold.reset()
     assert isnan(view.at(9000 * MS)) and view.newest_ns is None
-    assert ConstantCurrent(0.4).aged(1.0).at(10**19) == 0.4
+    assert ConstantCurrent(0.4).with_max_age(1.0).at(10**19) == 0.4
 
 
 def test_constant_holds_always() -> None:
@@ -94,6 +94,6 @@ def test_same_as_offline(currents: list[tuple[int, float]], positions: list[int]
     stamps, values = zip(*currents, strict=True)
     channel = Channel("current", "A", np.array(stamps, dtype=np.int64) * MS, np.array(values))
     wanted = np.array(positions, dtype=np.int64) * MS
-    offline = held_current(Recording("r", {"current": channel}), wanted, MAX_AGE_S)
+    offline = hold_current(Recording("r", {"current": channel}), wanted, MAX_AGE_S)
     live = [hold_of(*currents).at(int(stamp)) for stamp in wanted]
     np.testing.assert_array_equal(live, offline)

@@ -110,7 +110,7 @@ def test_age_check_can_be_switched_off() -> None:
     damper = observer(max_age_s=0.0)
     run(damper, 0, 300)
     assert damper.step(START + 300 * MS, stroke(300), 0) is not None
-    damper.allow_age(0.5)
+    damper.set_max_age(0.5)
     assert damper.step(START + 301 * MS, stroke(301), 0) is None
 
 
@@ -126,11 +126,11 @@ def test_unset_header_stamp_is_named(max_age_s: float, reason: str) -> None:
 def test_messages_of_other_joints_matter_only_when_ours_are_missing() -> None:
     damper = observer()
     for k in range(300):
-        damper.unreadable_position("no joint 'rear'")
+        damper.count_unreadable_position("no joint 'rear'")
         run(damper, k, k + 1)
     assert damper.reason == OK
-    damper.unreadable_position("no joint 'rear'")
-    damper.silence()
+    damper.count_unreadable_position("no joint 'rear'")
+    damper.report_silence()
     assert (damper.reason, damper.explain()) == (SILENT, "no joint 'rear'")
     assert damper.tally.unreadable == 301
 
@@ -171,7 +171,7 @@ def test_a_loaded_model_takes_over_when_warm_and_no_force_is_missing() -> None:
 def test_a_loaded_model_without_samples_waits() -> None:
     damper = observer()
     damper.load(harder())
-    damper.silence()
+    damper.report_silence()
     assert damper.model == plain_damper() and damper.next_model == harder()
 
 

@@ -130,11 +130,11 @@ def test_a_current_that_holds_was_received_and_is_not_too_old(currents: list[tup
     stamp, put = at_ns, []
     for step_ns, current in currents:
         stamp += step_ns
-        hold.put(stamp, current)
+        hold.add(stamp, current)
         put.append((stamp, current))
     for when in (at_ns, stamp, stamp + 100 * MS):
         current = hold.at(when)
-        assert "\n" not in hold.why(when)
+        assert "\n" not in hold.explain(when)
         assert isnan(current) or any(value == current and 0 <= when - t <= 200 * MS for t, value in put)
 
 

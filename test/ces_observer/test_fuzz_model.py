@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "fuzz"))
 
-from fuzz_mutations import spoilt_model
+from fuzz_mutations import spoil_model
 from fuzz_targets import READ, REFUSED, try_model
 
 from ces_observer.errors import ModelError
@@ -55,7 +55,7 @@ def test_spoilt_files_are_read_or_refused(path: Path) -> None:
     @QUICK
     @given(st.sampled_from(sorted(SEEDS)), st.integers(0, 2**32))
     def holds(seed: str, number: int) -> None:
-        path.write_bytes(spoilt_model(SEEDS[seed], Random(number)))
+        path.write_bytes(spoil_model(SEEDS[seed], Random(number)))
         seen.add(try_model(path))
 
     holds()
@@ -184,10 +184,10 @@ def test_the_largest_model_is_read_and_judged_in_bounded_time(monkeypatch: pytes
     model = parse_model(widest(), "m.json")
     model.make_predictor().tick(0.01, 0.5, 0.5)
     assert perf_counter() - start < 10.0  # a second on an idle computer
-    monkeypatch.setattr(branch_and_bound, "MOST_WORK", 300_000)
+    monkeypatch.setattr(branch_and_bound, "MAX_WORK", 300_000)
     groups = [model.body.terms]
     work = Sums(groups).work
-    _, boxes = branch_and_bound.maximum(groups, model.envelope.by_signal)
+    _, boxes = branch_and_bound.bound_maximum(groups, model.envelope.by_signal)
     assert work > 10_000 and 2 < boxes <= 300_000 // work + 2
 
 

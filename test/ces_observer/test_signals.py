@@ -3,7 +3,7 @@ from types import SimpleNamespace as Message
 import pytest
 
 from ces_observer.errors import SignalsError
-from ces_observer.signals import DEFAULTS, NAMES, UNITS, Constant, FieldPath, Signal, Signals, overridden
+from ces_observer.signals import DEFAULTS, NAMES, UNITS, Constant, FieldPath, Signal, Signals, override
 
 JOINTS = Message(name=["fork", "rear"], position=[0.1, 0.2], effort=[])
 WRENCH = Message(wrench=Message(force=Message(x=1, y=2.5, z=True)))
@@ -55,18 +55,18 @@ def test_path_that_is_none(path):
 
 def test_defaults_describe_position_current_and_force():
     signals = Signals.from_mapping({}, "here")
-    assert {s.name: (s.topic, s.type, s.field.text) for s in signals.recorded()} == {
+    assert {s.name: (s.topic, s.type, s.field.text) for s in signals.list_topic_signals()} == {
         name: tuple(settings.values()) for name, settings in DEFAULTS.items()
     }
     assert all(signals[name].unit == UNITS[name] for name in DEFAULTS)
-    assert [(s.scale, s.offset) for s in signals.recorded()] == [(1.0, 0.0)] * 3
+    assert [(s.scale, s.offset) for s in signals.list_topic_signals()] == [(1.0, 0.0)] * 3
 
 
 def test_reader_scales_to_si():
     signals = Signals.from_mapping({"position": {"field": "position[rear]", "scale": -0.5, "offset": 3}}, "here")
     position = signals["position"]
     assert isinstance(position, Signal)
-    assert position.reader()(JOINTS) == -0.5 * 0.2 + 3
+    assert position.make_reader()(JOINTS) == -0.5 * 0.2 + 3
 
 
 @pytest.mark.parametrize(
@@ -87,12 +87,14 @@ def test_topic_resolves_in_the_root_namespace(described, recorded, same):
 def test_constant_takes_the_place_of_a_topic():
     signals = Signals.from_mapping({"current": {"constant": 0}}, "here")
     assert signals["current"] == Constant("current", 0.0)
-    assert [s.name for s in signals.recorded()] == ["position", "force"]
+    assert [s.name for s in signals.list_topic_signals()] == ["position", "force"]
 
 
 def test_optional_signals_are_there_only_if_described():
     given = {"topic": "oil", "type": "sensor_msgs/msg/Temperature", "field": "temperature"}
-    assert [s.name for s in Signals.from_mapping({"temperature": given}, "here").recorded()][-1] == "temperature"
+    assert [s.name for s in Signals.from_mapping({"temperature": given}, "here").list_topic_signals()][
+        -1
+    ] == "temperature"
     with pytest.raises(SignalsError, match="here: no signal 'temperature'; described are position, current, force"):
         Signals.from_mapping({}, "here")["temperature"]
     assert set(DEFAULTS) < set(NAMES)
@@ -138,4 +140,4 @@ def test_mistake_is_told(mapping, told):
     ],
 )
 def test_what_is_said_for_one_damper_goes_over_what_is_said_for_all(common, own, merged):
-    assert overridden(common, own) == merged
+    assert override(common, own) == merged

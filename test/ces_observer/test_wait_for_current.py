@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from ces_observer.wait_for_current import MOST_HELD, HeldBack
+from ces_observer.position_queue import MAX_POSITIONS, PositionQueue
 
 MS = 1_000_000
 
 
-def held(*stamps_ms: int, wait_s: float = 0.02) -> HeldBack:
+def held(*stamps_ms: int, wait_s: float = 0.02) -> PositionQueue:
     """Return a queue with positions of these stamps, each of which arrived at its stamp."""
-    queue = HeldBack(wait_s)
+    queue = PositionQueue(wait_s)
     for stamp in stamps_ms:
-        queue.put(stamp * MS, stamp * 1e-3, b"frame", stamp * MS)
+        queue.add(stamp * MS, stamp * 1e-3, b"frame", stamp * MS)
     return queue
 
 
-def let_go(queue: HeldBack, current_ms: int | None, now_ms: int) -> list[int]:
+def let_go(queue: PositionQueue, current_ms: int | None, now_ms: int) -> list[int]:
     current_ns = None if current_ms is None else current_ms * MS
-    return [stamp // MS for stamp, _, _ in queue.ready(current_ns, now_ms * MS)]
+    return [stamp // MS for stamp, _, _ in queue.pop_ready(current_ns, now_ms * MS)]
 
 
 def test_a_current_stamped_no_earlier_ends_the_wait() -> None:
@@ -25,7 +25,7 @@ def test_a_current_stamped_no_earlier_ends_the_wait() -> None:
     assert let_go(queue, None, 3) == []
     assert let_go(queue, 2, 3) == [1, 2]
     assert let_go(queue, 2, 3) == []
-    assert list(queue.ready(3 * MS, 3 * MS)) == [(3 * MS, 3e-3, b"frame")]
+    assert list(queue.pop_ready(3 * MS, 3 * MS)) == [(3 * MS, 3e-3, b"frame")]
 
 
 def test_the_wait_ends_after_its_time() -> None:
@@ -46,20 +46,20 @@ def test_the_order_of_arrival_is_kept() -> None:
 
 
 def test_no_more_than_a_bounded_number_is_held() -> None:
-    queue = held(*range(MOST_HELD + 3), wait_s=1e6)
-    assert let_go(queue, None, MOST_HELD) == [0, 1, 2]
+    queue = held(*range(MAX_POSITIONS + 3), wait_s=1e6)
+    assert let_go(queue, None, MAX_POSITIONS) == [0, 1, 2]
 
 
 def test_switched_off_it_still_lets_go_what_it_holds() -> None:
     queue = held(1)
-    assert queue.waits
-    queue.wait(0.0)
-    assert queue.waits
+    assert queue.is_waiting
+    queue.set_wait(0.0)
+    assert queue.is_waiting
     assert let_go(queue, None, 1) == [1]
-    assert not queue.waits
+    assert not queue.is_waiting
 
 
 def test_all_empties_the_queue() -> None:
     queue = held(1, 2)
-    assert [stamp for stamp, _, _ in queue.all()] == [MS, 2 * MS]
+    assert [stamp for stamp, _, _ in queue.pop_all()] == [MS, 2 * MS]
     assert let_go(queue, 10, 10) == []

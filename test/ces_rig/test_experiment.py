@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from ces_rig.dampers.hydraulic.parameters import damper_from
+from ces_rig.dampers.hydraulic.parameters import parse_damper
 from ces_rig.errors import RigError
 from ces_rig.experiment import (
     EPOCH_NS,
-    experiment_from,
     find_experiment,
     load_experiment,
     measure,
-    packaged,
-    reseeded,
+    packaged_experiments,
+    parse_experiment,
     run,
-    truth,
+    simulate_truth,
+    with_seed,
 )
 
 SHORT = {
@@ -25,7 +25,7 @@ SHORT = {
 
 
 def short(**changes):
-    return experiment_from({**SHORT, **changes}, "e.yaml")
+    return parse_experiment({**SHORT, **changes}, "e.yaml")
 
 
 def same(a, b):
@@ -38,7 +38,7 @@ def same(a, b):
 
 @pytest.mark.parametrize("name", ["sine_4hz", "sine_12hz", "sweep", "noise", "road", "fm_binary"])
 def test_packaged_experiments_run(name):
-    experiment = load_experiment(packaged()[name])
+    experiment = load_experiment(packaged_experiments()[name])
     recording = run(experiment)
     assert set(recording.channels) == {"position", "current", "force"}
     assert recording.name == name
@@ -51,7 +51,7 @@ def test_packaged_experiments_run(name):
 
 def test_a_run_repeats_and_seeds_differ():
     assert same(run(short()), run(short()))
-    assert not same(run(short()), run(reseeded(short(), 2)))
+    assert not same(run(short()), run(with_seed(short(), 2)))
 
 
 def test_one_sensor_s_noise_leaves_the_others_alone():
@@ -62,7 +62,7 @@ def test_one_sensor_s_noise_leaves_the_others_alone():
 
 
 def test_tare_takes_the_gas_force_away():
-    tared, raw = truth(short()), truth(short(tare=False))
+    tared, raw = simulate_truth(short()), simulate_truth(short(tare=False))
     assert raw.force_N - tared.force_N == pytest.approx(np.full(len(raw.time_s), 228.7), abs=0.1)
     assert abs(tared.force_N[0]) < 1.0
 
@@ -70,7 +70,7 @@ def test_tare_takes_the_gas_force_away():
 def test_logged_current_is_the_coil_s_or_the_command():
     base = {"noise": 0.0, "quantum": 0.0}
     binary = {"kind": "binary"}
-    true = truth(short(current=binary))
+    true = simulate_truth(short(current=binary))
     coil = measure(short(current=binary, sensors={"current": base}), true).channel("current").values
     command = measure(short(current=binary, sensors={"current": base, "current_source": "commanded"}), true)
     assert np.isin(np.round(command.channel("current").values, 3), (0.29, 0.7)).mean() > 0.97
@@ -87,7 +87,7 @@ def test_damper_by_file_beside_the_experiment_or_in_place(tmp_path):
     (tmp_path / "d.yaml").write_text("seal: {coulomb_N: 60.0, static_N: 80.0}\n")
     path = tmp_path / "e.yaml"
     path.write_text("stroke: {kind: rest}\ncurrent: {kind: constant, current_A: 0.5}\ndamper: d.yaml\n")
-    expected = damper_from({"seal": {"coulomb_N": 60.0, "static_N": 80.0}}, "x")
+    expected = parse_damper({"seal": {"coulomb_N": 60.0, "static_N": 80.0}}, "x")
     assert load_experiment(path).damper == expected
     assert short(damper={"seal": {"coulomb_N": 60.0, "static_N": 80.0}}).damper == expected
 
@@ -122,7 +122,7 @@ def test_mistakes_are_one_line(change, says):
 
 def test_missing_parts_and_files():
     with pytest.raises(RigError, match="'current' is missing"):
-        experiment_from({"stroke": {"kind": "rest"}}, "e.yaml")
+        parse_experiment({"stroke": {"kind": "rest"}}, "e.yaml")
     with pytest.raises(RigError, match="no such file, and no packaged experiment; packaged are fm_binary"):
         find_experiment("sine_5hz")
-    assert find_experiment("sweep") == packaged()["sweep"]
+    assert find_experiment("sweep") == packaged_experiments()["sweep"]

@@ -4,27 +4,27 @@ import numpy as np
 import pytest
 
 from bench.rig.characteristic import steady_force
-from bench.thesis.noise_floor import cost, driven, floors
+from bench.thesis.noise_floor import cost, noise_floors, simulate_driven
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.errors import RigError
-from ces_rig.experiment import experiment_from, load_experiment, measure, packaged, truth
+from ces_rig.experiment import load_experiment, measure, packaged_experiments, parse_experiment, simulate_truth
 from ces_rig.simulation import load_rig
 
 
 @pytest.mark.parametrize("name", ["sine_4hz", "road"])
 def test_noise_floor_and_the_damper_itself(name):
-    floor, itself = floors(load_experiment(packaged()[name]))
+    floor, itself = noise_floors(load_experiment(packaged_experiments()[name]))
     assert 0.3 < floor < 1.0
     assert floor < itself < 2 * floor
 
 
 def test_a_wrong_damper_costs_more_than_the_right_one():
-    experiment = load_experiment(packaged()["sine_4hz"])
-    recording = measure(experiment, truth(experiment))
+    experiment = load_experiment(packaged_experiments()["sine_4hz"])
+    recording = measure(experiment, simulate_truth(experiment))
     given = {"stroke": {"kind": "rest"}, "current": {"kind": "reg1"}, "damper": {"mount": {"stiffness_N_m": 1e6}}}
     force = recording.channel("force").values
-    wrong = cost(force, driven(experiment_from(given, "x"), recording))
-    assert wrong > 3 * cost(force, driven(experiment, recording))
+    wrong = cost(force, simulate_driven(parse_experiment(given, "x"), recording))
+    assert wrong > 3 * cost(force, simulate_driven(experiment, recording))
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ from vehicle import stamp_of, wait
 from ces_observer.control.controller_tuning import Tuning
 from ces_observer.control.force_controller import ForceController
 from ces_observer.control.force_curve import ForceCurve
-from ces_observer.control.steady_force import current_lag_s, inverse_map
+from ces_observer.control.steady_force import compute_inverse_map, current_lag_s
 from ces_observer.model import load_model
 from ces_observer.nodes.controller_table import FORCES, SPEEDS
 
@@ -140,7 +140,7 @@ def test_commands_are_the_pure_controllers(
     model = load_model(model_path)
     tuning = Tuning(**LIMITS, valve_lag_s=0.0, max_gap_s=5.0)
     tuning = replace(tuning, valve_lag_s=Tuning.lead_s(current_lag_s(model), tuning.preview_s))
-    pure = ForceController(ForceCurve.of(*CURVE.values()), inverse_map(model), tuning)
+    pure = ForceController(ForceCurve.from_points(*CURVE.values()), compute_inverse_map(model), tuning)
     samples = [(10**18 + k * MS, 1.2 * cos(0.02 * k), 2600.0 * cos(0.02 * k + 0.1)) for k in range(1000)]
     expected = [pure.step(*sample) for sample in samples]
     wait(lambda: len(surroundings.statuses) > 2, "the node looks whether somebody listens")

@@ -15,7 +15,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent / "bench" / "reliability"))
 
-from campaign import play, rules_for, staged
+from campaign import make_limits, play, start_stage
 from damper_models import plain_damper
 from faults import REAL, faults
 
@@ -37,16 +37,16 @@ SHORT_S = (0.4, 0.6)
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    with staged(MODEL, tmp_path_factory.mktemp("faults"), REAL) as stage:
+    with start_stage(MODEL, tmp_path_factory.mktemp("faults"), REAL) as stage:
         yield stage
 
 
 def test_a_short_campaign_of_faults(stage: Stage) -> None:
     by_name = {fault.name: fault for fault in faults(MODEL.sampling.max_current_age_s)}
     chosen = [replace(by_name[name], seconds=SHORT_S) for name in NAMES]
-    outcomes = list(play(stage, chosen, rules_for(MODEL, REAL), Random(1)))
+    outcomes = list(play(stage, chosen, make_limits(MODEL, REAL), Random(1)))
     assert {one.fault: one.wrong for one in outcomes if one.wrong} == {}
     assert [one.fault for one in outcomes] == list(NAMES)
     assert max(one.worst_force_N for one in outcomes) > 100.0
     assert not stage.observer.end()
-    assert not stage.witness.estimates.misread
+    assert not stage.monitor.estimates.misread

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.structures.constructed import Frequency, Hysteresis, Lag, hats
+from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, make_memberships
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -11,8 +11,8 @@ STOP = Hysteresis("hysteresis", "stop", "position", 0.002)
 PLAY = Hysteresis("remanence", "play", "current", 0.05)
 LAG = Lag("valve", "current", 0.008)
 FREQUENCY = Frequency("frequency", 0.25, (0.5, 20.0), 1e-4)
-LOW, MID, HIGH = hats("by_current", "current", (0.2, 0.5, 1.1))
-SHORT, LONG = hats("by_stop", "hysteresis", (-0.001, 0.001), STOP)
+LOW, MID, HIGH = make_memberships("by_current", "current", (0.2, 0.5, 1.1))
+SHORT, LONG = make_memberships("by_stop", "hysteresis", (-0.001, 0.001), STOP)
 
 
 def used(one: object, lag: int = 0, power: float = 1.0, signed: bool = False) -> Factor:

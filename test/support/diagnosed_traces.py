@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.diagnosis import GapMap, Region, Series, Where
-from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
-from ces_gap.trace import Inputs, Trace, make_trace
+from ces_gap.diagnosis import GapMap, GapRegion, HeldOutSeries, Where
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
+from ces_gap.trace import Trace, TraceInputs, make_trace
 from ces_identify.recordings.recording import Channel, Recording
 
 F = NDArray[np.float64]
@@ -33,11 +33,11 @@ class Friction(Effect):
 
     name, form = "friction", "coulomb"
     parameters = (
-        Parameter("coulomb_N", 0.0, 500.0, (20.0,), "friction force while sliding", magnitude=True),
-        Parameter("transition_m_s", 1e-4, 0.1, (0.01,), "speed at which it is reached", scale="log"),
+        EffectParameter("coulomb_N", 0.0, 500.0, (20.0,), "friction force while sliding", magnitude=True),
+        EffectParameter("transition_m_s", 1e-4, 0.1, (0.01,), "speed at which it is reached", scale="log"),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return force + values[0] * np.tanh(inputs.speed / values[1])
 
 
@@ -45,21 +45,23 @@ class ValveLag(Effect):
     """A valve lag for tests; only its name and parameters matter."""
 
     name, form = "valve_lag", "first order"
-    parameters = (Parameter("rise_s", 0.0, 0.1, (0.01,), "time constant of a rising force", magnitude=True),)
+    parameters = (EffectParameter("rise_s", 0.0, 0.1, (0.01,), "time constant of a rising force", magnitude=True),)
 
 
 class Hysteresis(Effect):
     """A magnetic hysteresis for tests; only its name and parameters matter."""
 
     name, form = "current_hysteresis", "play"
-    parameters = (Parameter("width_A", 0.0, 0.5, (0.05,), "width of the play in the current", magnitude=True),)
+    parameters = (EffectParameter("width_A", 0.0, 0.5, (0.05,), "width of the play in the current", magnitude=True),)
 
 
 def setting(effect: Effect, *values: float) -> Setting:
     return Setting(effect, values)
 
 
-def series(name: str, seed: int, coulomb_N: float = COULOMB_N, own: float = 1.0, seconds: float = 10.0) -> Series:
+def series(
+    name: str, seed: int, coulomb_N: float = COULOMB_N, own: float = 1.0, seconds: float = 10.0
+) -> HeldOutSeries:
     """Return a recording with `coulomb_N` of friction that the simulation lacks, which is `own` times off itself."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, 0.002)
@@ -72,7 +74,7 @@ def series(name: str, seed: int, coulomb_N: float = COULOMB_N, own: float = 1.0,
     trace = make_trace(recording(name, time, position, current, force), simulated)
     corrected = trace.simulated + own * own_error(trace.inputs.speed, trace.inputs.current)
     effect = Composition((setting(Friction(), 0.97 * coulomb_N, 0.013),))
-    return Series(trace, corrected, effect.respond(trace, trace.inputs, corrected))
+    return HeldOutSeries(trace, corrected, effect.respond(trace, trace.inputs, corrected))
 
 
 def damping(position: F, speed: F, current: F) -> F:
@@ -89,7 +91,7 @@ def recording(name: str, time: F, position: F, current: F, force: F) -> Recordin
     return Recording(name, {n: Channel(n, u, stamps, v) for n, (u, v) in signals.items()}, sha256="5a" * 32)
 
 
-def located(held_out: Sequence[Series], kept: str = "simulated") -> Where:
+def located(held_out: Sequence[HeldOutSeries], kept: str = "simulated") -> Where:
     """Return where measured minus `kept` (simulated, corrected or augmented) lies, by plain binning."""
     gap = np.concatenate([(s.trace.force - _of(s, kept))[s.trace.usable] for s in held_out])
     values = {axis: np.concatenate([axis_values(s.trace)[axis][s.trace.usable] for s in held_out]) for axis in EDGES}
@@ -118,22 +120,22 @@ def axis_values(trace: Trace) -> dict[str, F]:
     }
 
 
-def _of(s: Series, kept: str) -> F:
+def _of(s: HeldOutSeries, kept: str) -> F:
     return {"simulated": s.trace.simulated, "corrected": s.corrected, "augmented": s.augmented}[kept]
 
 
-def _regions(axis: str, edges: F, values: F, square: F) -> list[Region]:
+def _regions(axis: str, edges: F, values: F, square: F) -> list[GapRegion]:
     out = []
     for low, high in pairwise(edges):
         inside = (values >= low) & (values < high)
         share, samples = float(square[inside].sum() / square.sum()), float(inside.mean())
         rms = float(np.sqrt(max(square[inside].mean(), 0.0))) if inside.any() else 0.0
         q = 0.003 if share > 1.15 * samples else 0.6
-        out.append(Region(axis, low, high, share, samples, rms, (0.9 * rms, 1.12 * rms), q))
+        out.append(GapRegion(axis, low, high, share, samples, rms, (0.9 * rms, 1.12 * rms), q))
     return out
 
 
-def _spectrum(gap: F, force: F) -> list[Region]:
+def _spectrum(gap: F, force: F) -> list[GapRegion]:
     frequency = np.fft.rfftfreq(len(gap), 0.002)
     power, of_force = (2.0 * np.abs(np.fft.rfft(v) / len(v)) ** 2 for v in (gap, force))
     power = np.maximum(power - np.median(power), 0.0)
@@ -143,7 +145,7 @@ def _spectrum(gap: F, force: F) -> list[Region]:
         energy, samples = float(power[inside].sum()), float(of_force[inside].sum() / of_force.sum())
         share, rms = energy / float(power.sum()), energy**0.5
         out.append(
-            Region(
+            GapRegion(
                 "frequency_hz",
                 low,
                 high,

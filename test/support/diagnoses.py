@@ -15,10 +15,10 @@ from ces_gap.diagnosis import (
     UNKNOWN,
     Diagnosis,
     Estimate,
-    Explained,
+    Explanation,
     Gap,
+    HeldOutSeries,
     NextExperiment,
-    Series,
 )
 from ces_gap.effects.effect import Composition, Setting
 
@@ -135,7 +135,7 @@ def unknown() -> Diagnosis:
 def no_gap() -> Diagnosis:
     first = named()
     held_out = tuple(series(name, seed, coulomb_N=0.0, own=0.1) for name, seed in (("bags/road", 3), ("bags/noise", 4)))
-    nothing = Explained((), (), Composition(), (), 0.6, float("nan"), (float("nan"), float("nan")))
+    nothing = Explanation((), (), Composition(), (), 0.6, float("nan"), (float("nan"), float("nan")))
     return replace(
         first,
         verdict=NO_GAP,
@@ -155,10 +155,10 @@ def no_gap() -> Diagnosis:
 
 
 def explained(
-    one: Setting, estimates: tuple[Estimate, ...], held_out: tuple[Series, ...], probability: float
-) -> Explained:
+    one: Setting, estimates: tuple[Estimate, ...], held_out: tuple[HeldOutSeries, ...], probability: float
+) -> Explanation:
     """Return one effect alone, closing most of the gap."""
-    return Explained(
+    return Explanation(
         effects=(one.name,),
         forms=(one.effect.form,),
         composition=Composition((one,)),

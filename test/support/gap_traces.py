@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from ces_gap.baseline.noise import Noise
+from ces_gap.baseline.noise import NoiseModel
 from ces_gap.derivative import derivative
 from ces_gap.trace import Trace, make_trace
 from ces_identify.recordings.recording import Channel, Recording
@@ -36,9 +36,9 @@ def trace_of(time: F, position: F, current: F, name: str = "made") -> Trace:
     return make_trace(Recording(name, channels), force)
 
 
-def ar(rms_N: float, pole: float) -> Noise:
+def ar(rms_N: float, pole: float) -> NoiseModel:
     """First-order autoregressive noise."""
-    return Noise(rms_N, rms_N * float(np.sqrt(1.0 - pole**2)), np.array([pole]))
+    return NoiseModel(rms_N, rms_N * float(np.sqrt(1.0 - pole**2)), np.array([pole]))
 
 
 def ar_noise(n: int, rms_N: float, pole: float, rng: np.random.Generator) -> F:

@@ -10,8 +10,8 @@ import numpy as np
 from numba import njit
 from scipy.interpolate import CubicSpline
 
-from ces_gap.baseline.plant import Rerun
-from ces_gap.trace import F, Inputs, Trace, make_trace
+from ces_gap.baseline.plant import TraceSimulator
+from ces_gap.trace import F, Trace, TraceInputs, make_trace
 from ces_identify.recordings.recording import Channel, Recording
 
 RATE_HZ, SECONDS, FINER = 1000.0, 5, 8  # physics run FINER times as fast as recordings are logged
@@ -49,18 +49,18 @@ def brakes(position, current):
 
 
 @dataclass(frozen=True)
-class Damper(Rerun):
+class Damper(TraceSimulator):
     """The simulation."""
 
-    def force(self, trace: Trace, inputs: Inputs) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
         return np.asarray(valves(inputs.speed, inputs.current))
 
 
 @dataclass(frozen=True)
-class Brake(Rerun):
+class Brake(TraceSimulator):
     """A simulation with memory."""
 
-    def force(self, trace: Trace, inputs: Inputs) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
         return np.asarray(brakes(inputs.position, inputs.current))
 
 

@@ -11,8 +11,8 @@ from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
-from ces_observer.structures.lagged import Regressor
-from ces_observer.structures.network import Network, Unit
+from ces_observer.structures.lagged_signals import Regressor
+from ces_observer.structures.network import Network, SigmoidUnit
 
 RATE_HZ = 400.0
 SAMPLING = Sampling(RATE_HZ, 40.0, 0.01)
@@ -30,7 +30,7 @@ NETWORK = Model(
         500.0,
         -0.25,
         (0.6, 0.1, 0.05, 0.02),
-        (Unit(1.2, 0.4, (0.3, 2.0, -0.5, 0.5)), Unit(-0.7, -0.3, (-0.2, -1.5, 0.0, 0.8))),
+        (SigmoidUnit(1.2, 0.4, (0.3, 2.0, -0.5, 0.5)), SigmoidUnit(-0.7, -0.3, (-0.2, -1.5, 0.0, 0.8))),
     ),
     WIDE,
     (-1e5, 1e5),

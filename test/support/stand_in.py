@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_gap.diagnosis import NAMED, NO_GAP, Diagnosis, Estimate, Explained, Gap, Where
-from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
+from ces_gap.diagnosis import NAMED, NO_GAP, Diagnosis, Estimate, Explanation, Gap, Where
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.errors import GapError
 from ces_gap.trace import make_trace
 from ces_identify.recordings.recording import Channel, Recording
@@ -29,7 +29,7 @@ class Offset(Effect):
     """A force that is always there."""
 
     name, form = "stand_in_offset", "constant"
-    parameters = (Parameter("offset_N", -1e3, 1e3, (10.0,), "of the force", magnitude=True),)
+    parameters = (EffectParameter("offset_N", -1e3, 1e3, (10.0,), "of the force", magnitude=True),)
 
     def respond(self, trace, inputs, force, values):
         return force + values[0]
@@ -66,7 +66,7 @@ def diagnose(simulation, spec, real, held_out, reference, options, progress=lamb
     composition = Composition((Setting(Offset(), (offset,)),) if rms > 10.0 else ())
     estimates = ((Estimate("offset_N", offset, (offset - 1.0, offset + 1.0)),),)
     after, shrink = float(gap.std()), 1.0 - float(gap.std()) / rms
-    alone = Explained(
+    alone = Explanation(
         ("stand_in_offset",),
         ("constant",),
         Composition((Setting(Offset(), (offset,)),)),
@@ -76,7 +76,7 @@ def diagnose(simulation, spec, real, held_out, reference, options, progress=lamb
         (shrink - 0.1, shrink + 0.1),
         probability=0.9,
     )
-    together = alone if composition.settings else Explained((), (), composition, (), rms, 0.0, (0.0, 0.0))
+    together = alone if composition.settings else Explanation((), (), composition, (), rms, 0.0, (0.0, 0.0))
     where = Where((), None, 1.0, ())
     return Diagnosis(
         verdict=NAMED if composition.settings else NO_GAP,

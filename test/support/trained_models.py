@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
-from ces_observer.structures.lagged import Regressor
-from ces_observer.structures.network import Network, Unit
+from ces_observer.structures.lagged_signals import Regressor
+from ces_observer.structures.network import Network, SigmoidUnit
 
 SAMPLING = Sampling(1000.0, 60.0, 0.005)
 ENVELOPE = Envelope((-0.1, 0.1), (-1.0, 1.0), (0.0, 1.0))
@@ -21,7 +21,7 @@ NETWORK = Network(
     500.0,
     0.1,
     (0.5, 0.1, 0.2, 0.0, 0.05),
-    (Unit(1.5, -0.3, (0.2, 0.0, 2.0, 1.0, 0.0)), Unit(-0.6, 0.5, (0.5, -0.1, -1.0, 0.4, 0.3))),
+    (SigmoidUnit(1.5, -0.3, (0.2, 0.0, 2.0, 1.0, 0.0)), SigmoidUnit(-0.6, 0.5, (0.5, -0.1, -1.0, 0.4, 0.3))),
 )
 FUZZY = Fuzzy(
     REGRESSORS,

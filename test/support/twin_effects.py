@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.baseline.plant import Called, Plant
-from ces_gap.effects.effect import Effect, Parameter
-from ces_gap.trace import Inputs, Trace, make_trace
+from ces_gap.baseline.plant import DirectSimulator, Plant
+from ces_gap.effects.effect import Effect, EffectParameter
+from ces_gap.trace import Trace, TraceInputs, make_trace
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation
 
@@ -23,7 +23,7 @@ def damper(time_s: F, position_m: F, current_A: F) -> F:
 
 
 SIMULATION = FunctionSimulation("damper", damper)
-PLANT = Plant(Called(SIMULATION))
+PLANT = Plant(DirectSimulator(SIMULATION))
 
 
 def trace_of(position: F, current: F, rate_Hz: float = 500.0, constants: bool = False) -> Trace:
@@ -56,9 +56,9 @@ class Scale(Effect):
     """More force everywhere."""
 
     name, form = "scale", "gain"
-    parameters = (Parameter("gain_1", 0.5, 2.0, (1.1, 0.9), "gain", magnitude=True, neutral=1.0),)
+    parameters = (EffectParameter("gain_1", 0.5, 2.0, (1.1, 0.9), "gain", magnitude=True, neutral=1.0),)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return values[0] * force
 
 
@@ -66,20 +66,20 @@ class CurrentGain(Effect):
     """More current than was logged: a rerun."""
 
     name, form, reruns = "current_gain", "gain", True
-    parameters = (Parameter("gain_1", 0.5, 2.0, (1.1, 0.9), "gain", magnitude=True, neutral=1.0),)
+    parameters = (EffectParameter("gain_1", 0.5, 2.0, (1.1, 0.9), "gain", magnitude=True, neutral=1.0),)
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
-        return inputs.powered(values[0] * inputs.current)
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
+        return inputs.with_current(values[0] * inputs.current)
 
 
 class CurrentOffset(Effect):
     """A constant more current than was logged: a rerun."""
 
     name, form, reruns = "current_offset", "offset", True
-    parameters = (Parameter("offset_A", -0.2, 0.2, (0.02, -0.02), "offset", magnitude=True),)
+    parameters = (EffectParameter("offset_A", -0.2, 0.2, (0.02, -0.02), "offset", magnitude=True),)
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
-        return inputs.powered(inputs.current + values[0])
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
+        return inputs.with_current(inputs.current + values[0])
 
 
 class Friction(Effect):
@@ -87,11 +87,11 @@ class Friction(Effect):
 
     name, form = "friction", "coulomb"
     parameters = (
-        Parameter("coulomb_N", 0.0, 300.0, (20.0,), "friction while sliding", magnitude=True),
-        Parameter("transition_m_s", 1e-3, 1.0, (0.02, 0.3), "speed at which it is reached", scale="log"),
+        EffectParameter("coulomb_N", 0.0, 300.0, (20.0,), "friction while sliding", magnitude=True),
+        EffectParameter("transition_m_s", 1e-3, 1.0, (0.02, 0.3), "speed at which it is reached", scale="log"),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force + values[0] * np.tanh(inputs.speed / values[1]))
 
 
@@ -100,11 +100,11 @@ class Rubbing(Friction):
 
     name, form = "rubbing", "slope"
     parameters = (
-        Parameter("slope_N_s_m", 0.0, 3e5, (500.0,), "slope at rest", magnitude=True),
-        Parameter("transition_m_s", 1e-3, 1.0, (0.05,), "speed at which it is reached", scale="log"),
+        EffectParameter("slope_N_s_m", 0.0, 3e5, (500.0,), "slope at rest", magnitude=True),
+        EffectParameter("transition_m_s", 1e-3, 1.0, (0.05,), "speed at which it is reached", scale="log"),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force + values[0] * values[1] * np.tanh(inputs.speed / values[1]))
 
 
@@ -112,7 +112,7 @@ class Spring(Effect):
     """A spring in parallel."""
 
     name, form = "spring", "linear"
-    parameters = (Parameter("stiffness_N_m", 0.0, 1e5, (500.0,), "stiffness", magnitude=True),)
+    parameters = (EffectParameter("stiffness_N_m", 0.0, 1e5, (500.0,), "stiffness", magnitude=True),)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force + values[0] * inputs.position)

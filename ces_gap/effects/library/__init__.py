@@ -16,6 +16,6 @@ def library() -> tuple[Effect, ...]:
     return tuple(forms)
 
 
-def names() -> tuple[str, ...]:
+def effect_names() -> tuple[str, ...]:
     """Return the effects' names, each once."""
     return tuple(dict.fromkeys(form.name for form in library()))

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin
 
-from ces_gap.effects.effect import MOTION, Effect, Parameter
+from ces_gap.effects.effect import MOTION, Effect, EffectParameter
 from ces_gap.effects.effect_kernels import gated_play, loose_force, tight_force
-from ces_gap.effects.series_strain import less, soft_width
-from ces_gap.plant_map.own_spring import banded
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.series_strain import soft_width, subtract_stroke
+from ces_gap.plant_map.own_spring import remove_high_frequencies
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
-GAP = Parameter("gap_m", 0.0, 0.01, (5e-4, 2e-3), "free play from stop to stop", magnitude=True)
+GAP = EffectParameter("gap_m", 0.0, 0.01, (5e-4, 2e-3), "free play from stop to stop", magnitude=True)
 SUBSTEP_S = 5e-4  # [s] of the integration: the moments of parting and contact fall between ticks
 
 
@@ -33,11 +33,11 @@ class HeldPlay(Effect):
     name, form, stage, reruns, needs = "backlash", "held", MOTION, True, "reversals"
     parameters = (GAP,)
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the damper's own motion."""
         acting = force - trace.learn_map(trace.inputs, force).rest(inputs.current)
         pushed = 0.5 * (1.0 + np.tanh(acting / soft_width(trace, acting)))
-        return less(inputs, gated_play(inputs.position, pushed, values[0]), trace.rate_Hz)
+        return subtract_stroke(inputs, gated_play(inputs.position, pushed, values[0]), trace.rate_Hz)
 
 
 @dataclass(frozen=True)
@@ -51,20 +51,20 @@ class PartedPlay(Effect):
     """
 
     name, form, stage, reruns, needs = "backlash", "parted", MOTION, False, "reversals"
-    parameters = (GAP, Parameter("parted_N", -500.0, 500.0, (-20.0,), "what the cell reads while nothing passes"))
+    parameters = (GAP, EffectParameter("parted_N", -500.0, 500.0, (-20.0,), "what the cell reads while nothing passes"))
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] that passes the joint."""
         plant, (gap, level) = trace.sprung_map, values
         substeps = int(np.ceil(trace.step_s / SUBSTEP_S - 1e-6))
         how = plant.map.kernel(), plant.compliance, trace.step_s, substeps
         given = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
         tight = tight_force(*given, *how)
-        memory = banded(force - tight[::substeps], trace.rate_Hz)
-        return force + _thinned(loose_force(*given, memory, tight, gap, level, *how) - tight, substeps)
+        memory = remove_high_frequencies(force - tight[::substeps], trace.rate_Hz)
+        return force + _decimate(loose_force(*given, memory, tight, gap, level, *how) - tight, substeps)
 
 
-def _thinned(values: F, factor: int) -> F:
+def _decimate(values: F, factor: int) -> F:
     """Return every `factor`-th value behind the low-pass that measured forces have passed on their way to the grid."""
     taps = firwin(8 * factor + 1, 0.8 / factor) if factor > 1 else np.ones(1)
     return np.asarray(np.convolve(np.pad(values, len(taps) // 2, mode="edge"), taps, mode="valid")[::factor])

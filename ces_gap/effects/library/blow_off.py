@@ -7,20 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import FLUID, Effect, Parameter
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
 ROUNDING = 0.02  # of the level: over this the valve opens
 OPENS_AT = (0.97, 0.9, 0.75, 0.55)  # of the largest simulated force: where searches begin
 
-SLOPE = Parameter("slope", 0.0, 0.9, (0.2,), "growth of the force beyond the level, over that without the valve")
+SLOPE = EffectParameter("slope", 0.0, 0.9, (0.2,), "growth of the force beyond the level, over that without the valve")
 
 
-def _level(side: str) -> Parameter:
+def _level(side: str) -> EffectParameter:
     what = f"force in {side} at which the valve opens"
-    return Parameter(f"{side}_N", 100.0, 100000.0, (800.0, 2000.0), what, "inverse", magnitude=True, neutral=np.inf)
+    return EffectParameter(
+        f"{side}_N", 100.0, 100000.0, (800.0, 2000.0), what, "inverse", magnitude=True, neutral=np.inf
+    )
 
 
 class OneSide(Effect):
@@ -34,7 +36,7 @@ class OneSide(Effect):
     stage = FLUID
     sign = 1.0
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) with the valve."""
         level, slope = values
         return force - self.sign * (1.0 - slope) * _excess(self.sign * force, level)
@@ -44,7 +46,7 @@ class OneSide(Effect):
         return [(level, SLOPE.starts[0]) for level in _levels(trace, self.sign)]
 
 
-class Rebound(OneSide):
+class ReboundBlowOff(OneSide):
     """A valve that opens in rebound."""
 
     form = "rebound"
@@ -53,7 +55,7 @@ class Rebound(OneSide):
     parameters = (_level("rebound"), SLOPE)
 
 
-class Compression(OneSide):
+class CompressionBlowOff(OneSide):
     """A valve that opens in compression."""
 
     form = "compression"
@@ -61,7 +63,7 @@ class Compression(OneSide):
     parameters = (_level("compression"), SLOPE)
 
 
-class Both(Effect):
+class TwoSidedBlowOff(Effect):
     """A valve each way, each with its level."""
 
     name = "blow_off"
@@ -70,7 +72,7 @@ class Both(Effect):
     needs = "forces at which the real valves open"
     parameters = (_level("rebound"), _level("compression"), SLOPE)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) with the valves."""
         rebound, compression, slope = values
         return force + (1.0 - slope) * (_excess(-force, rebound) - _excess(force, compression))
@@ -95,4 +97,4 @@ def _levels(trace: Trace, sign: float) -> list[float]:
     return [share * largest for share in OPENS_AT]
 
 
-FORMS = (Rebound(), Compression(), Both())
+FORMS = (ReboundBlowOff(), CompressionBlowOff(), TwoSidedBlowOff())

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import PARALLEL, Effect, Parameter
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -17,13 +17,15 @@ FREE = 0.6  # share of the time that a stop is out of contact, at least
 TOUCHES_AT = (0.93, 0.8, 0.6)  # of the way from mean to largest stroke: where searches begin
 KINDS = ((1e5, 0.0), (1e4, 1e7))  # [N/m], [N/m2] where searches begin: linear, and foam
 
-STIFFNESS = Parameter("stiffness_N_m", 0.0, 5e6, (1e5,), "stiffness of the stop at first touch", magnitude=True)
-HARDENING = Parameter("hardening_N_m2", 0.0, 1e9, (0.0, 1e7), "force over depth squared, besides", magnitude=True)
-COMPRESSION = Parameter("compression_m", -0.5, 0.5, (0.02, 0.04), "position at which the compression stop touches")
-REBOUND = Parameter("rebound_m", -0.5, 0.5, (-0.02, -0.04), "position at which the rebound stop touches")
+STIFFNESS = EffectParameter("stiffness_N_m", 0.0, 5e6, (1e5,), "stiffness of the stop at first touch", magnitude=True)
+HARDENING = EffectParameter("hardening_N_m2", 0.0, 1e9, (0.0, 1e7), "force over depth squared, besides", magnitude=True)
+COMPRESSION = EffectParameter(
+    "compression_m", -0.5, 0.5, (0.02, 0.04), "position at which the compression stop touches"
+)
+REBOUND = EffectParameter("rebound_m", -0.5, 0.5, (-0.02, -0.04), "position at which the rebound stop touches")
 
 
-class Compression(Effect):
+class CompressionBumpStop(Effect):
     """A stop at the compression end: F + k d + h d2, d how deep it is pressed.
 
     Microcellular foam starts at 1e4 to 1e5 N/m and stiffens within millimetres to centimetres (Dixon, The Shock
@@ -36,17 +38,17 @@ class Compression(Effect):
     needs = "strokes that reach the compression stop"
     parameters = (STIFFNESS, HARDENING, COMPRESSION)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and stop."""
         stiffness, hardening, at = values
-        return force + _stop(inputs.position - _clear(trace, at, 1.0), stiffness, hardening)
+        return force + _stop(inputs.position - _contact_position_m(trace, at, 1.0), stiffness, hardening)
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
         """Return contacts short of the largest stroke, for a linear stop and for foam."""
         return [(*kind, end) for end in _ends(trace, 1.0) for kind in KINDS]
 
 
-class Rebound(Effect):
+class ReboundBumpStop(Effect):
     """A stop at the rebound end, pulling back: F - k d - h d2."""
 
     name = "bump_stop"
@@ -55,17 +57,17 @@ class Rebound(Effect):
     needs = "strokes that reach the rebound stop"
     parameters = (STIFFNESS, HARDENING, REBOUND)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and stop."""
         stiffness, hardening, at = values
-        return force - _stop(_clear(trace, at, -1.0) - inputs.position, stiffness, hardening)
+        return force - _stop(_contact_position_m(trace, at, -1.0) - inputs.position, stiffness, hardening)
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
         """Return contacts short of the largest stroke, for a linear stop and for foam."""
         return [(*kind, end) for end in _ends(trace, -1.0) for kind in KINDS]
 
 
-class Both(Effect):
+class TwoSidedBumpStop(Effect):
     """Stops of one kind at both ends, each with its place."""
 
     name = "bump_stop"
@@ -74,11 +76,11 @@ class Both(Effect):
     needs = "strokes that reach both stops"
     parameters = (STIFFNESS, HARDENING, COMPRESSION, REBOUND)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and stops."""
         stiffness, hardening, compression, rebound = values
-        pushes = _stop(inputs.position - _clear(trace, compression, 1.0), stiffness, hardening)
-        return force + pushes - _stop(_clear(trace, rebound, -1.0) - inputs.position, stiffness, hardening)
+        pushes = _stop(inputs.position - _contact_position_m(trace, compression, 1.0), stiffness, hardening)
+        return force + pushes - _stop(_contact_position_m(trace, rebound, -1.0) - inputs.position, stiffness, hardening)
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
         """Return contacts short of the largest strokes, for linear stops and for foam."""
@@ -93,7 +95,7 @@ def _stop(depth: F, stiffness: float, hardening: float) -> F:
     return np.asarray(pressed * (stiffness + hardening * pressed))
 
 
-def _clear(trace: Trace, at: float, sign: float) -> float:
+def _contact_position_m(trace: Trace, at: float, sign: float) -> float:
     """Return where the stop touches [m], so far out that it is free for most of the recording: else it is a spring."""
     return sign * max(sign * at, float(np.quantile(sign * trace.inputs.position, FREE)))
 
@@ -104,4 +106,4 @@ def _ends(trace: Trace, sign: float) -> list[float]:
     return [float(np.clip(sign * (mean + share * (most - mean)), -0.5, 0.5)) for share in TOUCHES_AT]
 
 
-FORMS = (Compression(), Rebound(), Both())
+FORMS = (CompressionBumpStop(), ReboundBumpStop(), TwoSidedBumpStop())

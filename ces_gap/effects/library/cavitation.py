@@ -9,14 +9,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.cavitation_kernels import held_void
-from ces_gap.effects.effect import FLUID, Effect, Parameter
+from ces_gap.effects.cavitation_kernels import void_length_at_limit
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.effect_kernels import void
-from ces_gap.trace import Inputs, Trace
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
-BUBBLES = Parameter("bubbles_m", 1e-4, 5e-3, (5e-4,), "last of the void, over which the force returns", "log")
+BUBBLES = EffectParameter("bubbles_m", 1e-4, 5e-3, (5e-4,), "last of the void, over which the force returns", "log")
 ROUNDED = 0.05  # of a limit: how gradually it is reached
 # Starts of the limits are these shares of what a trace has in the direction that cavitates.
 QUANTILES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.75)
@@ -25,7 +25,7 @@ COLUMNS, STARVED = (0.04, 0.09), (0.75, 0.85, 0.92)  # [m]; starts of a reservoi
 SEEPS = 0.01  # of the square: what an intake passes when no pressure is left
 RELEASED_M = 5e-3  # [m] bubbles at the start beside a reservoir: as below, and more air comes out of the oil
 SOFT_M = 2e-3  # [m] bubbles at the start: a search that begins with a sharp edge gets stuck beside it
-HALVINGS, LEAST_SLOPE = 8, 50.0  # of the speed; [N s/m]
+HALVINGS, MIN_SLOPE_NS_M = 8, 50.0  # of the speed; [N s/m]
 REBOUND, COMPRESSION = -1.0, 1.0
 
 
@@ -36,7 +36,7 @@ class _Void(Effect):
     name, stage, needs = "cavitation", FLUID, "fast strokes followed by reversals"
     side: ClassVar[float] = 1.0
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] with what the void takes; what it is at standstill stays."""
         share, limit, bubbles = values[0], self.limits(inputs, values), values[2]
         rest = trace.learn_map(inputs, force).rest(inputs.current)
@@ -46,7 +46,7 @@ class _Void(Effect):
         left = np.where(pull < 0.0, pull * np.exp(-length / bubbles), capped)
         return np.asarray(force + self.side * (left - pull))
 
-    def limits(self, inputs: Inputs, values: Sequence[float]) -> float | F:
+    def limits(self, inputs: TraceInputs, values: Sequence[float]) -> float | F:
         """Return the limit, of all ticks or of each (n,)."""
         return values[1]
 
@@ -56,13 +56,13 @@ class _Void(Effect):
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
         """Return starts, their limits from what this trace has."""
-        seen = self.side * self.limited(trace)[trace.usable]
+        seen = self.side * self.limited_quantity(trace)[trace.usable]
         seen = seen[seen > 0.0]
         low, high = self.parameters[1].low, self.parameters[1].high
         limits = np.clip(np.quantile(seen, QUANTILES), low, high) if len(seen) else [low]
         return [(1.0, float(limit), SOFT_M) for limit in limits]
 
-    def limited(self, trace: Trace) -> F:
+    def limited_quantity(self, trace: Trace) -> F:
         """Return the quantity that the limit is on, positive in compression."""
         raise NotImplementedError
 
@@ -76,9 +76,11 @@ class _Intake(_Void):
     Intakes starve from tenths of a metre a second; `share` is the ratio of the areas behind and before the piston.
     """
 
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("share", 0.0, 3.0, (0.3, 1.0), "void opened per stroke not filled, a ratio of areas", magnitude=True),
-        Parameter("limit_m_s", 0.02, 3.0, (0.1, 0.3), "speed from which the intake starves", "log"),
+    parameters: ClassVar[tuple[EffectParameter, ...]] = (
+        EffectParameter(
+            "share", 0.0, 3.0, (0.3, 1.0), "void opened per stroke not filled, a ratio of areas", magnitude=True
+        ),
+        EffectParameter("limit_m_s", 0.02, 3.0, (0.1, 0.3), "speed from which the intake starves", "log"),
         BUBBLES,
     )
 
@@ -87,7 +89,7 @@ class _Intake(_Void):
         forth, back = np.maximum(onward, 0.0), np.minimum(onward, 0.0)
         return share * (forth - limit) + back, pull
 
-    def limited(self, trace: Trace) -> F:
+    def limited_quantity(self, trace: Trace) -> F:
         """Return the speed."""
         return trace.inputs.speed
 
@@ -103,24 +105,24 @@ class _Floor(_Void):
     """
 
     parameters = (
-        Parameter("share", 0.0, 1.0, (0.3, 1.0), "share of the flow that is limited", magnitude=True),
-        Parameter("limit_N", 30.0, 1e4, (300.0, 1000.0), "force at which the pressure behind is gone", "log"),
+        EffectParameter("share", 0.0, 1.0, (0.3, 1.0), "share of the flow that is limited", magnitude=True),
+        EffectParameter("limit_N", 30.0, 1e4, (300.0, 1000.0), "force at which the pressure behind is gone", "log"),
         BUBBLES,
-        Parameter("passing_share", 0.3, 1.5, (1.0,), "flow of the valve beside a void, over what its map says"),
+        EffectParameter("passing_share", 0.3, 1.5, (1.0,), "flow of the valve beside a void, over what its map says"),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N], held while there is a void."""
         share, limit, bubbles, passing = values
         pull, onward = self.side * force, self.side * inputs.speed
-        passed = passing * self._through(trace, inputs, force, limit)
-        length = held_void(pull, onward, limit, passed, trace.step_s)
+        passed = passing * self._valve_speed_at_limit(trace, inputs, force, limit)
+        length = void_length_at_limit(pull, onward, limit, passed, trace.step_s)
         width = ROUNDED * limit
         excess = width * np.logaddexp(0.0, (pull - limit) / width)
         hold = -np.expm1(-((length / bubbles) ** 2))
         return np.asarray(force - self.side * share * (excess + hold * (pull - limit - excess)))
 
-    def _through(self, trace: Trace, inputs: Inputs, force: F, limit: float) -> F:
+    def _valve_speed_at_limit(self, trace: Trace, inputs: TraceInputs, force: F, limit: float) -> F:
         """Return the speed [m/s] (n,) at which the valve holds the limit at the tick's current, by bisection."""
         plant = trace.learn_map(inputs, force)
         most = float(np.max(np.abs(inputs.speed)))
@@ -129,8 +131,8 @@ class _Floor(_Void):
             speed = speed + np.where(plant.force(self.side * speed, inputs.current) * self.side < limit, width, -width)
             width *= 0.5
         for _ in range(2):
-            found, slope = plant.both(self.side * speed, inputs.current)
-            off = (limit - self.side * found) / np.maximum(slope, LEAST_SLOPE)
+            found, slope = plant.force_and_slope(self.side * speed, inputs.current)
+            off = (limit - self.side * found) / np.maximum(slope, MIN_SLOPE_NS_M)
             speed = np.clip(speed + np.clip(off, -4.0 * width, 4.0 * width), 0.0, most)
         return speed
 
@@ -161,25 +163,25 @@ class ReboundReservoir(_Intake):
     parameters = (
         *_Intake.parameters[:2],
         replace(BUBBLES, high=0.02),
-        Parameter("column_m", 0.03, 3.0, COLUMNS, "rod's way out that uses up the reservoir's pressure", "log"),
+        EffectParameter("column_m", 0.03, 3.0, COLUMNS, "rod's way out that uses up the reservoir's pressure", "log"),
     )
 
-    def limits(self, inputs: Inputs, values: Sequence[float]) -> F:
+    def limits(self, inputs: TraceInputs, values: Sequence[float]) -> F:
         """Return the speed [m/s] (n,) from which the intake starves."""
-        return np.asarray(values[1] * _charged(inputs.position, values[3]))
+        return np.asarray(values[1] * _reservoir_flow_factor(inputs.position, values[3]))
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
         """Return starts, their limits from the rebound speeds of this trace, each over what the charge lets by."""
         out: list[tuple[float, ...]] = []
         for column in COLUMNS:
-            seen = (-trace.inputs.speed / _charged(trace.inputs.position, column))[trace.usable]
+            seen = (-trace.inputs.speed / _reservoir_flow_factor(trace.inputs.position, column))[trace.usable]
             seen = seen[seen > 0.0] if (seen > 0.0).any() else np.zeros(1)
             limits = np.clip(np.quantile(seen, STARVED), self.parameters[1].low, self.parameters[1].high)
             out += [(1.0, float(limit), RELEASED_M, column) for limit in limits]
         return out
 
 
-def _charged(position: F, column_m: float) -> F:
+def _reservoir_flow_factor(position: F, column_m: float) -> F:
     """Return what an intake passes (n,) over what it does at the position's zero."""
     return np.asarray(np.sqrt(np.maximum(1.0 + position / column_m, 0.0) + SEEPS))
 

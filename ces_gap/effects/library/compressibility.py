@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from ces_gap.derivative import derivative
-from ces_gap.effects.effect import FLUID, Effect, Parameter
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.series_kernels import pumped_stroke
-from ces_gap.effects.series_strain import Strain, less, shortened
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.series_strain import Strain, subtract_spring_stroke, subtract_stroke
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -34,11 +34,13 @@ class SideSpecific(Effect):
     name, form, stage, reruns = "compressibility", "sides", FLUID, True
     needs = "motion fast enough to change the force within tens of milliseconds"
     parameters = (
-        Parameter("compression_N_m", 5e4, 1e9, (1e6, 1e7, 3e6), "stiffness in compression", "inverse", True, INFINITE),
-        Parameter("rebound_N_m", 5e4, 1e9, (3e6, 1e6), "stiffness in rebound", "inverse", True, INFINITE),
+        EffectParameter(
+            "compression_N_m", 5e4, 1e9, (1e6, 1e7, 3e6), "stiffness in compression", "inverse", True, INFINITE
+        ),
+        EffectParameter("rebound_N_m", 5e4, 1e9, (3e6, 1e6), "stiffness in rebound", "inverse", True, INFINITE),
     )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the motion that displaces oil through the valve."""
         mean = 0.5 * (1.0 / values[0] + 1.0 / values[1])
         lean = 0.5 * (1.0 / values[0] - 1.0 / values[1])
@@ -48,11 +50,11 @@ class SideSpecific(Effect):
             stroke = mean * acting + lean * width * (np.logaddexp(ratio, -ratio) - np.log(2.0))
             return Strain(stroke, mean + lean * np.tanh(ratio))
 
-        return shortened(trace, inputs, force, law)
+        return subtract_spring_stroke(trace, inputs, force, law)
 
 
 @dataclass(frozen=True)
-class Aerated(Effect):
+class AeratedOil(Effect):
     """Bubbles: s = s₀·F/(|F| + F₀), isothermal gas of volume V₀ = A·s₀ squeezed from p₀ = F₀/A; soft near no force.
 
     Source: Boyle's law V = V₀·p₀/(p₀ + p), the free-air term of the effective bulk modulus in Merritt (1967). A few per
@@ -62,7 +64,7 @@ class Aerated(Effect):
     name, form, stage, reruns = "compressibility", "aerated", FLUID, True
     needs = SideSpecific.needs
     parameters = (
-        Parameter(
+        EffectParameter(
             "compression_void_m",
             0.0,
             0.02,
@@ -70,11 +72,11 @@ class Aerated(Effect):
             "bubbles under compression, as a stroke",
             magnitude=True,
         ),
-        Parameter("rebound_void_m", 0.0, 0.02, (1e-3,), "bubbles under rebound, as a stroke", magnitude=True),
-        Parameter("pressure_N", 10.0, 1000.0, (100.0, 500.0), "force at which half of them is gone", "log"),
+        EffectParameter("rebound_void_m", 0.0, 0.02, (1e-3,), "bubbles under rebound, as a stroke", magnitude=True),
+        EffectParameter("pressure_N", 10.0, 1000.0, (100.0, 500.0), "force at which half of them is gone", "log"),
     )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the motion that displaces oil through the valve."""
         mean, lean, half = 0.5 * (values[0] + values[1]), 0.5 * (values[0] - values[1]), values[2]
 
@@ -85,11 +87,11 @@ class Aerated(Effect):
             steep = void * rounded / room**2 + lean * (1.0 - side**2) / width * acting / room
             return Strain(void * acting / room, np.maximum(steep, 0.0))
 
-        return shortened(trace, inputs, force, law)
+        return subtract_spring_stroke(trace, inputs, force, law)
 
 
 @dataclass(frozen=True)
-class Pumped(Effect):
+class CheckValveStiffness(Effect):
     """Check valves choose what is squeezed: ds/dt = C·dF/dt, C = 1/`pumping_N_m` while pushed and moving in, else less.
 
     Moving in with the piston's check valve open, both chambers have one pressure, which acts on the rod's area only:
@@ -102,20 +104,20 @@ class Pumped(Effect):
     name, form, stage, reruns = "compressibility", "pumped", FLUID, True
     needs = SideSpecific.needs
     parameters = (
-        Parameter(
+        EffectParameter(
             "pumping_N_m", 5e4, 1e9, (2e6, 1e7), "stiffness while pushed and moving in", "inverse", True, INFINITE
         ),
-        Parameter("other_N_m", 5e4, 1e9, (2e7,), "stiffness otherwise", "inverse", True, INFINITE),
+        EffectParameter("other_N_m", 5e4, 1e9, (2e7,), "stiffness otherwise", "inverse", True, INFINITE),
     )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the motion that displaces oil through the valve, without the slow part of what is squeezed."""
-        return less(inputs, fast(self._stroke(trace, values), trace), trace.rate_Hz)
+        return subtract_stroke(inputs, high_pass_stroke(self._stroke(trace, values), trace), trace.rate_Hz)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] with the slow part as well."""
         stroke, plant = self._stroke(trace, values), trace.pumped_map.map
-        slow = derivative(stroke - fast(stroke, trace), trace.rate_Hz)
+        slow = derivative(stroke - high_pass_stroke(stroke, trace), trace.rate_Hz)
         return force + plant.force(inputs.speed - slow, inputs.current) - plant.force(inputs.speed, inputs.current)
 
     def _stroke(self, trace: Trace, values: Sequence[float]) -> F:
@@ -126,10 +128,10 @@ class Pumped(Effect):
         return np.asarray(pumped_stroke(speed, level, plant.memory, *how))
 
 
-def fast(stroke: F, trace: Trace) -> F:
+def high_pass_stroke(stroke: F, trace: Trace) -> F:
     """Return a stroke (n,) without what is slower than `SLOWEST_HZ`, not delayed."""
     sos = butter(1, SLOWEST_HZ, "high", fs=trace.rate_Hz, output="sos")
     return np.asarray(sosfiltfilt(sos, stroke, padlen=min(len(stroke) - 1, round(trace.rate_Hz))))
 
 
-FORMS = (SideSpecific(), Aerated(), Pumped())
+FORMS = (SideSpecific(), AeratedOil(), CheckValveStiffness())

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import VALVE, Effect, Parameter
+from ces_gap.effects.effect import VALVE, Effect, EffectParameter
 from ces_gap.effects.effect_kernels import coleman_hodgdon, mean_of_plays
-from ces_gap.trace import Inputs, Trace
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -27,12 +27,12 @@ class Plays(Effect):
 
     name, form, stage, reruns, needs = "current_hysteresis", "plays", VALVE, True, "a current that turns back"
     parameters = (
-        Parameter("hysteresis_A", 0.0, 0.5, (0.02, 0.1), "half-width of the loop of current", magnitude=True),
+        EffectParameter("hysteresis_A", 0.0, 0.5, (0.02, 0.1), "half-width of the loop of current", magnitude=True),
     )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the inputs with the current that acts."""
-        return inputs.powered(mean_of_plays(inputs.current, 2.0 * values[0], PLAYS))
+        return inputs.with_current(mean_of_plays(inputs.current, 2.0 * values[0], PLAYS))
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ class Remanence(Effect):
 
     name, form, stage, reruns, needs = "current_hysteresis", "remanence", VALVE, True, "a current that turns back"
     parameters = (
-        Parameter("hysteresis_A", 0.0, 0.5, (0.02, 0.1), "half-width of the loop of current", magnitude=True),
-        Parameter("travel_A", 0.01, 2.0, (0.05, 0.3), "travel of current that turns it over", "log"),
+        EffectParameter("hysteresis_A", 0.0, 0.5, (0.02, 0.1), "half-width of the loop of current", magnitude=True),
+        EffectParameter("travel_A", 0.01, 2.0, (0.05, 0.3), "travel of current that turns it over", "log"),
     )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the inputs with the current that acts."""
-        return inputs.powered(inputs.current + coleman_hodgdon(inputs.current, values[0], values[1]))
+        return inputs.with_current(inputs.current + coleman_hodgdon(inputs.current, values[0], values[1]))
 
 
 FORMS = (Plays(), Remanence())

@@ -8,25 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import SENSOR, Effect, Parameter
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import SENSOR, Effect, EffectParameter
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
-GAIN = Parameter("gain", 0.5, 1.5, (0.95, 1.05), "acting current per logged current", "linear", True, 1.0)
+GAIN = EffectParameter("gain", 0.5, 1.5, (0.95, 1.05), "acting current per logged current", "linear", True, 1.0)
 BEYOND = 0.5  # of the logged range: how far beyond it a simulation is asked
 
 
-def scaled(inputs: Inputs, gain: float, offset: float) -> Inputs:
+def scale_current(inputs: TraceInputs, gain: float, offset: float) -> TraceInputs:
     """Return the inputs with gain·i + offset, held within the logged range (0 included) widened by `BEYOND`."""
     low, high = min(float(inputs.current.min()), 0.0), max(float(inputs.current.max()), 0.0)
     margin = BEYOND * (high - low)
     acting = gain * inputs.current + offset
-    return inputs.powered(np.clip(acting, low - margin, high + margin))
+    return inputs.with_current(np.clip(acting, low - margin, high + margin))
 
 
 @dataclass(frozen=True)
-class Gain(Effect):
+class CurrentGain(Effect):
     """i' = gain·i: a shunt or a conversion off by some per cent, up to a wrong range of the amplifier (50 %).
 
     Source: a plain calibration error.
@@ -35,9 +35,9 @@ class Gain(Effect):
     name, form, stage, reruns, needs = "current_scale", "gain", SENSOR, True, "a current other than zero"
     parameters = (GAIN,)
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the inputs with the current that acts."""
-        return scaled(inputs, values[0], 0.0)
+        return scale_current(inputs, values[0], 0.0)
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,14 @@ class GainAndOffset(Effect):
     """
 
     name, form, stage, reruns, needs = "current_scale", "gain_offset", SENSOR, True, "a changing current"
-    parameters = (GAIN, Parameter("offset_A", -0.3, 0.3, (0.0, 0.03), "acting current at none logged", magnitude=True))
+    parameters = (
+        GAIN,
+        EffectParameter("offset_A", -0.3, 0.3, (0.0, 0.03), "acting current at none logged", magnitude=True),
+    )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the inputs with the current that acts."""
-        return scaled(inputs, values[0], values[1])
+        return scale_current(inputs, values[0], values[1])
 
 
-FORMS = (Gain(), GainAndOffset())
+FORMS = (CurrentGain(), GainAndOffset())

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import CELL, Effect, Parameter
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import CELL, Effect, EffectParameter
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
 
-class Linear(Effect):
+class LinearDrift(Effect):
     """A steady drift from a zero that was right when the recording began: F + r t.
 
     A 10 kN cell that warms by a kelvin a minute drifts by some hundredths of a newton a second, a piezo cell with damp
@@ -24,14 +24,14 @@ class Linear(Effect):
     form = "linear"
     stage = CELL
     needs = "at least some ten seconds, tared at the start"
-    parameters = (Parameter("drift_N_s", -20.0, 20.0, (0.5,), "drift of the zero", magnitude=True),)
+    parameters = (EffectParameter("drift_N_s", -20.0, 20.0, (0.5,), "drift of the zero", magnitude=True),)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) as the cell shows it."""
         return force + values[0] * trace.time_s
 
 
-class Settling(Effect):
+class SettlingDrift(Effect):
     """A drift that settles: F + A (1 - exp(-t/tau)), as a cell warms through or a charge leaks away."""
 
     name = "force_drift"
@@ -39,13 +39,13 @@ class Settling(Effect):
     stage = CELL
     needs = "a recording about as long as the drift takes, tared at the start"
     parameters = (
-        Parameter("settled_N", -2000.0, 2000.0, (20.0,), "drift after a long time", magnitude=True),
-        Parameter("settling_s", 2.0, 500.0, (8.0, 60.0), "time constant of the drift", "log"),
+        EffectParameter("settled_N", -2000.0, 2000.0, (20.0,), "drift after a long time", magnitude=True),
+        EffectParameter("settling_s", 2.0, 500.0, (8.0, 60.0), "time constant of the drift", "log"),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) as the cell shows it."""
         return force - values[0] * np.expm1(-trace.time_s / values[1])
 
 
-FORMS = (Linear(), Settling())
+FORMS = (LinearDrift(), SettlingDrift())

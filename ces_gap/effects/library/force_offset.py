@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import CELL, Effect, Parameter
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import CELL, Effect, EffectParameter
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -24,10 +24,12 @@ class ForceOffset(Effect):
     stage = CELL
     needs = "a tare that is the simulation's own"
     parameters = (
-        Parameter("offset_N", -3000.0, 3000.0, (20.0,), "measured force where the damper's is zero", magnitude=True),
+        EffectParameter(
+            "offset_N", -3000.0, 3000.0, (20.0,), "measured force where the damper's is zero", magnitude=True
+        ),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) as the cell shows it."""
         return force + values[0]
 

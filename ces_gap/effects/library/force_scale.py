@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import CELL, Effect, Parameter
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import CELL, Effect, EffectParameter
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -24,10 +24,10 @@ class ForceScale(Effect):
     stage = CELL
     needs = "forces well above the noise"
     parameters = (
-        Parameter("gain", 0.7, 1.3, (1.03,), "measured force over the damper's", magnitude=True, neutral=1.0),
+        EffectParameter("gain", 0.7, 1.3, (1.03,), "measured force over the damper's", magnitude=True, neutral=1.0),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) as the cell shows it."""
         return force * values[0]
 

@@ -7,23 +7,25 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import PARALLEL, Effect, Parameter
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
 from ces_gap.effects.output_kernels import bristles
-from ces_gap.trace import Inputs, Trace
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
 STRIBECK_M_S = 0.02  # [m/s] where it is not a parameter: passed within milliseconds at the speed of a road
 
-COULOMB = Parameter("coulomb_N", 0.0, 500.0, (20.0,), "sliding friction", magnitude=True)
-EXCESS = Parameter("static_excess", 0.0, 3.0, (0.3,), "static friction over sliding friction, less one")
-STRIBECK = Parameter("stribeck_m_s", 0.002, 0.5, (0.02, 0.1), "speed over which static becomes sliding friction", "log")
-ROUNDING = Parameter("rounding_m_s", 5e-4, 0.1, (0.003, 0.03), "speed over which the direction turns", "log")
-PRESLIDING = Parameter(
+COULOMB = EffectParameter("coulomb_N", 0.0, 500.0, (20.0,), "sliding friction", magnitude=True)
+EXCESS = EffectParameter("static_excess", 0.0, 3.0, (0.3,), "static friction over sliding friction, less one")
+STRIBECK = EffectParameter(
+    "stribeck_m_s", 0.002, 0.5, (0.02, 0.1), "speed over which static becomes sliding friction", "log"
+)
+ROUNDING = EffectParameter("rounding_m_s", 5e-4, 0.1, (0.003, 0.03), "speed over which the direction turns", "log")
+PRESLIDING = EffectParameter(
     "presliding_m", 2e-6, 2e-3, (2e-5, 2e-4), "stroke over which friction turns: over bristle stiffness", "log"
 )
-VISCOUS = Parameter("viscous_s_m", 0.0, 10.0, (0.3,), "growth of friction with speed, over sliding friction")
-PRESSED = Parameter(
+VISCOUS = EffectParameter("viscous_s_m", 0.0, 10.0, (0.3,), "growth of friction with speed, over sliding friction")
+PRESSED = EffectParameter(
     "pressed_per_N", 0.0, 0.01, (2e-4,), "growth of friction with the damper's force: pressure on the seal"
 )
 
@@ -41,7 +43,7 @@ class CoulombStribeck(Effect):
     needs = "strokes that reverse, slow ones among them"
     parameters = (COULOMB, ROUNDING, EXCESS, STRIBECK)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and friction."""
         coulomb, rounding, excess, stribeck = values
         return force + coulomb * np.tanh(inputs.speed / rounding) * _stribeck(inputs.speed, excess, stribeck)
@@ -59,7 +61,7 @@ class Presliding(Effect):
     needs = "strokes that reverse"
     parameters = (COULOMB, PRESLIDING)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and friction."""
         coulomb, presliding = values
         return force + coulomb * _bristles(inputs, np.ones_like(force), presliding)
@@ -78,7 +80,7 @@ class LuGre(Effect):
     needs = "strokes that reverse, slow and fast ones"
     parameters = (COULOMB, PRESLIDING, EXCESS, VISCOUS)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and friction."""
         coulomb, presliding, excess, viscous = values
         level = _stribeck(inputs.speed, excess, STRIBECK_M_S)
@@ -97,14 +99,14 @@ class PressureDependent(Effect):
     needs = "strokes that reverse, at small and large forces"
     parameters = (COULOMB, PRESLIDING, PRESSED)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and friction."""
         coulomb, presliding, pressed = values
         level = 1.0 + pressed * np.abs(force)
         return force + coulomb * _bristles(inputs, level, presliding)
 
 
-def _bristles(inputs: Inputs, level: F, presliding_m: float) -> F:
+def _bristles(inputs: TraceInputs, level: F, presliding_m: float) -> F:
     return np.asarray(bristles(inputs.position, level, presliding_m))
 
 

@@ -7,21 +7,23 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import PARALLEL, Effect, Parameter
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
 POLYTROPIC = 1.3  # exponent of nitrogen at stroke frequencies, between isothermal 1 and adiabatic 1.4
-LEAST_COLUMN = 0.15  # of the column's length: a gas is not compressed further
+MIN_COLUMN_SHARE = 0.15  # of the column's length: a gas is not compressed further
 
-STIFFNESS = Parameter(
+STIFFNESS = EffectParameter(
     "stiffness_N_m", -20000.0, 40000.0, (800.0,), "real less simulated, where the gas force is zero", magnitude=True
 )
-COLUMN = Parameter("column_m", 0.05, 3.0, (0.15, 0.5), "gas volume over rod area, where the gas force is zero", "log")
+COLUMN = EffectParameter(
+    "column_m", 0.05, 3.0, (0.15, 0.5), "gas volume over rod area, where the gas force is zero", "log"
+)
 
 
-class Linear(Effect):
+class LinearGasSpring(Effect):
     """The tangent: F + k x, zero at the position sensor's zero, where the cell was tared."""
 
     name = "gas_spring"
@@ -30,7 +32,7 @@ class Linear(Effect):
     needs = "different mean strokes, or slow strokes"
     parameters = (STIFFNESS,)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and gas."""
         return force + values[0] * inputs.position
 
@@ -48,7 +50,7 @@ class Polytropic(Effect):
     needs = "long strokes, or different mean strokes"
     parameters = (STIFFNESS, COLUMN)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and gas."""
         return force + values[0] * _per_stiffness(inputs.position, values[1])
 
@@ -62,7 +64,7 @@ class AboutMean(Effect):
     needs = "long strokes"
     parameters = (STIFFNESS, COLUMN)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and gas."""
         mean = float(np.mean(trace.inputs.position))
         return force + values[0] * _per_stiffness(inputs.position - mean, values[1])
@@ -70,8 +72,8 @@ class AboutMean(Effect):
 
 def _per_stiffness(position: F, column_m: float) -> F:
     """Return the polytropic force over the stiffness at its zero [m] (n,)."""
-    left = np.maximum(1.0 - position / column_m, LEAST_COLUMN)
+    left = np.maximum(1.0 - position / column_m, MIN_COLUMN_SHARE)
     return np.asarray(column_m / POLYTROPIC * (left**-POLYTROPIC - 1.0))
 
 
-FORMS = (Linear(), Polytropic(), AboutMean())
+FORMS = (LinearGasSpring(), Polytropic(), AboutMean())

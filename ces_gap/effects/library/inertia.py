@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-from ces_gap.effects.effect import PARALLEL, Effect, Parameter
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ RESONANCES_HZ = (45.0, 60.0, 80.0, 105.0, 140.0, 200.0)  # where searches begin
 MASS_KG = 2.0  # [kg] with which they begin
 RUN_OUT_S = 0.25  # [s] between the end and the beginning, which the Fourier transform takes for neighbours
 
-MASS = Parameter("mass_kg", 0.0, 20.0, (0.5,), "mass that moves between cell and piston", magnitude=True)
+MASS = EffectParameter("mass_kg", 0.0, 20.0, (0.5,), "mass that moves between cell and piston", magnitude=True)
 
 
 class Mass(Effect):
@@ -33,7 +33,7 @@ class Mass(Effect):
     needs = "strokes at several hertz (the force grows with the square of frequency)"
     parameters = (MASS,)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) on the cell's side of the mass."""
         return force + values[0] * trace.acceleration
 
@@ -51,10 +51,10 @@ class MassOnCell(Effect):
     needs = "strokes or force edges that excite the cell's resonance"
     parameters = (
         MASS,
-        Parameter("cell_N_m", 5e4, 1e9, (3e6,), "stiffness of the cell and what holds it", "log"),
+        EffectParameter("cell_N_m", 5e4, 1e9, (3e6,), "stiffness of the cell and what holds it", "log"),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) in the cell."""
         mass, stiffness = values
         return _behind_resonance(force + mass * trace.acceleration, mass / stiffness, trace.rate_Hz)

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from ces_gap.derivative import derivative
-from ces_gap.effects.effect import FLUID, Effect, Parameter
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.series_kernels import leaking_force
-from ces_gap.effects.series_strain import Law, Strain, less, soft_width, tabled
+from ces_gap.effects.series_strain import Law, Strain, soft_width, subtract_stroke, tabulate_law
 from ces_gap.plant_map.own_spring import SprungMap
-from ces_gap.trace import Inputs, Trace
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -33,42 +33,42 @@ class _Leak(Effect):
 
     name, stage, reruns, needs = "leakage", FLUID, True, "motion in the direction that leaks"
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the motion that displaces oil through the valve, without the slow part of the leak."""
         plant = trace.sprung_map
         acting = force - plant.rest
         width = soft_width(trace, acting)
-        tight, leaking = (tabled(q, acting, width) for q in (_tight, self.law(values)))
-        change = _acting(trace, plant, inputs, leaking) - _acting(trace, plant, trace.inputs, tight)
+        tight, leaking = (tabulate_law(q, acting, width) for q in (_no_leak, self.law(values)))
+        change = _force_with_leak(trace, plant, inputs, leaking) - _force_with_leak(trace, plant, trace.inputs, tight)
         leak = self.law(values)(acting + change, width).stroke
-        return less(inputs, _fast(leak, trace), trace.rate_Hz)
+        return subtract_stroke(inputs, _high_pass_stroke(leak, trace), trace.rate_Hz)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] with the slow part of the leak as well."""
         plant = trace.sprung_map
         width = soft_width(trace, force - plant.rest)
-        tight = tabled(_tight, force - plant.rest, width)
+        tight = tabulate_law(_no_leak, force - plant.rest, width)
         slow = self._slow(trace, force - plant.rest, width, values)  # it leaks by the force that it changes
         slower = plant.map.force(inputs.speed - slow, inputs.current) - plant.map.force(inputs.speed, inputs.current)
         slow = self._slow(trace, force + slower - plant.rest, width, values)
         moved = replace(inputs, speed=inputs.speed - slow)
-        return force + _acting(trace, plant, moved, tight) - _acting(trace, plant, inputs, tight)
+        return force + _force_with_leak(trace, plant, moved, tight) - _force_with_leak(trace, plant, inputs, tight)
 
     def _slow(self, trace: Trace, acting: F, width: float, values: Sequence[float]) -> F:
         """Return the slow part [m/s] (n,) of what leaks."""
         leak = self.law(values)(acting, width).stroke
-        return leak - derivative(_fast(leak, trace), trace.rate_Hz)
+        return leak - derivative(_high_pass_stroke(leak, trace), trace.rate_Hz)
 
     def law(self, values: Sequence[float]) -> Law:
         """Return the speed [m/s] that leaks at a force, and its derivative."""
         raise NotImplementedError
 
 
-def _tight(force: F, width: float) -> Strain:
+def _no_leak(force: F, width: float) -> Strain:
     return Strain(np.zeros_like(force), np.zeros_like(force))
 
 
-def _acting(trace: Trace, plant: SprungMap, inputs: Inputs, law: tuple[float, F, F]) -> F:
+def _force_with_leak(trace: Trace, plant: SprungMap, inputs: TraceInputs, law: tuple[float, F, F]) -> F:
     """Return the force [N] (n,) of the map with its spring and a tabled leak, without that at standstill."""
     top, rate, per_force = law
     own = plant.compliance * trace.rate_Hz
@@ -77,7 +77,7 @@ def _acting(trace: Trace, plant: SprungMap, inputs: Inputs, law: tuple[float, F,
     return np.asarray(leaking_force(speed, level, plant.rest, plant.map.kernel(), own, whole))
 
 
-def _fast(speed: F, trace: Trace) -> F:
+def _high_pass_stroke(speed: F, trace: Trace) -> F:
     """Return the stroke (n,) of a speed without what is slower than `SLOWEST_HZ`, not delayed."""
     sos = butter(1, SLOWEST_HZ, "high", fs=trace.rate_Hz, output="sos")
     stroke = np.cumsum(speed) * trace.step_s
@@ -94,7 +94,7 @@ class ReboundLeak(_Leak):
 
     form = "rebound"
     parameters = (
-        Parameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "speed that leaks per newton of rebound", magnitude=True),
+        EffectParameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "speed that leaks per newton of rebound", magnitude=True),
     )
 
     def law(self, values: Sequence[float]) -> Law:
@@ -113,7 +113,7 @@ class BothWays(_Leak):
     """A gap that leaks alike in both directions: q = κ·F. Source and range as for rebound."""
 
     form = "both"
-    parameters = (Parameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "speed that leaks per newton", magnitude=True),)
+    parameters = (EffectParameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "speed that leaks per newton", magnitude=True),)
 
     def law(self, values: Sequence[float]) -> Law:
         """Return the leaking speed, laminar."""
@@ -131,8 +131,10 @@ class Orifice(_Leak):
 
     form = "orifice"
     parameters = (
-        Parameter("rebound_m_s_rtN", 0.0, 0.02, (5e-4, 3e-3), "leaking speed per √newton, rebound", magnitude=True),
-        Parameter("compression_m_s_rtN", 0.0, 0.02, (5e-4, 0.0), "the same in compression", magnitude=True),
+        EffectParameter(
+            "rebound_m_s_rtN", 0.0, 0.02, (5e-4, 3e-3), "leaking speed per √newton, rebound", magnitude=True
+        ),
+        EffectParameter("compression_m_s_rtN", 0.0, 0.02, (5e-4, 0.0), "the same in compression", magnitude=True),
     )
 
     def law(self, values: Sequence[float]) -> Law:

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import MOTION, Effect, Parameter
-from ces_gap.effects.series_strain import Strain, shortened
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import MOTION, Effect, EffectParameter
+from ces_gap.effects.series_strain import Strain, subtract_spring_stroke
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
-STIFFNESS = Parameter(
+STIFFNESS = EffectParameter(
     "stiffness_N_m", 5e4, 1e9, (3e5, 2e6, 1e7), "stiffness of the bushing", "inverse", True, float("inf")
 )
 
@@ -29,16 +29,16 @@ class LinearMount(Effect):
 
     name, form, stage, reruns = "mount_compliance", "linear", MOTION, True
     needs = "motion fast enough to change the force within tens of milliseconds"
-    parameters = (STIFFNESS, Parameter("damping_s", 0.0, 0.02, (0.001,), "relaxation time of the rubber, c/k"))
+    parameters = (STIFFNESS, EffectParameter("damping_s", 0.0, 0.02, (0.001,), "relaxation time of the rubber, c/k"))
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the damper's own motion."""
         stiffness, damping_s = values
 
         def law(acting: F, width: float) -> Strain:
             return Strain(acting / stiffness, np.full_like(acting, 1.0 / stiffness))
 
-        return shortened(trace, inputs, force, law, damping_s)
+        return subtract_spring_stroke(trace, inputs, force, law, damping_s)
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,12 @@ class ProgressiveMount(Effect):
 
     name, form, stage, reruns = "mount_compliance", "progressive", MOTION, True
     needs = LinearMount.needs
-    parameters = (STIFFNESS, Parameter("knee_N", 50.0, 1e4, (200.0, 1000.0), "force from which it stiffens", "log"))
+    parameters = (
+        STIFFNESS,
+        EffectParameter("knee_N", 50.0, 1e4, (200.0, 1000.0), "force from which it stiffens", "log"),
+    )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the damper's own motion."""
         stiffness, knee = values
 
@@ -61,7 +64,7 @@ class ProgressiveMount(Effect):
             ratio = acting / knee
             return Strain(knee / stiffness * np.arcsinh(ratio), 1.0 / (stiffness * np.sqrt(1.0 + ratio**2)))
 
-        return shortened(trace, inputs, force, law)
+        return subtract_spring_stroke(trace, inputs, force, law)
 
 
 FORMS = (LinearMount(), ProgressiveMount())

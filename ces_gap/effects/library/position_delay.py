@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import shift
 
-from ces_gap.effects.effect import SENSOR, Effect, Parameter
-from ces_gap.effects.series_strain import less
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import SENSOR, Effect, EffectParameter
+from ces_gap.effects.series_strain import subtract_stroke
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -26,15 +26,15 @@ class Skew(Effect):
 
     name, form, stage, reruns, needs = "position_delay", "shift", SENSOR, True, "motion"
     parameters = (
-        Parameter(
+        EffectParameter(
             "delay_s", -0.02, 0.03, (0.003, -0.003), "by how much the force follows the position", magnitude=True
         ),
     )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the motion at the time of the force."""
         position = shift(inputs.position, values[0] * trace.rate_Hz, order=3, mode="nearest")
-        return less(inputs, inputs.position - np.asarray(position, dtype=np.float64), trace.rate_Hz)
+        return subtract_stroke(inputs, inputs.position - np.asarray(position, dtype=np.float64), trace.rate_Hz)
 
 
 FORMS = (Skew(),)

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from ces_gap.effects.effect import FLUID, Effect, Parameter
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
 RETURN_S = 0.5  # [s] within which a leaked stroke is forgotten
 
-PER_HEAT = Parameter(
+PER_HEAT = EffectParameter(
     "fade_per_J",
     0.0,
     1e-3,
@@ -23,17 +23,17 @@ PER_HEAT = Parameter(
     "share of the force lost per joule: per kelvin, over heat capacity",
     magnitude=True,
 )
-COOLING = Parameter(
+COOLING = EffectParameter(
     "cooling_s", 5.0, 3000.0, (40.0,), "time constant of cooling: heat capacity over conductance", "log"
 )
-LEAKING = Parameter(
+LEAKING = EffectParameter(
     "leak_m_sN_per_J", 0.0, 1e-7, (3e-9, 1e-8), "speed that leaks per newton, grown per joule", magnitude=True
 )
-LAMINAR = Parameter("laminar_m_s", 0.005, 5.0, (0.1,), "speed at which half of the force is viscous", "log")
-PER_KELVIN = Parameter("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lost per kelvin", magnitude=True)
+LAMINAR = EffectParameter("laminar_m_s", 0.005, 5.0, (0.1,), "speed at which half of the force is viscous", "log")
+PER_KELVIN = EffectParameter("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lost per kelvin", magnitude=True)
 
 
-class Heated(Effect):
+class FadeByWork(Effect):
     """Heat that stays: F exp(-b E), E the work done since the recording began.
 
     Source: Lion and Loose, Vehicle System Dynamics 37 (2002), on dampers that heat themselves. 0.1 to 1 % of the force
@@ -46,12 +46,12 @@ class Heated(Effect):
     needs = "hard work over some ten seconds or more"
     parameters = (PER_HEAT,)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of the warmer damper."""
         return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force)))
 
 
-class Cooled(Effect):
+class FadeWithCooling(Effect):
     """Heat that leaves again: F exp(-b H), dH/dt = F v - H/tau.
 
     Dampers cool within 1 to 20 minutes by air, oil in its chamber against the tube within some ten seconds.
@@ -63,7 +63,7 @@ class Cooled(Effect):
     needs = "hard work, then rest, over a minute or more"
     parameters = (PER_HEAT, COOLING)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of the warmer damper."""
         return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force, values[1])))
 
@@ -80,7 +80,7 @@ class Viscous(Effect):
     needs = "hard work over some ten seconds or more, with slow and fast strokes"
     parameters = (PER_HEAT, LAMINAR)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of the warmer damper."""
         lost = -np.expm1(-values[0] * _heat(trace, inputs, force))
         return np.asarray(force * (1.0 - lost / (1.0 + np.abs(inputs.speed) / values[1])))
@@ -100,14 +100,14 @@ class ThinnerOil(Effect):
     needs = "hard work over some ten seconds or more, with reversals"
     parameters = (PER_HEAT, LEAKING)
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the inputs without the stroke that leaks."""
         leaking = values[1] * _heat(trace, inputs, force) * force
         kept = float(np.exp(-trace.step_s / RETURN_S))
         leaked = np.asarray(lfilter([trace.step_s], [1.0, -kept], leaking))
-        return inputs.moved(inputs.position - leaked, trace.rate_Hz)
+        return inputs.with_position(inputs.position - leaked, trace.rate_Hz)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of the warmer damper."""
         return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force)))
 
@@ -116,7 +116,7 @@ class ThinnerOil(Effect):
         return [(1e-5, 5e-9), (4e-5, 1e-9)]
 
 
-class Measured(Effect):
+class FadeByTemperature(Effect):
     """By the measured temperature: F exp(-b (T - T0)), T0 at the beginning; no effect where none was recorded."""
 
     name = "temperature_fade"
@@ -125,12 +125,12 @@ class Measured(Effect):
     needs = "a temperature channel"
     parameters = (PER_KELVIN,)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of the warmer damper."""
         return np.asarray(force * np.exp(-values[0] * _warming(trace)))
 
 
-def _heat(trace: Trace, inputs: Inputs, force: F, cooling_s: float = np.inf) -> F:
+def _heat(trace: Trace, inputs: TraceInputs, force: F, cooling_s: float = np.inf) -> F:
     """Return the heat [J] (n,) the damper holds: the work done on it, less what has left."""
     kept = float(np.exp(-trace.step_s / cooling_s))
     heat = lfilter([trace.step_s], [1.0, -kept], force * inputs.speed)
@@ -148,4 +148,4 @@ def _warming(trace: Trace) -> F:
     return np.asarray(temperature - temperature[0])
 
 
-FORMS = (Heated(), Cooled(), Viscous(), ThinnerOil(), Measured())
+FORMS = (FadeByWork(), FadeWithCooling(), Viscous(), ThinnerOil(), FadeByTemperature())

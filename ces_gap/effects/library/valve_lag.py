@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import shift
 
-from ces_gap.effects.effect import VALVE, Effect, Parameter
-from ces_gap.effects.effect_kernels import lagged_by_side
-from ces_gap.trace import Inputs, Trace
+from ces_gap.effects.effect import VALVE, Effect, EffectParameter
+from ces_gap.effects.effect_kernels import rise_fall_lag
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -28,12 +28,12 @@ class FirstOrderLag(Effect):
 
     name, form, stage, reruns, needs = "valve_lag", "first_order", VALVE, True, "a changing current"
     parameters = (
-        Parameter("time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant of the valve", magnitude=True),
+        EffectParameter("time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant of the valve", magnitude=True),
     )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the inputs with the current that acts."""
-        return inputs.powered(lagged_by_side(inputs.current, values[0], values[0], trace.step_s))
+        return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[0], trace.step_s))
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ class RiseFall(Effect):
 
     name, form, stage, reruns, needs = "valve_lag", "rise_fall", VALVE, True, "a changing current"
     parameters = (
-        Parameter("rise_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant upwards", magnitude=True),
-        Parameter("fall_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant downwards", magnitude=True),
+        EffectParameter("rise_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant upwards", magnitude=True),
+        EffectParameter("fall_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant downwards", magnitude=True),
     )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the inputs with the current that acts."""
-        return inputs.powered(lagged_by_side(inputs.current, values[0], values[1], trace.step_s))
+        return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[1], trace.step_s))
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,14 @@ class DeadTime(Effect):
 
     name, form, stage, reruns, needs = "valve_lag", "delay_and_lag", VALVE, True, "a changing current"
     parameters = (
-        Parameter("delay_s", 0.0, 0.05, (0.003, 0.015), "dead time", magnitude=True),
-        Parameter("time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant of the valve", magnitude=True),
+        EffectParameter("delay_s", 0.0, 0.05, (0.003, 0.015), "dead time", magnitude=True),
+        EffectParameter("time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant of the valve", magnitude=True),
     )
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the inputs with the current that acts."""
         late = np.asarray(shift(inputs.current, values[0] * trace.rate_Hz, order=1, mode="nearest"), dtype=np.float64)
-        return inputs.powered(lagged_by_side(late, values[1], values[1], trace.step_s))
+        return inputs.with_current(rise_fall_lag(late, values[1], values[1], trace.step_s))
 
 
 FORMS = (FirstOrderLag(), RiseFall(), DeadTime())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
-from ces_rig.dampers.effects import Change, Proportions, even, grown, log_spread
+from ces_rig.dampers.effects import Change, Proportions, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.lumped import LUMPED_CHANGES, LUMPED_SPREADS, gas_spring
 
 VARIED: Mapping[str, float] = {
@@ -21,15 +21,17 @@ WRONG: Mapping[tuple[str, ...], float] = {
 SPREADS: Mapping[str, Proportions] = {
     **LUMPED_SPREADS,
     "friction": {
-        "seal_N": log_spread(25.0, 60.0), "static": even(1.1, 1.9), "stribeck_m_s": log_spread(0.006, 0.04),
+        "seal_N": log_spread(25.0, 60.0), "static": uniform_spread(1.1, 1.9), "stribeck_m_s": log_spread(0.006, 0.04),
         "bristle_N_m": log_spread(1e5, 1e6),
     },
     "compressibility": {
-        "compliance_m_N": log_spread(1.5e-7, 5e-7), "bubbles_m": even(0.0, 3e-4), "rebound": log_spread(0.6, 1.6),
+        "compliance_m_N": log_spread(1.5e-7, 5e-7), "bubbles_m": uniform_spread(0.0, 3e-4), "rebound": log_spread(0.6,
+        1.6),
     },
     "mount_compliance": {"compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4)},
     "backlash": {"play_m": log_spread(2e-4, 6e-4)},
-    "gas_spring": {"pressure": even(0.3, 1.2), "volume": log_spread(0.5, 2.0), "exponent": even(1.05, 1.4)},
+    "gas_spring": {"pressure": uniform_spread(0.3, 1.2), "volume": log_spread(0.5, 2.0),
+    "exponent": uniform_spread(1.05, 1.4)},
     "cavitation": {"gas_loss": log_spread(60.0, 120.0)},
     "temperature_fade": {
         "yield_1_K": log_spread(0.004, 0.012), "viscous_1_K": log_spread(0.004, 0.015),
@@ -37,8 +39,8 @@ SPREADS: Mapping[str, Proportions] = {
     },
     "leakage": {"bypass_m_Ns": log_spread(2e-5, 8e-5)},
     "blow_off": {"weakness": log_spread(70.0, 130.0), "beyond_Ns_m": log_spread(150.0, 600.0)},
-    "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "progression_1_m": even(0.0, 120.0)},
-    "valve_lag": {"field_s": log_spread(5e-3, 2e-2), "eddy_s": even(0.0, 6e-3)},
+    "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "progression_1_m": uniform_spread(0.0, 120.0)},
+    "valve_lag": {"field_s": log_spread(5e-3, 2e-2), "eddy_s": uniform_spread(0.0, 6e-3)},
     "current_hysteresis": {"loop_A": log_spread(0.04, 0.12), "bend_A": log_spread(0.06, 0.3)},
     "foaming": {"growth_m_J": log_spread(2e-7, 1e-6)},
 }  # fmt: skip
@@ -49,9 +51,9 @@ def _friction(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
     share = 1.0 - d.seal_N / seal
     return {
         "seal_N": seal,
-        "seal_static": grown(d.seal_static, p["static"], share),
-        "stribeck_m_s": grown(d.stribeck_m_s, p["stribeck_m_s"], share),
-        "bristle_N_m": grown(d.bristle_N_m, p["bristle_N_m"], share),
+        "seal_static": interpolate_log(d.seal_static, p["static"], share),
+        "stribeck_m_s": interpolate_log(d.stribeck_m_s, p["stribeck_m_s"], share),
+        "bristle_N_m": interpolate_log(d.bristle_N_m, p["bristle_N_m"], share),
     }
 
 
@@ -59,26 +61,26 @@ def _compressibility(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, 
     stiffness = 1.0 / (1.0 / d.fluid_N_m + s * p["compliance_m_N"])
     return {
         "fluid_N_m": stiffness,
-        "fluid_rebound": grown(d.fluid_rebound, p["rebound"], 1.0 - stiffness / d.fluid_N_m),
+        "fluid_rebound": interpolate_log(d.fluid_rebound, p["rebound"], 1.0 - stiffness / d.fluid_N_m),
         "bubbles_m": d.bubbles_m + s * p["bubbles_m"],
     }
 
 
 def _mount_compliance(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
     stiffness = 1.0 / (1.0 / d.mount_N_m + s * p["compliance_m_N"])
-    relaxation = grown(d.mount_Ns_m / d.mount_N_m, p["relaxation_s"], 1.0 - stiffness / d.mount_N_m)
+    relaxation = interpolate_log(d.mount_Ns_m / d.mount_N_m, p["relaxation_s"], 1.0 - stiffness / d.mount_N_m)
     return {"mount_N_m": stiffness, "mount_Ns_m": relaxation * stiffness}
 
 
 def _gas_spring(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {**gas_spring(d, s, p), "gas_exponent": grown(d.gas_exponent, p["exponent"], s / (1.0 + s))}
+    return {**gas_spring(d, s, p), "gas_exponent": interpolate_log(d.gas_exponent, p["exponent"], s / (1.0 + s))}
 
 
 def _temperature_fade(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
     return {
         "fade_yield_1_K": d.fade_yield_1_K + s * p["yield_1_K"],
         "fade_viscous_1_K": d.fade_viscous_1_K + s * p["viscous_1_K"],
-        "heat_J_K": grown(d.heat_J_K, p["heat_J_K"], s / (0.1 + s)),
+        "heat_J_K": interpolate_log(d.heat_J_K, p["heat_J_K"], s / (0.1 + s)),
     }
 
 

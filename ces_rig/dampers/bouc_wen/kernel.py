@@ -71,7 +71,7 @@ def slack(c: Any, bend: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def lagged(value: float, target: float, lag_s: float, h: float) -> float:
+def first_order_lag(value: float, target: float, lag_s: float, h: float) -> float:
     """Return a first-order lag after `h` seconds."""
     return target + (value - target) * exp(-h / lag_s) if lag_s > 0.0 else target
 
@@ -80,12 +80,12 @@ def lagged(value: float, target: float, lag_s: float, h: float) -> float:
 def field_path(c: Any, s: Array, current: float, h: float) -> float:
     """Advance coil, remanence (Duhem), fluid response and eddy currents by `h` seconds; return the field [A]."""
     before = s[COIL]
-    s[COIL] = lagged(before, current, c.coil_s, h)
+    s[COIL] = first_order_lag(before, current, c.coil_s, h)
     change = s[COIL] - before
     side = c.remanence_A if change > 0.0 else -c.remanence_A
     s[REMANENT] = side + (s[REMANENT] - side) * exp(-abs(change) / c.remanence_bend_A)
-    s[FIELD] = lagged(s[FIELD], s[COIL] - s[REMANENT], c.field_s, h)
-    s[EDDY] = lagged(s[EDDY], s[FIELD], c.eddy_s, h)
+    s[FIELD] = first_order_lag(s[FIELD], s[COIL] - s[REMANENT], c.field_s, h)
+    s[EDDY] = first_order_lag(s[EDDY], s[FIELD], c.eddy_s, h)
     return float(max(s[EDDY], 0.0))
 
 
@@ -144,7 +144,7 @@ def advance(
     """Run from rest; `out` (3, n) receives force [N], coil current [A] and temperature [°C]."""
     out[0, 0] = settle(c, s, stroke[0], speed[0], current[0])
     out[1, 0], out[2, 0] = current[0], c.start_degC
-    go_on(c, s, stroke, speed, current, interval, substeps, out)
+    continue_run(c, s, stroke, speed, current, interval, substeps, out)
 
 
 @njit(cache=True)
@@ -159,7 +159,7 @@ def settle(c: Any, s: Array, stroke: float, speed: float, current: float) -> flo
 
 
 @njit(cache=True)
-def go_on(
+def continue_run(
     c: Any, s: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int, out: Array
 ) -> None:
     """Go from the first input, at which the state stands, through the others; fills `out` from column 1 on."""

@@ -24,7 +24,7 @@ def drive(numbers: Array, state: Array, moves: Array, interval: float, substeps:
     """Move the damper; `force` (n,) receives its force [N] less the gas force at mid-stroke."""
     out = np.empty((3, moves.shape[1]))
     c = Numbers(*to_fixed_tuple(numbers, SIZE))
-    bw.go_on(c, state, moves[0], moves[1], moves[2], interval, substeps, out)
+    bw.continue_run(c, state, moves[0], moves[1], moves[2], interval, substeps, out)
     force[:] = out[0, 1:]
 
 

@@ -14,16 +14,24 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_rig.dampers.effects import Change, Proportions, even, grown, log_spread
+from ces_rig.dampers.effects import Change, Proportions, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.hydraulic import kernel as hy
 from ces_rig.dampers.hydraulic.coefficients import coefficients
 from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.hydraulic.stepper import STEP_S, Run, Stepper, equilibrium, rest_force, simulate, spline_speed
-from ces_rig.parts import paths, put, value
+from ces_rig.dampers.hydraulic.stepper import (
+    STEP_S,
+    SimulatedRun,
+    Stepper,
+    equilibrium,
+    rest_force,
+    simulate,
+    spline_speed,
+)
+from ces_rig.nested_numbers import get_number, number_paths, replace_numbers
 
 Array = NDArray[np.float64]
 
-MOST_AIR = 0.25
+MAX_AIR_FRACTION = 0.25
 RELEASE_PA = 8.5e4  # [Pa] at which oil full of dissolved gas lets it go
 FOAM_EVERY_S = 5e-3  # [s] between updates of a growing air content
 DESIGN: Mapping[str, float] = {
@@ -56,33 +64,37 @@ WRONG: Mapping[tuple[str, ...], float] = {
 
 SPREADS: Mapping[str, Proportions] = {
     "friction": {
-        "coulomb_N": log_spread(25.0, 60.0), "static": even(1.05, 1.8), "stribeck_m_s": log_spread(0.006, 0.04),
-        "bristle_N_m": log_spread(1.5e5, 1.5e6), "pressure_1_Pa": even(0.0, 1.5e-7),
+        "coulomb_N": log_spread(25.0, 60.0), "static": uniform_spread(1.05, 1.8), "stribeck_m_s": log_spread(0.006,
+        0.04),
+        "bristle_N_m": log_spread(1.5e5, 1.5e6), "pressure_1_Pa": uniform_spread(0.0, 1.5e-7),
     },
     "compressibility": {"compliance_1_Pa": log_spread(2e-10, 1e-9), "air": log_spread(5e-4, 5e-3)},
     "mount_compliance": {"compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4)},
     "backlash": {"play_m": log_spread(2e-4, 6e-4)},
     "inertia": {"mass_kg": log_spread(1.5, 4.0)},
-    "gas_spring": {"pressure": even(1.0, 4.0), "volume": log_spread(0.5, 2.0), "exponent": even(1.05, 1.4)},
+    "gas_spring": {"pressure": uniform_spread(1.0, 4.0), "volume": log_spread(0.5, 2.0),
+    "exponent": uniform_spread(1.05, 1.4)},
     "cavitation": {
         "choke": log_spread(0.04, 0.25), "gas_loss": log_spread(0.05, 0.25), "release": log_spread(0.5, 2.0),
     },
     "temperature_fade": {
-        "discharge_1_K": log_spread(0.003, 0.008), "viscosity_1_K": even(0.0, 0.01),
-        "capacity_J_K": log_spread(40.0, 150.0), "warm_K": even(0.0, 6.0),
+        "discharge_1_K": log_spread(0.003, 0.008), "viscosity_1_K": uniform_spread(0.0, 0.01),
+        "capacity_J_K": log_spread(40.0, 150.0), "warm_K": uniform_spread(0.0, 6.0),
     },
     "leakage": {
-        "ring_m3_sPa": log_spread(2e-12, 8e-12), "bleed_m2": even(0.0, 2e-7), "seat_m2": even(0.0, 6e-8),
+        "ring_m3_sPa": log_spread(2e-12, 8e-12), "bleed_m2": uniform_spread(0.0, 2e-7), "seat_m2": uniform_spread(0.0,
+        6e-8),
     },
     "blow_off": {
         "weakness": log_spread(5.0, 9.0), "area_m2": log_spread(8e-6, 2.5e-5), "band_Pa": log_spread(6e5, 3e6),
     },
-    "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "progression_1_m": even(0.0, 120.0)},
+    "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "progression_1_m": uniform_spread(0.0, 120.0)},
     "valve_lag": {"rise_s": log_spread(5e-3, 2e-2), "fall_s": log_spread(4e-3, 1.5e-2)},
     "current_hysteresis": {"width_A": log_spread(0.012, 0.04)},
-    "groove": {"area_m2": log_spread(2e-7, 6e-7), "at_m": even(-0.012, 0.012), "width_m": log_spread(0.004, 0.01)},
+    "groove": {"area_m2": log_spread(2e-7, 6e-7), "at_m": uniform_spread(-0.012, 0.012), "width_m": log_spread(0.004,
+    0.01)},
     "foaming": {"growth_1_J": log_spread(1e-6, 5e-6)},
-    "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": even(-0.01, 0.01)},
+    "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": uniform_spread(-0.01, 0.01)},
     "sticking_check": {"adhesion_Pa": log_spread(1.5e5, 4e5)},
 }  # fmt: skip
 
@@ -99,7 +111,7 @@ class Hydraulic:
     def run(self, interval_s: float, stroke_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
         """Return force [N], tared at mid-stroke, coil current [A] and oil temperature [°C], each (n,)."""
         if self.foaming_1_J > 0.0:
-            run = foamed(self, interval_s, stroke_m, current_A)
+            run = simulate_foaming(self, interval_s, stroke_m, current_A)
         else:
             run = simulate(self.damper, interval_s, stroke_m, current_A, extras=self.extras)
         return run.force_N - rest_force(self.damper), run.state("coil_A"), run.state("oil_degC")
@@ -126,28 +138,28 @@ class Hydraulic:
 
     def without_coil(self) -> Hydraulic:
         """Return the damper as driven with a measured coil current."""
-        return Hydraulic(put(self.damper, {"ces_valve.solenoid_s": 0.0}), self.extras, self.foaming_1_J)
+        return Hydraulic(replace_numbers(self.damper, {"ces_valve.solenoid_s": 0.0}), self.extras, self.foaming_1_J)
 
-    def changed(self, numbers: Mapping[str, float]) -> Hydraulic:
+    def with_numbers(self, numbers: Mapping[str, float]) -> Hydraulic:
         """Return the damper with other numbers: by path, `extras.name`, or `foaming_1_J`."""
         extras = {k.removeprefix("extras."): v for k, v in numbers.items() if k.startswith("extras.")}
         paths = {k: v for k, v in numbers.items() if k in PATHS}
         foaming = numbers.get("foaming_1_J", self.foaming_1_J)
-        return Hydraulic(put(self.damper, paths), {**self.extras, **extras}, foaming)
+        return Hydraulic(replace_numbers(self.damper, paths), {**self.extras, **extras}, foaming)
 
     def number(self, path: str) -> float:
         """Return the number at a path."""
-        return value(self.damper, path)
+        return get_number(self.damper, path)
 
     def description(self) -> dict[str, object]:
         """Return what a damper's YAML file holds."""
         return {"kind": "hydraulic", **asdict(self.damper)}
 
 
-PATHS = frozenset(paths(Damper()))
+PATHS = frozenset(number_paths(Damper()))
 
 
-def foamed(plant: Hydraulic, interval_s: float, stroke_m: Array, current_A: Array) -> Run:
+def simulate_foaming(plant: Hydraulic, interval_s: float, stroke_m: Array, current_A: Array) -> SimulatedRun:
     """Run a damper whose air content grows with the energy it has taken up (foam; gas coming out of solution)."""
     stepper = Stepper(plant.damper, interval_s, STEP_S, plant.extras)
     every = max(1, round(FOAM_EVERY_S / interval_s))
@@ -161,8 +173,10 @@ def foamed(plant: Hydraulic, interval_s: float, stroke_m: Array, current_A: Arra
         part = slice(start, start + every)
         force[part] = stepper.advance_with_states(stroke_m[part], speed[part], current_A[part], states[part])
         taken_J += abs(float(np.dot(force[part], speed[part]))) * interval_s
-        stepper.coefficients = stepper.coefficients._replace(air=min(air + plant.foaming_1_J * taken_J, MOST_AIR))
-    return Run(time, force, states)
+        stepper.coefficients = stepper.coefficients._replace(
+            air=min(air + plant.foaming_1_J * taken_J, MAX_AIR_FRACTION)
+        )
+    return SimulatedRun(time, force, states)
 
 
 def _friction(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
@@ -171,8 +185,8 @@ def _friction(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
     return {
         "seal.coulomb_N": seal.coulomb_N + more,
         "seal.static_N": seal.static_N + more * p["static"],
-        "seal.stribeck_m_s": grown(seal.stribeck_m_s, p["stribeck_m_s"], share),
-        "seal.bristle_N_m": grown(seal.bristle_N_m, p["bristle_N_m"], share),
+        "seal.stribeck_m_s": interpolate_log(seal.stribeck_m_s, p["stribeck_m_s"], share),
+        "seal.bristle_N_m": interpolate_log(seal.bristle_N_m, p["bristle_N_m"], share),
         "seal.pressure_1_Pa": seal.pressure_1_Pa + share * p["pressure_1_Pa"],
     }
 
@@ -187,7 +201,7 @@ def _compressibility(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, f
 def _mount_compliance(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
     stiffness = 1.0 / (1.0 / d.mount.stiffness_N_m + s * p["compliance_m_N"])
     share = 1.0 - stiffness / d.mount.stiffness_N_m
-    relaxation = grown(d.mount.damping_Ns_m / d.mount.stiffness_N_m, p["relaxation_s"], share)
+    relaxation = interpolate_log(d.mount.damping_Ns_m / d.mount.stiffness_N_m, p["relaxation_s"], share)
     return {"mount.stiffness_N_m": stiffness, "mount.damping_Ns_m": relaxation * stiffness}
 
 
@@ -196,7 +210,7 @@ def _gas_spring(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]
     return {
         "reservoir.pressure_Pa": gas.pressure_Pa * (1.0 + s * p["pressure"]),
         "reservoir.gas_m3": least + (gas.gas_m3 - least) / (1.0 + s * p["volume"]),
-        "reservoir.exponent": grown(gas.exponent, p["exponent"], s / (1.0 + s)),
+        "reservoir.exponent": interpolate_log(gas.exponent, p["exponent"], s / (1.0 + s)),
     }
 
 
@@ -213,7 +227,7 @@ def _temperature_fade(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, 
     return {
         "oil.discharge_rise_1_K": d.oil.discharge_rise_1_K + s * p["discharge_1_K"],
         "oil.viscosity_fall_1_K": d.oil.viscosity_fall_1_K + share * p["viscosity_1_K"],
-        "heat.capacity_J_K": grown(d.heat.capacity_J_K, p["capacity_J_K"], share),
+        "heat.capacity_J_K": interpolate_log(d.heat.capacity_J_K, p["capacity_J_K"], share),
         "heat.start_degC": d.heat.start_degC + share * p["warm_K"],
     }
 

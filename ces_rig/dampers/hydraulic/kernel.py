@@ -169,7 +169,7 @@ def opening(drop: float, crack: float, full: float) -> float:
 
 
 @njit(cache=True)
-def torn_off(c: Coefficients, drop: float, opened: float) -> float:
+def plate_release(c: Coefficients, drop: float, opened: float) -> float:
     """Return 0.0 while the piston's closed plate still sticks to its seat at a pressure drop [Pa], else 1.0."""
     return 0.0 if opened < SEATED and drop < c.check_stick else 1.0
 
@@ -263,7 +263,7 @@ def rates(c: Coefficients, u: Array, stroke: float, speed: float, pilot: float, 
     f[P_REBOUND] = (-c.annulus_area * v + cap[4] * (across + q[Q_TOP_REBOUND] - q[Q_CES])) / cap[1]
     f[P_GAS] = cap[5] * (q[Q_CES] - q[Q_TOP_COMPRESSION] - q[Q_TOP_REBOUND]) / cap[2]
     f[POPPET] = lag(opening(p_r - p_g, pilot, pilot + c.ces_band), u[POPPET], c.poppet_s, c.poppet_s)
-    target = torn_off(c, p_c - p_r, u[PISTON_CHECK]) * opening(p_c - p_r, c.check_crack, c.check_full)
+    target = plate_release(c, p_c - p_r, u[PISTON_CHECK]) * opening(p_c - p_r, c.check_crack, c.check_full)
     f[PISTON_CHECK] = lag(target, u[PISTON_CHECK], c.check_open_s, c.check_close_s)
     target = opening(p_g - p_c, c.top_c_crack, c.top_c_full)
     f[TOP_COMPRESSION] = lag(target, u[TOP_COMPRESSION], c.top_c_open_s, c.top_c_close_s)
@@ -340,7 +340,7 @@ def solve(m: Array, d: Array, x: Array) -> None:
 
 
 @njit(cache=True)
-def cracking(c: Coefficients, current: float) -> float:
+def cracking_drop(c: Coefficients, current: float) -> float:
     """Cracking drop [Pa] of the CES valve at rest for a current [A]: magnet force ~ current², softly clipped."""
     w = c.saturation
     clipped = c.current_low + w * softplus((current - c.current_low) / w) - w * softplus((current - c.current_high) / w)
@@ -361,7 +361,7 @@ def current_path(c: Coefficients, state: Array, current: float, h: float) -> Non
         before = state[PLAY + k]
         state[PLAY + k] = min(max(before, state[COIL] - half), state[COIL] + half)
         seen += 0.5 * (before + state[PLAY + k]) / PLAYS
-    target = cracking(c, seen)
+    target = cracking_drop(c, seen)
     pilot_s = c.pilot_rise_s if target > state[PILOT] else c.pilot_fall_s
     state[PILOT] = target + (state[PILOT] - target) * exp(-h / pilot_s)
 

@@ -11,7 +11,7 @@ from math import pi
 from pathlib import Path
 
 from ces_identify.config_file import read_yaml_mapping
-from ces_rig.descriptions import build, filled, quantity
+from ces_rig.descriptions import build, fill_defaults, quantity
 from ces_rig.errors import RigError
 
 
@@ -188,14 +188,14 @@ class Damper:
         return self.piston_area_m2 - self.rod_area_m2
 
 
-def damper_from(mapping: object, where: str) -> Damper:
+def parse_damper(mapping: object, where: str) -> Damper:
     """Return the damper that `mapping` (sections of `Damper`, missing keys default) describes; raises RigError."""
     try:
-        return build(Damper, filled(mapping, Damper()), where)
+        return build(Damper, fill_defaults(mapping, Damper()), where)
     except RigError as error:
         raise error if str(error).startswith(where) else RigError(f"{where}: {error}") from None
 
 
 def load_damper(path: Path) -> Damper:
     """Return the damper described in the YAML file `path`; raises RigError."""
-    return damper_from(read_yaml_mapping(path, "a damper description", error=RigError), str(path))
+    return parse_damper(read_yaml_mapping(path, "a damper description", error=RigError), str(path))

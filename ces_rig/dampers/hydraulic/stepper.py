@@ -25,7 +25,7 @@ STEP_S = 50e-6  # integration step: halving it changes the force by less than 0.
 
 
 @dataclass(frozen=True)
-class Run:
+class SimulatedRun:
     """A simulated run: `time_s`, `force_N` of shape (n,) and `states` of shape (n, len(hydraulics.STATE_NAMES))."""
 
     time_s: Array
@@ -76,7 +76,7 @@ class Stepper:
 def simulate(
     damper: Damper, interval_s: float, stroke_m: Array, current_A: Array, speed_m_s: Array | None = None,
     step_s: float = STEP_S, extras: Mapping[str, float] = NO_EXTRAS,
-) -> Run:  # fmt: skip
+) -> SimulatedRun:  # fmt: skip
     """Drive `damper` from rest with samples every `interval_s` seconds; all arrays of shape (n,), n of at least 2.
 
     Without `speed_m_s` the speed is that of the cubic spline through the stroke. Force is positive in compression and
@@ -91,7 +91,7 @@ def simulate(
     force[0] = stepper.reset(stroke[0], speed[0], current[0])
     states[0] = stepper.state
     force[1:] = stepper.advance_with_states(stroke[1:], speed[1:], current[1:], states[1:])
-    return Run(time, force, states)
+    return SimulatedRun(time, force, states)
 
 
 def spline_speed(time_s: Array, stroke_m: Array) -> Array:
@@ -116,7 +116,7 @@ def equilibrium(damper: Damper, stroke_m: float, speed_m_s: float, current_A: fl
     state[hy.TEMPERATURE] = damper.heat.start_degC
     state[hy.COIL] = state[hy.LAST_CURRENT] = current_A
     state[hy.PLAY : hy.PLAY + hy.PLAYS] = current_A
-    state[hy.PILOT] = hy.cracking(c, current_A)
+    state[hy.PILOT] = hy.cracking_drop(c, current_A)
     state[hy.LAST_STROKE], state[hy.LAST_SPEED] = stroke_m, speed_m_s
     return state
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ces_rig.dampers.effects import Change, Proportions, even, grown, log_spread
+from ces_rig.dampers.effects import Change, Proportions, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.lumped import LUMPED_CHANGES, LUMPED_SPREADS
 from ces_rig.dampers.polyviscous.parameters import Polyviscous
 
@@ -21,21 +21,22 @@ WRONG: Mapping[tuple[str, ...], float] = {
 SPREADS: Mapping[str, Proportions] = {
     **LUMPED_SPREADS,
     "friction": {
-        "seal_N": log_spread(25.0, 60.0), "rise": even(0.0, 0.8), "rise_m_s": log_spread(0.006, 0.05),
+        "seal_N": log_spread(25.0, 60.0), "rise": uniform_spread(0.0, 0.8), "rise_m_s": log_spread(0.006, 0.05),
         "travel_m": log_spread(4e-5, 4e-4),
     },
     "compressibility": {"compliance_m_N": log_spread(5e-8, 4e-7), "air_m": log_spread(3e-5, 3e-4)},
     "mount_compliance": {
-        "compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxing": even(0.1, 1.0), "stiffening_1_mm2": even(0.0, 3.0),
+        "compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxing": uniform_spread(0.1, 1.0),
+        "stiffening_1_mm2": uniform_spread(0.0, 3.0),
     },
     "backlash": {"play_m": log_spread(2e-4, 6e-4), "edge_m": log_spread(3e-6, 3e-5)},
-    "gas_spring": {"pressure": even(0.5, 2.0), "volume": log_spread(0.5, 2.0)},
+    "gas_spring": {"pressure": uniform_spread(0.5, 2.0), "volume": log_spread(0.5, 2.0)},
     "cavitation": {"starving": log_spread(15.0, 40.0)},
     "temperature_fade": {"fade_1_K": log_spread(0.004, 0.015), "heat_J_K": log_spread(40.0, 150.0)},
     "leakage": {"bypass_m_sN": log_spread(4e-4, 1.5e-3)},
     "blow_off": {"weakness": log_spread(70.0, 130.0), "beyond_Ns_m": log_spread(150.0, 500.0)},
     "bump_stop": {"stiffness_N_m": log_spread(2e4, 8e4), "hardening_m": log_spread(3e-3, 1e-2)},
-    "valve_lag": {"field_s": log_spread(2e-3, 8e-3), "delay_s": even(0.0, 6e-3)},
+    "valve_lag": {"field_s": log_spread(2e-3, 8e-3), "delay_s": uniform_spread(0.0, 6e-3)},
     "current_hysteresis": {"loop_A": log_spread(0.08, 0.25)},
     "foaming": {"growth_m_J": log_spread(2e-8, 2e-7)},
     "sticking_check": {"adhesion_N": log_spread(60.0, 150.0)},
@@ -48,8 +49,8 @@ def _friction(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, flo
     return {
         "seal_N": seal,
         "seal_rise": d.seal_rise + share * (p["rise"] - d.seal_rise),
-        "seal_m_s": grown(d.seal_m_s, p["rise_m_s"], share),
-        "seal_m": grown(d.seal_m, p["travel_m"], share),
+        "seal_m_s": interpolate_log(d.seal_m_s, p["rise_m_s"], share),
+        "seal_m": interpolate_log(d.seal_m, p["travel_m"], share),
     }
 
 
@@ -69,7 +70,10 @@ def _mount_compliance(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[
 
 
 def _temperature_fade(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {"fade_1_K": d.fade_1_K + s * p["fade_1_K"], "heat_J_K": grown(d.heat_J_K, p["heat_J_K"], s / (0.1 + s))}
+    return {
+        "fade_1_K": d.fade_1_K + s * p["fade_1_K"],
+        "heat_J_K": interpolate_log(d.heat_J_K, p["heat_J_K"], s / (0.1 + s)),
+    }
 
 
 def _bump_stop(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """The numerical kernel of the ER damper: linearly implicit Euler with a fixed step; slow readable twin in the tests.
 
 Forces are positive in compression. The oil's spring is bent by `e`, whose rate is the piston's speed less the speed
-`passing(F)` at which oil passes the piston under that force.
+`passing_speed(F)` at which oil passes the piston under that force.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ PISTON, SPEED, BEND, LIFT, TEMPERATURE, COIL, FIELD_1, FIELD_2 = 0, 1, 2, 3, 4, 
 POLAR, RELAXED, GAS_HEAT, AIR, TORN, LATE, VOID, JENKINS, ELEMENTS = 8, 9, 10, 11, 12, 13, 14, 15, 4
 STATE_SIZE = 19
 ADIABATIC = 1.4
-LEAST_N = 5.0  # [N] below which leakage is laminar
+MIN_FORCE_N = 5.0  # [N] below which leakage is laminar
 FULL_M = 0.06
 ATMOSPHERE_PA = 101_325.0
 
@@ -41,7 +41,7 @@ def oil_spring(c: Any, e: float, air: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def passing(c: Any, s: Array, force: float, thin: float) -> tuple[float, float]:
+def passing_speed(c: Any, s: Array, force: float, thin: float) -> tuple[float, float]:
     """Return the speed [m/s] at which oil passes under a force [N], and its slope; `thin` is 1 when cold."""
     size, side = abs(force), 1.0 if force > 0.0 else -1.0
     knee = (c.knee_N + c.knee_N_A2 * s[FIELD_2] ** 2) / thin
@@ -57,7 +57,7 @@ def passing(c: Any, s: Array, force: float, thin: float) -> tuple[float, float]:
     rest = c.knee_width_N * softplus(-knee / c.knee_width_N)
     passed = bleed * c.thinning_N * sinh(reduced) + (c.knee_width_N * softplus(u) - rest) / beyond
     slope = bleed * sqrt(1.0 + sinh(reduced) ** 2) + 1.0 / (1.0 + exp(-min(max(u, -50.0), 50.0))) / beyond
-    square = size * size + LEAST_N * LEAST_N
+    square = size * size + MIN_FORCE_N * MIN_FORCE_N
     root = sqrt(sqrt(square))
     passed += c.bypass_m_sN * size / root
     slope += c.bypass_m_sN * (square - 0.5 * size * size) / (square * root)
@@ -96,7 +96,7 @@ def slack(c: Any, bend: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def lagged(value: float, target: float, lag_s: float, h: float) -> float:
+def first_order_lag(value: float, target: float, lag_s: float, h: float) -> float:
     """Return a first-order lag after `h` seconds."""
     return target + (value - target) * exp(-h / lag_s) if lag_s > 0.0 else target
 
@@ -104,11 +104,11 @@ def lagged(value: float, target: float, lag_s: float, h: float) -> float:
 @njit(cache=True)
 def field_path(c: Any, s: Array, current: float, late: float, h: float) -> None:
     """Advance amplifier, dead time, polarisation (one play operator) and the fluid's two equal lags by `h` seconds."""
-    s[COIL] = lagged(s[COIL], current, c.coil_s, h)
-    s[LATE] = lagged(s[LATE], late, c.coil_s, h)
+    s[COIL] = first_order_lag(s[COIL], current, c.coil_s, h)
+    s[LATE] = first_order_lag(s[LATE], late, c.coil_s, h)
     s[POLAR] = min(max(s[POLAR], s[LATE] - c.loop_A), s[LATE] + c.loop_A)
-    s[FIELD_1] = lagged(s[FIELD_1], s[POLAR], c.field_s, h)
-    s[FIELD_2] = lagged(s[FIELD_2], s[FIELD_1], c.field_s, h)
+    s[FIELD_1] = first_order_lag(s[FIELD_1], s[POLAR], c.field_s, h)
+    s[FIELD_2] = first_order_lag(s[FIELD_2], s[FIELD_1], c.field_s, h)
 
 
 @njit(cache=True)
@@ -141,7 +141,7 @@ def step(c: Any, s: Array, stroke: float, speed: float, h: float) -> float:
     warm = s[TEMPERATURE] - c.start_degC
     thin = 1.0 + c.fade_1_K * warm
     force, slope = oil_spring(c, s[BEND], s[AIR])
-    passed, yielding = passing(c, s, force, thin)
+    passed, yielding = passing_speed(c, s, force, thin)
     held = h / (1.0 + h * yielding * slope)
     if s[VOID] > 0.0 and s[BEND] >= 0.0:  # compression finds no oil yet
         held = passed = 0.0
@@ -166,7 +166,7 @@ def step(c: Any, s: Array, stroke: float, speed: float, h: float) -> float:
     s[GAS_HEAT] = (s[GAS_HEAT] + (ADIABATIC - 1.0) * (gas(c, s[PISTON]) - gas(c, x))) * exp(-h / c.gas_s)
     slide(c, s, h * new)
     after = oil_spring(c, s[BEND], s[AIR])[0]
-    s[LIFT] = lagged(s[LIFT], tanh(max(abs(after) - c.relief_N, 0.0) / (0.2 * c.relief_N)), c.relief_s, h)
+    s[LIFT] = first_order_lag(s[LIFT], tanh(max(abs(after) - c.relief_N, 0.0) / (0.2 * c.relief_N)), c.relief_s, h)
     knee = (c.knee_N + c.knee_N_A2 * s[FIELD_2] ** 2) * (1.0 if after > 0.0 else c.knee_rebound)
     if abs(after) > knee + c.stick_N:
         s[TORN] = 1.0 if after > 0.0 else -1.0
@@ -186,7 +186,7 @@ def advance(
     """Run from rest; `late` (n,) is `current` after dead time; `out` (3, n) gets force, voltage and temperature."""
     out[0, 0] = settle(c, s, stroke[0], speed[0], current[0])
     out[1, 0], out[2, 0] = current[0], c.start_degC
-    go_on(c, s, stroke, speed, current, late, interval, substeps, out)
+    continue_run(c, s, stroke, speed, current, late, interval, substeps, out)
 
 
 @njit(cache=True)
@@ -202,7 +202,7 @@ def settle(c: Any, s: Array, stroke: float, speed: float, current: float) -> flo
 
 
 @njit(cache=True)
-def go_on(
+def continue_run(
     c: Any, s: Array, stroke: Array, speed: Array, current: Array, late: Array, interval: float, substeps: int,
     out: Array,
 ) -> None:  # fmt: skip

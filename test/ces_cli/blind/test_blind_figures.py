@@ -8,17 +8,17 @@ import pytest
 
 from ces_cli.blind.closure import closure, where_error
 from ces_cli.blind.figures import BY_NAME, baselines, candidates
-from ces_cli.blind.outcome import Outcome
+from ces_cli.blind.outcome import CaseOutcome
 from ces_cli.blind.statistics import brier, calibration_error, quantile, rate
-from ces_cli.blind.tables import case_rows, confusions
+from ces_cli.blind.tables import case_rows, confusion_table
 
-RIGHT = Outcome(
+RIGHT = CaseOutcome(
     case="0001", kind="effect", truth=("friction",), gap_to_noise=3.0, baseline_ratio=0.0, excitation="rich", plant="a",
     verdict="named", ranked=("friction", "leakage", "inertia"), probability={"friction": 0.95, "none": 0.05},
-    found=("friction",), alike=(),
+    composition=("friction",), indistinguishable=(),
 )  # fmt: skip
 WRONG = replace(RIGHT, truth=("inertia",))
-PAIR = replace(RIGHT, kind="pair", truth=("friction", "leakage"), found=("leakage", "friction"))
+PAIR = replace(RIGHT, kind="pair", truth=("friction", "leakage"), composition=("leakage", "friction"))
 
 
 def test_wilson_interval():
@@ -41,25 +41,25 @@ def test_calibration_error_and_brier():
 
 
 def test_what_is_right():
-    assert RIGHT.in_top(1)
-    assert RIGHT.named()
-    assert not RIGHT.confidently_wrong()
-    assert not WRONG.in_top(1)
-    assert WRONG.in_top(3)
-    assert WRONG.confidently_wrong()
-    assert not replace(WRONG, probability={"friction": 0.8}).confidently_wrong()
-    assert replace(WRONG, alike=(frozenset({"friction", "inertia"}),)).first_by_class()
-    assert not replace(WRONG, alike=(frozenset({"friction", "backlash"}),)).first_by_class()
+    assert RIGHT.is_in_top(1)
+    assert RIGHT.names_exactly()
+    assert not RIGHT.is_confidently_wrong()
+    assert not WRONG.is_in_top(1)
+    assert WRONG.is_in_top(3)
+    assert WRONG.is_confidently_wrong()
+    assert not replace(WRONG, probability={"friction": 0.8}).is_confidently_wrong()
+    assert replace(WRONG, indistinguishable=(frozenset({"friction", "inertia"}),)).is_first_by_class()
+    assert not replace(WRONG, indistinguishable=(frozenset({"friction", "backlash"}),)).is_first_by_class()
 
 
 def test_both_of_a_pair():
-    assert PAIR.both()
-    assert not replace(PAIR, found=("friction",)).both()
-    twin = replace(PAIR, found=("friction", "blow_off"), alike=(frozenset({"leakage", "blow_off"}),))
-    assert not twin.both()
-    assert twin.both_by_class()
-    once = replace(PAIR, found=("friction", "backlash"), alike=(frozenset({"friction", "leakage"}),))
-    assert not once.both_by_class()
+    assert PAIR.finds_exactly()
+    assert not replace(PAIR, composition=("friction",)).finds_exactly()
+    twin = replace(PAIR, composition=("friction", "blow_off"), indistinguishable=(frozenset({"leakage", "blow_off"}),))
+    assert not twin.finds_exactly()
+    assert twin.finds_by_class()
+    once = replace(PAIR, composition=("friction", "backlash"), indistinguishable=(frozenset({"friction", "leakage"}),))
+    assert not once.finds_by_class()
 
 
 def test_candidates_have_a_place_for_an_answer_that_was_never_one():
@@ -76,7 +76,7 @@ def test_figures_count_the_cases_they_are_about():
         "top-1": (0.5, 2), "false alarms": (1.0, 1), "both of a pair": (1.0, 1)
     }  # fmt: skip
     assert baselines([replace(RIGHT, baselines={"bic": "friction"}), WRONG])["bic"].value == 1.0
-    assert "| `inertia` | 1 | 0.0 % | 0.0 % | 100.0 % | named 1 | friction 1 |" in confusions(cases)
+    assert "| `inertia` | 1 | 0.0 % | 0.0 % | 100.0 % | named 1 | friction 1 |" in confusion_table(cases)
     row = case_rows([RIGHT]).splitlines()[1]
     assert row.startswith("0001,effect,a,rich,3,0,friction,named,friction,friction 0.950")
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ces_cli.main import main
-from ces_cli.terminal.bag_paths import bags_of, units_of
+from ces_cli.terminal.bag_paths import find_bags, find_fleet_units
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, Sampling
@@ -27,7 +27,7 @@ SIM = "diagnosed_damper:force"
 MODULE = """\
 import numpy as np
 
-from ces_gap.effects.effect import Effect, Parameter
+from ces_gap.effects.effect import Effect, EffectParameter
 
 
 def force(time_s, position_m, current_A):
@@ -52,7 +52,7 @@ def short(time_s, position_m, current_A):
 
 class Own(Effect):
     name, form = "own", "constant"
-    parameters = (Parameter("offset_N", -1e3, 1e3, (10.0,), "of the force", magnitude=True),)
+    parameters = (EffectParameter("offset_N", -1e3, 1e3, (10.0,), "of the force", magnitude=True),)
 
     def respond(self, trace, inputs, force, values):
         return force + values[0]
@@ -119,28 +119,32 @@ def complaint(capsys, *words):
 
 
 def test_bags_folders_and_globs_name_recordings(here):
-    names = [str(path) for path in bags_of(["fleet/red", "fleet/*/road", "reference"])]
+    names = [str(path) for path in find_bags(["fleet/red", "fleet/*/road", "reference"])]
     assert names == [
         "fleet/red/road", "fleet/red/town", "fleet/blue/road", "fleet/green/road", "reference",
     ]  # fmt: skip
-    assert len(bags_of(["fleet"])) == 6
-    assert len(bags_of(["fleet/**"])) == 6
-    assert bags_of(["fleet/red/road/road.mcap"]) == [Path("fleet/red/road/road.mcap")]
-    assert bags_of(["nowhere"]) == [Path("nowhere")]  # reading it tells what is wrong
+    assert len(find_bags(["fleet"])) == 6
+    assert len(find_bags(["fleet/**"])) == 6
+    assert find_bags(["fleet/red/road/road.mcap"]) == [Path("fleet/red/road/road.mcap")]
+    assert find_bags(["nowhere"]) == [Path("nowhere")]  # reading it tells what is wrong
 
 
 @pytest.mark.parametrize(("word", "says"), [("fleet/*/none", "no bag matches"), (".", "no bag in this folder")])
 def test_words_that_name_no_bag(tmp_path, monkeypatch, word, says):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(CesError, match=says):
-        bags_of([word])
+        find_bags([word])
 
 
 def test_units_of_a_fleet_have_names_of_their_own(here):
-    assert [(u.name, len(u.paths)) for u in units_of(["fleet"], "vehicle")] == [("blue", 2), ("green", 2), ("red", 2)]
-    recordings = units_of(["fleet"], "recording")
+    assert [(u.name, len(u.paths)) for u in find_fleet_units(["fleet"], "vehicle")] == [
+        ("blue", 2),
+        ("green", 2),
+        ("red", 2),
+    ]
+    recordings = find_fleet_units(["fleet"], "recording")
     assert [u.name for u in recordings[:3]] == ["blue_road", "blue_town", "green_road"]
-    assert [u.name for u in units_of(["fleet/red", "reference"], "recording")] == ["road", "town", "reference"]
+    assert [u.name for u in find_fleet_units(["fleet/red", "reference"], "recording")] == ["road", "town", "reference"]
 
 
 # one diagnosis -------------------------------------------------------------------------------------------------------
@@ -179,10 +183,10 @@ def test_the_next_experiment_of_an_earlier_run_does_not_stay(quick):
     ],
 )  # fmt: skip
 def test_every_verdict_is_told(made, says, capsys, monkeypatch):
-    from ces_cli.diagnose.diagnosis_tables import tell
+    from ces_cli.diagnose.diagnosis_tables import print_diagnosis
 
     monkeypatch.setattr("ces_cli.terminal.terminal.out.width", 120)
-    tell(made(), Path("gap"), ("gap.json", "report.html"))
+    print_diagnosis(made(), Path("gap"), ("gap.json", "report.html"))
     told = capsys.readouterr().out
     assert [text for text in says if text not in told] == []
     assert told.splitlines()[-1] == "written: gap/gap.json, report.html"

@@ -21,7 +21,7 @@ RATE, PULL_N_M, NOISE_N = 500.0, 8000.0, 5.0
 PHYSICS = """\
 import numpy as np
 
-from ces_gap.effects.effect import Effect, Parameter
+from ces_gap.effects.effect import Effect, EffectParameter
 
 
 def force(time_s, position_m, current_A):
@@ -30,7 +30,7 @@ def force(time_s, position_m, current_A):
 
 class Pull(Effect):
     name, form = "pull", "linear"
-    parameters = (Parameter("stiffness_N_m", -1e5, 1e5, (1e3,), "of a spring", magnitude=True),)
+    parameters = (EffectParameter("stiffness_N_m", -1e5, 1e5, (1e3,), "of a spring", magnitude=True),)
 
     def respond(self, trace, inputs, force, values):
         return force + values[0] * trace.inputs.position

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, words
+from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, build_command_line
 from ces_cli.identify.program import parser
 from ces_observer.errors import CesError
 from ces_observer.nodes.parameter_table import NO_WORDS
@@ -23,7 +23,7 @@ ACTIONS = {action.dest: action for action in parser()._actions}
 
 
 def options(**values):
-    return vars(parser().parse_args(words({**DEFAULTS, "bags": ["one"], **values})))
+    return vars(parser().parse_args(build_command_line({**DEFAULTS, "bags": ["one"], **values})))
 
 
 def test_every_option_is_a_parameter_or_left_out_on_purpose():
@@ -81,9 +81,9 @@ def test_a_value_with_a_dash_is_no_option():
 
 def test_no_recording_and_a_wrong_word_are_named():
     with pytest.raises(CesError, match="parameter 'bags' is not set; give the recordings' paths"):
-        words(DEFAULTS)
+        build_command_line(DEFAULTS)
     with pytest.raises(CesError, match="parameter 'method' is 'best'; expected one of both, random, gauss-newton"):
-        BY_NAME["method"].checked("best")
+        BY_NAME["method"].check_value("best")
 
 
 def test_the_shipped_file_says_every_parameter_with_its_default():

@@ -87,12 +87,12 @@ def test_it_ends_with_its_starter():
 def test_progress_is_a_line_and_figures():
     now = [100.0]
     state = SearchState(lambda: now[0])
-    assert state.told() == ("starting", {"stage": "starting", "elapsed [s]": "0.0", "share": "0.000"})
-    state.hear({"stage": SEARCHING, "seconds": 20.0, "starts": 8})
+    assert state.as_status() == ("starting", {"stage": "starting", "elapsed [s]": "0.0", "share": "0.000"})
+    state.update({"stage": SEARCHING, "seconds": 20.0, "starts": 8})
     now[0] = 105.0
-    assert state.told()[0] == "searching: no model yet"
-    state.hear({"cost": 12.345, "size": 7, "ended": 3})
-    assert state.told() == (
+    assert state.as_status()[0] == "searching: no model yet"
+    state.update({"cost": 12.345, "size": 7, "ended": 3})
+    assert state.as_status() == (
         "searching: selection cost J = 12.35 % of size 7, 3 of 8 starts ended, 5 s",
         {
             "stage": SEARCHING,
@@ -103,7 +103,7 @@ def test_progress_is_a_line_and_figures():
             "starts ended": "3",
         },
     )
-    state.was_told()
+    state.clear_changes()
     assert not state.changed
-    state.hear({"stage": DONE})
-    assert (state.changed_stage, state.told()[1]["share"]) == (True, "1.000")
+    state.update({"stage": DONE})
+    assert (state.changed_stage, state.as_status()[1]["share"]) == (True, "1.000")

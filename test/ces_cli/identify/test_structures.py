@@ -2,7 +2,7 @@ import argparse
 
 import pytest
 
-from ces_cli.identify.structures import add_structure, identifier
+from ces_cli.identify.structures import add_structure, select_identify_function
 from ces_identify.identify import identify
 from ces_identify.polynomial_structure import fit_polynomial
 from ces_identify.trained.fuzzy_structure import FuzzyShape
@@ -12,7 +12,7 @@ from ces_identify.trained.network_structure import NetworkShape
 def chosen(*arguments):
     parser = argparse.ArgumentParser(exit_on_error=False)
     add_structure(parser)
-    return identifier(parser.parse_args(arguments))
+    return select_identify_function(parser.parse_args(arguments))
 
 
 def test_each_structure_has_its_fitter():

@@ -70,7 +70,7 @@ def test_costs_come_with_interval_floor_and_weighted_cost(work, told):
     model, row = load_model(work / "model.json"), next(line for line in told.splitlines() if "cycles" in line).split()
     series = prepare(read_recording(work / "cycles", DEFAULT), model.sampling).part(0.5, 1.0)
     scored, force = series.scored, simulate_series(model, series).force
-    weights = parse_weighting(["zero_crossing:0.1=3", "current:0.6..0.7=2"]).of(series)[scored]
+    weights = parse_weighting(["zero_crossing:0.1=3", "current:0.6..0.7=2"]).tick_weights(series)[scored]
     cost, interval, floor, weighted = row[4:8]
     low, high = map(float, interval.split("-"))
     assert low <= float(cost) <= high

@@ -7,7 +7,7 @@ from ces_cli.rig.program import main
 from ces_cli.terminal.terminal import run as run_program
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.signals_file import load_signals
-from ces_rig.experiment import load_experiment, packaged, run
+from ces_rig.experiment import load_experiment, packaged_experiments, run
 
 SHORT = """\
 duration_s: 1.0
@@ -57,8 +57,8 @@ def test_signals_say_where_things_go(experiment, tmp_path):
 def test_list(capsys):
     assert main(["--list"]) == 0
     listed = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in listed] == list(packaged())
-    assert "20 s  4 Hz sine, current following the stroke (reg1)" in listed[[*packaged()].index("sine_4hz")]
+    assert [line.split()[0] for line in listed] == list(packaged_experiments())
+    assert "20 s  4 Hz sine, current following the stroke (reg1)" in listed[[*packaged_experiments()].index("sine_4hz")]
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from ces_gap.augmented.augmented_file import MAX_BYTES, is_augmented, load_augmented, save_augmented
-from ces_gap.baseline.correction import LearntCorrection
+from ces_gap.baseline.correction import LearnedCorrection
 from ces_gap.baseline.dictionary import Dictionary, Scales
-from ces_gap.baseline.surrogate import Surrogate, learn_surrogate, recorded
-from ces_gap.effects.effect import FLUID, PARALLEL, VALVE, Composition, Effect, Parameter, Setting
+from ces_gap.baseline.surrogate import Surrogate, learn_surrogate, make_recorded_examples
+from ces_gap.effects.effect import FLUID, PARALLEL, VALVE, Composition, Effect, EffectParameter, Setting
 from ces_gap.trace import make_trace
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation
@@ -36,7 +36,7 @@ class Pull(Effect):
     name = "pull"
     form = "linear"
     stage = PARALLEL
-    parameters = (Parameter("stiffness_N_m", -1e5, 1e5, (1e3,), "of the spring", magnitude=True),)
+    parameters = (EffectParameter("stiffness_N_m", -1e5, 1e5, (1e3,), "of the spring", magnitude=True),)
 
     def respond(self, trace, inputs, force, values):
         return force + values[0] * trace.inputs.position
@@ -50,10 +50,10 @@ class Gain(Effect):
     form = "linear"
     stage = VALVE
     reruns = True
-    parameters = (Parameter("gain", 0.5, 2.0, (1.1,), "of the current", neutral=1.0),)
+    parameters = (EffectParameter("gain", 0.5, 2.0, (1.1,), "of the current", neutral=1.0),)
 
     def drive(self, trace, inputs, force, values):
-        return inputs.powered(values[0] * inputs.current)
+        return inputs.with_current(values[0] * inputs.current)
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,10 @@ class Yielding(Effect):
     form = "linear"
     stage = FLUID
     reruns = True
-    parameters = (Parameter("stiffness_N_m", 1e5, 1e8, (1e6,), "of the mount", scale="inverse", magnitude=True),)
+    parameters = (EffectParameter("stiffness_N_m", 1e5, 1e8, (1e6,), "of the mount", scale="inverse", magnitude=True),)
 
     def drive(self, trace, inputs, force, values):
-        return inputs.moved(inputs.position - force / values[0], trace.rate_Hz)
+        return inputs.with_position(inputs.position - force / values[0], trace.rate_Hz)
 
 
 class Broken(Pull):
@@ -155,7 +155,7 @@ def taught(ride):
     features = dictionary.features(trace, trace.inputs, trace.simulated)
     weights = np.zeros(features.shape[1])
     weights[:9] = 7.0  # hats over the speed, which sum to one
-    return LearntCorrection(dictionary, weights), learn_surrogate_of(ride)
+    return LearnedCorrection(dictionary, weights), learn_surrogate_of(ride)
 
 
 def learn_surrogate_of(ride):
@@ -163,7 +163,7 @@ def learn_surrogate_of(ride):
     trace = make_trace(
         Recording("taught", {**ride.channels, "force": Channel("force", "N", stamps(ride), force)}), force
     )
-    return learn_surrogate(recorded([trace]))
+    return learn_surrogate(make_recorded_examples([trace]))
 
 
 def stamps(ride):
@@ -186,7 +186,7 @@ def test_recorded_predictions_change_through_the_surrogate(tmp_path):
     own = open_here("x").force(ride)
     bag = Recording("bag", {**ride.channels, "sim_force": Channel("sim_force", "N", stamps(ride), own)})
     trace = make_trace(bag, own)
-    more = trace.inputs.powered(1.3 * trace.inputs.current)
+    more = trace.inputs.with_current(1.3 * trace.inputs.current)
     told = surrogate.force(trace, more) - surrogate.force(trace, trace.inputs)
     np.testing.assert_allclose(augmented.force(bag) - own, told, atol=1e-9)
     assert np.corrcoef(inner(told), inner(damper_at(1.3, ride) - own))[0, 1] > 0.7
@@ -303,14 +303,14 @@ def test_a_file_too_large_is_not_read(tmp_path):
 @pytest.mark.parametrize("weights", [lambda w: w[:-1], lambda w: np.append(w, 1.0), lambda w: w[:, None]])
 def test_weights_that_do_not_belong_to_their_features_are_refused(tmp_path, weights):
     correction, _ = taught(recording())
-    spoiled = LearntCorrection(correction.dictionary, weights(correction.weights))
+    spoiled = LearnedCorrection(correction.dictionary, weights(correction.weights))
     with pytest.raises(CesError, match=r"correction: ValueError: weights of shape .*; expected \d+ finite ones"):
         load_augmented(saved(tmp_path, correction=spoiled), open_here)
 
 
 def test_a_force_that_is_not_finite_is_told(tmp_path):
     correction, _ = taught(recording())
-    wild = LearntCorrection(correction.dictionary, np.full_like(correction.weights, 1e308))
+    wild = LearnedCorrection(correction.dictionary, np.full_like(correction.weights, 1e308))
     with np.errstate(all="ignore"), pytest.raises(CesError, match=r"gave a force that is not finite at 0\.\d+ s"):
         load_augmented(saved(tmp_path, correction=wild), open_here).force(recording())
 

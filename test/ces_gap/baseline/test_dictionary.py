@@ -51,15 +51,15 @@ def test_what_is_told_is_the_weighted_sum_of_its_features(
     made = dictionary(trace, by_force, by_time)
     features = made.features(trace, trace.inputs, trace.simulated)
     weights = np.random.default_rng(1).standard_normal(features.shape[1])
-    told = made.told(trace, trace.inputs, trace.simulated, weights)
+    told = made.predict(trace, trace.inputs, trace.simulated, weights)
     np.testing.assert_allclose(told, features @ weights, rtol=1e-9, atol=1e-9)
 
 
 def test_it_forgets_position_units_and_currents_far_outside() -> None:
     trace = one(None)
     made = dictionary(trace, True, False)
-    far = trace.inputs.powered(np.full(len(trace), 100.0))
-    further = trace.inputs.powered(np.full(len(trace), 1e4))
+    far = trace.inputs.with_current(np.full(len(trace), 100.0))
+    further = trace.inputs.with_current(np.full(len(trace), 1e4))
     np.testing.assert_array_equal(
         made.features(trace, far, trace.simulated), made.features(trace, further, trace.simulated)
     )
@@ -77,7 +77,7 @@ def test_a_current_that_hardly_changes_counts_as_constant() -> None:
     assert Scales.of([one(None)], [one(None).simulated]).varies
     still = one(0.6)
     assert not Scales.of([still], [still.simulated]).varies
-    ripple = replace(still, inputs=still.inputs.powered(0.6 + 0.006 * np.sin(20.0 * still.time_s)))
+    ripple = replace(still, inputs=still.inputs.with_current(0.6 + 0.006 * np.sin(20.0 * still.time_s)))
     assert not Scales.of([ripple], [still.simulated]).varies
 
 

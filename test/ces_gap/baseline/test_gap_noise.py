@@ -7,7 +7,7 @@ import pytest
 from gap_traces import ar, ar_noise
 from numpy.typing import NDArray
 
-from ces_gap.baseline.noise import noise_of, white
+from ces_gap.baseline.noise import make_white_noise, noise_of
 
 F = NDArray[np.float64]
 EVERYWHERE = np.ones(40000, bool)
@@ -29,7 +29,7 @@ def test_simulated_noise_is_recognised_and_made_white(pole: float) -> None:
     np.testing.assert_allclose(noise.ar[1:], 0.0, atol=0.03)
     assert noise.rms_N == pytest.approx(8.0, rel=0.1)
     assert noise.innovation_N == pytest.approx(8.0 * np.sqrt(1.0 - pole**2), rel=0.02)
-    flat = noise.whitened(values)[len(noise.ar) :]
+    flat = noise.whiten(values)[len(noise.ar) :]
     assert flat.std() == pytest.approx(1.0, abs=0.02)
     assert max(abs(autocorrelation(flat, lag)) for lag in range(1, 20)) < 4.0 / np.sqrt(len(flat))
 
@@ -37,13 +37,13 @@ def test_simulated_noise_is_recognised_and_made_white(pole: float) -> None:
 def test_whitening_is_linear_and_works_column_by_column() -> None:
     noise = ar(8.0, 0.6)
     columns = np.stack([simulated(0.6, 1), simulated(0.6, 2)], axis=1)
-    np.testing.assert_allclose(noise.whitened(columns)[:, 1], noise.whitened(columns[:, 1]))
-    np.testing.assert_allclose(noise.whitened(columns @ [2.0, -3.0]), noise.whitened(columns) @ [2.0, -3.0], atol=1e-9)
+    np.testing.assert_allclose(noise.whiten(columns)[:, 1], noise.whiten(columns[:, 1]))
+    np.testing.assert_allclose(noise.whiten(columns @ [2.0, -3.0]), noise.whiten(columns) @ [2.0, -3.0], atol=1e-9)
 
 
 def test_white_noise_is_only_scaled() -> None:
     values = simulated(0.0)
-    np.testing.assert_allclose(white(4.0).whitened(values), values / 4.0)
+    np.testing.assert_allclose(make_white_noise(4.0).whiten(values), values / 4.0)
 
 
 def test_only_usable_ticks_count() -> None:
@@ -58,13 +58,13 @@ def test_a_whitened_value_is_clean_if_it_rests_on_usable_ticks_alone() -> None:
     noise = noise_of([simulated(0.7)], [EVERYWHERE], order=3)
     usable = np.ones(20, bool)
     usable[[10]] = False
-    assert np.flatnonzero(~noise.clean(usable)).tolist() == [0, 1, 2, 10, 11, 12, 13]
+    assert np.flatnonzero(~noise.usable_after_whitening(usable)).tolist() == [0, 1, 2, 10, 11, 12, 13]
     values, spoiled = np.arange(20.0), np.where(usable, np.arange(20.0), 1e6)
-    clean = noise.clean(usable)
-    np.testing.assert_array_equal(noise.whitened(values)[clean], noise.whitened(spoiled)[clean])
+    clean = noise.usable_after_whitening(usable)
+    np.testing.assert_array_equal(noise.whiten(values)[clean], noise.whiten(spoiled)[clean])
 
 
 def test_silence_is_noise_without_power_and_without_nonsense() -> None:
     noise = noise_of([np.zeros(500)], [np.ones(500, bool)])
-    assert np.isfinite(noise.whitened(np.ones(500))).all()
+    assert np.isfinite(noise.whiten(np.ones(500))).all()
     assert noise.rms_N < 1e-3

@@ -8,7 +8,7 @@ from gap_traces import ar_noise
 from numpy.typing import NDArray
 
 from ces_gap.baseline import learner
-from ces_gap.baseline.learner import BLOCK_S, FOLDS, Learnt, learn
+from ces_gap.baseline.learner import BLOCK_S, FOLDS, LearnerResult, learn
 
 F = NDArray[np.float64]
 RATE_HZ = 200.0
@@ -34,7 +34,7 @@ def everywhere() -> list[NDArray[np.bool_]]:
     return [np.ones(n, bool) for n in LENGTHS]
 
 
-def taught(features: list[F], targets: list[F], passes: int = 2) -> Learnt:
+def taught(features: list[F], targets: list[F], passes: int = 2) -> LearnerResult:
     return learn(features, targets, everywhere(), RATE_HZ, passes)
 
 
@@ -56,7 +56,7 @@ def test_the_covariance_is_how_weights_scatter_over_repetitions() -> None:
     np.testing.assert_allclose(told, scatter, rtol=0.35)
 
 
-def missed(learnt: Learnt, targets: list[F]) -> float:
+def missed(learnt: LearnerResult, targets: list[F]) -> float:
     """Mean square that the cross-fitted predictions leave."""
     return float(np.mean((np.concatenate(targets) - np.concatenate(learnt.crossfitted)) ** 2))
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import interp1d
 
-from ces_gap.baseline.learner_kernels import fill_features, low_passed, place
+from ces_gap.baseline.learner_kernels import fill_features, low_pass, place
 
 F = NDArray[np.float64]
 RATE_HZ, TICKS = 250.0, 200
@@ -95,8 +95,8 @@ def test_the_weighted_sum_is_that_of_the_features(varies: bool, by_force: bool) 
 
 def test_a_lag_is_that_of_the_slow_twin_and_leaves_what_never_changes() -> None:
     values = signals(4)[0]
-    np.testing.assert_allclose(low_passed(values, 1.0 / RATE_HZ, 0.02), lagged(values, 0.02), rtol=1e-12)
-    np.testing.assert_allclose(low_passed(np.full(9, 3.0), 1.0 / RATE_HZ, 0.02), 3.0)
+    np.testing.assert_allclose(low_pass(values, 1.0 / RATE_HZ, 0.02), lagged(values, 0.02), rtol=1e-12)
+    np.testing.assert_allclose(low_pass(np.full(9, 3.0), 1.0 / RATE_HZ, 0.02), 3.0)
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,12 @@ import pytest
 from engine_plant import NOISE_N, SIMULATION, F, damper, traced
 
 from ces_gap.baseline.ceiling import learn_ceiling
-from ces_gap.baseline.correction import LearntCorrection, learn_correction
-from ces_gap.baseline.plant import Called
-from ces_gap.baseline.surrogate import Surrogate, explored, learn_surrogate, recorded
+from ces_gap.baseline.correction import LearnedCorrection, learn_correction
+from ces_gap.baseline.plant import DirectSimulator
+from ces_gap.baseline.surrogate import Surrogate, learn_surrogate, make_changed_examples, make_recorded_examples
 from ces_gap.trace import Trace
 
-CALLED = Called(SIMULATION)
+CALLED = DirectSimulator(SIMULATION)
 
 
 def wrong(time_s: F, position_m: F, current_A: F) -> F:
@@ -35,7 +35,7 @@ def rms(values: F, trace: Trace) -> float:
 REFERENCES = [traced(wrong, seed=s, seconds=10.0) for s in (1, 2, 3)]
 UNSEEN = traced(wrong, seed=9)
 CORRECTION, LEARNT = learn_correction(REFERENCES)
-SURROGATE = learn_surrogate(explored(REFERENCES[:2], CALLED))
+SURROGATE = learn_surrogate(make_changed_examples(REFERENCES[:2], CALLED))
 
 
 def test_references_teach_the_simulations_own_error() -> None:
@@ -59,18 +59,18 @@ def test_the_correction_of_a_right_simulation_is_next_to_nothing() -> None:
 
 
 def test_a_corrections_json_is_itself() -> None:
-    again = LearntCorrection.from_json(json.loads(json.dumps(CORRECTION.as_json())))
+    again = LearnedCorrection.from_json(json.loads(json.dumps(CORRECTION.as_json())))
     assert again.dictionary == CORRECTION.dictionary
     np.testing.assert_array_equal(
         again.force(UNSEEN, UNSEEN.inputs, UNSEEN.simulated), CORRECTION.force(UNSEEN, UNSEEN.inputs, UNSEEN.simulated)
     )
     with pytest.raises(KeyError):
-        LearntCorrection.from_json({"weights": [1.0]})
+        LearnedCorrection.from_json({"weights": [1.0]})
 
 
 def test_the_surrogate_says_nothing_of_recorded_inputs() -> None:
     np.testing.assert_allclose(SURROGATE.force(UNSEEN, UNSEEN.inputs), UNSEEN.simulated, atol=1e-9)
-    same = UNSEEN.inputs.powered(UNSEEN.inputs.current + 0.0)
+    same = UNSEEN.inputs.with_current(UNSEEN.inputs.current + 0.0)
     np.testing.assert_allclose(SURROGATE.force(UNSEEN, same), UNSEEN.simulated, atol=1e-6)
 
 
@@ -79,8 +79,8 @@ def test_the_surrogate_says_what_changed_inputs_do(change: str) -> None:
     trace = REFERENCES[2]  # of which it never saw a change
     late = np.interp(trace.time_s - 0.003, trace.time_s, trace.inputs.position)
     inputs = {
-        "weaker": trace.inputs.powered(0.93 * trace.inputs.current),
-        "late": trace.inputs.moved(late, trace.rate_Hz),
+        "weaker": trace.inputs.with_current(0.93 * trace.inputs.current),
+        "late": trace.inputs.with_position(late, trace.rate_Hz),
     }[change]
     exact = CALLED.force(trace, inputs) - trace.simulated
     told = SURROGATE.force(trace, inputs) - trace.simulated
@@ -88,8 +88,8 @@ def test_the_surrogate_says_what_changed_inputs_do(change: str) -> None:
 
 
 def test_the_surrogates_cost_is_that_of_blocks_it_did_not_see() -> None:
-    surrogate, use = learn_surrogate(recorded(REFERENCES)), UNSEEN.usable
-    told = surrogate.dictionary.told(UNSEEN, UNSEEN.inputs, np.zeros(len(UNSEEN)), surrogate.weights)
+    surrogate, use = learn_surrogate(make_recorded_examples(REFERENCES)), UNSEEN.usable
+    told = surrogate.dictionary.predict(UNSEEN, UNSEEN.inputs, np.zeros(len(UNSEEN)), surrogate.weights)
     spread = np.linalg.norm(UNSEEN.simulated[use] - UNSEEN.simulated[use].mean())
     unseen_J = 100.0 * np.linalg.norm((told - UNSEEN.simulated)[use]) / spread
     assert surrogate.cost_J > 1.0
@@ -100,7 +100,7 @@ def test_the_surrogates_cost_is_that_of_blocks_it_did_not_see() -> None:
 
 def test_a_surrogates_json_is_itself() -> None:
     again = Surrogate.from_json(json.loads(json.dumps(SURROGATE.as_json())))
-    weaker = UNSEEN.inputs.powered(0.9 * UNSEEN.inputs.current)
+    weaker = UNSEEN.inputs.with_current(0.9 * UNSEEN.inputs.current)
     np.testing.assert_array_equal(again.force(UNSEEN, weaker), SURROGATE.force(UNSEEN, weaker))
     np.testing.assert_array_equal(SURROGATE.prepare_for(UNSEEN).force(UNSEEN, weaker), SURROGATE.force(UNSEEN, weaker))
     assert again.cost_J == SURROGATE.cost_J
@@ -109,14 +109,14 @@ def test_a_surrogates_json_is_itself() -> None:
 
 
 def test_examples_are_the_recorded_ones_and_two_changed_ones_of_each() -> None:
-    examples = explored(REFERENCES[:2], CALLED)
+    examples = make_changed_examples(REFERENCES[:2], CALLED)
     assert len(examples) == 6 and [e.inputs for e in examples[:2]] == [t.inputs for t in REFERENCES[:2]]
     for example in examples:
         assert np.isfinite(example.force).all() and len(example.force) == len(example.trace)
     for example in examples[2:]:
         np.testing.assert_allclose(example.force, CALLED.force(example.trace, example.inputs))
         assert rms(example.force - example.trace.simulated, example.trace) > 5.0
-    assert all(e.force is t.simulated for e, t in zip(recorded(REFERENCES), REFERENCES, strict=True))
+    assert all(e.force is t.simulated for e, t in zip(make_recorded_examples(REFERENCES), REFERENCES, strict=True))
 
 
 def test_the_ceiling_holds_what_drifts_with_time() -> None:

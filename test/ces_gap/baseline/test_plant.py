@@ -10,46 +10,46 @@ import pytest
 from engine_plant import SIMULATION, F, damper, recorded, traced
 from twin_effects import CurrentGain, Friction, Scale, Spring
 
-from ces_gap.baseline.plant import Called, Plant, Rerun, driven
-from ces_gap.effects.effect import CELL, Composition, Effect, Parameter, Setting
-from ces_gap.trace import Inputs, Trace, open_trace
+from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator, change_recording
+from ces_gap.effects.effect import CELL, Composition, Effect, EffectParameter, Setting
+from ces_gap.trace import Trace, TraceInputs, open_trace
 from ces_identify.recordings.recording import Channel
 
 TRACE = traced()
-CALLED = Called(SIMULATION)
+CALLED = DirectSimulator(SIMULATION)
 
 
 class Late(Effect):
     """The position read a little later, by the force that is there."""
 
     name, form, stage, reruns = "late", "shift", 0, True
-    parameters = (Parameter("delay_s", 0.0, 0.1, (0.01,), "delay", magnitude=True),)
+    parameters = (EffectParameter("delay_s", 0.0, 0.1, (0.01,), "delay", magnitude=True),)
 
-    def drive(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> Inputs:
-        return inputs.moved(np.interp(trace.time_s - values[0], trace.time_s, inputs.position), trace.rate_Hz)
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
+        return inputs.with_position(np.interp(trace.time_s - values[0], trace.time_s, inputs.position), trace.rate_Hz)
 
 
 class Added(Effect):
     """A constant outside."""
 
     name, form, stage = "added", "constant", CELL
-    parameters = (Parameter("offset_N", -100.0, 100.0, (10.0,), "offset", magnitude=True),)
+    parameters = (EffectParameter("offset_N", -100.0, 100.0, (10.0,), "offset", magnitude=True),)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force + values[0])
 
 
 class Tenth:
     """A correction of a tenth of the force."""
 
-    def force(self, trace: Trace, inputs: Inputs, simulated: F) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
         return np.asarray(0.1 * simulated)
 
 
-class Unasked(Rerun):
+class Unasked(TraceSimulator):
     """A simulation that may not be run again."""
 
-    def force(self, trace: Trace, inputs: Inputs) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
         raise AssertionError
 
 
@@ -61,14 +61,14 @@ def test_its_own_inputs_are_not_run_again() -> None:
 
 
 def test_another_current_is_simulated() -> None:
-    force = CALLED.force(TRACE, TRACE.inputs.powered(TRACE.inputs.current + 0.3))
+    force = CALLED.force(TRACE, TRACE.inputs.with_current(TRACE.inputs.current + 0.3))
     expected = damper(TRACE.time_s, TRACE.inputs.position, TRACE.inputs.current + 0.3)
     np.testing.assert_allclose(force[TRACE.usable], expected[TRACE.usable], atol=20.0)
     assert np.abs(expected - TRACE.simulated).max() > 100.0
 
 
 def test_another_position_is_simulated() -> None:
-    moved = TRACE.inputs.moved(0.5 * TRACE.inputs.position, TRACE.rate_Hz)
+    moved = TRACE.inputs.with_position(0.5 * TRACE.inputs.position, TRACE.rate_Hz)
     expected = damper(TRACE.time_s, 0.5 * TRACE.inputs.position, TRACE.inputs.current)
     np.testing.assert_allclose(CALLED.force(TRACE, moved)[TRACE.usable], expected[TRACE.usable], atol=20.0)
 
@@ -78,11 +78,11 @@ def test_a_constant_current_can_be_changed_too() -> None:
     channels = {n: c for n, c in recording.channels.items() if n != "current"}
     trace = open_trace(SIMULATION, replace(recording, channels=channels, constants={"current": 0.6}))
     rising = 0.6 + 0.05 * trace.time_s
-    changed = driven(trace, trace.inputs.powered(rising))
+    changed = change_recording(trace, trace.inputs.with_current(rising))
     assert "current" not in changed.constants and "current" in changed.channels
     expected = damper(trace.time_s, trace.inputs.position, rising)
     np.testing.assert_allclose(
-        CALLED.force(trace, trace.inputs.powered(rising))[trace.usable], expected[trace.usable], atol=20.0
+        CALLED.force(trace, trace.inputs.with_current(rising))[trace.usable], expected[trace.usable], atol=20.0
     )
 
 
@@ -95,7 +95,7 @@ def test_what_drives_again_leaves_recorded_predictions_and_all_else_as_logged() 
             recording, channels={**recording.channels, "sim_force": Channel("sim_force", "N", stamps, 0.0 * stamps)}
         ),
     )
-    changed = driven(both, both.inputs.moved(both.inputs.position + 0.001, both.rate_Hz))
+    changed = change_recording(both, both.inputs.with_position(both.inputs.position + 0.001, both.rate_Hz))
     assert "sim_force" not in changed.channels
     np.testing.assert_allclose(
         changed.channel("position").values, recording.channel("position").values + 0.001, atol=1e-9
@@ -105,7 +105,7 @@ def test_what_drives_again_leaves_recorded_predictions_and_all_else_as_logged() 
 
 
 def test_the_correction_is_told_the_force_it_corrects() -> None:
-    weaker = TRACE.inputs.powered(0.5 * TRACE.inputs.current)
+    weaker = TRACE.inputs.with_current(0.5 * TRACE.inputs.current)
     for inputs in (TRACE.inputs, weaker):
         np.testing.assert_allclose(Plant(CALLED, Tenth()).force(TRACE, inputs), 1.1 * CALLED.force(TRACE, inputs))
 
@@ -145,14 +145,14 @@ def test_the_plants_own_force_at_hand_is_used() -> None:
 @pytest.mark.parametrize(
     ("parameter", "value"),
     [
-        (Parameter("a", -3.0, 5.0, (1.0,), ""), -2.5),
-        (Parameter("b", 1e-6, 1e3, (1.0,), "", scale="log"), 3e-4),
-        (Parameter("c", 1e3, 1e9, (1e5,), "", scale="inverse"), 2e6),
-        (Parameter("d", 1e3, np.inf, (1e5,), "", scale="inverse", neutral=np.inf), np.inf),
+        (EffectParameter("a", -3.0, 5.0, (1.0,), ""), -2.5),
+        (EffectParameter("b", 1e-6, 1e3, (1.0,), "", scale="log"), 3e-4),
+        (EffectParameter("c", 1e3, 1e9, (1e5,), "", scale="inverse"), 2e6),
+        (EffectParameter("d", 1e3, np.inf, (1e5,), "", scale="inverse", neutral=np.inf), np.inf),
     ],
     ids=["linear", "log", "inverse", "infinite"],
 )
-def test_a_parameter_is_searched_and_found_again_inside_its_bounds(parameter: Parameter, value: float) -> None:
+def test_a_parameter_is_searched_and_found_again_inside_its_bounds(parameter: EffectParameter, value: float) -> None:
     low, high = parameter.search_bounds()
     searched = parameter.to_search(value)
     assert low <= searched <= high and np.isfinite([low, high]).all()
@@ -163,5 +163,5 @@ def test_a_parameter_is_searched_and_found_again_inside_its_bounds(parameter: Pa
 
 def test_a_setting_and_a_composition_name_their_parts() -> None:
     setting = Setting(Friction(), (40.0, 0.05))
-    assert setting.named() == {"coulomb_N": 40.0, "transition_m_s": 0.05}
+    assert setting.values_by_name() == {"coulomb_N": 40.0, "transition_m_s": 0.05}
     assert Composition((setting, Setting(Spring(), (1.0,)))).names == ("friction", "spring")

@@ -11,9 +11,9 @@ import numpy as np
 import output_plants as plants
 import pytest
 
-from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
-from ces_gap.effects.library import library, names
-from ces_gap.trace import Inputs, Trace, make_trace
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
+from ces_gap.effects.library import effect_names, library
+from ces_gap.trace import Trace, TraceInputs, make_trace
 from ces_identify.recordings.recording import Channel, Recording
 
 DESIGNED = {
@@ -50,7 +50,7 @@ def moving() -> Trace:
 ROUGH = moving()
 
 
-def outcome(effect: Effect, trace: Trace, values: Sequence[float]) -> tuple[Inputs, np.ndarray]:
+def outcome(effect: Effect, trace: Trace, values: Sequence[float]) -> tuple[TraceInputs, np.ndarray]:
     """Return what drives the damper and the force outside, the damper's force being the simulated one."""
     composition = Composition((Setting(effect, tuple(values)),))
     inputs = composition.drive(trace, trace.simulated)
@@ -75,7 +75,7 @@ def typical(effect: Effect) -> list[float]:
 
 
 def test_the_library_holds_the_effects_of_the_contract_one_module_each() -> None:
-    assert set(names()) == DESIGNED
+    assert set(effect_names()) == DESIGNED
     assert len({(e.name, e.form) for e in EFFECTS}) == len(EFFECTS)
     for effect in EFFECTS:
         assert type(effect).__module__ == f"ces_gap.effects.library.{effect.name}"
@@ -156,7 +156,7 @@ def test_force_varies_smoothly_with_the_values(effect: Effect) -> None:
         assert np.linalg.norm(small - large) <= 0.2 * np.linalg.norm(large) + 1e-9, p.name
 
 
-def slope(effect: Effect, k: int, p: Parameter, share: float) -> np.ndarray:
+def slope(effect: Effect, k: int, p: EffectParameter, share: float) -> np.ndarray:
     """Return d(position, speed, current, force)/d(searched value), each in units of what it usually is."""
     values = first_values(effect)
     at = p.to_search(values[k])
@@ -185,7 +185,7 @@ def section_of(name: str) -> str:
 
 def test_the_table_at_the_top_of_the_docs_names_every_effect() -> None:
     table = DOCS.read_text(encoding="utf-8").split("\n## ")[0]
-    for name in names():
+    for name in effect_names():
         assert f"\n| [`{name}`](#{name})" in table
 
 
@@ -193,7 +193,7 @@ def test_forces_are_finite_where_nothing_moves() -> None:
     still = plants.trace(seconds=2.0)
     rest = replace(
         still,
-        inputs=Inputs(*(np.zeros_like(still.time_s) for _ in range(3))),
+        inputs=TraceInputs(*(np.zeros_like(still.time_s) for _ in range(3))),
         acceleration=np.zeros_like(still.time_s),
         simulated=np.zeros_like(still.time_s),
     )

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from twin_effects import drive, trace_of
 
-from ces_gap.experiment.menu import Reach, menu, reach_of
-from ces_gap.experiment.waveforms import CURRENTS, STROKES, commanded
-from ces_rig.experiment import GRID_S, experiment_from
+from ces_gap.experiment.candidate_experiments import Reach, list_candidate_experiments, reach_of
+from ces_gap.experiment.waveforms import CURRENTS, STROKES, generate_waveforms
+from ces_rig.experiment import GRID_S, parse_experiment
 
 REACHES = {
     "motorcycle": Reach(0.002, 0.025, 0.9, 90.0, 0.29, 0.7),
@@ -18,16 +18,20 @@ REACHES = {
     "shaker": Reach(0.0, 0.004, 0.4, 120.0, 0.3, 1.6),
     "little": Reach(0.0, 0.001, 0.01, 1.0, 0.2, 0.3),
 }
-ALL = [pytest.param(r, recipe, id=f"{name}-{recipe['name']}") for name, r in REACHES.items() for recipe in menu(r)]
+ALL = [
+    pytest.param(r, recipe, id=f"{name}-{recipe['name']}")
+    for name, r in REACHES.items()
+    for recipe in list_candidate_experiments(r)
+]
 
 
 @pytest.mark.parametrize(("reach", "recipe"), ALL)
 def test_the_rig_makes_the_same_of_a_recipe(reach: Reach, recipe: dict[str, Any]) -> None:
-    experiment = experiment_from(recipe, recipe["name"])
+    experiment = parse_experiment(recipe, recipe["name"])
     time = np.arange(round(experiment.settings.duration_s / GRID_S) + 1) * GRID_S
     stroke = experiment.stroke.samples(time, np.random.default_rng([recipe["seed"], 0]))
     current = experiment.current.samples(time, stroke, np.random.default_rng([recipe["seed"], 1]))
-    seconds, position, level = commanded(recipe)
+    seconds, position, level = generate_waveforms(recipe)
     np.testing.assert_allclose(seconds, time[::2], atol=1e-12)
     np.testing.assert_allclose(position, stroke[::2], atol=1e-9)
     np.testing.assert_allclose(level, current[::2], atol=1e-12)
@@ -35,7 +39,7 @@ def test_the_rig_makes_the_same_of_a_recipe(reach: Reach, recipe: dict[str, Any]
 
 @pytest.mark.parametrize(("reach", "recipe"), ALL)
 def test_an_experiment_keeps_to_the_reach(reach: Reach, recipe: dict[str, Any]) -> None:
-    seconds, position, current = commanded(recipe)
+    seconds, position, current = generate_waveforms(recipe)
     inside = slice(600, -600)  # fading adds a little speed
     speed = np.gradient(position, seconds)
     assert 10.0 <= recipe["duration_s"] <= 40.0 and seconds[-1] == pytest.approx(recipe["duration_s"])
@@ -46,7 +50,7 @@ def test_an_experiment_keeps_to_the_reach(reach: Reach, recipe: dict[str, Any]) 
 
 
 def test_every_kind_that_is_written_is_on_the_menu() -> None:
-    recipes = menu(REACHES["motorcycle"])
+    recipes = list_candidate_experiments(REACHES["motorcycle"])
     assert {r["stroke"]["kind"] for r in recipes} == set(STROKES)
     assert {r["current"]["kind"] for r in recipes} == set(CURRENTS)
     assert len({r["name"] for r in recipes}) == len(recipes)
@@ -71,12 +75,12 @@ def test_a_current_that_is_no_signal_is_not_commanded(level: float) -> None:
     trace = trace_of(0.01 * np.sin(9.0 * time), np.full_like(time, level), constants=True)
     reach = reach_of([trace])
     assert reach.low_A == reach.high_A == level
-    recipes = menu(reach)
+    recipes = list_candidate_experiments(reach)
     assert recipes and {r["current"]["kind"] for r in recipes} == {"constant"}
 
 
 def test_a_damper_that_hardly_moved_still_gets_a_menu_the_rig_can_run() -> None:
     time = np.arange(2000) / 500.0
-    for recipe in menu(reach_of([trace_of(np.zeros_like(time), np.full_like(time, 0.5))])):
-        experiment_from(recipe, recipe["name"])
-        assert np.isfinite(commanded(recipe)[1]).all()
+    for recipe in list_candidate_experiments(reach_of([trace_of(np.zeros_like(time), np.full_like(time, 0.5))])):
+        parse_experiment(recipe, recipe["name"])
+        assert np.isfinite(generate_waveforms(recipe)[1]).all()

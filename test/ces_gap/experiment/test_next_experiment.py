@@ -12,28 +12,28 @@ import yaml
 from numpy.typing import NDArray
 from twin_effects import PLANT, SIMULATION, CurrentOffset, Friction, Rubbing, Scale, Spring, damper, drive
 
-from ces_gap.baseline.plant import Called, Plant
-from ces_gap.baseline.surrogate import learn_surrogate, recorded
+from ces_gap.baseline.plant import DirectSimulator, Plant
+from ces_gap.baseline.surrogate import learn_surrogate, make_recorded_examples
 from ces_gap.diagnosis import NextExperiment
 from ces_gap.effects.effect import Setting
+from ces_gap.experiment.candidate_experiments import list_candidate_experiments, reach_of
 from ces_gap.experiment.experiment_files import experiment_files
-from ces_gap.experiment.menu import menu, reach_of
-from ces_gap.experiment.next_experiment import next_experiment, simulated, white_noise
+from ces_gap.experiment.next_experiment import choose_next_experiment, make_white_noise_whitening, simulate_experiment
 from ces_identify.simulations.simulation import FunctionSimulation
-from ces_observer.checked import write_together
 from ces_observer.errors import CesError
+from ces_observer.json_checks import write_all_atomically
 from ces_rig.experiment import load_experiment
 
 F = NDArray[np.float64]
 NOISE_N = 8.0
 STILL, STEPS = drive("constant"), drive("steps")
-MENU = [{**r, "duration_s": 5.0} for r in menu(reach_of([STEPS]))]  # shorter than in earnest
+MENU = [{**r, "duration_s": 5.0} for r in list_candidate_experiments(reach_of([STEPS]))]  # shorter than in earnest
 PAIR = (Setting(CurrentOffset(), (0.03,)), Setting(Scale(), (1.06,)))  # twins at a constant current of 0.5 A
 
 
 @pytest.fixture(scope="module")
 def proposed() -> NextExperiment:
-    found = next_experiment(PLANT, [STILL], [PAIR], NOISE_N, recipes=MENU)
+    found = choose_next_experiment(PLANT, [STILL], [PAIR], NOISE_N, recipes=MENU)
     assert found is not None
     return found
 
@@ -45,9 +45,9 @@ def test_twins_at_constant_current_are_parted_by_another_current(proposed: NextE
 
 
 def test_the_promised_difference_is_what_a_refit_leaves() -> None:
-    proposed = next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=MENU)
+    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=MENU)
     assert proposed is not None
-    trace = simulated(PLANT.simulation, proposed.recipe)
+    trace = simulate_experiment(PLANT.simulation, proposed.recipe)
     keep = trace.usable
     shape = damper(proposed.time_s, proposed.position_m, np.ones(len(proposed.time_s)))[::2][: len(keep)]
     current = proposed.current_A[::2][: len(keep)]
@@ -65,13 +65,13 @@ def _left(a: F, b: F) -> float:
 
 def test_it_is_the_fastest_of_the_menu_for_the_pair_hardest_to_part() -> None:
     other = Setting(Spring(), (20000.0,))
-    proposed = next_experiment(PLANT, [STEPS], [PAIR, (other, PAIR[1])], NOISE_N, recipes=MENU)
+    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR, (other, PAIR[1])], NOISE_N, recipes=MENU)
     assert proposed is not None
     rates = {}
     for recipe in MENU:
-        trace = simulated(PLANT.simulation, recipe)
+        trace = simulate_experiment(PLANT.simulation, recipe)
         plain = drive_force(trace.inputs.speed)
-        whiten = white_noise(NOISE_N)(trace)
+        whiten = make_white_noise_whitening(NOISE_N)(trace)
         a, b = whiten(0.03 * plain), whiten(0.06 * plain * trace.inputs.current)
         least = min(_sine_of(a, b), _sine_of(b, a))
         rates[recipe["name"]] = least**2 / 2.0 / recipe["duration_s"]
@@ -89,14 +89,16 @@ def _sine_of(a: F, b: F) -> float:
 
 def test_what_nothing_can_part_is_said() -> None:
     same = (Setting(Friction(), (40.0, 0.05)), Setting(Rubbing(), (800.0, 0.05)))
-    proposed = next_experiment(PLANT, [STEPS], [same], NOISE_N, recipes=MENU[:3])
+    proposed = choose_next_experiment(PLANT, [STEPS], [same], NOISE_N, recipes=MENU[:3])
     assert proposed is not None and "nothing on the menu tells them apart" in proposed.purpose
-    proposed = next_experiment(PLANT, [STEPS], [PAIR], 800.0, recipes=[r for r in MENU if r["name"] == "current_steps"])
+    proposed = choose_next_experiment(
+        PLANT, [STEPS], [PAIR], 800.0, recipes=[r for r in MENU if r["name"] == "current_steps"]
+    )
     assert proposed is not None and "to be repeated" in proposed.purpose
 
 
 def test_nothing_to_part_needs_no_experiment() -> None:
-    assert next_experiment(PLANT, [STEPS], [], NOISE_N) is None
+    assert choose_next_experiment(PLANT, [STEPS], [], NOISE_N) is None
 
 
 def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
@@ -105,27 +107,29 @@ def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
             raise CesError("the current must not change")
         return damper(time_s, position_m, current_A)
 
-    plant = Plant(Called(FunctionSimulation("careful", careful)))
+    plant = Plant(DirectSimulator(FunctionSimulation("careful", careful)))
     pair = (Setting(Friction(), (40.0, 0.05)), Setting(Scale(), (1.06,)))
-    proposed = next_experiment(plant, [STEPS], [pair], NOISE_N, recipes=MENU)
+    proposed = choose_next_experiment(plant, [STEPS], [pair], NOISE_N, recipes=MENU)
     assert proposed is not None and np.ptp(proposed.current_A) == 0.0
 
     def never(time_s: F, position_m: F, current_A: F) -> F:
         raise CesError("no")
 
     assert (
-        next_experiment(Plant(Called(FunctionSimulation("never", never))), [STEPS], [pair], NOISE_N, recipes=MENU)
+        choose_next_experiment(
+            Plant(DirectSimulator(FunctionSimulation("never", never))), [STEPS], [pair], NOISE_N, recipes=MENU
+        )
         is None
     )
 
 
 def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
-    surrogate = learn_surrogate(recorded([STEPS]))
+    surrogate = learn_surrogate(make_recorded_examples([STEPS]))
     plant = Plant(surrogate)
-    proposed = next_experiment(plant, [STEPS], [PAIR], NOISE_N, recipes=MENU)
+    proposed = choose_next_experiment(plant, [STEPS], [PAIR], NOISE_N, recipes=MENU)
     assert proposed is not None and proposed.distance_N > 1.0
-    trace = simulated(surrogate, proposed.recipe)
-    true = simulated(Called(SIMULATION), proposed.recipe).simulated
+    trace = simulate_experiment(surrogate, proposed.recipe)
+    true = simulate_experiment(DirectSimulator(SIMULATION), proposed.recipe).simulated
     assert np.corrcoef(trace.simulated, true)[0, 1] > 0.9
 
 
@@ -137,19 +141,21 @@ def test_an_exact_simulation_is_asked_once_for_each_experiment() -> None:
         asked += 1
         return damper(time_s, position_m, current_A)
 
-    exact = Called(FunctionSimulation("counted", counted))
-    next_experiment(Plant(learn_surrogate(recorded([STEPS]))), [STEPS], [PAIR], NOISE_N, exact=exact, recipes=MENU)
+    exact = DirectSimulator(FunctionSimulation("counted", counted))
+    choose_next_experiment(
+        Plant(learn_surrogate(make_recorded_examples([STEPS]))), [STEPS], [PAIR], NOISE_N, exact=exact, recipes=MENU
+    )
     assert asked == len(MENU)
 
 
 def test_no_time_still_gives_an_experiment() -> None:
-    proposed = next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, budget_s=0.0)
-    assert proposed is not None and proposed.name == menu(reach_of([STEPS]))[0]["name"]
+    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, budget_s=0.0)
+    assert proposed is not None and proposed.name == list_candidate_experiments(reach_of([STEPS]))[0]["name"]
 
 
 def test_the_files_are_what_the_rig_and_a_dyno_read(proposed: NextExperiment, tmp_path: Path) -> None:
     described, table = (tmp_path / f"next_experiment.{kind}" for kind in ("yaml", "csv"))
-    write_together({tmp_path / name: text for name, text in experiment_files(proposed).items()})
+    write_all_atomically({tmp_path / name: text for name, text in experiment_files(proposed).items()})
     experiment = load_experiment(described)
     assert experiment.settings.name == proposed.name
     assert yaml.safe_load(described.read_text(encoding="utf-8")) == proposed.recipe

@@ -20,11 +20,16 @@ from twin_effects import (
     whiten_by,
 )
 
-from ces_gap.baseline.noise import Noise
+from ces_gap.baseline.noise import NoiseModel
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.experiment.matching import nearest, refined
-from ces_gap.experiment.signatures import Probe, fan, from_unit, to_unit
-from ces_gap.experiment.twins import EVIDENCE, classes, seen_by, twin_classes
+from ces_gap.experiment.indistinguishable import (
+    EVIDENCE,
+    find_indistinguishable_effects,
+    group_effects,
+    make_evidence_whitening,
+)
+from ces_gap.experiment.matching import nearest, refine_match
+from ces_gap.experiment.signatures import Probe, from_unit, sample_tangents, to_unit
 from ces_gap.inference.evidence import gather
 from ces_gap.trace import Trace
 
@@ -68,7 +73,7 @@ def test_the_refined_distance_is_that_of_brute_force(transition: float) -> None:
     p = probe(STEPS)
     a = p.tangent(Setting(Scale(), (1.05,)))
     b = Setting(Friction(), (30.0, transition))
-    found = refined(a, fan(p, p.tangent(b), a.size), p.tangent, steps=8)
+    found = refine_match(a, sample_tangents(p, p.tangent(b), a.size), p.tangent, steps=8)
     least = np.inf
     for width in np.geomspace(0.01, 1.0, 400):
         shape = np.tanh(STEPS.inputs.speed[STEPS.usable] / width) / NOISE_N
@@ -82,34 +87,34 @@ def test_the_refined_distance_is_that_of_brute_force(transition: float) -> None:
 def test_a_bound_keeps_an_effect_from_matching() -> None:
     p = probe(STEPS)
     a = p.tangent(Setting(Scale(), (0.95,)))  # less force than the plant's: friction cannot be negative
-    match = refined(a, [p.tangent(Setting(Friction(), (20.0, 0.05)))], p.tangent)
+    match = refine_match(a, [p.tangent(Setting(Friction(), (20.0, 0.05)))], p.tangent)
     assert match.setting.values[0] == pytest.approx(0.0, abs=1e-9)
     assert match.index == pytest.approx(a.size)
 
 
 def test_the_same_physics_in_other_numbers_are_twins_and_what_differs_is_not() -> None:
     fitted = [Setting(Friction(), (40.0, 0.05)), Setting(Rubbing(), (700.0, 0.06)), Setting(Spring(), (2000.0,))]
-    found = twin_classes(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
+    found = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
     assert found.classes == (("friction", "rubbing"),)
     assert found.pairs() == (("friction", "rubbing"),)
     match = found.matches["friction", "rubbing"]
     assert match.refined and match.index < 0.1
     assert match.setting.values == pytest.approx((40.0 / 0.05, 0.05), rel=0.01)
-    assert found.apart("spring", "friction").evidence > 100.0 * EVIDENCE
+    assert found.clearest_match("spring", "friction").evidence > 100.0 * EVIDENCE
 
 
 def test_the_excitation_makes_twins() -> None:
     fitted = [Setting(CurrentGain(), (1.08,)), Setting(Scale(), (1.07,)), Setting(CurrentOffset(), (0.035,))]
-    still = twin_classes(PLANT, [STILL], fitted, whiten_by([STILL], NOISE_N))
+    still = find_indistinguishable_effects(PLANT, [STILL], fitted, whiten_by([STILL], NOISE_N))
     assert still.classes == (("current_gain", "scale", "current_offset"),)
-    steps = twin_classes(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
+    steps = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
     assert steps.classes == (("current_gain", "scale"),)  # the force is in proportion to the current
 
 
 def test_noise_makes_twins() -> None:
     fitted = [Setting(CurrentOffset(), (0.01,)), Setting(Scale(), (1.02,))]
-    quiet = twin_classes(PLANT, [STEPS], fitted, whiten_by([STEPS], 8.0))
-    loud = twin_classes(PLANT, [STEPS], fitted, whiten_by([STEPS], 100.0))
+    quiet = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], 8.0))
+    loud = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], 100.0))
     assert quiet.classes == () and loud.classes == (("current_offset", "scale"),)
     assert loud.matches["scale", "current_offset"].index == pytest.approx(
         0.08 * quiet.matches["scale", "current_offset"].index, rel=0.02
@@ -118,19 +123,21 @@ def test_noise_makes_twins() -> None:
 
 def test_what_cannot_be_seen_is_silent_and_not_a_twin_of_everything() -> None:
     fitted = [Setting(Scale(), (1.05,)), Setting(Spring(), (0.5,)), Setting(CurrentOffset(), (1e-5,))]
-    found = twin_classes(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
+    found = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
     assert found.silent == ("spring", "current_offset") and found.classes == ()
 
 
 def test_the_first_form_is_matched_by_any_form() -> None:
     stiff, loose = Setting(Friction(), (40.0, 0.05)), Setting(Scale(), (1.05,))
-    found = twin_classes(PLANT, [STEPS], [Setting(Spring(), (900.0,)), stiff, loose], whiten_by([STEPS], NOISE_N))
+    found = find_indistinguishable_effects(
+        PLANT, [STEPS], [Setting(Spring(), (900.0,)), stiff, loose], whiten_by([STEPS], NOISE_N)
+    )
 
     class OtherSpring(Friction):
         name = "spring"
 
     both = [Setting(Spring(), (900.0,)), Setting(OtherSpring(), (40.0, 0.05)), stiff, loose]
-    more = twin_classes(PLANT, [STEPS], both, whiten_by([STEPS], NOISE_N))
+    more = find_indistinguishable_effects(PLANT, [STEPS], both, whiten_by([STEPS], NOISE_N))
     assert more.matches["friction", "spring"].index < 0.1 < found.matches["friction", "spring"].index
     assert more.matches["spring", "friction"].index == found.matches["spring", "friction"].index
 
@@ -138,10 +145,10 @@ def test_the_first_form_is_matched_by_any_form() -> None:
 def test_a_chain_is_not_one_class() -> None:
     place = {"a": 0.0, "b": 2.0, "c": 4.1, "d": 30.0}
     index = {(m, n): abs(place[m] - place[n]) for m, n in permutations(place, 2)}
-    assert classes(list(place), index) == (("a", "b"),)  # a and c are further than the limit of 2.45
+    assert group_effects(list(place), index) == (("a", "b"),)  # a and c are further than the limit of 2.45
     index["b", "a"] = 9.0  # b stands for a but a not for b
-    assert classes(list(place), index) == (("b", "c"),)
-    assert classes(["a"], {}) == ()
+    assert group_effects(list(place), index) == (("b", "c"),)
+    assert group_effects(["a"], {}) == ()
 
 
 def test_half_the_square_is_the_expected_log_likelihood_ratio() -> None:
@@ -163,10 +170,10 @@ def test_values_go_to_shares_of_their_ranges_and_back() -> None:
 
 
 def test_evidence_of_a_diagnosis_whitens_signatures_too() -> None:
-    noise = Noise(8.0, 8.0 * 0.8, np.array([0.6]))
+    noise = NoiseModel(8.0, 8.0 * 0.8, np.array([0.6]))
     offset = [np.ones((len(t), 1)) for t in (STEPS, STILL)]
     evidence = gather([STEPS, STILL], PLANT, noise, offset, None)
-    whiten = seen_by(evidence)
+    whiten = make_evidence_whitening(evidence)
     assert (
         np.abs(whiten(1, np.full(len(STILL), 5.0))).max() < 1e-9
     )  # an offset is not told from the baseline's own error

@@ -13,8 +13,8 @@ import pytest
 import stand_in
 from stand_in import OFFSETS_N, Offset, Options, made
 
-from ces_gap.fleet.answer import diagnose_unit
-from ces_gap.fleet.question import Question, job_of
+from ces_gap.fleet.request import DiagnosisRequest, job_of
+from ces_gap.fleet.unit_result import diagnose_unit
 from ces_identify.jobs import cluster as cluster_module
 from ces_identify.jobs.job import CRASHED, DONE, FAILED, failed_job
 from ces_identify.jobs.results_folder import open_results
@@ -50,7 +50,7 @@ def on_this_machine(packed, work, processes, threads):
 def question(**more):
     given = {"simulation": FunctionSimulation(SPEC, stand_in.damper), "spec": SPEC, "reference": ()}
     given |= {"options": Options(), "diagnose": stand_in.diagnose, "files": stand_in.files}
-    return Question(**{**given, **more})
+    return DiagnosisRequest(**{**given, **more})
 
 
 def jobs(folder, names=tuple(OFFSETS_N), asked=None):
@@ -75,7 +75,7 @@ def told(answers):
 def expected(tmp_path_factory):
     """What this process finds, one that fails and one that crashes among them; and the jobs."""
     work = jobs(tmp_path_factory.mktemp("fleet"), (*OFFSETS_N, "refused", "broken"))
-    packed = question().packed()
+    packed = question().pack()
     return work, packed, told(answer(job, packed, recordings) for job, recordings in work)
 
 
@@ -154,7 +154,7 @@ def test_users_own_code_travels_by_value(tmp_path, monkeypatch, cluster):
     monkeypatch.syspath_prepend(str(tmp_path))
     mine = question(simulation=function_simulation("my_damper:force"), options=Options(effects=(Offset(),)))
     work = jobs(tmp_path, ("b",), mine)
-    packed = mine.packed()
+    packed = mine.pack()
     (found,) = on_cluster(packed, work, cluster)
     assert found.row["status"] == DONE, found.row
     assert told([found]) == told([answer(work[0][0], packed, work[0][1])])
@@ -253,7 +253,7 @@ def test_a_killed_run_goes_on(tmp_path):
         missing = [(job, r) for job, r in jobs(tmp_path, "abcdefgh", asked) if not fleet.has(job)]
         assert len(missing) == 8 - len(finished)
         for job, recordings in missing:
-            fleet.add(answer(job, asked.packed(), recordings))
+            fleet.add(answer(job, asked.pack(), recordings))
     lines = lines_of(tmp_path)
     assert lines[: len(finished)] == finished
     assert sorted(json.loads(line)["name"] for line in lines) == list("abcdefgh")

@@ -9,12 +9,12 @@ from test_fit import Spring, Useless, fit_alone, fit_together, one, planted
 from test_shrinkage import gaps, measured
 
 from ces_gap.baseline.ceiling import learn_ceiling
-from ces_gap.inference.explaining import estimates
-from ces_gap.inference.verdict import Figures, calibration, probabilities
+from ces_gap.inference.explanations import estimate_parameters
+from ces_gap.inference.verdict import VerdictFigures, calibration, probabilities
 
 
 def test_a_gap_far_above_a_known_noise_is_a_gap_though_nothing_explains_it():
-    figures = Figures(15.0, 0.0, -1.6, 1.0, 0.0, -1.6, 0, 0.0)
+    figures = VerdictFigures(15.0, 0.0, -1.6, 1.0, 0.0, -1.6, 0, 0.0)
     made = probabilities(figures, {"friction": 1.0}, (), WEIGHTS)
     assert made.unknown > 0.5 > made.none
 
@@ -30,7 +30,7 @@ def test_without_a_gap_nothing_shrinks():
 def test_a_parameter_without_a_trace_may_be_anything():
     evidence = planted(one(Spring(), 3000.0))
     fit = fit_together(evidence, [fit_alone(evidence, Spring()), fit_alone(evidence, Useless())])
-    assert estimates(fit)[1][0].ci95 == (0.0, 1.0)
+    assert estimate_parameters(fit)[1][0].ci95 == (0.0, 1.0)
 
 
 def test_the_learner_leaves_noise_alone():

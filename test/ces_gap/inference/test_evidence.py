@@ -8,14 +8,14 @@ from engine_plant import SIMULATION, damper, traced
 from gap_traces import ar, ar_noise
 from numpy.typing import NDArray
 
-from ces_gap.baseline.noise import Noise, white
-from ces_gap.baseline.plant import Called, Plant
+from ces_gap.baseline.noise import NoiseModel, make_white_noise
+from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.inference import evidence as evidence_module
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.trace import Inputs, Trace
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
-PLANT = Plant(Called(SIMULATION))
+PLANT = Plant(DirectSimulator(SIMULATION))
 TRACES = [traced(seed=1, seconds=1.6), traced(seed=2, seconds=1.6)]
 
 
@@ -34,17 +34,17 @@ def inverse_root(matrix: F) -> F:
     return np.asarray(vectors / np.sqrt(values)) @ vectors.T
 
 
-@pytest.mark.parametrize("noise", [white(8.0), ar(8.0, 0.8)], ids=["white", "coloured"])
-def test_marginalising_is_the_dense_inverse_root(noise: Noise, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(evidence_module, "LEAST_MODE", 0.0)
+@pytest.mark.parametrize("noise", [make_white_noise(8.0), ar(8.0, 0.8)], ids=["white", "coloured"])
+def test_marginalising_is_the_dense_inverse_root(noise: NoiseModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evidence_module, "MIN_MODE_VARIANCE", 0.0)
     features, covariance = drawn(1, 5), covariance_of(5)
     values = drawn(2, 2)
     evidence = gather(TRACES, PLANT, noise, features, covariance)
     made = evidence.whiten(values)
     expected = []
     for unit in evidence.units:
-        spread = evidence.noise.whitened(features[unit.trace])[unit.ticks] @ np.linalg.cholesky(covariance)
-        rows = evidence.noise.whitened(values[unit.trace])[unit.ticks]
+        spread = evidence.noise.whiten(features[unit.trace])[unit.ticks] @ np.linalg.cholesky(covariance)
+        rows = evidence.noise.whiten(values[unit.trace])[unit.ticks]
         expected.append(inverse_root(np.eye(len(rows)) + spread @ spread.T) @ rows)
     np.testing.assert_allclose(made, np.concatenate(expected), atol=1e-9)
 
@@ -52,21 +52,21 @@ def test_marginalising_is_the_dense_inverse_root(noise: Noise, monkeypatch: pyte
 def test_directions_that_are_as_good_as_known_are_left_alone() -> None:
     values = drawn(2, 1)
     features = drawn(1, 5)
-    known = gather(TRACES, PLANT, white(8.0), features, 1e-9 * np.eye(5))
-    plain = gather(TRACES, PLANT, white(8.0), features, np.zeros((5, 5)))
+    known = gather(TRACES, PLANT, make_white_noise(8.0), features, 1e-9 * np.eye(5))
+    plain = gather(TRACES, PLANT, make_white_noise(8.0), features, np.zeros((5, 5)))
     np.testing.assert_allclose(known.whiten(values), plain.whiten(values), rtol=0.01, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(known.whiten(values)), _norm(known, values), rtol=0.01)
 
 
 def _norm(evidence: Evidence, values: list[F]) -> float:
-    rows = [evidence.noise.whitened(values[u.trace])[u.ticks] for u in evidence.units]
+    rows = [evidence.noise.whiten(values[u.trace])[u.ticks] for u in evidence.units]
     return float(np.linalg.norm(np.concatenate(rows)))
 
 
 def test_without_a_covariance_the_features_are_projected_out() -> None:
     features = drawn(1, 5)
     features = [np.column_stack([x, x[:, 0] - x[:, 1]]) for x in features]  # dependent columns do no harm
-    evidence = gather(TRACES, PLANT, white(8.0), features, None)
+    evidence = gather(TRACES, PLANT, make_white_noise(8.0), features, None)
     assert not evidence.noise_known
     assert np.abs(evidence.whiten(features)).max() < 1e-9
     left, whole = evidence.whiten(drawn(2, 1)), evidence.unit_of_row
@@ -94,12 +94,14 @@ def test_units_hold_every_clean_tick_once(count: int) -> None:
     assert len(evidence.units) >= 4
     for number, trace in enumerate(evidence.traces):
         ticks = np.concatenate([u.ticks for u in evidence.units if u.trace == number])
-        np.testing.assert_array_equal(np.sort(ticks), np.flatnonzero(evidence.noise.clean(trace.usable)))
+        np.testing.assert_array_equal(
+            np.sort(ticks), np.flatnonzero(evidence.noise.usable_after_whitening(trace.usable))
+        )
     assert np.bincount(evidence.unit_of_row).tolist() == [len(u.ticks) for u in evidence.units]
 
 
 def test_blocks_are_half_seconds_numbered_through_all_units() -> None:
-    evidence = gather(TRACES, PLANT, white(8.0), drawn(1, 3), covariance_of(3))
+    evidence = gather(TRACES, PLANT, make_white_noise(8.0), drawn(1, 3), covariance_of(3))
     block = evidence.block_of_row
     counts = np.bincount(block)
     assert counts.min() > 0 and counts.max() <= 250
@@ -108,24 +110,24 @@ def test_blocks_are_half_seconds_numbered_through_all_units() -> None:
 
 
 def test_the_residual_is_that_of_the_force_and_louder_noise_makes_it_smaller() -> None:
-    evidence = gather(TRACES, PLANT, white(8.0), drawn(1, 3), np.zeros((3, 3)))
+    evidence = gather(TRACES, PLANT, make_white_noise(8.0), drawn(1, 3), np.zeros((3, 3)))
     residual = evidence.residual(evidence.alone)
-    gaps = [evidence.noise.whitened(t.force - t.simulated) for t in TRACES]
+    gaps = [evidence.noise.whiten(t.force - t.simulated) for t in TRACES]
     expected = [gaps[u.trace][u.ticks] for u in evidence.units]
     np.testing.assert_allclose(residual, np.concatenate(expected))
-    np.testing.assert_allclose(evidence.scaled(2.0).residual(evidence.alone), residual / 2.0)
-    assert evidence.scaled(2.0).noise.rms_N == 16.0
+    np.testing.assert_allclose(evidence.scale_noise(2.0).residual(evidence.alone), residual / 2.0)
+    assert evidence.scale_noise(2.0).noise.rms_N == 16.0
 
 
 class Lifting:
     """A correction."""
 
-    def force(self, trace: Trace, inputs: Inputs, simulated: F) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
         return np.full_like(simulated, 7.0)
 
 
 def test_the_correction_is_in_the_plants_own_force() -> None:
-    evidence = gather(TRACES, Plant(Called(SIMULATION), Lifting()), white(8.0), drawn(1, 3), None)
+    evidence = gather(TRACES, Plant(DirectSimulator(SIMULATION), Lifting()), make_white_noise(8.0), drawn(1, 3), None)
     for trace, alone in zip(evidence.traces, evidence.alone, strict=True):
         np.testing.assert_allclose(alone, trace.simulated + 7.0)
         np.testing.assert_allclose(trace.simulated[trace.usable], damper_on(trace)[trace.usable], atol=15.0)

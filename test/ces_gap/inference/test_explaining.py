@@ -9,15 +9,21 @@ import pytest
 from engine_plant import NOISE_N, SIMULATION, F, traced
 from twin_effects import CurrentGain, Friction, Spring
 
-from ces_gap.baseline.plant import Called, Plant, Rerun
-from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
-from ces_gap.inference.explaining import HeldOutScorer, build_scorer, drift, estimates, stuck
-from ces_gap.inference.explanation import Explained
-from ces_gap.inference.fit import Fit
-from ces_gap.inference.shrinkage import cut
-from ces_gap.trace import Inputs, Trace
+from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
+from ces_gap.inference.explanation import Explanation
+from ces_gap.inference.explanations import (
+    HeldOutScorer,
+    build_scorer,
+    count_stuck_parameters,
+    estimate_parameters,
+    measure_parameter_drift,
+)
+from ces_gap.inference.fit import EffectFit
+from ces_gap.inference.shrinkage import cut_into_blocks
+from ces_gap.trace import Trace, TraceInputs
 
-CALLED = Called(SIMULATION)
+CALLED = DirectSimulator(SIMULATION)
 HELD_OUT = tuple(traced(seed=s) for s in (5, 6))
 
 
@@ -26,29 +32,29 @@ class Stiff(Effect):
 
     name, form = "stiff", "inverse"
     parameters = (
-        Parameter("stiffness", 1e3, 1e9, (1e5,), "in series", scale="inverse", magnitude=True, neutral=np.inf),
+        EffectParameter("stiffness", 1e3, 1e9, (1e5,), "in series", scale="inverse", magnitude=True, neutral=np.inf),
     )
 
 
-def fitted(effects: tuple[Effect, ...], searched: list[float], errors: list[float], apart: float = 0.0) -> Fit:
+def fitted(effects: tuple[Effect, ...], searched: list[float], errors: list[float], apart: float = 0.0) -> EffectFit:
     """A fit as it would have ended; units disagree by `apart` standard errors of their own."""
     at, spread = np.array(searched), np.array(errors)
     by_unit = at + apart * spread * np.array([[1.0], [-1.0], [0.5], [-0.5]]) / np.sqrt(3.0)
     nothing = np.zeros((8, len(at)))
-    return Fit(effects, at, np.zeros(8), nothing, np.zeros(8), by_unit, np.diag(spread**2))
+    return EffectFit(effects, at, np.zeros(8), nothing, np.zeros(8), by_unit, np.diag(spread**2))
 
 
 def test_intervals_are_of_two_standard_errors_in_si_units() -> None:
-    ((size, width),) = estimates(fitted((Friction(),), [40.0, float(np.log(0.05))], [2.0, 0.1]))
+    ((size, width),) = estimate_parameters(fitted((Friction(),), [40.0, float(np.log(0.05))], [2.0, 0.1]))
     assert (size.name, size.value) == ("coulomb_N", 40.0) and size.ci95 == pytest.approx((36.08, 43.92), abs=0.01)
     assert width.value == pytest.approx(0.05) and width.ci95 == pytest.approx((0.05 / 1.2166, 0.05 * 1.2166), rel=1e-3)
     assert not (size.at_bound or width.at_bound or size.drifts or width.drifts)
 
 
 def test_intervals_stay_inside_the_bounds_and_in_order() -> None:
-    ((size, _),) = estimates(fitted((Friction(),), [295.0, -3.0], [20.0, 0.1]))
+    ((size, _),) = estimate_parameters(fitted((Friction(),), [295.0, -3.0], [20.0, 0.1]))
     assert size.ci95[1] == 300.0
-    ((stiffness,),) = estimates(fitted((Stiff(),), [1e-5], [1e-6]))
+    ((stiffness,),) = estimate_parameters(fitted((Stiff(),), [1e-5], [1e-6]))
     assert stiffness.value == pytest.approx(1e5)
     assert stiffness.ci95 == pytest.approx((1e5 / 1.196, 1e5 / 0.804), rel=1e-3)
 
@@ -56,39 +62,41 @@ def test_intervals_stay_inside_the_bounds_and_in_order() -> None:
 @pytest.mark.parametrize(("searched", "count"), [([300.0, -3.0], 1), ([300.0, 0.0], 2), ([0.0, -3.0], 0)])
 def test_a_parameter_at_a_bound_is_told_unless_it_means_no_effect(searched: list[float], count: int) -> None:
     fit = fitted((Friction(),), searched, [1.0, 0.1])
-    assert stuck(fit) == count == sum(e.at_bound for e in estimates(fit)[0])
+    assert count_stuck_parameters(fit) == count == sum(e.at_bound for e in estimate_parameters(fit)[0])
 
 
 def test_units_that_disagree_make_a_parameter_drift() -> None:
     calm, torn = (fitted((Friction(),), [40.0, -3.0], [2.0, 0.1], apart) for apart in (1.0, 9.0))
-    assert drift(calm) == pytest.approx(1.0) and drift(torn) == pytest.approx(9.0)
-    assert not any(e.drifts for e in estimates(calm)[0]) and all(e.drifts for e in estimates(torn)[0])
+    assert measure_parameter_drift(calm) == pytest.approx(1.0) and measure_parameter_drift(torn) == pytest.approx(9.0)
+    assert not any(e.drifts for e in estimate_parameters(calm)[0]) and all(
+        e.drifts for e in estimate_parameters(torn)[0]
+    )
 
 
 def test_estimates_go_with_their_effects() -> None:
-    made = estimates(fitted((Spring(), Friction()), [2000.0, 40.0, -3.0], [1.0, 1.0, 0.1]))
+    made = estimate_parameters(fitted((Spring(), Friction()), [2000.0, 40.0, -3.0], [1.0, 1.0, 0.1]))
     assert [[e.name for e in some] for some in made] == [["stiffness_N_m"], ["coulomb_N", "transition_m_s"]]
 
 
 @dataclass(frozen=True)
-class Deaf(Rerun):
+class Deaf(TraceSimulator):
     """A stand-in that hears nothing of changed inputs."""
 
-    def force(self, trace: Trace, inputs: Inputs) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
         return trace.simulated
 
 
-def scorer_of(setting: Setting, cheap: Rerun = CALLED) -> HeldOutScorer:
+def scorer_of(setting: Setting, cheap: TraceSimulator = CALLED) -> HeldOutScorer:
     rng = np.random.default_rng(2)
     there = Composition((setting,))
     traces = [
         replace(t, force=Plant(CALLED).with_effects(there, t) + NOISE_N * rng.standard_normal(len(t)), noise_N=NOISE_N)
         for t in HELD_OUT
     ]
-    return build_scorer(cut(traces, 1), Plant(cheap), CALLED)
+    return build_scorer(cut_into_blocks(traces, 1), Plant(cheap), CALLED)
 
 
-def explain(scorer: HeldOutScorer, fit: Fit, exactly: bool = True) -> Explained:
+def explain(scorer: HeldOutScorer, fit: EffectFit, exactly: bool = True) -> Explanation:
     return scorer.explain(fit, scorer.forces(fit, exactly))
 
 

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from twin_effects import CurrentGain, Friction, Spring
 
-from ces_gap.baseline.noise import white
-from ces_gap.baseline.plant import Called, Plant
-from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
+from ces_gap.baseline.noise import make_white_noise
+from ces_gap.baseline.plant import DirectSimulator, Plant
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.inference.fit import Fit, bounds, fit_alone, fit_together, polish, settings, starts
-from ces_gap.trace import Inputs, Trace
+from ces_gap.inference.fit import EffectFit, bounds, fit_alone, fit_together, make_composition, polish, starts
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
-PLANT = Plant(Called(SIMULATION))
+PLANT = Plant(DirectSimulator(SIMULATION))
 
 
 class Line(Effect):
@@ -29,11 +29,11 @@ class Line(Effect):
 
     name, form = "line", "linear"
     parameters = (
-        Parameter("offset_N", -500.0, 500.0, (10.0,), "offset", magnitude=True),
-        Parameter("stiffness_N_m", -2e4, 2e4, (100.0,), "stiffness"),
+        EffectParameter("offset_N", -500.0, 500.0, (10.0,), "offset", magnitude=True),
+        EffectParameter("stiffness_N_m", -2e4, 2e4, (100.0,), "stiffness"),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force + values[0] + values[1] * inputs.position)
 
 
@@ -42,11 +42,11 @@ class Badly(Effect):
 
     name, form = "badly", "scaled"
     parameters = (
-        Parameter("tiny", 0.0, 1e-7, (1e-9,), "of 1e10 N", magnitude=True),
-        Parameter("huge", 0.0, 1e9, (1e8,), "of 1e-6 N s/m"),
+        EffectParameter("tiny", 0.0, 1e-7, (1e-9,), "of 1e10 N", magnitude=True),
+        EffectParameter("huge", 0.0, 1e9, (1e8,), "of 1e-6 N s/m"),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force + 1e10 * values[0] * np.tanh(inputs.speed / 0.05) + 1e-6 * values[1] * inputs.speed)
 
 
@@ -54,7 +54,7 @@ class Useless(Effect):
     """Changes nothing, whatever its parameter."""
 
     name, form = "useless", "none"
-    parameters = (Parameter("nothing", 0.0, 1.0, (0.5,), "nothing"),)
+    parameters = (EffectParameter("nothing", 0.0, 1.0, (0.5,), "nothing"),)
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,10 @@ class Compliance(Effect):
 
     name, form = "compliance", "inverse"
     parameters = (
-        Parameter("stiffness", 1e3, 1e9, (1e5,), "in series", scale="inverse", magnitude=True, neutral=np.inf),
+        EffectParameter("stiffness", 1e3, 1e9, (1e5,), "in series", scale="inverse", magnitude=True, neutral=np.inf),
     )
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force - force * np.abs(force) / values[0])
 
 
@@ -81,14 +81,14 @@ def planted(composition: Composition, noise_N: float = NOISE_N, seed: int = 5) -
     traces = [
         replace(t, force=PLANT.with_effects(composition, t) + noise_N * rng.standard_normal(len(t))) for t in clean()
     ]
-    return gather(traces, PLANT, white(noise_N), [np.zeros((len(t), 1)) for t in traces], np.zeros((1, 1)))
+    return gather(traces, PLANT, make_white_noise(noise_N), [np.zeros((len(t), 1)) for t in traces], np.zeros((1, 1)))
 
 
 def one(effect: Effect, *values: float) -> Composition:
     return Composition((Setting(effect, values),))
 
 
-def errors(fit: Fit, *values: float) -> F:
+def errors(fit: EffectFit, *values: float) -> F:
     """How far the searched values are from those planted, in standard errors."""
     parameters = [p for e in fit.effects for p in e.parameters]
     true = [p.to_search(v) for p, v in zip(parameters, values, strict=True)]
@@ -195,7 +195,7 @@ def test_an_effect_may_choose_its_starts_by_the_longest_stroke() -> None:
 
 def test_nonsense_on_the_way_is_not_taken() -> None:
     class Breaking(Spring):
-        def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+        def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
             return super().respond(trace, inputs, force, values) if values[0] < 4000.0 else np.full_like(force, np.nan)
 
     fit = fit_alone(planted(one(Spring(), 3900.0), noise_N=1.0), Breaking())
@@ -203,6 +203,6 @@ def test_nonsense_on_the_way_is_not_taken() -> None:
 
 
 def test_searched_values_become_settings_inside_their_bounds() -> None:
-    made = settings((Friction(), Compliance()), np.array([1e9, np.log(0.05), 1.0 / 5e4]))
+    made = make_composition((Friction(), Compliance()), np.array([1e9, np.log(0.05), 1.0 / 5e4]))
     assert made.names == ("friction", "compliance")
     assert made.settings[0].values == pytest.approx((300.0, 0.05)) and made.settings[1].values == pytest.approx((5e4,))

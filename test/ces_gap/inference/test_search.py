@@ -11,18 +11,18 @@ from engine_plant import NOISE_N, SIMULATION, damper, traced
 from numpy.typing import NDArray
 from twin_effects import CurrentOffset, Friction, Spring
 
-from ces_gap.baseline.noise import white
-from ces_gap.baseline.plant import Called, Plant
-from ces_gap.effects.effect import Composition, Effect, Parameter, Setting
-from ces_gap.inference.anchored import Refinement
-from ces_gap.inference.comparison import gain
+from ces_gap.baseline.noise import make_white_noise
+from ces_gap.baseline.plant import DirectSimulator, Plant
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
+from ces_gap.inference.anchored_surrogate import Refinement
+from ces_gap.inference.comparison import compute_paired_gain
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.inference.fit import Fit, fit_alone
-from ces_gap.inference.search import Found, best_forms, search
-from ces_gap.trace import Inputs, Trace
+from ces_gap.inference.fit import EffectFit, fit_alone
+from ces_gap.inference.search import EffectSearchResult, best_forms, search
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
-PLANT = Plant(Called(SIMULATION))
+PLANT = Plant(DirectSimulator(SIMULATION))
 CLEAN = tuple(traced(seed=s, seconds=4.0) for s in (1, 2))
 
 
@@ -30,9 +30,9 @@ class Offset(Effect):
     """A constant."""
 
     name, form = "offset", "constant"
-    parameters = (Parameter("offset_N", -500.0, 500.0, (10.0,), "offset", magnitude=True),)
+    parameters = (EffectParameter("offset_N", -500.0, 500.0, (10.0,), "offset", magnitude=True),)
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force + values[0])
 
 
@@ -40,9 +40,9 @@ class CubicSpring(Spring):
     """A richer form of the spring."""
 
     form = "cubic"
-    parameters = (*Spring.parameters, Parameter("cubic_N_m3", 0.0, 1e9, (1e5,), "of the cube"))
+    parameters = (*Spring.parameters, EffectParameter("cubic_N_m3", 0.0, 1e9, (1e5,), "of the cube"))
 
-    def respond(self, trace: Trace, inputs: Inputs, force: F, values: Sequence[float]) -> F:
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force + values[0] * inputs.position + values[1] * inputs.position**3)
 
 
@@ -56,14 +56,14 @@ def planted(*there: Setting, seed: int = 5, traces: Sequence[Trace] = CLEAN) -> 
     real = [
         replace(t, force=PLANT.with_effects(composition, t) + NOISE_N * rng.standard_normal(len(t))) for t in traces
     ]
-    return gather(real, PLANT, white(NOISE_N), [np.zeros((len(t), 1)) for t in real], np.zeros((1, 1)))
+    return gather(real, PLANT, make_white_noise(NOISE_N), [np.zeros((len(t), 1)) for t in real], np.zeros((1, 1)))
 
 
-def searched(evidence: Evidence, threads: int = 1) -> Found:
+def searched(evidence: Evidence, threads: int = 1) -> EffectSearchResult:
     return search(evidence, EFFECTS, Refinement(), threads)
 
 
-def found_values(found: Found) -> dict[str, tuple[float, ...]]:
+def found_values(found: EffectSearchResult) -> dict[str, tuple[float, ...]]:
     return {s.name: s.values for s in found.best.composition.settings} if found.best is not None else {}
 
 
@@ -120,7 +120,7 @@ def test_refining_is_asked_for_the_most_promising_and_its_answer_counts() -> Non
     class SpoiltSprings(Refinement):
         """The simulation itself has no spring."""
 
-        def refine(self, evidence: Evidence, fit: Fit) -> Fit:
+        def refine(self, evidence: Evidence, fit: EffectFit) -> EffectFit:
             asked.append(fit.names)
             spoilt = replace(fit, residual=fit.residual * 30.0, left_out=fit.left_out * 30.0)
             return spoilt if "spring" in fit.names else fit
@@ -140,17 +140,17 @@ def test_progress_is_told_in_shares() -> None:
 
 def test_a_gain_is_that_of_squares_and_its_error_that_of_blocks() -> None:
     traces = [traced(seed=s, seconds=10.0) for s in (1, 2)]
-    evidence = gather(traces, PLANT, white(8.0), [np.zeros((len(t), 1)) for t in traces], np.zeros((1, 1)))
+    evidence = gather(traces, PLANT, make_white_noise(8.0), [np.zeros((len(t), 1)) for t in traces], np.zeros((1, 1)))
     rng = np.random.default_rng(1)
     draws = [
         (rng.standard_normal(len(evidence.block_of_row)), rng.standard_normal(len(evidence.block_of_row)))
         for _ in range(200)
     ]
-    gains = [gain(evidence, worse, better) for worse, better in draws]
+    gains = [compute_paired_gain(evidence, worse, better) for worse, better in draws]
     assert gains[0].energy == pytest.approx(draws[0][0] @ draws[0][0] - draws[0][1] @ draws[0][1])
     assert np.mean([g.error for g in gains]) == pytest.approx(np.std([g.energy for g in gains]), rel=0.15)
     assert gains[0].z == pytest.approx(gains[0].energy / gains[0].error)
-    same = gain(evidence, draws[0][0], draws[0][0])
+    same = compute_paired_gain(evidence, draws[0][0], draws[0][0])
     assert same.energy == 0.0 and same.z == 0.0
 
 

@@ -10,7 +10,7 @@ import pytest
 from engine_plant import traced
 from numpy.typing import NDArray
 
-from ces_gap.inference.shrinkage import Blocks, cut
+from ces_gap.inference.shrinkage import Blocks, cut_into_blocks
 from ces_gap.trace import Trace
 
 F = NDArray[np.float64]
@@ -39,7 +39,7 @@ def measured(gap: list[F], seed: int, noise_N: float = NOISE_N) -> Blocks:
         replace(t, force=t.simulated + g + noise_N * rng.standard_normal(len(t)))
         for t, g in zip(plain(), gap, strict=True)
     ]
-    return cut(traces, seed)
+    return cut_into_blocks(traces, seed)
 
 
 def simulated() -> list[F]:
@@ -105,10 +105,10 @@ def test_without_a_gap_the_rms_is_near_zero_and_never_complex() -> None:
 def test_noise_is_no_more_than_what_an_explanation_leaves() -> None:
     gap = gaps(6.0, 1)
     heard = [replace(t, noise_N=2.0 * NOISE_N) for t in measured(gap, 1).traces]  # the damper's own high frequencies
-    loud, quiet = cut(heard, 1), cut(heard, 1, NOISE_N)
+    loud, quiet = cut_into_blocks(heard, 1), cut_into_blocks(heard, 1, NOISE_N)
     assert loud.rms(loud.energy(simulated()))[0] == 0.0
     assert quiet.rms(quiet.energy(simulated()))[0] == pytest.approx(rms(gap), rel=0.1)
-    np.testing.assert_array_equal(cut(heard, 1, 1e3).noise, loud.noise)
+    np.testing.assert_array_equal(cut_into_blocks(heard, 1, 1e3).noise, loud.noise)
 
 
 def test_only_usable_ticks_are_judged() -> None:
@@ -123,9 +123,9 @@ def test_only_usable_ticks_are_judged() -> None:
 def test_the_same_seed_draws_the_same_interval() -> None:
     gap = gaps(20.0, 1)
     one, again, other = (
-        cut(measured(gap, 1).traces, 1),
-        cut(measured(gap, 1).traces, 1),
-        cut(measured(gap, 1).traces, 2),
+        cut_into_blocks(measured(gap, 1).traces, 1),
+        cut_into_blocks(measured(gap, 1).traces, 1),
+        cut_into_blocks(measured(gap, 1).traces, 2),
     )
     intervals = [b.rms(b.energy(simulated()))[1] for b in (one, again, other)]
     assert intervals[0] == intervals[1] != intervals[2]

@@ -13,26 +13,26 @@ from hypothesis import strategies as st
 from ces_gap.inference.verdict import (
     POSSIBLE,
     Calibration,
-    Figures,
     Probabilities,
+    VerdictFigures,
     calibration,
+    has_alternatives,
     probabilities,
-    rivalled,
 )
 
-CLEAR = Figures(10.0, 30.0, 25.0, 0.02, 0.02, 1.0, 0, 1.0)
+CLEAR = VerdictFigures(10.0, 30.0, 25.0, 0.02, 0.02, 1.0, 0, 1.0)
 LEFT = {"friction": 0.02, "gas_spring": 0.5, "inertia": 0.9}
 
 
 def odds(
-    figures: Figures, left: dict[str, float] | None = None, composition: tuple[str, ...] = ("friction",)
+    figures: VerdictFigures, left: dict[str, float] | None = None, composition: tuple[str, ...] = ("friction",)
 ) -> Probabilities:
     return probabilities(figures, LEFT if left is None else left, composition, WEIGHTS)
 
 
 SHARE = st.floats(-2.0, 3.0)
 FIGURES = st.builds(
-    Figures,
+    VerdictFigures,
     st.floats(-1.0, 1e6),
     st.floats(-50.0, 1e4),
     st.floats(-50.0, 1e4),
@@ -46,7 +46,9 @@ FIGURES = st.builds(
 
 @given(FIGURES, st.lists(SHARE, min_size=1, max_size=6), st.sets(st.integers(0, 5)))
 @settings(max_examples=200, deadline=None, derandomize=True)
-def test_probabilities_sum_to_one_and_none_is_negative(figures: Figures, left: list[float], inside: set[int]) -> None:
+def test_probabilities_sum_to_one_and_none_is_negative(
+    figures: VerdictFigures, left: list[float], inside: set[int]
+) -> None:
     unexplained = {f"effect{k}": share for k, share in enumerate(left)}
     composition = tuple(name for k, name in enumerate(unexplained) if k in inside)
     made = odds(figures, unexplained, composition)
@@ -71,7 +73,7 @@ def test_the_more_is_left_the_more_probable_is_something_unknown(figure: str) ->
 def test_a_clear_cause_is_more_probable_than_all_else_and_chaff_is_not() -> None:
     clear = odds(CLEAR)
     assert clear.effects["friction"] > 0.5 > clear.none + clear.unknown
-    chaff = odds(Figures(0.01, 0.5, 0.5, 1.0, 0.0, 0.0, 0, 0.0))
+    chaff = odds(VerdictFigures(0.01, 0.5, 0.5, 1.0, 0.0, 0.0, 0, 0.0))
     assert chaff.none > 0.5
     strange = odds(replace(CLEAR, unexplained=0.8, learnable=0.7, learnable_z=20.0))
     assert strange.unknown > 0.5
@@ -100,9 +102,11 @@ def test_weights_that_come_with_the_package_are_complete_and_finite() -> None:
 
 
 def test_an_effect_that_leaves_as_little_as_the_named_one_rivals_it() -> None:
-    assert not rivalled(["friction"], odds(CLEAR))
+    assert not has_alternatives(["friction"], odds(CLEAR))
     tied = odds(CLEAR, {**LEFT, "gas_spring": 0.02})
-    assert tied.effects["gas_spring"] == pytest.approx(tied.effects["friction"]) and rivalled(["friction"], tied)
-    assert not rivalled(["friction", "gas_spring"], tied)
+    assert tied.effects["gas_spring"] == pytest.approx(tied.effects["friction"]) and has_alternatives(
+        ["friction"], tied
+    )
+    assert not has_alternatives(["friction", "gas_spring"], tied)
     weak = Probabilities(0.0, 0.0, {"friction": 1.0 - 0.9 * POSSIBLE, "gas_spring": 0.9 * POSSIBLE})
-    assert not rivalled(["friction"], weak)
+    assert not has_alternatives(["friction"], weak)

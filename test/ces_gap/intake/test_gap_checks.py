@@ -6,12 +6,19 @@ import numpy as np
 import pytest
 
 from ces_gap.augmented.augmented_simulation import AugmentedSimulation
-from ces_gap.effects.effect import Composition, Effect, Parameter
+from ces_gap.effects.effect import Composition, Effect, EffectParameter
 from ces_gap.effects.user_effects import require_sound, user_effect
 from ces_gap.errors import GapError
-from ces_gap.intake.checks import check_recordings, check_traces, constant_current, invisible, require_distinct, unseen
-from ces_gap.intake.saturation import saturations, without_saturated
-from ces_gap.intake.units import likeness
+from ces_gap.intake.checks import (
+    check_recordings,
+    check_traces,
+    explain_invisibility,
+    find_invisible_effects,
+    is_current_constant,
+    require_distinct,
+)
+from ces_gap.intake.force_units import compare_forces
+from ces_gap.intake.saturation import exclude_saturated_ticks, find_saturations
 from ces_gap.trace import make_trace
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
@@ -110,16 +117,16 @@ def clipped(low=-1e9, high=1e9, step=0.0):
 
 @pytest.mark.parametrize("step", [0.0, 1.0, 10.0])
 def test_flat_tops_are_found_whatever_the_converter(step):
-    (found,) = saturations(ride(change=clipped(high=400.0, step=step)))
+    (found,) = find_saturations(ride(change=clipped(high=400.0, step=step)))
     assert found.limit_N == 400.0
     assert 0.01 < found.share < 0.4
-    assert [s.limit_N for s in saturations(ride(change=clipped(-300.0, 350.0, step)))] == [-300.0, 350.0]
+    assert [s.limit_N for s in find_saturations(ride(change=clipped(-300.0, 350.0, step)))] == [-300.0, 350.0]
 
 
 @pytest.mark.parametrize("step", [0.0, 1.0, 10.0, 50.0])
 @pytest.mark.parametrize("noise", [0.0, 8.0])
 def test_a_force_that_only_turns_round_does_not_saturate(step, noise):
-    assert saturations(ride(noise=noise, change=clipped(step=step))) == ()
+    assert find_saturations(ride(noise=noise, change=clipped(step=step))) == ()
 
 
 def test_little_saturation_is_a_note_and_its_ticks_are_not_used():
@@ -128,11 +135,11 @@ def test_little_saturation_is_a_note_and_its_ticks_are_not_used():
     (note,) = check_recordings([recording], [], [])
     assert note.startswith(f"ride: the force channel saturates: 3.0% of the samples at {limit:.5g} N")
     whole = make_trace(recording, simulated(recording))
-    kept = without_saturated(whole)
+    kept = exclude_saturated_ticks(whole)
     flat = np.interp(whole.time_s, T, (recording.channel("force").values == limit).astype(float)) > 0.0
     assert not (kept.usable & flat).any()
     assert 0.7 < kept.usable.sum() / whole.usable.sum() < 0.97
-    assert without_saturated(trace()).usable.sum() == trace().usable.sum()
+    assert exclude_saturated_ticks(trace()).usable.sum() == trace().usable.sum()
 
 
 def test_much_saturation_is_refused():
@@ -182,7 +189,7 @@ def test_a_rough_simulation_in_the_wrong_sign_or_kilonewtons_is_still_found():
 
 
 def test_the_gain_is_that_of_the_reduced_major_axis():
-    found = likeness([trace(factor=0.5, fidelity=1.0, noise=0.0)])
+    found = compare_forces([trace(factor=0.5, fidelity=1.0, noise=0.0)])
     assert found.correlation == pytest.approx(1.0, abs=1e-6)
     assert found.gain == pytest.approx(2.0, rel=1e-4)
 
@@ -261,7 +268,7 @@ def test_a_damper_that_hardly_moves_is_told():
 @dataclass(frozen=True)
 class Lag(Effect):
     name, form, needs = "lag", "slow", "a changing current"
-    parameters = (Parameter("lag_s", 0.0, 0.1, (0.01,), "of the valve"),)
+    parameters = (EffectParameter("lag_s", 0.0, 0.1, (0.01,), "of the valve"),)
 
 
 @dataclass(frozen=True)
@@ -272,26 +279,28 @@ class FreeLag(Lag):
 @dataclass(frozen=True)
 class Gain(Effect):
     name, form, needs = "gain", "linear", "a current other than zero"
-    parameters = (Parameter("gain", 0.5, 2.0, (1.1,), "of the current"),)
+    parameters = (EffectParameter("gain", 0.5, 2.0, (1.1,), "of the current"),)
 
 
 def test_a_constant_current_is_told_with_the_effects_that_cannot_be_seen():
     constant = [trace(current=0.6), trace(current=0.6, seed=2)]
-    assert constant_current(constant)
+    assert is_current_constant(constant)
     assert check_traces(constant, SIM, "my:sim") == ("the current stays at 0.6 A: what the valve does cannot be seen",)
-    assert invisible([Lag(), Gain()], constant) == (("lag", "it needs a changing current; the current stays at 0.6 A"),)
-    assert invisible([Lag(), FreeLag()], constant) == ()
-    assert unseen(Lag(), constant) is not None
+    assert find_invisible_effects([Lag(), Gain()], constant) == (
+        ("lag", "it needs a changing current; the current stays at 0.6 A"),
+    )
+    assert find_invisible_effects([Lag(), FreeLag()], constant) == ()
+    assert explain_invisibility(Lag(), constant) is not None
 
 
 def test_without_any_current_its_gain_cannot_be_seen_either():
     passive = [trace(current=0.0)]
-    assert [name for name, _ in invisible([Lag(), Gain()], passive)] == ["lag", "gain"]
+    assert [name for name, _ in find_invisible_effects([Lag(), Gain()], passive)] == ["lag", "gain"]
 
 
 def test_a_current_that_differs_between_recordings_changes():
-    assert not constant_current([trace(current=0.3), trace(current=0.6)])
-    assert invisible([Lag(), Gain()], [trace()]) == ()
+    assert not is_current_constant([trace(current=0.3), trace(current=0.6)])
+    assert find_invisible_effects([Lag(), Gain()], [trace()]) == ()
 
 
 # effects of the user's own ---------------------------------------------------------------------------------------
@@ -300,7 +309,7 @@ def test_a_current_that_differs_between_recordings_changes():
 @dataclass(frozen=True)
 class Sound(Effect):
     name, form = "sound", "one"
-    parameters = (Parameter("gain", 0.0, 2.0, (1.0,), "of the force"),)
+    parameters = (EffectParameter("gain", 0.0, 2.0, (1.0,), "of the force"),)
 
     def respond(self, trace, inputs, force, values):
         return values[0] * force
@@ -331,7 +340,7 @@ class Nameless(Sound):
 
 @dataclass(frozen=True)
 class Outside(Sound):
-    parameters = (Parameter("gain", 0.0, 2.0, (3.0,), "of the force"),)
+    parameters = (EffectParameter("gain", 0.0, 2.0, (3.0,), "of the force"),)
 
 
 def test_a_sound_effect_of_ones_own_is_taken():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from engine_plant import SIMULATION, F, recorded, traced
 
-from ces_gap.baseline.plant import Called
+from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.errors import GapError
 from ces_gap.intake import prepare as prepare_module
@@ -52,17 +52,21 @@ def test_recordings_are_sorted_by_what_they_are_for() -> None:
 def test_a_simulation_that_answers_at_once_is_asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
     made = ready([recorded()])
-    assert isinstance(made.exact, Called) and made.cheap is made.exact and made.surrogate is None
+    assert isinstance(made.exact, DirectSimulator) and made.cheap is made.exact and made.surrogate is None
     assert made.best is made.exact and made.slow is None
 
 
 def test_a_slow_one_gets_a_surrogate_that_has_seen_changed_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare_module, "SLOW_S", 0.0)
     made = ready([recorded(seed=1), recorded(seed=2)])
-    assert isinstance(made.exact, Called) and made.cheap is made.surrogate and isinstance(made.surrogate, Surrogate)
+    assert (
+        isinstance(made.exact, DirectSimulator)
+        and made.cheap is made.surrogate
+        and isinstance(made.surrogate, Surrogate)
+    )
     assert made.best is made.exact and made.slow is made.exact
     (trace, *_) = made.real
-    weaker = trace.inputs.powered(0.95 * trace.inputs.current)
+    weaker = trace.inputs.with_current(0.95 * trace.inputs.current)
     changed = made.exact.force(trace, weaker) - trace.simulated
     told = made.cheap.force(trace, weaker) - trace.simulated
     assert np.std((told - changed)[trace.usable]) < 0.5 * np.std(changed[trace.usable])
@@ -90,7 +94,9 @@ def spoilt(signal: str, spoil: Callable[[F], F], seconds: float = 8.0) -> Record
 def test_what_is_known_for_less_than_a_second_is_refused_by_name(signal: str) -> None:
     lost = spoilt(signal, lambda values: np.where(np.arange(len(values)) < 300, values, np.nan))
     if signal == "current":
-        lost = replace(lost, channels={**lost.channels, "current": lost.channel("current").where(np.arange(4000) < 50)})
+        lost = replace(
+            lost, channels={**lost.channels, "current": lost.channel("current").select(np.arange(4000) < 50)}
+        )
     with pytest.raises(GapError, match=r"made1.*expected at least 1 s") as told:
         ready([lost])
     assert "\n" not in str(told.value)

@@ -11,14 +11,14 @@ import pytest
 from diagnosed_traces import Friction, setting
 from diagnoses import ALL, ambiguous, experiment, explained, named, no_gap, pair, unknown
 
-from ces_gap.diagnosis import Diagnosis, Estimate, Region, Series, Where
-from ces_gap.effects.library import library, names
+from ces_gap.diagnosis import Diagnosis, Estimate, GapRegion, HeldOutSeries, Where
+from ces_gap.effects.library import effect_names, library
 from ces_gap.report import report_page
 from ces_gap.report.before_after import _kinks, worst_second
-from ces_gap.report.causes import cause_rows, others
-from ces_gap.report.ladder import after_ci95_N, ladder
-from ces_gap.report.strips import shares_ci95
-from ces_gap.report.words import EFFECTS, figure, joined, parameter_text, percent, region_name
+from ces_gap.report.causes import cause_rows, effects_without_row
+from ces_gap.report.formatting import EFFECTS, format_number, join_effect_names, parameter_text, percent, region_name
+from ces_gap.report.gap_steps import after_ci95_N, build_gap_steps
+from ces_gap.report.share_chart import shares_ci95
 
 XHTML = "{http://www.w3.org/1999/xhtml}"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -102,7 +102,7 @@ def test_the_ladder_is_to_scale() -> None:
 
 
 def test_the_ladder_holds_every_interval() -> None:
-    rungs = ladder(named())
+    rungs = build_gap_steps(named())
     for bar in (*rungs.steps, *rungs.controls):
         if bar.whisker is not None:
             start, width = bar.whisker
@@ -147,7 +147,7 @@ def test_improbable_effects_are_only_listed() -> None:
     many = replace(d, causes=(*d.causes, *extra))
     rows = cause_rows(many)
     assert [r.effect for r in rows] == ["friction", "valve lag", "current hysteresis"]
-    assert others(many, rows) == [f"effect {i}" for i in range(5)]
+    assert effects_without_row(many, rows) == [f"effect {i}" for i in range(5)]
     assert "Also tried, less probable: effect 0, effect 1" in words(page_of(many))
 
 
@@ -194,7 +194,7 @@ def test_intervals_of_shares_are_those_of_the_rms(axis: str) -> None:
     energy = np.array([r**2 * (1.0 if axis == "frequency_hz" else s) for r, s in zip(rms, samples, strict=True)])
     share = energy / energy.sum()
     regions = [
-        Region(axis, float(k), k + 1.0, float(share[k]), samples[k], rms[k], (rms[k], 2.0 * rms[k]), 1.0)
+        GapRegion(axis, float(k), k + 1.0, float(share[k]), samples[k], rms[k], (rms[k], 2.0 * rms[k]), 1.0)
         for k in range(3)
     ]
     assert shares_ci95(regions) == pytest.approx(np.c_[share, 4.0 * share])
@@ -219,7 +219,7 @@ def test_worst_second_holds_the_burst() -> None:
     first = named().held_out[0]
     force = first.trace.force.copy()
     force[1234:1300] += 900.0
-    burst = Series(replace(first.trace, force=force), first.corrected, first.augmented)
+    burst = HeldOutSeries(replace(first.trace, force=force), first.corrected, first.augmented)
     worst = worst_second([first, burst, first])
     assert worst is not None and worst.series is burst
     assert worst.start <= 1234 and worst.stop >= 1300 and worst.stop - worst.start == 500
@@ -310,7 +310,7 @@ def test_parameters_are_told_in_handy_units(name: str, value: float, expected: t
 
 
 def test_every_effect_of_the_library_is_told_in_words() -> None:
-    assert set(names()) == set(EFFECTS)
+    assert set(effect_names()) == set(EFFECTS)
     for parameter in (p for form in library() for p in form.parameters):
         name, _, unit, _ = parameter_text(Estimate(parameter.name, parameter.low, (parameter.low, parameter.high)))
         assert unit or not re.search(r" (m\d?|s|s?N|A|K|J|kg|Pa|Hz|rad|rtN)$", name), parameter.name
@@ -324,8 +324,12 @@ def test_words_of_numbers_and_regions() -> None:
         "0",
         "–",
     )
-    assert (figure(math.inf), figure(math.nan), figure(0.0)) == ("∞", "–", "0")
-    assert (joined(["a_b"]), joined(["a", "b"]), joined(["a", "b", "c"])) == ("a b", "a and b", "a, b and c")
+    assert (format_number(math.inf), format_number(math.nan), format_number(0.0)) == ("∞", "–", "0")
+    assert (join_effect_names(["a_b"]), join_effect_names(["a", "b"]), join_effect_names(["a", "b", "c"])) == (
+        "a b",
+        "a and b",
+        "a, b and c",
+    )
     rows = (
         (("stroke_m", -0.02, 0.0), "stroke −20 to 0 mm"),
         (("heat_J", 500.0, math.inf), "dissipated heat above 0.5 kJ"),
@@ -334,4 +338,4 @@ def test_words_of_numbers_and_regions() -> None:
         (("direction", 0.0, 1.0), "compression"),
     )
     for (axis, low, high), name in rows:
-        assert region_name(Region(axis, low, high, 0.1, 0.1, 1.0, (0.0, 2.0), 0.5)) == name
+        assert region_name(GapRegion(axis, low, high, 0.1, 0.1, 1.0, (0.0, 2.0), 0.5)) == name

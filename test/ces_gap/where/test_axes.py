@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_traces import drive, trace_of
 
-from ces_gap.trace import Inputs, Trace
+from ces_gap.trace import Trace, TraceInputs
 from ces_gap.where.axes import (
     CURRENT,
     DIRECTION,
@@ -15,8 +15,8 @@ from ces_gap.where.axes import (
     STROKE,
     axis_edges,
     axis_values,
-    codes,
-    nice,
+    region_indices,
+    round_to_one_two_five,
 )
 
 T = np.arange(5000) / 500.0
@@ -45,7 +45,7 @@ def test_noise_near_standstill_is_no_reversal():
     rng = np.random.default_rng(0)
     trace = sine(0.5)
     speed = trace.inputs.speed + 0.0003 * rng.normal(size=len(trace))
-    shaken = replace(trace, inputs=Inputs(trace.inputs.position, speed, trace.inputs.current))
+    shaken = replace(trace, inputs=TraceInputs(trace.inputs.position, speed, trace.inputs.current))
     turns = np.diff(axis_values(shaken)[DIRECTION])[trace.usable[1:]] != 0.0
     crossings = np.diff(np.sign(speed))[trace.usable[1:]] != 0.0
     assert turns.sum() == 10
@@ -54,7 +54,7 @@ def test_noise_near_standstill_is_no_reversal():
 
 def test_a_damper_at_rest_has_no_reversal():
     trace = sine()
-    still = replace(trace, inputs=Inputs(trace.inputs.position, np.zeros(len(trace)), trace.inputs.current))
+    still = replace(trace, inputs=TraceInputs(trace.inputs.position, np.zeros(len(trace)), trace.inputs.current))
     assert axis_values(still)[REVERSAL] == pytest.approx(trace.time_s)
 
 
@@ -72,7 +72,7 @@ def test_edges_hold_all_values_in_a_handful_of_regions_none_empty(axis):
     edges = axis_edges(axis, values)
     assert edges[0] <= values.min() and values.max() <= edges[-1]
     assert 4 <= len(edges) - 1 <= 13
-    assert np.bincount(codes(edges, values)).min() >= 0.003 * len(values)
+    assert np.bincount(region_indices(edges, values)).min() >= 0.003 * len(values)
 
 
 def test_edges_are_numbers_a_person_can_read():
@@ -82,7 +82,7 @@ def test_edges_are_numbers_a_person_can_read():
 
 def test_rare_extremes_keep_regions_of_their_own():
     values = np.random.default_rng(0).normal(0.0, 0.01, 20_000)
-    shares = np.bincount(codes(axis_edges(STROKE, values), values)) / len(values)
+    shares = np.bincount(region_indices(axis_edges(STROKE, values), values)) / len(values)
     assert shares[0] < 0.01
     assert shares[-1] < 0.01
 
@@ -106,5 +106,5 @@ def test_a_constant_is_one_region_around_its_value(level):
 
 @pytest.mark.parametrize(("value", "above", "below"), [(0.03, 0.05, 0.02), (0.2, 0.2, 0.2), (7.0, 10.0, 5.0)])
 def test_nice_numbers(value, above, below):
-    assert nice(value, up=True) == pytest.approx(above)
-    assert nice(value, up=False) == pytest.approx(below)
+    assert round_to_one_two_five(value, up=True) == pytest.approx(above)
+    assert round_to_one_two_five(value, up=False) == pytest.approx(below)

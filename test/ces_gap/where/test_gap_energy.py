@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from gap_traces import ar, ar_noise, drive
 
-from ces_gap.where.bands import ar_spectrum, octaves, split
+from ces_gap.where.bands import ar_spectrum, octaves, split_into_bands
 from ces_gap.where.gap_energy import gap_energy
 
 
 def test_bands_add_up_to_the_series_and_to_its_energy():
     y = np.random.default_rng(0).normal(size=3001) + 4.0
-    parts = split(y, 500.0, octaves([y], [500.0]))
+    parts = split_into_bands(y, 500.0, octaves([y], [500.0]))
     assert parts.sum(axis=1) == pytest.approx(y)
     assert (parts**2).sum() == pytest.approx((y**2).sum())
 
@@ -25,7 +25,7 @@ def test_autoregressive_noise_has_its_spectrum():
     y = ar_noise(60_000, 3.0, 0.8, rng)
     frequency = np.linspace(0.0, 250.0, 20_000)
     density = ar_spectrum(noise, frequency, 500.0)
-    for k, share in enumerate((split(y, 500.0, edges) ** 2).sum(axis=0) / (y @ y)):
+    for k, share in enumerate((split_into_bands(y, 500.0, edges) ** 2).sum(axis=0) / (y @ y)):
         inside = (frequency >= edges[k]) & (frequency < edges[k + 1])
         assert density[inside].sum() / density.sum() == pytest.approx(share, rel=0.08)
 

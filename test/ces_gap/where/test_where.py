@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from gap_traces import ar, ar_noise, drive, trace_of
 
-from ces_gap.diagnosis import Region, Where
+from ces_gap.diagnosis import GapRegion, Where
 from ces_gap.errors import GapError
 from ces_gap.trace import Trace
 from ces_gap.where.axes import FREQUENCY, OPERATING, REVERSAL, SPEED, STROKE, axis_values
-from ces_gap.where.locate import gap_within, locate
+from ces_gap.where.locate import locate, rms_within_regions
 
 NOISE_N = 8.0
 
@@ -19,7 +19,7 @@ def noisy(traces: Sequence[Trace], seed: int = 5, pole: float = 0.6) -> list[np.
     return [ar_noise(len(t), NOISE_N, pole, rng) for t in traces]
 
 
-def along(where: Where, axis: str) -> list[Region]:
+def along(where: Where, axis: str) -> list[GapRegion]:
     return sorted((r for r in where.regions if r.axis == axis), key=lambda r: r.low)
 
 
@@ -114,11 +114,11 @@ def test_a_constant_current_is_one_region():
 def test_gap_within_agrees_with_the_regions_and_shrinks_with_the_gap(traces):
     gap = [10.0 * np.sign(t.inputs.speed) + e for t, e in zip(traces, noisy(traces), strict=True)]
     where = locate(traces, gap, ar(NOISE_N, 0.6))
-    again = gap_within(where.regions, traces, gap, ar(NOISE_N, 0.6))
+    again = rms_within_regions(where.regions, traces, gap, ar(NOISE_N, 0.6))
     assert again == pytest.approx([r.rms_N for r in where.regions], rel=2e-3, abs=1e-3)
     after = [g - 8.0 * np.sign(t.inputs.speed) for t, g in zip(traces, gap, strict=True)]
     common = [r for r in where.regions if r.share_of_samples > 0.1 and r.axis != FREQUENCY]
-    assert max(gap_within(common, traces, after, ar(NOISE_N, 0.6))) < 0.5 * min(r.rms_N for r in common)
+    assert max(rms_within_regions(common, traces, after, ar(NOISE_N, 0.6))) < 0.5 * min(r.rms_N for r in common)
 
 
 def test_a_gap_after_reversals_lies_there():

@@ -83,7 +83,7 @@ def test_a_search_that_was_interrupted_is_no_result(work, monkeypatch):
 
     def cut(*given, **more):
         result = identify(*given, **more)
-        return replace(result, found=tuple(replace(f, ended="interrupted") for f in result.found))
+        return replace(result, search_results=tuple(replace(f, ended="interrupted") for f in result.search_results))
 
     monkeypatch.setattr(module, "identify", cut)
     with pytest.raises(KeyboardInterrupt):

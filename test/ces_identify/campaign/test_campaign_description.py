@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from campaign_parts import CAMPAIGN, RULES
 
-from ces_identify.campaign.description import MOST_CELLS, CampaignError, load_campaign
+from ces_identify.campaign.description import MAX_CELLS, CampaignError, load_campaign
 from ces_identify.polynomial.limits import METHODS
 from ces_observer.errors import CesError
 
@@ -78,7 +78,7 @@ def test_a_mistake_is_one_line_with_file_and_key(load, tmp_path, old, new, expec
 
 def test_cells_are_counted_before_they_are_made(load):
     text = CAMPAIGN.replace("[1, 2]", str(list(range(400)))).replace("[2, 4]", str(list(range(1, 201))))
-    with pytest.raises(CampaignError, match=f"160800 cells; at most {MOST_CELLS}"):
+    with pytest.raises(CampaignError, match=f"160800 cells; at most {MAX_CELLS}"):
         load(text)
 
 

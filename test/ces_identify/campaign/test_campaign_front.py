@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_identify.campaign.front import WITHIN, front, recommended
+from ces_identify.campaign.front import COST_TOLERANCE, front, recommend_model
 from ces_identify.jobs.job import DONE, FAILED
 
 
@@ -22,11 +22,11 @@ def test_a_front():
 
 def test_validation_costs_choose_nothing():
     rows = [row(4, 5.0, validation=0.1), row(8, 2.0, validation=90.0)]
-    assert recommended(rows)["parameters"] == 8
+    assert recommend_model(rows)["parameters"] == 8
 
 
 def test_the_smallest_within_a_tenth_is_recommended():
-    assert recommended([row(4, 2.3), row(6, 2.19), row(20, 2.0)])["parameters"] == 6
+    assert recommend_model([row(4, 2.3), row(6, 2.19), row(20, 2.0)])["parameters"] == 6
 
 
 def test_models_without_proof_count_only_if_none_has_one():
@@ -36,7 +36,7 @@ def test_models_without_proof_count_only_if_none_has_one():
 
 def test_failed_and_diverged_cells_are_left_out():
     assert front([{"status": FAILED}, row(4, None)]) == []
-    assert recommended([]) is None
+    assert recommend_model([]) is None
 
 
 @given(st.lists(st.tuples(st.integers(1, 30), st.floats(0.1, 100.0)), min_size=1))
@@ -48,5 +48,5 @@ def test_nothing_beats_the_front_and_the_front_beats_the_rest(points):
         assert better
         if r in best:
             assert better == [r]
-    chosen = recommended(rows)["selection_J"]
-    assert chosen <= (1.0 + WITHIN) * min(r["selection_J"] for r in rows)
+    chosen = recommend_model(rows)["selection_J"]
+    assert chosen <= (1.0 + COST_TOLERANCE) * min(r["selection_J"] for r in rows)

@@ -6,11 +6,11 @@ from ces_identify.numerics.correlation import (
     autocorrelation,
     block_length,
     covariance,
+    find_runs,
     flat_top,
     longest_memory,
     memory,
-    runs_of,
-    whole,
+    single_run,
 )
 
 
@@ -20,8 +20,8 @@ def coloured(n, pole, seed):
 
 
 def remembered(x):
-    most = longest_memory(len(x), whole(len(x)))
-    return memory(autocorrelation(x, whole(len(x)), most + 5), len(x), most)
+    most = longest_memory(len(x), single_run(len(x)))
+    return memory(autocorrelation(x, single_run(len(x)), most + 5), len(x), most)
 
 
 def slow_covariance(x, y, runs, most):
@@ -41,17 +41,17 @@ def test_no_product_spans_a_gap():
     runs = np.array([[0, 25], [25, 28], [28, 60]])
     for ours, slow in zip(covariance(x, y, runs, 10), slow_covariance(x, y, runs, 10), strict=True):
         np.testing.assert_allclose(ours, slow, atol=1e-12)
-    assert not np.allclose(covariance(x, y, runs, 10)[0], covariance(x, y, whole(60), 10)[0])
+    assert not np.allclose(covariance(x, y, runs, 10)[0], covariance(x, y, single_run(60), 10)[0])
 
 
 def test_runs_end_at_gaps_and_at_ticks_left_out():
     kept = np.array([0, 1, 1, 0, 1, 1, 1, 1, 0, 0, 1], bool)
     segments = np.array([[0, 6], [6, 11]])
-    np.testing.assert_array_equal(runs_of(kept, segments), [[0, 2], [2, 4], [4, 6], [6, 7]])
+    np.testing.assert_array_equal(find_runs(kept, segments), [[0, 2], [2, 4], [4, 6], [6, 7]])
 
 
 def test_autocorrelation_of_a_first_order_process():
-    rho = autocorrelation(coloured(200_000, 0.8, 1), whole(200_000), 5)
+    rho = autocorrelation(coloured(200_000, 0.8, 1), single_run(200_000), 5)
     np.testing.assert_allclose(rho, 0.8 ** np.arange(6), atol=0.02)
 
 
@@ -75,5 +75,5 @@ def test_block_length_near_the_best_for_a_first_order_process(pole):
     """For an AR(1), G = sum |k| R(k) and s(0) are known: b = (3/2 (2 rho / (1 - rho^2))^2 n)^(1/3)."""
     n = 20_000
     best = (1.5 * (2.0 * pole / (1.0 - pole**2)) ** 2 * n) ** (1.0 / 3.0)
-    found = np.median([block_length(coloured(n, pole, seed), whole(n)) for seed in range(15)])
+    found = np.median([block_length(coloured(n, pole, seed), single_run(n)) for seed in range(15)])
     assert found == pytest.approx(best, rel=0.2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.compiled import compile_terms, power_table
+from ces_identify.polynomial.compiled_terms import compile_terms, power_table
 from ces_observer.model import Envelope, Sampling
 from ces_observer.structures.terms import Factor, Term
 from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER, RESTARTED, Tracker

@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 
 from ces_identify.identify import identify
-from ces_identify.polynomial.constructed_data import within_data
-from ces_identify.polynomial.constructed_options import with_blend, with_constructed
+from ces_identify.polynomial.constructed_data import restrict_to_data
+from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.regressors import load_rules, parse_rules
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, Sampling, parse_model
-from ces_observer.structures.constructed import Hysteresis, hats
+from ces_observer.structures.constructed_inputs import Hysteresis, make_memberships
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
 SAMPLING = Sampling(500.0, 40.0, 0.01)
 STOP = Hysteresis("hysteresis", "stop", "position", 0.001)
-SOFT, HARD = hats("by_current", "current", (0.35, 0.6))
+SOFT, HARD = make_memberships("by_current", "current", (0.35, 0.6))
 IN_SOFT, IN_HARD = (Factor(hat.name, 0, 1.0, True, hat) for hat in (SOFT, HARD))
 FIRST, SPEED = Factor("force", 1), Factor("speed", 0, 0.5)
 PLANTED = Model(
@@ -70,7 +70,7 @@ def planted(seed, seconds=12.0, name="planted"):
 
 def identified(rules, terms=7):
     limits = Limits(terms, 20.0, 0.0, 2, 1, 2)
-    options = Options(split=1.0, rules=rules, limits=limits, bandwidth_Hz=40.0)
+    options = IdentifyOptions(split=1.0, rules=rules, limits=limits, bandwidth_Hz=40.0)
     return identify([planted(1), planted(2)], [planted(3, name="fresh")], options)
 
 
@@ -109,8 +109,8 @@ SERIES = [prepare(planted(1), SAMPLING)]
 
 
 def test_the_range_of_a_frequency_is_narrowed_to_the_data():
-    rules = with_blend(with_constructed(load_rules(None), "frequency"), "frequency:3,5")
-    told = within_data(rules, SERIES).constructed
+    rules = add_blend(add_constructed_inputs(load_rules(None), "frequency"), "frequency:3,5")
+    told = restrict_to_data(rules, SERIES).constructed
     low, high = told["frequency"][0].range_Hz
     assert 1.5 < low < 3.0
     assert 5.0 < high < 8.0
@@ -120,20 +120,20 @@ def test_the_range_of_a_frequency_is_narrowed_to_the_data():
 @pytest.mark.parametrize(
     ("make", "asked", "message"),
     [
-        (with_blend, "current:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
-        (with_blend, "valve:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
-        (with_constructed, "hysteresis:0.03", "hysteresis_1: half width 0.03 spans all of the data's position"),
-        (with_constructed, "remanence:0.3", "remanence_1: half width 0.3 spans all of the data's current"),
+        (add_blend, "current:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
+        (add_blend, "valve:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
+        (add_constructed_inputs, "hysteresis:0.03", "hysteresis_1: half width 0.03 spans all of the data's position"),
+        (add_constructed_inputs, "remanence:0.3", "remanence_1: half width 0.3 spans all of the data's current"),
     ],
 )
 def test_what_the_data_do_not_reach_is_refused(make, asked, message):
     with pytest.raises(CesError, match=message):
-        within_data(make(load_rules(None), asked), SERIES)
+        restrict_to_data(make(load_rules(None), asked), SERIES)
 
 
 def test_memberships_of_a_lag_may_be_where_its_signal_goes_until_its_time_constant_is_known():
-    rules = with_blend(load_rules(None), "valve:0.27,0.6")
-    assert within_data(rules, SERIES) == rules
+    rules = add_blend(load_rules(None), "valve:0.27,0.6")
+    assert restrict_to_data(rules, SERIES) == rules
     slow = rules.with_time_constant("valve", 1.0)
     with pytest.raises(CesError, match=r"by_valve_1: peaks at valve 0\.27, outside the data's 0\.[34]"):
-        within_data(slow, SERIES)
+        restrict_to_data(slow, SERIES)

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ces_identify.polynomial.constructed_options import with_blend, with_constructed
+from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
 from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules, parse_rules
 from ces_observer.errors import CesError
-from ces_observer.structures.constructed import Frequency, Hat, Hysteresis, Lag
-from ces_observer.structures.constructed import hats as hats_over
+from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, TriangularMembership
+from ces_observer.structures.constructed_inputs import make_memberships as hats_over
 from ces_observer.structures.terms import Factor
 
 RULES = yaml.safe_load(
@@ -41,14 +41,16 @@ def test_a_rules_file_may_define_inputs_and_use_them_as_signals():
     assert rules.count() == len(set(rules.at_rate(1000.0).candidates())) == 4 + 3 + 3 + 2
     used = factors(rules)
     assert Factor("slip", 3, 0.5, True, SLIP) in used
-    assert Factor("look_up_2", 0, 1.0, True, Hat("look_up_2", "slip", -0.001, 0.001, None, SLIP)) in used
+    assert (
+        Factor("look_up_2", 0, 1.0, True, TriangularMembership("look_up_2", "slip", -0.001, 0.001, None, SLIP)) in used
+    )
     assert {f.lag for f in used if f.signal.startswith("region_")} == {2, 8}
     assert {f.definition for f in used if f.signal == "frequency"} == {Frequency("frequency", 0.25, (1.0, 10.0), 1e-4)}
 
 
 def test_without_a_signal_what_is_made_of_it_goes_too():
-    assert set(parse_rules(RULES, "test").without("current").products) == {("slip",), ("look_up", "frequency")}
-    assert parse_rules(RULES, "test").without("position").products == (("region", "speed"), ("force", "region"))
+    assert set(parse_rules(RULES, "test").without_signal("current").products) == {("slip",), ("look_up", "frequency")}
+    assert parse_rules(RULES, "test").without_signal("position").products == (("region", "speed"), ("force", "region"))
 
 
 @pytest.mark.parametrize(
@@ -113,7 +115,7 @@ def test_a_time_constant_may_be_left_open_and_set_later_also_below_hats():
         *("speed", Lag("valve", "current", 0.03), Lag("slow", "current", 0.5)),
         *hats_over("by_valve", "valve", (0.2, 0.9), Lag("valve", "current", 0.03)),
     }
-    bare = rules.without("current")
+    bare = rules.without_signal("current")
     assert bare.products == (("speed",),)
     assert bare.open_lags == ()
     assert not {"valve", "slow", "by_valve"} & set(bare.constructed)
@@ -140,7 +142,7 @@ def test_the_look_up_in_the_documentation_can_be_used_as_it_stands():
     ],
 )
 def test_short_options_add_inputs_and_products(asked, names):
-    plain, rules = load_rules(None), with_constructed(load_rules(None), asked)
+    plain, rules = load_rules(None), add_constructed_inputs(load_rules(None), asked)
     assert set(rules.constructed) == {"valve"} | names
     assert {f.signal for f in factors(rules)} == {"force", "speed", "valve", "position"} | names
     assert set(plain.at_rate(1000.0).candidates()) < set(rules.at_rate(1000.0).candidates())
@@ -161,13 +163,13 @@ OF_CURRENT = parse_rules(
 def test_products_of_a_short_option_take_the_current_the_rules_know():
     """The valve's where they define it, the current itself if not, and none if they have neither."""
     for rules, current in ((load_rules(None), ["valve"]), (OF_CURRENT, ["current"]), (parse_rules(RULES, "test"), [])):
-        made = with_constructed(rules, "hysteresis:0.0005").products[len(rules.products) :]
+        made = add_constructed_inputs(rules, "hysteresis:0.0005").products[len(rules.products) :]
         extra = [("hysteresis_1", *c, *current) for c in ((), ("speed",))] if current else []
         assert set(made) == {("hysteresis_1",), ("hysteresis_1", "speed"), *extra}
 
 
 def test_lags_of_the_current_are_added_with_their_time_constants():
-    rules = with_constructed(with_constructed(load_rules(None), "lag:0.003,auto"), "frequency")
+    rules = add_constructed_inputs(add_constructed_inputs(load_rules(None), "lag:0.003,auto"), "frequency")
     assert rules.open_lags == ("valve", "lag_2")
     assert rules.constructed["lag_1"] == (Lag("lag_1", "current", 0.003),)
     assert {p for p in rules.products if "lag_2" in p} == {("lag_2",), ("lag_2", "speed"), ("lag_2", "position")}
@@ -175,7 +177,7 @@ def test_lags_of_the_current_are_added_with_their_time_constants():
 
 @pytest.mark.parametrize(("rate_Hz", "late"), [(250.0, 2), (1000.0, 8), (3000.0, 24)])
 def test_remanence_is_late_by_the_same_time_at_every_rate(rate_Hz, late):
-    rules = with_constructed(load_rules(None), "remanence:0.05").at_rate(rate_Hz)
+    rules = add_constructed_inputs(load_rules(None), "remanence:0.05").at_rate(rate_Hz)
     assert {f.lag for f in factors(rules) if f.signal == "remanence_1"} == {0, late}
 
 
@@ -183,9 +185,9 @@ def test_a_blend_gives_every_sub_model_the_terms_of_the_whole():
     plain = load_rules(None)
     valve = plain.constructed["valve"][0]
     for asked, of, base in (("valve", "valve", valve), ("current", "valve", valve), ("speed", "speed", None)):
-        rules = with_blend(plain, f"{asked}:0.35,0.55")
+        rules = add_blend(plain, f"{asked}:0.35,0.55")
         assert rules.count() == 3 * plain.count()
-        hats = {f.definition for f in factors(rules) if isinstance(f.definition, Hat)}
+        hats = {f.definition for f in factors(rules) if isinstance(f.definition, TriangularMembership)}
         assert hats == set(hats_over(f"by_{of}", of, (0.35, 0.55), base))
 
 
@@ -193,34 +195,36 @@ def test_memberships_stand_at_the_lag_of_their_signal_beside_a_past_force():
     """No lag more than the signal has there itself keeps the proof of stability short."""
     no_current = parse_rules({"force": {"lags": [1]}, "products": [["force"]]}, "test")
     for rules, of, late in ((load_rules(None), "valve", 0), (OF_CURRENT, "current", 8), (no_current, "current", 0)):
-        blended = with_blend(rules, f"{of}:0.35,0.55").at_rate(500.0)
-        hats = {f for f in factors(blended) if isinstance(f.definition, Hat)}
+        blended = add_blend(rules, f"{of}:0.35,0.55").at_rate(500.0)
+        hats = {f for f in factors(blended) if isinstance(f.definition, TriangularMembership)}
         assert {f.lag for f in hats} == {late}
         assert {f.variable for f in hats} == {(of, late)}
 
 
 def test_a_blend_may_be_over_what_is_constructed():
     plain = load_rules(None)
-    both = with_blend(with_constructed(plain, "hysteresis:0.001"), "hysteresis_1:-0.001,0.001")
-    assert {f.definition.base.name for f in factors(both) if isinstance(f.definition, Hat)} == {"hysteresis_1"}
+    both = add_blend(add_constructed_inputs(plain, "hysteresis:0.001"), "hysteresis_1:-0.001,0.001")
+    assert {f.definition.base.name for f in factors(both) if isinstance(f.definition, TriangularMembership)} == {
+        "hysteresis_1"
+    }
 
 
 @pytest.mark.parametrize(
     ("make", "asked", "message"),
     [
-        (with_constructed, "friction:1", "'friction:1': expected hysteresis:M"),
-        (with_constructed, "hysteresis", "'hysteresis': expected hysteresis:M"),
-        (with_constructed, "hysteresis:a", "'hysteresis:a': expected numbers after the colon"),
-        (with_constructed, "hysteresis:-1", "half_width is -1.0"),
-        (with_constructed, "frequency:0", "time_constant_s is 0.0"),
-        (with_constructed, "lag", "'lag': expected .* or lag:S,... or"),
-        (with_constructed, "lag:0", "time_constant_s is 0.0"),
-        (with_constructed, "lag:soon", "'lag:soon': expected numbers after the colon"),
-        (with_constructed, "hysteresis:auto", "'hysteresis:auto': expected numbers after the colon"),
-        (with_blend, "remanence_1:1,2", "expected SIGNAL:A,B,... with a signal among position, speed, current, valve"),
-        (with_blend, "speed:a,2", "'speed:a,2': expected numbers after the colon"),
-        (with_blend, "force:1,2", "expected SIGNAL:A,B"),
-        (with_blend, "speed:1", "expected 2 to 20 ascending"),
+        (add_constructed_inputs, "friction:1", "'friction:1': expected hysteresis:M"),
+        (add_constructed_inputs, "hysteresis", "'hysteresis': expected hysteresis:M"),
+        (add_constructed_inputs, "hysteresis:a", "'hysteresis:a': expected numbers after the colon"),
+        (add_constructed_inputs, "hysteresis:-1", "half_width is -1.0"),
+        (add_constructed_inputs, "frequency:0", "time_constant_s is 0.0"),
+        (add_constructed_inputs, "lag", "'lag': expected .* or lag:S,... or"),
+        (add_constructed_inputs, "lag:0", "time_constant_s is 0.0"),
+        (add_constructed_inputs, "lag:soon", "'lag:soon': expected numbers after the colon"),
+        (add_constructed_inputs, "hysteresis:auto", "'hysteresis:auto': expected numbers after the colon"),
+        (add_blend, "remanence_1:1,2", "expected SIGNAL:A,B,... with a signal among position, speed, current, valve"),
+        (add_blend, "speed:a,2", "'speed:a,2': expected numbers after the colon"),
+        (add_blend, "force:1,2", "expected SIGNAL:A,B"),
+        (add_blend, "speed:1", "expected 2 to 20 ascending"),
     ],
 )
 def test_a_wrong_option_is_named(make, asked, message):
@@ -230,6 +234,6 @@ def test_a_wrong_option_is_named(make, asked, message):
 
 def test_asking_twice_is_refused():
     with pytest.raises(CesError, match="is defined already"):
-        with_blend(with_blend(load_rules(None), "speed:0,1"), "speed:0,1")
+        add_blend(add_blend(load_rules(None), "speed:0,1"), "speed:0,1")
     with pytest.raises(CesError, match="'by_speed_1:0,1': expected SIGNAL"):
-        with_blend(with_blend(load_rules(None), "speed:0,1"), "by_speed_1:0,1")
+        add_blend(add_blend(load_rules(None), "speed:0,1"), "by_speed_1:0,1")

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, PLAY, SHORT, STOP, constructed_damper
 
-from ces_identify.polynomial.compiled import compile_terms, power_table
+from ces_identify.polynomial.compiled_terms import compile_terms, power_table
 from ces_identify.polynomial.constructed_series import constructed_values, membership
 from ces_identify.polynomial.problem import probe
-from ces_identify.preparation.series import held_current
+from ces_identify.preparation.series import hold_current
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.estimator import Estimator
-from ces_observer.structures.constructed import Construction
+from ces_observer.structures.constructed_inputs import InputConstructor
 from ces_observer.structures.terms import Factor, Term
 
 ALL = (STOP, PLAY, LAG, FREQUENCY, LOW, MID, HIGH, SHORT, LONG)
@@ -27,13 +27,13 @@ def rough(n=2000, seed=5):
 
 
 def stepped(inputs):
-    run, out = Construction(ALL, 1000.0), np.zeros((len(ALL), inputs.shape[1]))
+    run, out = InputConstructor(ALL, 1000.0), np.zeros((len(ALL), inputs.shape[1]))
     for start, stop in SEGMENTS:
         run.reset()
         for k in range(start, stop):
             bounds = (ENVELOPE.position_m, ENVELOPE.speed_m_s, ENVELOPE.current_A)
             row = [min(max(v, low), high) for v, (low, high) in zip(inputs[:, k].tolist(), bounds, strict=True)]
-            out[:, k] = run.arrive(row)[3:]
+            out[:, k] = run.update(row)[3:]
     return out
 
 
@@ -99,7 +99,7 @@ def recording(jitter_ns, gaps=(), rate=1000.0):
 )
 def test_estimator_and_batch_agree(model, rough):
     estimator, position = Estimator(model), rough.channel("position")
-    current = held_current(rough, position.stamps_ns, model.sampling.max_current_age_s)
+    current = hold_current(rough, position.stamps_ns, model.sampling.max_current_age_s)
     rows = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
     steps = np.array([np.nan if (f := estimator.step(*row)) is None else f for row in rows])
     batch = sample_force(model, rough)

@@ -6,7 +6,7 @@ from test_kernels import SEGMENTS, TERMS, inputs, tables  # noqa: F401
 
 from ces_identify.numerics import kernels
 from ces_identify.polynomial.free_run_fit import fit_free_run
-from ces_identify.polynomial.problem import pose
+from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.polynomial.sensitivity_kernels import (
     candidate_products,
@@ -88,7 +88,7 @@ def test_a_candidate_outside_the_model_has_its_sensitivity_at_zero(case):
 def problem():
     from test_identify import RULES, SAMPLING, planted
 
-    return pose([prepare(planted(1), SAMPLING)], RULES.candidates())
+    return assemble_problem([prepare(planted(1), SAMPLING)], RULES.candidates())
 
 
 def test_a_fit_finds_the_planted_coefficients_from_afar(problem):
@@ -115,11 +115,11 @@ def test_a_fit_stays_inside_the_stable_models():
     sums = np.convolve(speed, 0.9999 ** np.arange(4000))[: len(speed)] * 50.0
     leaky = {**recording.channels, "force": Channel("force", "N", force.stamps_ns[: len(sums)], sums)}
     rules = parse_rules({"force": {"lags": [1]}, "speed": {"lags": [0]}, "products": [["force"], ["speed"]]}, "test")
-    stable = pose([prepare(replace(recording, channels=leaky), SAMPLING)], rules.candidates())
-    free = replace(stable, most_gain=np.inf)
+    stable = assemble_problem([prepare(replace(recording, channels=leaky), SAMPLING)], rules.candidates())
+    free = replace(stable, max_gain=np.inf)
     chosen, begin = np.array([0, 1]), np.array([0.9, 50.0])
     inside = fit_free_run(stable, chosen, begin, stable.everything, 60)
     outside = fit_free_run(free, chosen, begin, stable.everything, 60)
-    assert outside.coefficients[0] > stable.most_gain
-    assert 0.98 < inside.coefficients[0] < stable.most_gain
+    assert outside.coefficients[0] > stable.max_gain
+    assert 0.98 < inside.coefficients[0] < stable.max_gain
     assert inside.error > outside.error

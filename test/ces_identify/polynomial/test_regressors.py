@@ -1,8 +1,8 @@
 import pytest
 
-from ces_identify.polynomial.regressors import DEFAULT_RULES, MOST_CANDIDATES, load_rules, parse_rules
+from ces_identify.polynomial.regressors import DEFAULT_RULES, MAX_CANDIDATES, load_rules, parse_rules
 from ces_observer.errors import CesError
-from ces_observer.structures.constructed import Lag
+from ces_observer.structures.constructed_inputs import Lag
 
 SMALL = {
     "force": {"lags": [1, 3]},
@@ -21,7 +21,7 @@ def test_the_count_is_the_number_of_candidates_and_they_differ():
 
 def test_built_in_rules_are_usable_and_within_the_limit():
     rules = load_rules(None)
-    assert 50 < rules.count() <= MOST_CANDIDATES
+    assert 50 < rules.count() <= MAX_CANDIDATES
     for rate_Hz in (200.0, 1000.0, 3000.0):
         candidates = rules.at_rate(rate_Hz).candidates()
         assert len(candidates) == len(set(candidates)) == rules.count()
@@ -38,7 +38,7 @@ def test_the_built_in_rules_find_the_lag_of_the_current_and_go_without_it():
         None,
         Lag("valve", "current", 0.02),
     }
-    bare = rules.without("current")
+    bare = rules.without_signal("current")
     assert {s for p in bare.products for s in p} == {"force", "speed", "position"}
     assert (bare.constructed, bare.open_lags) == ({}, ())
 
@@ -66,7 +66,7 @@ def test_lags_in_milliseconds_are_the_nearest_ticks_each_once(rate_Hz, lags, bes
 
 
 def test_rules_without_a_signal():
-    assert all("current" not in p for p in parse_rules(SMALL, "test").without("current").products)
+    assert all("current" not in p for p in parse_rules(SMALL, "test").without_signal("current").products)
 
 
 def test_an_exploding_rule_is_refused_with_its_count():

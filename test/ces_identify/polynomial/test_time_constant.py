@@ -8,13 +8,13 @@ import pytest
 from ces_identify.identify import identify
 from ces_identify.polynomial.limits import GAUSS_NEWTON, Limits
 from ces_identify.polynomial.regressors import parse_rules
-from ces_identify.polynomial.time_constant import GRID_S, settled
+from ces_identify.polynomial.time_constant import GRID_S, find_time_constants
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.structures.constructed import Hat, Lag, hats
+from ces_observer.structures.constructed_inputs import Lag, TriangularMembership, make_memberships
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -30,7 +30,7 @@ RULES = parse_rules(
     },
     "test",
 ).at_rate(SAMPLING.rate_Hz)
-LIMITS = Limits(most_terms=5, seconds=60.0, threads=2, method=GAUSS_NEWTON)
+LIMITS = Limits(max_terms=5, seconds=60.0, threads=2, method=GAUSS_NEWTON)
 
 
 FIRST, SPEED = Factor("force", 1), Factor("speed", 0, 0.5)
@@ -44,7 +44,7 @@ def straight(time_constant_s):
 
 def blended(time_constant_s):
     """Two sub-models over the lagged current."""
-    both = hats("by_valve", "valve", (0.4, 0.9), Lag("valve", "current", time_constant_s))
+    both = make_memberships("by_valve", "valve", (0.4, 0.9), Lag("valve", "current", time_constant_s))
     low, high = (Factor(hat.name, 0, 1.0, True, hat) for hat in both)
     return Term(600.0, (SPEED, low)), Term(1300.0, (SPEED, high)), Term(0.3, (FIRST, low)), Term(0.6, (FIRST, high))
 
@@ -64,7 +64,7 @@ def planted(terms, seed, seconds=8.0):
 
 
 def found(rules, time_constant_s):
-    rules = settled(rules, [prepare(planted(straight(time_constant_s), 1), SAMPLING)], LIMITS, stable=True)
+    rules = find_time_constants(rules, [prepare(planted(straight(time_constant_s), 1), SAMPLING)], LIMITS, stable=True)
     assert rules.open_lags == ()
     return rules.constructed["valve"][0].time_constant_s
 
@@ -82,7 +82,7 @@ def test_what_is_found_is_near_wherever_it_was_planted(time_constant_s):
 
 def test_rules_without_an_open_lag_are_left_as_they_are():
     rules = RULES.with_time_constant("valve", 0.02)
-    assert settled(rules, [], LIMITS, stable=True) is rules
+    assert find_time_constants(rules, [], LIMITS, stable=True) is rules
 
 
 def test_a_model_is_identified_with_the_lag_found_and_hats_over_it_read_the_same():
@@ -96,17 +96,20 @@ def test_a_model_is_identified_with_the_lag_found_and_hats_over_it_read_the_same
         "by_valve": {"lags_ms": [0]},
         "products": [["speed", "by_valve"], ["force"], ["force", "by_valve"]],
     }
-    options = Options(1.0, parse_rules(raw, "test"), LIMITS, bandwidth_Hz=40.0)
+    options = IdentifyOptions(1.0, parse_rules(raw, "test"), LIMITS, bandwidth_Hz=40.0)
     result = identify([planted(blended(0.01), 1)], [planted(blended(0.01), 2)], options)
-    assert {f.definition.base for t in result.model.body.terms for f in t.factors if isinstance(f.definition, Hat)} == {
-        Lag("valve", "current", 0.01)
-    }
+    assert {
+        f.definition.base
+        for t in result.model.body.terms
+        for f in t.factors
+        if isinstance(f.definition, TriangularMembership)
+    } == {Lag("valve", "current", 0.01)}
     assert result.model.certificate["gain"] < 1.0
 
 
 def test_a_current_that_never_changes_needs_no_time_constant():
     still = planted(straight(0.01), 1)
     current = replace(still.channel("current"), values=np.full(len(still.channel("current").values), 0.5))
-    options = Options(1.0, RULES, LIMITS, bandwidth_Hz=40.0)
+    options = IdentifyOptions(1.0, RULES, LIMITS, bandwidth_Hz=40.0)
     result = identify([replace(still, channels={**still.channels, "current": current})], [], options)
     assert {f.signal for t in result.model.body.terms for f in t.factors} <= {"force", "speed"}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ces_identify.preparation.position_spectrum import position_spectrum, sample_rate, without_spikes
+from ces_identify.preparation.position_spectrum import position_spectrum, remove_spikes, sample_rate
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 
@@ -61,7 +61,7 @@ def test_spikes_are_replaced_and_the_rest_is_left(run):
     dirty = x.copy()
     dirty[300 : 300 + run] += 4.0
     dirty[900 : 900 + run] -= 0.5
-    clean = without_spikes(dirty)
+    clean = remove_spikes(dirty)
     assert abs(clean - x).max() < 3e-3
     assert np.count_nonzero(clean != x) <= 2 * run + 4
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ces_identify.preparation.series import held_current, prepare
+from ces_identify.preparation.series import hold_current, prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
@@ -52,13 +52,13 @@ def test_current_is_the_newest_at_or_before_each_sample():
 
 def test_an_old_current_is_no_current():
     channel = Channel("current", "A", np.array([0, 10 * MS]), np.array([1.0, np.nan]))
-    held = held_current(Recording("r", {"current": channel}), np.array([-1, 0, 50 * MS, 101 * MS]), 0.1)
+    held = hold_current(Recording("r", {"current": channel}), np.array([-1, 0, 50 * MS, 101 * MS]), 0.1)
     np.testing.assert_array_equal(held, [np.nan, 1.0, 1.0, np.nan])
 
 
 def test_no_finite_current_is_no_current():
     channel = Channel("current", "A", np.array([0]), np.array([np.nan]))
-    assert np.isnan(held_current(Recording("r", {"current": channel}), np.array([5]), 1.0)).all()
+    assert np.isnan(hold_current(Recording("r", {"current": channel}), np.array([5]), 1.0)).all()
 
 
 def test_a_constant_current_needs_no_channel():

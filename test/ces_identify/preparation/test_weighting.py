@@ -17,22 +17,22 @@ def test_regions_weigh_and_overlaps_multiply():
         position=np.array([-0.02, 0.0, 0.02, 0.0]),
     )
     words = ("zero_crossing=3", "current:0.5..0.7=2")
-    np.testing.assert_array_equal(parse_weighting(words).of(one), [3.0, 6.0, 2.0, 1.0])
-    np.testing.assert_array_equal(parse_weighting(["zero_crossing:0.01=5"]).of(one), [5.0, 1.0, 1.0, 1.0])
-    np.testing.assert_array_equal(parse_weighting(["speed:-0.5..-0.1=0"]).of(one), [1.0, 1.0, 1.0, 0.0])
-    np.testing.assert_array_equal(parse_weighting(["position:-1..-1e-2=4"]).of(one), [4.0, 1.0, 1.0, 1.0])
-    np.testing.assert_array_equal(EQUAL.of(one), np.ones(4))
+    np.testing.assert_array_equal(parse_weighting(words).tick_weights(one), [3.0, 6.0, 2.0, 1.0])
+    np.testing.assert_array_equal(parse_weighting(["zero_crossing:0.01=5"]).tick_weights(one), [5.0, 1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(parse_weighting(["speed:-0.5..-0.1=0"]).tick_weights(one), [1.0, 1.0, 1.0, 0.0])
+    np.testing.assert_array_equal(parse_weighting(["position:-1..-1e-2=4"]).tick_weights(one), [4.0, 1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(EQUAL.tick_weights(one), np.ones(4))
 
 
 def test_stroke_ends_are_outside_the_central_share_of_the_whole_sets_stroke():
     long, short = (series(5, position=size * np.array([-1.0, -0.7, 0.0, 0.9, 1.0])) for size in (0.04, 0.02))
     weighting = parse_weighting(["stroke_ends=2"])
-    np.testing.assert_array_equal(weighting.of(short), [2.0, 1.0, 1.0, 2.0, 2.0])
-    over = weighting.over([long, short])
-    np.testing.assert_array_equal(over.of(long), [2.0, 1.0, 1.0, 2.0, 2.0])
-    np.testing.assert_array_equal(over.of(short), np.ones(5))
+    np.testing.assert_array_equal(weighting.tick_weights(short), [2.0, 1.0, 1.0, 2.0, 2.0])
+    over = weighting.with_common_stroke([long, short])
+    np.testing.assert_array_equal(over.tick_weights(long), [2.0, 1.0, 1.0, 2.0, 2.0])
+    np.testing.assert_array_equal(over.tick_weights(short), np.ones(5))
     narrow = parse_weighting(["stroke_ends:0.5=2"])
-    np.testing.assert_array_equal(narrow.of(short), [2.0, 2.0, 1.0, 2.0, 2.0])
+    np.testing.assert_array_equal(narrow.tick_weights(short), [2.0, 2.0, 1.0, 2.0, 2.0])
 
 
 @pytest.mark.parametrize(

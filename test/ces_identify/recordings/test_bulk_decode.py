@@ -6,7 +6,7 @@ import tiny_bags as tiny
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_identify.recordings.bag_layout import layout_of
+from ces_identify.recordings.bag_layout import describe_layout
 from ces_identify.recordings.bulk_decode import LAYOUTS_PER_LENGTH, Block, BulkDecoder
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
@@ -55,7 +55,7 @@ def compare(messages, kind, *texts, little_endian=True):
         singles.append(raw)
         return read_one(raw, kind, paths)
 
-    decoder = BulkDecoder(len(paths), lambda raw: layout_of(raw, kind, paths, STORE), single)
+    decoder = BulkDecoder(len(paths), lambda raw: describe_layout(raw, kind, paths, STORE), single)
     half = len(payloads) // 2
     parts = [decoder.decode(block_of(part)) for part in (payloads[:half], payloads[half:]) if part]
     values, present = slow_twin(payloads, kind, paths)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ces_identify.recordings.checks import Finding, findings, missing_stretches, rate_of, require_usable
+from ces_identify.recordings.checks import Finding, findings, mean_rate, missing_stretches, require_usable
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 
@@ -132,8 +132,8 @@ def test_errors_come_before_warnings():
 
 
 def test_rate():
-    assert rate_of(channel("force", 1001, 2.0)) == 500.0
-    assert rate_of(channel("force", 1)) == 0.0
+    assert mean_rate(channel("force", 1001, 2.0)) == 500.0
+    assert mean_rate(channel("force", 1)) == 0.0
 
 
 @pytest.mark.parametrize(

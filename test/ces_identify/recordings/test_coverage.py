@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ces_identify.recordings.coverage import coverage, samples_of
+from ces_identify.recordings.coverage import coverage, speed_current_samples
 from ces_identify.recordings.recording import Channel, Recording
 
 RATE = 1000
@@ -35,7 +35,7 @@ def test_time_goes_where_speed_and_current_were():
 
 def test_speed_is_that_of_a_sine():
     t = np.arange(20_000) / RATE
-    speed, _, _ = samples_of(recording(0.01 * np.sin(2 * np.pi * 2 * t), np.ones_like(t)))
+    speed, _, _ = speed_current_samples(recording(0.01 * np.sin(2 * np.pi * 2 * t), np.ones_like(t)))
     np.testing.assert_allclose(speed[50:-50], (0.04 * np.pi * np.cos(4 * np.pi * t))[50:-50], atol=0.002)
 
 
@@ -43,14 +43,14 @@ def test_no_speed_across_a_gap():
     """A jump of the position over a pause of 5 s is no motion."""
     t = np.concatenate([np.arange(2000), 7000 + np.arange(2000)]) / RATE
     position = np.where(t < 3, 0.0, 0.05) + 1e-6 * np.sin(t)
-    speed, _, weight = samples_of(recording(position, np.ones(4000), t))
+    speed, _, weight = speed_current_samples(recording(position, np.ones(4000), t))
     assert np.abs(speed).max() < 1e-4
     assert weight.sum() == pytest.approx(4.0, abs=0.01)
 
 
 def test_current_is_held_and_unknown_before_its_first_sample():
     current_times = np.array([2.0, 6.0])
-    found = samples_of(recording(triangle(), np.array([0.3, 0.5]), current_times=current_times))
+    found = speed_current_samples(recording(triangle(), np.array([0.3, 0.5]), current_times=current_times))
     assert found[2].sum() == pytest.approx(8.0, abs=0.01)
     assert (found[1] == 0.3).sum() == pytest.approx(4000, abs=3)
 

@@ -8,7 +8,14 @@ import pytest
 import scipy.io
 
 from ces_identify.recordings.dyno_import import import_log
-from ces_identify.recordings.dyno_mapping import TEMPLATE, Column, Fixed, FromName, MappingError, load_dyno_mapping
+from ces_identify.recordings.dyno_mapping import (
+    TEMPLATE,
+    Column,
+    FileNameValue,
+    FixedValue,
+    MappingError,
+    load_dyno_mapping,
+)
 from ces_observer.errors import CesError, RecordingError
 
 ROOT = Path(__file__).parents[3]
@@ -307,5 +314,5 @@ def test_sources_are_what_the_keys_say(tmp_path):
     text = TIME + 'position: {column: 2}\ncurrent: {constant: 1}\nforce: {from_name: "(\\\\d)"}\n'
     signals = mapping(tmp_path, text).signals
     assert signals["position"] == Column(2)
-    assert signals["current"] == Fixed(1.0)
-    assert isinstance(signals["force"], FromName)
+    assert signals["current"] == FixedValue(1.0)
+    assert isinstance(signals["force"], FileNameValue)

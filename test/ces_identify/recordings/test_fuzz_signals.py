@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench" / "fuzz"))
 
 from fuzz import DICTIONARY
-from fuzz_mutations import spoilt_bytes
+from fuzz_mutations import spoil_bytes
 from fuzz_targets import READ, REFUSED, try_signals
 
 from ces_identify.recordings.signals_file import load_signals
@@ -38,7 +38,7 @@ def test_spoilt_files_are_read_or_refused(path: Path) -> None:
     @QUICK
     @given(st.sampled_from(RAWS), st.integers(0, 2**32))
     def holds(raw: bytes, number: int) -> None:
-        path.write_bytes(spoilt_bytes(raw, Random(number), DICTIONARY))
+        path.write_bytes(spoil_bytes(raw, Random(number), DICTIONARY))
         seen.add(try_signals(path))
 
     holds()

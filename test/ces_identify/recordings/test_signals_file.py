@@ -27,7 +27,7 @@ def failure(tmp_path, text):
 
 def test_no_file_gives_the_defaults():
     signals = load_signals()
-    assert {s.name: s.topic for s in signals.recorded()} == {name: d["topic"] for name, d in DEFAULTS.items()}
+    assert {s.name: s.topic for s in signals.list_topic_signals()} == {name: d["topic"] for name, d in DEFAULTS.items()}
 
 
 def test_packaged_file_says_what_the_defaults_say():

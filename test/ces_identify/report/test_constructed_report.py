@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from constructed_models import ENVELOPE, FREQUENCY, LOW, PLAY, STOP, constructed_damper, used
 
-from ces_identify.polynomial.term_table import coefficient_unit, term_forces, typeset
+from ces_identify.polynomial.term_table import coefficient_unit, format_term, term_forces
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.validation.evaluate import VALIDATION, evaluate
@@ -28,7 +28,7 @@ def plain(markup):
 )
 def test_a_term_is_typeset_with_its_unit(factors, formula, unit):
     term = Term(1.0, factors)
-    assert plain(typeset(term, ENVELOPE)) == formula
+    assert plain(format_term(term, ENVELOPE)) == formula
     assert plain(coefficient_unit(term)).replace("\N{NO-BREAK SPACE}", " ") == unit
 
 

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_identify.polynomial.problem import envelope_of
-from ces_identify.polynomial.term_table import coefficient_unit, contributions, term_forces, typeset
+from ces_identify.polynomial.problem import compute_envelope
+from ces_identify.polynomial.term_table import coefficient_unit, contributions, format_term, term_forces
 from ces_identify.preparation.cost import weighted_cost
 from ces_identify.preparation.series import Series, prepare
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.report import write_report
-from ces_identify.report.drawing import Axis, panel
+from ces_identify.report.drawing import PlotAxis, panel
 from ces_identify.report.grid import make_grid
 from ces_identify.report.marks import band, line, shade
 from ces_identify.report.window import choose_window
@@ -175,7 +175,7 @@ def test_headline_spans_best_to_worst(tmp_path: Path, both: list[Evaluation]) ->
 def test_every_term_is_listed_with_its_coefficient(tmp_path: Path, both: list[Evaluation]) -> None:
     _, root = page(tmp_path, both)
     rows = [[words(c) for c in r.iter(f"{XHTML}td")] for r in section(root, "terms").iter(f"{XHTML}tr")][1:]
-    assert {row[0] for row in rows} == {words(ET.fromstring(f"<t>{typeset(t, WIDE)}</t>")) for t in TERMS}
+    assert {row[0] for row in rows} == {words(ET.fromstring(f"<t>{format_term(t, WIDE)}</t>")) for t in TERMS}
     assert sorted(float(row[1].replace("−", "-")) for row in rows) == sorted(t.coefficient for t in TERMS)
     assert rows[0][0] == "F(k−1)"
     shares = [float(re.match(r"[\d.]+", row[4])[0]) for row in rows]
@@ -218,7 +218,7 @@ def test_typesetting(term: Term, formula: str, unit: str) -> None:
     def plain(html: str) -> str:
         return words(ET.fromstring(f"<t>{html.replace('<sup>', '^')}</t>".replace("</sup>", "")))
 
-    assert plain(typeset(term, WIDE)) == formula
+    assert plain(format_term(term, WIDE)) == formula
     assert plain(coefficient_unit(term)) == unit
 
 
@@ -321,7 +321,7 @@ def test_window_of_a_diverged_run_holds_the_divergence(both: list[Evaluation]) -
 
 
 def test_grid_shares_add_up_and_its_errors_are_the_errors(both: list[Evaluation]) -> None:
-    envelope = envelope_of([e.series for e in both])
+    envelope = compute_envelope([e.series for e in both])
     grid = make_grid(both, envelope)
     assert grid.share(both).sum() == pytest.approx(100.0)
     rms, e = grid.rms(both[:1]), both[0]
@@ -333,7 +333,7 @@ def test_grid_shares_add_up_and_its_errors_are_the_errors(both: list[Evaluation]
 
 
 def test_cells_with_few_ticks_tell_no_error(both: list[Evaluation]) -> None:
-    grid = make_grid(both, envelope_of([e.series for e in both]))
+    grid = make_grid(both, compute_envelope([e.series for e in both]))
     ticks = grid.share(both[:1]) / 100.0 * both[0].series.scored.sum()
     np.testing.assert_array_equal(np.isnan(grid.rms(both[:1])), ticks < 9.5)
     assert ((ticks > 0.5) & (ticks < 9.5)).any()
@@ -368,7 +368,7 @@ def test_shade_covers_the_marked_stretch() -> None:
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.integers(3, 9))
 def test_ticks_are_inside_evenly_spaced_and_read_back(low: float, span: float, most: int) -> None:
-    axis = Axis(low, low + span, 0.0, 100.0)
+    axis = PlotAxis(low, low + span, 0.0, 100.0)
     ticks = axis.ticks(most)
     values = np.array([v for v, _ in ticks])
     slack = 1e-6 * (abs(low) + span)
@@ -422,7 +422,7 @@ def test_weighted_cost_has_a_column_if_asked_for(tmp_path: Path, both: list[Eval
     root = ET.fromstring(path.read_text(encoding="utf-8"))
     scored = both[1].series.scored
     expected = weighted_cost(
-        both[1].series.force[scored], both[1].run.force[scored], weighting.of(both[1].series)[scored]
+        both[1].series.force[scored], both[1].run.force[scored], weighting.tick_weights(both[1].series)[scored]
     )
     assert float(cost_cells(root)[0][6]) == pytest.approx(expected, rel=6e-3)
     assert "zero_crossing=3" in words(section(root, "costs"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ces_identify.preparation.series import held_current
+from ces_identify.preparation.series import hold_current
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.estimator import Estimator
@@ -42,7 +42,7 @@ def rough(jitter_ns, rate=1000.0, gaps=()):
 def stepped(m, recording):
     estimator = Estimator(m)
     position = recording.channel("position")
-    current = held_current(recording, position.stamps_ns, m.sampling.max_current_age_s)
+    current = hold_current(recording, position.stamps_ns, m.sampling.max_current_age_s)
     rows = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
     return np.array([np.nan if (f := estimator.step(*row)) is None else f for row in rows])
 

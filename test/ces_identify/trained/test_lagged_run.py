@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, SAMPLING, planted, stroked
 
-from ces_identify.preparation.series import held_current, prepare
+from ces_identify.preparation.series import hold_current, prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force, simulate_series
 from ces_observer.estimator import Estimator
@@ -32,7 +32,7 @@ def broken_up(recording, at=(1200, 2500), by_ns=(30_000_000, 90_000_000)):
 def stepped(model, recording):
     estimator = Estimator(model)
     position = recording.channel("position")
-    current = held_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
+    current = hold_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
     rows = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
     return np.array([np.nan if (f := estimator.step(*row)) is None else f for row in rows])
 

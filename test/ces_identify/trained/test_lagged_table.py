@@ -1,13 +1,13 @@
 import numpy as np
 
-from ces_identify.trained.lagged_table import delayed, regressor_table
+from ces_identify.trained.lagged_table import delay_values, regressor_table
 from ces_observer.model import Envelope
-from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.lagged_signals import Regressor
 
 
 def test_delays_do_not_cross_segments():
     segments = np.array([[0, 3], [3, 7]])
-    np.testing.assert_array_equal(delayed(np.arange(7.0), 2, segments), [0, 0, 0, 3, 3, 3, 4])
+    np.testing.assert_array_equal(delay_values(np.arange(7.0), 2, segments), [0, 0, 0, 3, 3, 3, 4])
 
 
 def test_a_table_is_clamped_then_scaled_and_leaves_room_for_past_forces():

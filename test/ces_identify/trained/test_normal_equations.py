@@ -8,13 +8,13 @@ from planted import FUZZY, NETWORK, SAMPLING, planted
 
 from ces_identify.numerics.normal_matrix import BLOCK, accumulate, mirror
 from ces_identify.preparation.series import prepare
-from ces_identify.trained.fuzzy_fit import FuzzyFit, Grid
+from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
 from ces_identify.trained.network_fit import KINK, NetworkFit
-from ces_identify.trained.training import training
+from ces_identify.trained.training import build_training
 
 
 def data(seconds=5.0):
-    t = training([prepare(planted(NETWORK, 1, seconds=seconds), SAMPLING), prepare(planted(FUZZY, 2), SAMPLING)])
+    t = build_training([prepare(planted(NETWORK, 1, seconds=seconds), SAMPLING), prepare(planted(FUZZY, 2), SAMPLING)])
     return replace(t, force_envelope=(-1e6, 1e6))
 
 
@@ -28,7 +28,7 @@ def network(t):
 
 
 def fuzzy(t):
-    return FuzzyFit(t, regressors(t), (Grid("speed", 0, 3), Grid("current", 1, 2)), 1e-3)
+    return FuzzyFit(t, regressors(t), (PremiseGrid("speed", 0, 3), PremiseGrid("current", 1, 2)), 1e-3)
 
 
 FITS = [network, fuzzy]

@@ -4,14 +4,14 @@ from planted import NETWORK, SAMPLING, planted
 
 from ces_identify.preparation.cost import cost
 from ces_identify.preparation.series import prepare
-from ces_identify.trained.lagged_fit import Lags, changing, regressors
-from ces_identify.trained.training import training
+from ces_identify.trained.lagged_fit import Lags, build_regressors, find_changing_inputs
+from ces_identify.trained.training import build_training
 from ces_observer.errors import RecordingError
 
 
 @pytest.fixture(scope="module")
 def data():
-    return training([prepare(planted(NETWORK, 1), SAMPLING), prepare(planted(NETWORK, 2, seconds=6.0), SAMPLING)])
+    return build_training([prepare(planted(NETWORK, 1), SAMPLING), prepare(planted(NETWORK, 2, seconds=6.0), SAMPLING)])
 
 
 def test_no_tick_is_both_fitted_and_chosen_by(data):
@@ -32,7 +32,7 @@ def test_cost_is_the_mean_of_each_recordings_J(data):
 
 
 def test_regressors_have_mean_zero_and_spread_one_and_whole_ticks(data):
-    chosen = regressors(data, Lags((1, 2), (0.0, 0.0001, 0.005), (0.01,), ()), 400.0)
+    chosen = build_regressors(data, Lags((1, 2), (0.0, 0.0001, 0.005), (0.01,), ()), 400.0)
     assert [(r.signal, r.lag) for r in chosen] == [
         ("force", 1),
         ("force", 2),
@@ -42,7 +42,7 @@ def test_regressors_have_mean_zero_and_spread_one_and_whole_ticks(data):
     ]
     assert chosen[2].spread == pytest.approx(data.inputs[1].std())
     assert chosen[0].mean == 0.0
-    assert changing(data) == {"position", "speed", "current"}
+    assert find_changing_inputs(data) == {"position", "speed", "current"}
 
 
 def test_the_force_envelope_holds_zero_where_every_run_begins(data):
@@ -51,4 +51,4 @@ def test_the_force_envelope_holds_zero_where_every_run_begins(data):
 
 def test_too_little_is_refused():
     with pytest.raises(RecordingError, match=r"at least|too short|warm-up"):
-        training([prepare(planted(NETWORK, 3, seconds=0.7), SAMPLING)])
+        build_training([prepare(planted(NETWORK, 3, seconds=0.7), SAMPLING)])

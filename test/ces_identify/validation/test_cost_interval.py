@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from residual_series import RATE, coloured, evaluation, series
 
-from ces_identify.numerics.correlation import whole
+from ces_identify.numerics.correlation import single_run
 from ces_identify.preparation.cost import cost
 from ces_identify.validation import cost_interval as module
 from ces_identify.validation.cost_interval import (
@@ -18,7 +18,9 @@ from ces_identify.validation.cost_interval import (
 
 def covered(seed, n, error_pole, force_pole):
     """Whether the interval of one synthetic recording holds the true J of 10 %."""
-    ticks = Ticks((10.0 * coloured(n, error_pole, seed)) ** 2, 100.0 * coloured(n, force_pole, seed + 10**6), whole(n))
+    ticks = Ticks(
+        (10.0 * coloured(n, error_pole, seed)) ** 2, 100.0 * coloured(n, force_pole, seed + 10**6), single_run(n)
+    )
     length = influence_block(ticks, 5)
     sums = replicates(ticks, length, np.random.default_rng(seed))
     low, high = interval_of(100.0 * np.sqrt(sums[:, 0] / sums[:, 1]), n // length)

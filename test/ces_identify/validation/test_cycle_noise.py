@@ -9,7 +9,7 @@ from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel
 from ces_identify.validation.cycle_noise import CycleNoise, NoCycles, cycle_noise, find_period, whole_ticks
-from ces_rig.experiment import load_experiment, measure, packaged, truth
+from ces_rig.experiment import load_experiment, measure, packaged_experiments, simulate_truth
 
 
 def cycles(frequency=4.0, noise=10.0, drift=0.0, seconds=20.0, seed=1, current=None, **more):
@@ -95,11 +95,11 @@ def test_periods_are_taken_together_until_they_are_whole_ticks():
 
 def test_the_floor_of_the_rig_is_its_known_noise():
     """Against the noise-free force of the same ticks: what a sensor adds, as it is scored."""
-    experiment = load_experiment(packaged()["sine_4hz"])
-    true = truth(experiment)
+    experiment = load_experiment(packaged_experiments()["sine_4hz"])
+    true = simulate_truth(experiment)
     recording = measure(experiment, true)
     force = recording.channel("force")
-    _, clean = experiment.sensors.force.sampled(true.time_s, true.force_N)
+    _, clean = experiment.sensors.force.sample(true.time_s, true.force_N)
     sampling = choose_sampling([recording], None, None)
     one = prepare(recording, sampling)
     bare = replace(recording, channels={**recording.channels, "force": Channel("force", "N", force.stamps_ns, clean)})

@@ -3,12 +3,12 @@ import pytest
 from residual_series import coloured, evaluation, series
 from scipy.stats import chi2
 
-from ces_identify.numerics.correlation import whole
+from ces_identify.numerics.correlation import single_run
 from ces_identify.validation.residuals import bartlett, cross_correlation, residual_tests, sequence, verdicts, whiteness
 
 
 def correlated(first, second):
-    runs = whole(len(first))
+    runs = single_run(len(first))
     pair = sequence("input", first, runs), sequence("residual", second, runs)
     return cross_correlation(*pair, runs, 50, 500.0)
 
@@ -22,16 +22,16 @@ def test_ljung_box_is_the_formula():
     c = x - x.mean()
     r = np.array([(c[k:] * c[: len(c) - k]).sum() for k in range(11)]) / (c**2).sum()
     expected = 300 * 302 * sum(r[k] ** 2 / (300 - k) for k in range(1, 11))
-    found, statistic = whiteness(x, whole(300), 10, 500.0)
+    found, statistic = whiteness(x, single_run(300), 10, 500.0)
     assert statistic == pytest.approx(expected)
     assert found.p_value == pytest.approx(chi2.sf(expected, 10))
     np.testing.assert_allclose(found.values, r, atol=1e-12)
 
 
 def test_white_residuals_pass_and_coloured_ones_do_not():
-    p_values = [whiteness(coloured(4000, 0.0, seed), whole(4000), 50, 500.0)[0].p_value for seed in range(100)]
+    p_values = [whiteness(coloured(4000, 0.0, seed), single_run(4000), 50, 500.0)[0].p_value for seed in range(100)]
     assert np.mean(np.array(p_values) < 0.1) == pytest.approx(0.1, abs=0.09)
-    assert whiteness(coloured(4000, 0.2, 1), whole(4000), 50, 500.0)[0].p_value < 1e-6
+    assert whiteness(coloured(4000, 0.2, 1), single_run(4000), 50, 500.0)[0].p_value < 1e-6
 
 
 @pytest.mark.parametrize("poles", [(0.95, 0.95), (0.98, 0.6)])
@@ -47,7 +47,7 @@ def test_bands_hold_for_independent_autocorrelated_sequences(poles):
 def test_bartlett_variance_of_first_order_sequences():
     """For two AR(1) the sum of rho_u rho_e over lags is (1 + ab) / (1 - ab)."""
     a, b = coloured(60_000, 0.9, 1), coloured(60_000, 0.8, 2)
-    first, second = (sequence("", x, whole(60_000)) for x in (a, b))
+    first, second = (sequence("", x, single_run(60_000)) for x in (a, b))
     assert bartlett(first, second) == pytest.approx((1 + 0.72) / (1 - 0.72), rel=0.2)
 
 

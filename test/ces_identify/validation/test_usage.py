@@ -6,9 +6,9 @@ from residual_series import series
 
 from ces_identify.identify import identify
 from ces_identify.polynomial.limits import Limits
-from ces_identify.polynomial.problem import estimation_ticks, pose
+from ces_identify.polynomial.problem import assemble_problem, estimation_ticks
 from ces_identify.polynomial.regressors import parse_rules
-from ces_identify.structure_kit import Options
+from ces_identify.structure_kit import IdentifyOptions
 from ces_identify.validation.usage import RULE, usage
 from ces_observer.structures.terms import Term
 
@@ -25,7 +25,7 @@ RULES = parse_rules(
 def test_seconds_are_those_the_search_deals():
     """Against what the problem weighs: estimation and selection share the scored ticks, and a test has none of them."""
     one = series(6_000, warm_up=250)
-    problem = pose([one], [Term(1.0, ())])
+    problem = assemble_problem([one], [Term(1.0, ())])
     np.testing.assert_array_equal(problem.selection > 0.0, one.scored & ~estimation_ticks(one))
     row, test = usage([one.part(0.0, 1.0)], [one.part(0.5, 1.0)])
     assert row["selection_s"] == round((problem.selection > 0.0).sum() / 500.0, 1)
@@ -51,8 +51,8 @@ def test_the_test_seconds_change_nothing_of_the_model():
         return replace(channel, values=np.where(late, new, channel.values))
 
     spoiled = replace(one, channels={name: changed(channel) for name, channel in one.channels.items()})
-    limits = Limits(most_terms=2, seconds=60.0, starts=1, threads=1, rounds=1, method="random")
-    first, second = (identify([r], options=Options(0.75, RULES, limits)).model for r in (one, spoiled))
+    limits = Limits(max_terms=2, seconds=60.0, starts=1, threads=1, rounds=1, method="random")
+    first, second = (identify([r], options=IdentifyOptions(0.75, RULES, limits)).model for r in (one, spoiled))
     assert first.body.terms == second.body.terms
     assert first.sampling == second.sampling
     assert first.envelope == second.envelope

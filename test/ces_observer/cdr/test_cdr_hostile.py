@@ -10,9 +10,9 @@ from cdr_samples import JOINTS, READABLE, joints, reader, signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.cdr.layout import layout_of
+from ces_observer.cdr.layout import find_layout
 from ces_observer.cdr.signal import RawSignal
-from ces_observer.cdr.types import CdrUnsupportedError, record_of
+from ces_observer.cdr.types import CdrUnsupportedError, parse_message_type
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
 
@@ -181,5 +181,5 @@ def test_a_million_parts_alike_are_passed_at_one_go():
     kind = {"a": "sequence<my_msgs/Part>", "b": "double"}
     part = {"x": "uint32", "y": "uint8[3]"}
     raw = b"\0\1\0\0" + claim(1_000_000) + bytes(8 * 1_000_000 + 4) + struct.pack("<d", 2.5)
-    layout = layout_of(raw, record_of("my_msgs/msg/My", own_types(My=kind, Part=part)), FieldPath.parse("b"))
+    layout = find_layout(raw, parse_message_type("my_msgs/msg/My", own_types(My=kind, Part=part)), FieldPath.parse("b"))
     assert layout.offset == len(raw) - 8

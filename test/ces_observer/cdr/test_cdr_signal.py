@@ -11,7 +11,7 @@ from cdr_samples import JOINTS, READABLE, STAMP, joints, reader, signal, traject
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.cdr.layout import layout_of
+from ces_observer.cdr.layout import find_layout
 from ces_observer.cdr.signal import RawSignal
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
@@ -27,7 +27,7 @@ def test_raw_reading_is_that_of_the_message(built, path):
 
 def read_message(built, described):
     """Return what a raw reading of a message should give."""
-    value = described.reader()(built)
+    value = described.make_reader()(built)
     if not hasattr(built, "header"):
         return None, value, b""
     stamp = built.header.stamp
@@ -112,9 +112,9 @@ def walks(monkeypatch):
 
     def counted(raw, record, path):
         made.append(len(raw))
-        return layout_of(raw, record, path)
+        return find_layout(raw, record, path)
 
-    monkeypatch.setattr("ces_observer.cdr.signal.layout_of", counted)
+    monkeypatch.setattr("ces_observer.cdr.signal.find_layout", counted)
     return made
 
 

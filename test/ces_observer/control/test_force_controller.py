@@ -17,14 +17,14 @@ from ces_observer.control.control_loop import ESTIMATE, MEASURED, NONE, ControlL
 from ces_observer.control.controller_tuning import Tuning
 from ces_observer.control.force_controller import NO_ESTIMATE, NOT_FINITE, OK, STALE, ForceController
 from ces_observer.control.force_curve import ForceCurve
-from ces_observer.control.steady_force import inverse_map
+from ces_observer.control.steady_force import compute_inverse_map
 from ces_observer.errors import CesError
 
 MS = 1_000_000
 START_NS = 10**18
-INVERSE = inverse_map(plain_damper())
+INVERSE = compute_inverse_map(plain_damper())
 SOFTER = replace(INVERSE, forces_N=tuple(tuple(0.8 * force for force in row) for row in INVERSE.forces_N))
-CURVE = ForceCurve.of([-2.0, 0.0, 2.0], [-5600.0, 0.0, 5600.0])  # 0.8 A of the plain damper
+CURVE = ForceCurve.from_points([-2.0, 0.0, 2.0], [-5600.0, 0.0, 5600.0])  # 0.8 A of the plain damper
 TUNING = Tuning(low_A=0.0, high_A=2.0, safe_A=0.3, rate_A_s=20.0, valve_lag_s=0.0, preview_s=0.0, recovery_s=0.1)
 QUICK = Tuning(low_A=0.0, high_A=2.0, safe_A=0.3, rate_A_s=1e6, valve_lag_s=0.0, preview_s=0.0, recovery_s=0.0)
 ANY = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -95,7 +95,9 @@ def test_nothing_winds_up_at_a_limit() -> None:
 
 
 def test_what_the_damper_cannot_do_is_clipped_and_counted() -> None:
-    curve = ForceCurve.of([-2.0, 0.0, 2.0], [-2000.0, 0.0, 9000.0])  # too soft in rebound, too firm in compression
+    curve = ForceCurve.from_points(
+        [-2.0, 0.0, 2.0], [-2000.0, 0.0, 9000.0]
+    )  # too soft in rebound, too firm in compression
     made = ForceController(curve, INVERSE, QUICK)
     for k in range(3):
         made.step(START_NS + k * MS, 1.0, 4000.0)
@@ -121,7 +123,7 @@ def test_the_force_counts_only_after_the_reversal_is_over() -> None:
 def test_the_command_leads_the_valve() -> None:
     """Behind the valve's lag the current is what the map asked for, but for the lead's own filter."""
     tuning = Tuning(low_A=0.0, high_A=2.0, safe_A=0.3, rate_A_s=1e6, valve_lag_s=0.01, preview_s=0.0, recovery_s=0.0)
-    curve = ForceCurve.of([0.0, 1.0, 1.5], [0.0, 2300.0, 4200.0])  # 0.3 A at 1 m/s, 0.8 A at 1.5 m/s
+    curve = ForceCurve.from_points([0.0, 1.0, 1.5], [0.0, 2300.0, 4200.0])  # 0.3 A at 1 m/s, 0.8 A at 1.5 m/s
     made, behind = ForceController(curve, INVERSE, tuning), 0.3
     for k in range(50):
         made.step(START_NS + k * MS, 1.0, nan)
@@ -240,27 +242,27 @@ class TestLoop:
     def test_stale_and_unusable_estimates_lead_to_the_safe_current(self) -> None:
         loop = running(ESTIMATE)
         late = START_NS + 1001 * MS
-        loop.estimate(late, 1.0, 2800.0, late + 60 * MS, 1.001)
+        loop.take_estimate(late, 1.0, 2800.0, late + 60 * MS, 1.001)
         assert loop.controller.reason == STALE
-        loop.estimate(late + MS, 1.0, nan, late + MS, 1.002)
+        loop.take_estimate(late + MS, 1.0, nan, late + MS, 1.002)
         assert loop.controller.reason == NOT_FINITE
-        loop.estimate(late + 2 * MS, 1.0, 2800.0, late + 2 * MS, 1.003)
+        loop.take_estimate(late + 2 * MS, 1.0, 2800.0, late + 2 * MS, 1.003)
         assert loop.controller.reason == OK
 
     def test_any_age_is_followed_if_none_is_too_large(self) -> None:
         loop = running(ESTIMATE)
         loop.max_age_s = 0.0
-        loop.estimate(START_NS + 1001 * MS, 1.0, 2800.0, START_NS + 10**13, 1.001)
+        loop.take_estimate(START_NS + 1001 * MS, 1.0, 2800.0, START_NS + 10**13, 1.001)
         assert loop.controller.reason == OK
 
     def test_the_measured_force_is_fed_back_while_it_is_fresh(self) -> None:
         loop = running(MEASURED)
         unfed = loop.controller.count.unfed
-        loop.measured(1000.0, 1.0)
-        loop.estimate(START_NS + 1001 * MS, 1.0, 2800.0, START_NS + 1001 * MS, 1.001)
+        loop.take_measured_force(1000.0, 1.0)
+        loop.take_estimate(START_NS + 1001 * MS, 1.0, 2800.0, START_NS + 1001 * MS, 1.001)
         assert loop.controller.count.unfed == unfed
         assert loop.controller.trims_A[1] > 0.0
-        loop.estimate(START_NS + 1050 * MS, 1.0, 2800.0, START_NS + 1050 * MS, 1.051)
+        loop.take_estimate(START_NS + 1050 * MS, 1.0, 2800.0, START_NS + 1050 * MS, 1.051)
         assert loop.controller.count.unfed == unfed + 1
 
     def test_without_feedback_the_force_does_not_matter(self) -> None:
@@ -273,7 +275,7 @@ def running(feedback: str) -> ControlLoop:
     """Return a loop after a second of estimates at 1 kHz, the last at 1.0 s of steady time."""
     loop = ControlLoop(controller(), feedback, max_age_s=0.05)
     for k in range(1, 1001):
-        loop.estimate(START_NS + k * MS, 1.0, 2800.0, START_NS + k * MS, 0.001 * k)
+        loop.take_estimate(START_NS + k * MS, 1.0, 2800.0, START_NS + k * MS, 0.001 * k)
     return loop
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ces_observer.control.force_curve import CurveError, ForceCurve
 from ces_observer.nodes.controller_table import CURVE
 
-CURVES = ForceCurve.of([-1.0, -0.2, 0.0, 0.5], [-900.0, -500.0, 0.0, 400.0])
+CURVES = ForceCurve.from_points([-1.0, -0.2, 0.0, 0.5], [-900.0, -500.0, 0.0, 400.0])
 
 
 def test_points_and_between_them() -> None:
@@ -46,8 +46,8 @@ def test_it_never_drives(speed: float) -> None:
 )
 def test_a_curve_that_cannot_be_used_is_refused(speeds: list[float], forces: list[float], told: str) -> None:
     with pytest.raises(CurveError, match=told):
-        ForceCurve.of(speeds, forces)
+        ForceCurve.from_points(speeds, forces)
 
 
 def test_the_default_curve_is_one() -> None:
-    assert ForceCurve.of(*(spec.default for spec in CURVE)).at(0.0) == 0.0
+    assert ForceCurve.from_points(*(spec.default for spec in CURVE)).at(0.0) == 0.0

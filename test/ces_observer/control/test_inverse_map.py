@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ces_observer.control.inverse_map import InverseMap
-from ces_observer.control.steady_force import current_lag_s, inverse_map, steady_force
+from ces_observer.control.steady_force import compute_inverse_map, current_lag_s, steady_force
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Envelope, Model, load_model
 from ces_observer.structures.polynomial import Polynomial
@@ -21,8 +21,8 @@ from ces_observer.structures.terms import Factor, Term
 MODELS = Path(__file__).resolve().parents[3] / "config" / "models"
 SPEEDS = st.floats(-3.0, 3.0)
 CURRENTS = st.floats(0.0, 2.0)
-PLAIN = inverse_map(plain_damper())
-SAMPLE = inverse_map(load_model(MODELS / "sample.json"))
+PLAIN = compute_inverse_map(plain_damper())
+SAMPLE = compute_inverse_map(load_model(MODELS / "sample.json"))
 
 
 def test_it_is_the_models_steady_force() -> None:
@@ -56,7 +56,7 @@ def test_the_slope_has_the_sign_of_the_speed(speed: float, current: float) -> No
 
 def test_what_is_not_monotone_in_the_model_is_in_the_map() -> None:
     """F = v (1000 i - 500 i^2) falls again beyond 1 A: no more current is asked for where it brings nothing."""
-    inverse = inverse_map(
+    inverse = compute_inverse_map(
         with_terms(
             Term(1000.0, (Factor("speed", 0), Factor("current", 0))),
             Term(-500.0, (Factor("speed", 0), Factor("current", 0, 2.0))),
@@ -71,7 +71,7 @@ def test_what_is_not_monotone_in_the_model_is_in_the_map() -> None:
 
 def test_a_valve_that_softens_with_current() -> None:
     softening = with_terms(Term(300.0, (Factor("speed", 0),)), Term(-100.0, (Factor("speed", 0), Factor("current", 0))))
-    inverse = inverse_map(softening)
+    inverse = compute_inverse_map(softening)
     assert inverse.current(1.0, 150.0) == pytest.approx(1.5, abs=1e-6)
     assert inverse.current(-1.0, -150.0) == pytest.approx(1.5, abs=1e-6)
     assert inverse.slope(1.0, 1.0) == pytest.approx(-100.0)
@@ -92,9 +92,9 @@ def test_models_without_two_directions_or_currents_are_refused() -> None:
     one_way = replace(plain_damper(), envelope=Envelope((-0.1, 0.1), (0.0, 2.0), (0.0, 2.0)))
     passive = replace(plain_damper(), envelope=Envelope((-0.1, 0.1), (-2.0, 2.0), (0.5, 0.5)))
     with pytest.raises(ModelError, match="both directions"):
-        inverse_map(one_way)
+        compute_inverse_map(one_way)
     with pytest.raises(ModelError, match=r"at 0\.5 A alone"):
-        inverse_map(passive)
+        compute_inverse_map(passive)
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def step(damper: DamperObserver, health: Health, k: int, position: float = 0.01)
     before = damper.reason
     damper.step(k * MS, position, k * MS)
     if damper.reason != before:
-        health.change(k * MS)
+        health.note_change(k * MS)
 
 
 def test_the_shortest_episode_is_in_the_next_status_and_stays_among_the_last() -> None:
@@ -131,8 +131,8 @@ def test_an_episode_with_several_reasons_names_them_in_order() -> None:
     damper, health = damper_and_health()
     for k in range(200):
         step(damper, health, k)
-    damper.silence()
-    health.change(300 * MS)
+    damper.report_silence()
+    health.note_change(300 * MS)
     for k in range(500, 700):
         step(damper, health, k)
     message = health.status("").message
@@ -203,8 +203,8 @@ def compare(cost: RunningCost, first_s: int, last_s: int, factor: float, each_se
     """Measure at 1 kHz a force that is `factor` times the estimate."""
     for k in range(first_s * 1000, last_s * 1000):
         force = 1000.0 * sin(k * 0.012)
-        cost.estimate(k * MS, force)
-        cost.measured(k * MS, factor * force)
+        cost.add_estimate(k * MS, force)
+        cost.add_measured(k * MS, factor * force)
         if k % 1000 == 999:
             each_second(k * MS)
 
@@ -251,6 +251,6 @@ def test_without_a_measured_force_of_late_no_cost_is_told() -> None:
 def test_after_a_reload_the_new_models_facts_and_cost_are_told() -> None:
     damper, health = damper_and_health()
     cost = RunningCost(warn_J=33.0)
-    health.use(damper, {"model": "other.json"}, cost)
+    health.set_damper(damper, {"model": "other.json"}, cost)
     values = dict(health.status("").values)
     assert (values["model"], values["threshold of J [%]"]) == ("other.json", "33.00")

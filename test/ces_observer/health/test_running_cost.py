@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ces_observer.health.force_pairs import HISTORY
-from ces_observer.health.running_cost import RunningCost, usual_warn_J
+from ces_observer.health.running_cost import RunningCost, default_warn_J
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -29,8 +29,8 @@ def feed(cost: RunningCost, first_s: float, last_s: float, error_N: float = 0.0)
     estimates = force(ticks * 1e-3)
     measured = force(ticks * 1e-3 + 5e-4) + error_N * sign
     for tick, mine, theirs in zip(ticks.tolist(), estimates.tolist(), measured.tolist(), strict=True):
-        cost.estimate(START + tick * MS, mine)
-        cost.measured(START + tick * MS + MS // 2, theirs)
+        cost.add_estimate(START + tick * MS, mine)
+        cost.add_measured(START + tick * MS + MS // 2, theirs)
 
 
 @settings(deadline=None, max_examples=25)
@@ -48,7 +48,7 @@ def test_J_is_the_formula_over_the_window_in_either_order(seed: int, delay: int,
     calls += [(int(a), 1, int(s), float(y)) for a, s, y in zip(arrivals, stamps, measured, strict=True)]
     told = {}
     for _, kind, stamp, value in sorted(calls, key=lambda call: call[:2]):
-        (cost.measured if kind else cost.estimate)(stamp, value)
+        (cost.add_measured if kind else cost.add_estimate)(stamp, value)
         if cost._end_ns not in told and cost._seconds:
             told[cost._end_ns] = (cost.J, len(cost._seconds))
     assert told
@@ -88,10 +88,10 @@ def test_a_second_of_bad_luck_is_no_drift_but_three_are() -> None:
 
 
 def test_a_damper_that_hardly_moves_is_not_judged() -> None:
-    cost = RunningCost(least_N=20.0)
+    cost = RunningCost(min_N=20.0)
     for k in range(5000):
-        cost.estimate(START + k * MS, 100.0)
-        cost.measured(START + k * MS, 100.0 + 15.0 * (-1) ** k)
+        cost.add_estimate(START + k * MS, 100.0)
+        cost.add_measured(START + k * MS, 100.0 + 15.0 * (-1) ** k)
     assert cost.J is None
     assert cost.spread_N == pytest.approx(15.0)
     assert not cost.drifted
@@ -100,21 +100,21 @@ def test_a_damper_that_hardly_moves_is_not_judged() -> None:
 def test_few_pairs_are_not_judged() -> None:
     cost = RunningCost(window_s=3)
     for k in range(5000):
-        cost.estimate(START + k * MS, float(k % 500))
+        cost.add_estimate(START + k * MS, float(k % 500))
         if k % 50 == 0:
-            cost.measured(START + k * MS, float(k % 500))
+            cost.add_measured(START + k * MS, float(k % 500))
     assert cost.paired == 100
     assert cost.J is None
 
 
 def test_gaps_between_estimates_are_not_bridged() -> None:
     cost = RunningCost(max_gap_s=0.05)
-    cost.measured(START - MS, 1.0)
-    cost.estimate(START, 0.0)
-    cost.measured(START + 30 * MS, 1.0)
-    cost.estimate(START + 60 * MS, 0.0)
-    cost.measured(START + 80 * MS, 1.0)
-    cost.estimate(START + 110 * MS, 0.0)
+    cost.add_measured(START - MS, 1.0)
+    cost.add_estimate(START, 0.0)
+    cost.add_measured(START + 30 * MS, 1.0)
+    cost.add_estimate(START + 60 * MS, 0.0)
+    cost.add_measured(START + 80 * MS, 1.0)
+    cost.add_estimate(START + 110 * MS, 0.0)
     assert (cost.paired, cost.unpaired) == (1, 2)
 
 
@@ -122,7 +122,7 @@ def test_gaps_between_estimates_are_not_bridged() -> None:
 def test_a_measured_force_that_is_not_finite_is_counted_and_ignored(value: float) -> None:
     cost = RunningCost()
     feed(cost, 0.0, 1.5)
-    cost.measured(START + 1500 * MS, value)
+    cost.add_measured(START + 1500 * MS, value)
     feed(cost, 1.5, 3.5)
     assert cost.ignored == 1
     assert cost.J is not None and cost.J < 0.1
@@ -141,10 +141,10 @@ def test_a_time_jump_begins_a_new_window(jump_s: int) -> None:
 def test_memory_is_bounded_when_one_side_never_comes() -> None:
     cost = RunningCost()
     for k in range(3 * HISTORY):
-        cost.measured(START + k * MS, 1.0)
+        cost.add_measured(START + k * MS, 1.0)
     assert cost.unpaired == 2 * HISTORY
     for k in range(5 * HISTORY):
-        cost.estimate(START + (3 * HISTORY + k) * MS, 1.0)
+        cost.add_estimate(START + (3 * HISTORY + k) * MS, 1.0)
     assert len(cost._pairs._stamps) <= 2 * HISTORY
 
 
@@ -153,16 +153,16 @@ def test_the_threshold_comes_from_the_models_own_costs() -> None:
         return {"recording": "r", "role": role, "J": J}
 
     def warn(*rows: object) -> float:
-        return usual_warn_J({"cost_J_percent": list(rows)})
+        return default_warn_J({"cost_J_percent": list(rows)})
 
     assert warn(row("identification", 30.0), row("validation", 6.0), row("validation", 8.5)) == 17.0
     assert warn(row("identification", 7.0)) == 14.0
     assert warn(row("validation", 2.0)) == 10.0
     assert warn(row("validation", None), "nonsense", row("validation", nan)) == 10.0
-    assert usual_warn_J({}) == usual_warn_J({"cost_J_percent": 3}) == 10.0
+    assert default_warn_J({}) == default_warn_J({"cost_J_percent": 3}) == 10.0
 
 
 def test_of_model_takes_its_scale_from_the_model() -> None:
-    cost = RunningCost.of_model(plain_damper())
-    assert (cost.warn_J, cost.least_N) == (10.0, 160.0)
-    assert RunningCost.of_model(plain_damper(), warn_J=33.0).warn_J == 33.0
+    cost = RunningCost.from_model(plain_damper())
+    assert (cost.warn_J, cost.min_N) == (10.0, 160.0)
+    assert RunningCost.from_model(plain_damper(), warn_J=33.0).warn_J == 33.0

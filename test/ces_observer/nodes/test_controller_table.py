@@ -31,7 +31,7 @@ def test_the_file_shows_every_parameter_at_its_default() -> None:
 
 def test_the_defaults_lie_in_their_ranges() -> None:
     for spec in ALL:
-        assert spec.checked(spec.default) == spec.default
+        assert spec.check_value(spec.default) == spec.default
 
 
 def test_the_tuning_has_the_tables_defaults() -> None:

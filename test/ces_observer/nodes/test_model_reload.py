@@ -60,7 +60,7 @@ def test_the_inverse_comes_back_as_it_was_made() -> None:
     reload.start(model, "model.json", [PROVE, INVERT])
     verdict = verdict_of(reload)
     assert verdict.error == ""
-    assert ModelInverse.from_json(verdict.made) == ModelInverse.of(model)
+    assert ModelInverse.from_json(verdict.output) == ModelInverse.from_model(model)
 
 
 def test_a_model_without_an_inverse_is_refused_with_the_reason() -> None:

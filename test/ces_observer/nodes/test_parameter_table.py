@@ -24,7 +24,7 @@ def shipped() -> dict[str, object]:
 @pytest.mark.parametrize("name", SPECS)
 def test_defaults_are_allowed_and_described(name: str) -> None:
     spec = SPECS[name]
-    assert spec.checked(spec.default, name) == spec.default
+    assert spec.check_value(spec.default, name) == spec.default
     assert len(spec.meaning) > 20
 
 
@@ -43,12 +43,12 @@ def test_defaults_are_allowed_and_described(name: str) -> None:
 )
 def test_wrong_values_say_what_was_expected(name: str, value: object, told: str) -> None:
     with pytest.raises(CesError) as caught:
-        SPECS[name].checked(value, name)
+        SPECS[name].check_value(value, name)
     assert told in str(caught.value)
 
 
 def test_a_whole_number_will_do_for_a_number() -> None:
-    value = SPECS["max_age_s"].checked(1, "max_age_s")
+    value = SPECS["max_age_s"].check_value(1, "max_age_s")
     assert (value, type(value)) == (1.0, float)
 
 

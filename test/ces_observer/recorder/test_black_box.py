@@ -32,7 +32,7 @@ def keep(box: BlackBox, messages: list[Message]) -> None:
     """Keep messages as they come, with the watch every tenth of a second."""
     watched = 0
     for message in messages:
-        box.keep(*message)
+        box.add(*message)
         if message[1] >= watched + 100 * MS:
             watched = message[1]
             box.work(1e-3, watched)
@@ -91,7 +91,7 @@ def test_memory_is_bounded_by_bytes_and_by_time(tmp_path: Path) -> None:
     size = 100
     box = black_box(tmp_path, most_bytes=1000 * (size + OVERHEAD_BYTES))
     for k in range(5000):
-        box.keep(CURRENT, START + k * MS, bytes(size))
+        box.add(CURRENT, START + k * MS, bytes(size))
     assert 990 <= len(box._ring) <= 1000
     assert box._ring[-1][1] == START + 4999 * MS
     assert box._bytes == len(box._ring) * (size + OVERHEAD_BYTES)

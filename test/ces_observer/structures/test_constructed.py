@@ -13,15 +13,22 @@ from test_model import make_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import Envelope, parse_model
-from ces_observer.structures.constructed import Construction, Frequency, Hat, Hysteresis, Lag, hats
+from ces_observer.structures.constructed_inputs import (
+    Frequency,
+    Hysteresis,
+    InputConstructor,
+    Lag,
+    TriangularMembership,
+    make_memberships,
+)
 from ces_observer.structures.terms import Factor, Term
 
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)
 PLAY = Hysteresis("slack", "play", "position", 0.002)
 LAG = Lag("valve", "current", 0.008)
 FREQUENCY = Frequency("frequency", 0.25, (0.5, 20.0), 1e-4)
-LOW, MID, HIGH = BLEND = hats("by_current", "current", (0.2, 0.5, 1.1))
-OF_STOP = hats("by_stop", "hysteresis", (-0.001, 0.0015), STOP)
+LOW, MID, HIGH = BLEND = make_memberships("by_current", "current", (0.2, 0.5, 1.1))
+OF_STOP = make_memberships("by_stop", "hysteresis", (-0.001, 0.0015), STOP)
 NAMED = {one.name: one for one in (STOP, PLAY, LAG, FREQUENCY, *BLEND, *OF_STOP)}
 ENVELOPE = Envelope((-0.05, 0.05), (-2.0, 2.0), (0.0, 1.5))
 FIRST = Factor("force", 1)
@@ -36,10 +43,10 @@ def model(*terms, **changes):
 
 
 def values(one, positions, speeds=None, currents=None, rate_Hz=1000.0):
-    run = Construction([one], rate_Hz)
+    run = InputConstructor([one], rate_Hz)
     zeros = [0.0] * len(positions)
     rows = zip(positions, speeds or zeros, currents or zeros, strict=True)
-    return [run.arrive(row)[-1] for row in rows]
+    return [run.update(row)[-1] for row in rows]
 
 
 def sine(frequency_Hz, seconds=5.0, amplitude=0.01, rate_Hz=1000.0):
@@ -273,7 +280,7 @@ def test_a_blend_of_polynomials_is_bounded_tightly():
 
 def test_a_blend_over_a_lag_counts_for_its_worst_sub_model_and_is_one_variable_with_it():
     """Products of the lag and of its memberships are bounded together: the largest is found on a grid of the lag."""
-    by_valve = hats("by_valve", "valve", (0.2, 0.5, 1.1), LAG)
+    by_valve = make_memberships("by_valve", "valve", (0.2, 0.5, 1.1), LAG)
     inside = [Factor(hat.name, 0, 1.0, False, hat) for hat in by_valve]
     made = model(past(0.9, inside[0]), past(-0.8, inside[1]), past(0.3, inside[2], of("valve", 0, 2.0)))
     grid = [k * 1e-4 for k in range(15001)]
@@ -283,7 +290,7 @@ def test_a_blend_over_a_lag_counts_for_its_worst_sub_model_and_is_one_variable_w
 
 
 def test_one_bad_sub_model_is_found_however_narrow_its_region():
-    narrow = Hat("region", "current", 0.7, 0.7001, 0.7002)
+    narrow = TriangularMembership("region", "current", 0.7, 0.7001, 0.7002)
     bad = model(past(0.5), past(0.51, Factor("region", 8, 1.0, False, narrow)))
     assert not bad.is_stable()
     assert bad.certify().gain == pytest.approx(1.01, rel=3e-3)

@@ -6,8 +6,8 @@ from trained_models import FUZZY, fuzzy_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import load_model, parse_model
-from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule, least_firing
-from ces_observer.structures.lagged import Regressor
+from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule, min_firing
+from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.structure import OperatingRange
 
 BOUNDS = {"position": (-0.1, 0.1), "speed": (-1.0, 1.0), "current": (0.0, 1.0)}
@@ -72,7 +72,7 @@ def test_reset_brings_it_back_to_new():
 
 
 def test_rules_together_fire_at_least_what_is_said():
-    least = least_firing(FUZZY, BOUNDS)
+    least = min_firing(FUZZY, BOUNDS)
     for v in range(-10, 11):
         for i in range(11):
             grades = [[b.at(x) for b in p.memberships] for p, x in zip(FUZZY.premises, (v / 10, i / 10), strict=True)]

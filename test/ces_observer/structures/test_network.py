@@ -7,8 +7,8 @@ from trained_models import NETWORK, REGRESSORS, network_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import load_model, parse_model
-from ces_observer.structures.lagged import Regressor
-from ces_observer.structures.network import Network, Unit
+from ces_observer.structures.lagged_signals import Regressor
+from ces_observer.structures.network import Network, SigmoidUnit
 from ces_observer.structures.structure import OperatingRange
 
 BOUNDS = {"position": (-0.1, 0.1), "speed": (-1.0, 1.0), "current": (0.0, 1.0)}
@@ -20,7 +20,9 @@ def run(network, limits=(-9e3, 9e3)):
 
 def test_force_is_the_sum_of_the_affine_part_and_the_sigmoids():
     v, i = Regressor("speed", 1, 0.2, 0.5), Regressor("current", 0, 0.5, 0.25)
-    network = Network((v, i), 100.0, 0.3, (2.0, -1.0), (Unit(4.0, 0.7, (1.5, -2.0)), Unit(-1.0, 0.0, (0.0, 3.0))))
+    network = Network(
+        (v, i), 100.0, 0.3, (2.0, -1.0), (SigmoidUnit(4.0, 0.7, (1.5, -2.0)), SigmoidUnit(-1.0, 0.0, (0.0, 3.0)))
+    )
     r = run(network)
     r.tick(0.0, 0.6, 0.1)
     a, b = (0.6 - 0.2) / 0.5, (0.9 - 0.5) / 0.25
@@ -53,7 +55,7 @@ def test_a_force_out_of_its_envelope_is_infinite():
 
 
 def test_saturated_sigmoids_do_not_overflow():
-    r = run(Network((Regressor("speed", 0, 0.0, 1e-9),), 1.0, 0.0, (0.0,), (Unit(1.0, 0.0, (1e9,)),)))
+    r = run(Network((Regressor("speed", 0, 0.0, 1e-9),), 1.0, 0.0, (0.0,), (SigmoidUnit(1.0, 0.0, (1e9,)),)))
     assert r.tick(0.0, -1.0, 0.0) == pytest.approx(0.0, abs=1e-300)
     assert r.tick(0.0, 1.0, 0.0) == 1.0
 
@@ -109,7 +111,7 @@ def test_what_is_wrong_is_named(change, message):
 
 def test_the_largest_network_fits_the_file_and_reads_back():
     regressors = tuple(Regressor("speed", lag, 0.123456789, 0.987654321) for lag in range(40))
-    unit = Unit(-1.234567890123456, 1.1, (0.1234567890123456,) * 40)
+    unit = SigmoidUnit(-1.234567890123456, 1.1, (0.1234567890123456,) * 40)
     model = network_model(replace(NETWORK, regressors=regressors, linear=(0.1,) * 40, units=(unit,) * 200))
     assert len(model.to_json()) < 1_000_000
     assert parse_model(model.to_json(), "m.json") == model

@@ -9,7 +9,7 @@ from trained_models import ENVELOPE, FUZZY, NETWORK, REGRESSORS, fuzzy_model, ne
 from ces_observer.errors import ModelError
 from ces_observer.model import parse_model
 from ces_observer.structures.fuzzy import Fuzzy, Premise, Rule
-from ces_observer.structures.network import Network, Unit
+from ces_observer.structures.network import Network, SigmoidUnit
 
 BOUNDS = ENVELOPE.by_signal
 
@@ -20,7 +20,7 @@ def unbounded(model):
 
 def random_network(chance):
     units = tuple(
-        Unit(chance.uniform(-1, 1), chance.uniform(-1, 1), tuple(chance.uniform(-0.6, 0.6) for _ in REGRESSORS))
+        SigmoidUnit(chance.uniform(-1, 1), chance.uniform(-1, 1), tuple(chance.uniform(-0.6, 0.6) for _ in REGRESSORS))
         for _ in range(4)
     )
     linear = (chance.uniform(-0.3, 0.5), chance.uniform(-0.1, 0.1), *(chance.uniform(-1, 1) for _ in range(3)))
@@ -49,7 +49,7 @@ def test_gain_of_a_network_is_exact_where_it_is_known():
 
 
 def test_drive_of_a_network_is_exact_where_it_is_known():
-    network = Network(REGRESSORS[2:3], 100.0, 0.5, (2.0,), (Unit(3.0, 0.0, (1.0,)),))
+    network = Network(REGRESSORS[2:3], 100.0, 0.5, (2.0,), (SigmoidUnit(3.0, 0.0, (1.0,)),))
     drive = network_model(network).certify().drive_N
     top = (1.0 - 0.1) / 0.4
     bottom = (-1.0 - 0.1) / 0.4
@@ -111,7 +111,7 @@ def test_one_step_from_two_pasts_never_changes_more_than_the_gain_allows(make):
 
 
 def test_what_is_no_contraction_gets_no_certificate():
-    steep = replace(NETWORK, units=(*NETWORK.units, Unit(4.0, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0))))
+    steep = replace(NETWORK, units=(*NETWORK.units, SigmoidUnit(4.0, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0))))
     eager = replace(FUZZY, rules=(*FUZZY.rules, Rule((0, 0), 0.0, (0.9, -0.2, 0.0, 0.0, 0.0))))
     for model in (network_model(steep), fuzzy_model(eager)):
         assert not model.is_stable()

@@ -10,13 +10,23 @@ from hypothesis import strategies as st
 from test_model import make_model
 
 from ces_observer.model import Envelope
-from ces_observer.structures.constructed import BASE, Construction, Frequency, Hysteresis, Lag, hats
+from ces_observer.structures.constructed_inputs import (
+    BASE,
+    Frequency,
+    Hysteresis,
+    InputConstructor,
+    Lag,
+    make_memberships,
+)
 from ces_observer.structures.terms import Factor, Term
 
 ENVELOPE = Envelope((-0.05, 0.04), (-1.5, 2.0), (-0.2, 1.5))
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)
 MADE = (STOP, Frequency("pace", 0.25, (0.5, 20.0), 1e-4), Lag("coil", "current", 0.02))
-HATS = (*hats("by_speed", "speed", (-0.5, 0.5)), *hats("by_stop", "hysteresis", (-0.001, 0.0015), STOP))
+HATS = (
+    *make_memberships("by_speed", "speed", (-0.5, 0.5)),
+    *make_memberships("by_stop", "hysteresis", (-0.001, 0.0015), STOP),
+)
 FIRST = Factor("force", 1)
 
 
@@ -35,12 +45,12 @@ def driven(count, seed=1, beyond=1.0):
 
 def slow_forces(made, rows):
     """Return the force [N] at each of `rows`, and how large its terms are together."""
-    construction, past, forces, sizes = Construction(made.body.constructed, made.sampling.rate_Hz), [], [], []
+    construction, past, forces, sizes = InputConstructor(made.body.constructed, made.sampling.rate_Hz), [], [], []
     names = [*BASE, *(one.name for one in made.body.constructed)]
     for row in rows:
         ranges = made.envelope.by_signal.values()
         clamped = [min(max(value, low), high) for value, (low, high) in zip(row, ranges, strict=True)]
-        past.append(dict(zip(names, construction.arrive(clamped), strict=True)))
+        past.append(dict(zip(names, construction.update(clamped), strict=True)))
         terms = [
             term.coefficient * math.prod(slow_factor(f, past, forces) for f in term.factors) for term in made.body.terms
         ]

@@ -14,8 +14,8 @@ from test_model import make_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import Envelope
-from ces_observer.structures.constructed import Hat, Hysteresis
 from ces_observer.structures.constructed_file import RESERVED
+from ces_observer.structures.constructed_inputs import Hysteresis, TriangularMembership
 from ces_observer.structures.terms import Factor, Term
 from ces_observer.structures.tick_source import tick_source
 
@@ -60,7 +60,7 @@ def numbers(text):
 
 def model_with(name):
     made = Hysteresis(name, "stop", "position", 0.002)
-    hat = Hat(name + "_1", name, None, 0.001, None, made)
+    hat = TriangularMembership(name + "_1", name, None, 0.001, None, made)
     factors = Factor(name, 3, 0.7, False, made), Factor(hat.name, 1, 1.0, False, hat), Factor("force", 1)
     return make_model(terms=(Term(123.25, factors), Term(-7.5, (Factor("current", 4, 1.5),))))
 

@@ -11,11 +11,11 @@ from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_rig.blind.case_folder import EPOCH_S, write_case
 from ces_rig.blind.draw import draw_case
-from ces_rig.blind.plan import Case
+from ces_rig.blind.plan import BlindCase
 from ces_rig.simulation import load_rig
 
 SECONDS = 2.5
-FRICTION = Case("effect", ("friction",), 3.0, 1.0 / 3.0, "rich", ("hydraulic",), number=7, seed=11)
+FRICTION = BlindCase("effect", ("friction",), 3.0, 1.0 / 3.0, "rich", ("hydraulic",), number=7, seed=11)
 
 
 def rms(values):
@@ -76,7 +76,7 @@ def test_the_folder_tells_nothing_of_what_is_withheld(made):
     described = json.loads((folder / "case.json").read_text())
     assert not set(described) & {"kind", "plant", "effects", "gap_to_noise", "baseline_ratio", "gap_N"}
     other = write_case(
-        draw_case(Case("none", (), 3.0, 0.0, "rich", ("hydraulic",), 8, 5), SECONDS), folder.parent / "0008"
+        draw_case(BlindCase("none", (), 3.0, 0.0, "rich", ("hydraulic",), 8, 5), SECONDS), folder.parent / "0008"
     )
     names = [sorted(str(p.relative_to(f)) for p in f.rglob("*")) for f in (folder, folder.parent / "0008")]
     assert names[0] == names[1]

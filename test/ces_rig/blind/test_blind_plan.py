@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from ces_rig.blind.plan import KINDS, Levels, grid, sample, spare, visible
+from ces_rig.blind.plan import KINDS, Levels, is_visible, list_spare_effects, plan_grid, plan_sample
 from ces_rig.errors import RigError
 
 LEVELS = Levels(
@@ -15,7 +15,7 @@ LEVELS = Levels(
 
 
 def test_the_grid_crosses_every_level_that_can_be_seen():
-    cases = [case for case in grid(LEVELS, 1) if case.kind == "effect"]
+    cases = [case for case in plan_grid(LEVELS, 1) if case.kind == "effect"]
     assert Counter(case.effects for case in cases) == {
         ("friction",): 27, ("backlash",): 27, ("leakage",): 27, ("inertia",): 27, ("valve_lag",): 18
     }  # fmt: skip
@@ -24,24 +24,24 @@ def test_the_grid_crosses_every_level_that_can_be_seen():
 
 
 def test_half_of_the_cases_without_an_effect_have_a_wrong_simulation():
-    for cases in (grid(LEVELS, 1), sample(LEVELS, 1, 200)):
+    for cases in (plan_grid(LEVELS, 1), plan_sample(LEVELS, 1, 200)):
         ratios = [case.baseline_ratio for case in cases if case.kind == "none"]
         assert abs(sum(ratio > 0.0 for ratio in ratios) - len(ratios) / 2) <= 0.5
         assert all(case.effects == () for case in cases if case.kind == "none")
 
 
 def test_a_sample_is_balanced():
-    cases = sample(LEVELS, 3, 100)
+    cases = plan_sample(LEVELS, 3, 100)
     assert Counter(case.kind for case in cases) == {"effect": 60, "none": 14, "outside": 12, "pair": 14}
     effects = [case for case in cases if case.kind == "effect"]
     assert set(Counter(case.effects for case in effects).values()) == {12}
     assert set(Counter(case.gap_to_noise for case in effects).values()) == {20}
     assert set(Counter(case.baseline_ratio for case in effects).values()) == {20}
-    assert all(visible(case.effects, case.excitation) for case in cases)
+    assert all(is_visible(case.effects, case.excitation) for case in cases)
     assert all(len(set(case.effects)) == 2 for case in cases if case.kind == "pair")
 
 
-@pytest.mark.parametrize("plan", [lambda seed: grid(LEVELS, seed), lambda seed: sample(LEVELS, seed, 60)])
+@pytest.mark.parametrize("plan", [lambda seed: plan_grid(LEVELS, seed), lambda seed: plan_sample(LEVELS, seed, 60)])
 def test_a_plan_is_a_function_of_its_seed(plan):
     assert plan(1) == plan(1)
     assert plan(1) != plan(2)
@@ -50,19 +50,19 @@ def test_a_plan_is_a_function_of_its_seed(plan):
 
 
 def test_numbers_say_nothing_about_the_kind():
-    cases = sample(LEVELS, 5, 400)
+    cases = plan_sample(LEVELS, 5, 400)
     places = {kind: [case.number for case in cases if case.kind == kind] for kind in KINDS}
     means = {kind: sum(numbers) / len(numbers) for kind, numbers in places.items()}
     assert all(abs(mean - 200.5) < 45.0 for mean in means.values())  # 2.5 standard errors of the smallest kind
 
 
 def test_what_may_stand_in_is_of_the_same_kind_and_visible():
-    for case in sample(LEVELS, 7, 60):
-        others = spare(case, LEVELS)
+    for case in plan_sample(LEVELS, 7, 60):
+        others = list_spare_effects(case, LEVELS)
         assert case.effects not in others
-        assert all(len(other) == len(case.effects) and visible(other, case.excitation) for other in others)
+        assert all(len(other) == len(case.effects) and is_visible(other, case.excitation) for other in others)
 
 
 def test_an_effect_that_no_excitation_shows_is_refused():
     with pytest.raises(RigError, match="valve_lag cannot be seen under constant_current"):
-        sample(Levels(("valve_lag",), (), ("hydraulic",), ("effect",), excitations=("constant_current",)), 1, 3)
+        plan_sample(Levels(("valve_lag",), (), ("hydraulic",), ("effect",), excitations=("constant_current",)), 1, 3)

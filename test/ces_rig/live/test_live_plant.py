@@ -6,10 +6,10 @@ import yaml
 
 from ces_rig.dampers.hydraulic.stepper import spline_speed
 from ces_rig.errors import RigError
-from ces_rig.experiment import GRID_S, load_experiment, packaged, truth
-from ces_rig.live.description import Description, effect_from, load_description, with_effects
+from ces_rig.experiment import GRID_S, load_experiment, packaged_experiments, simulate_truth
+from ces_rig.live.description import DamperDescription, load_description, parse_effect, with_effects
 from ces_rig.live.plant import LivePlant
-from ces_rig.live.rig import LiveRig, Settings
+from ces_rig.live.rig import LiveRig, RigSettings
 from ces_rig.withheld import plants
 
 COUNT = 2  # grid intervals a tick
@@ -24,7 +24,7 @@ def commands(low: float, high: float) -> np.ndarray:
     return np.concatenate([[low], np.repeat(ticks, COUNT)])
 
 
-def driven(damper: Description, command: np.ndarray, step_s: float | None = None) -> np.ndarray:
+def driven(damper: DamperDescription, command: np.ndarray, step_s: float | None = None) -> np.ndarray:
     plant = LivePlant(damper, GRID_S, COUNT, step_s)
     speed = spline_speed(TIME, STROKE)
     forces = [[plant.settle(STROKE[0], speed[0], command[0])]]
@@ -34,7 +34,7 @@ def driven(damper: Description, command: np.ndarray, step_s: float | None = None
     return np.concatenate(forces)
 
 
-def described(tmp_path, kind: str) -> Description:
+def described(tmp_path, kind: str) -> DamperDescription:
     path = tmp_path / "rig.yaml"
     given = {"kind": kind} | ({"delay_s": 0.0033} if kind == "calibration" else {})
     path.write_text(yaml.safe_dump(given))
@@ -64,21 +64,21 @@ def test_twice_the_step_stays_within_the_integrators_tolerance(tmp_path, kind):
 def test_withheld_effects_are_those_of_the_blind_test(tmp_path, kind, name):
     damper = described(tmp_path, kind)
     command = commands(*damper.model.current_A)
-    plant = plants.Plant(kind, damper.model)
-    expected = plants.signals(plant, [effect_from(name, kind)], TIME, STROKE, command).force_N
+    plant = plants.BlindPlant(kind, damper.model)
+    expected = plants.simulate_signals(plant, [parse_effect(name, kind)], TIME, STROKE, command).force_N
     with_it = driven(with_effects(damper, [name]), command)
     assert np.abs(with_it - expected).max() <= ROUNDING_N[kind]
     assert np.abs(with_it - driven(damper, command)).max() > 10.0
 
 
 def test_an_experiment_live_equals_the_recorded_one():
-    experiment = load_experiment(packaged()["noise"])
-    true = truth(experiment)
+    experiment = load_experiment(packaged_experiments()["noise"])
+    true = simulate_truth(experiment)
     first = {"safe_current_A": true.commanded_A[0], "command_timeout_s": 0.0}
-    rig = LiveRig(Settings(drive="experiment", experiment="noise", noise=0.0, rate_hz=2000, **first))
+    rig = LiveRig(RigSettings(drive="experiment", experiment="noise", noise=0.0, rate_hz=2000, **first))
     forces, strokes, coils = [], [], []
     for k in range(1, 4000):
-        rig.command.give(true.commanded_A[k], rig.time_s)
+        rig.command.set_current(true.commanded_A[k], rig.time_s)
         sample = rig.tick()
         forces.append(sample.force_N)
         strokes.append(sample.position_m)
@@ -90,12 +90,14 @@ def test_an_experiment_live_equals_the_recorded_one():
 
 
 def test_effects_are_given_by_name_and_numbers():
-    effect = effect_from("friction: {severity: 0.5, coulomb_N: 30}", "hydraulic")
+    effect = parse_effect("friction: {severity: 0.5, coulomb_N: 30}", "hydraulic")
     assert (effect.severity, effect.proportions["coulomb_N"]) == (0.5, 30.0)
     assert 1.05 < effect.proportions["static"] < 1.8
-    damper = with_effects(Description(), ["friction: {severity: 2.0, coulomb_N: 30}", "force_offset: {offset_N: 12}"])
+    damper = with_effects(
+        DamperDescription(), ["friction: {severity: 2.0, coulomb_N: 30}", "force_offset: {offset_N: 12}"]
+    )
     assert damper.model.damper.seal.coulomb_N == 28.0 + 60.0
-    assert damper.sensed == (("force_offset", {"offset_N": 12.0}),)
+    assert damper.sensor_effects == (("force_offset", {"offset_N": 12.0}),)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_effects_are_given_by_name_and_numbers():
 )
 def test_mistakes_in_effects_are_one_line(text, says):
     with pytest.raises(RigError, match=says) as caught:
-        with_effects(Description(), [text])
+        with_effects(DamperDescription(), [text])
     assert "\n" not in str(caught.value)
 
 

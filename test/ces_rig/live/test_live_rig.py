@@ -10,13 +10,13 @@ import pytest
 import yaml
 
 from ces_rig.errors import RigError
-from ces_rig.experiment import GRID_S, experiment_from
+from ces_rig.experiment import GRID_S, parse_experiment
 from ces_rig.live.command import Command
 from ces_rig.live.pace import Pace
-from ces_rig.live.rig import LiveRig, Settings
-from ces_rig.live.script import BLOCK, Actuator, Script, loop_of, loop_of_experiment
+from ces_rig.live.rig import LiveRig, RigSettings
+from ces_rig.live.script import BLOCK, Actuator, Script, make_experiment_loop, make_loop
 
-QUIET = Settings(noise=0.0)
+QUIET = RigSettings(noise=0.0)
 
 
 def positions(rig: LiveRig, seconds: float) -> np.ndarray:
@@ -25,7 +25,7 @@ def positions(rig: LiveRig, seconds: float) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["rest", "sine", "sweep", "noise", "triangle"])
 def test_a_script_goes_on_smoothly_where_its_loop_begins_again(kind):
-    loop = loop_of(Script(kind=kind, frequency_Hz=3.3, loop_s=2.0), GRID_S, 1)
+    loop = make_loop(Script(kind=kind, frequency_Hz=3.3, loop_s=2.0), GRID_S, 1)
     actuator = Actuator(loop, GRID_S)
     count = len(loop.stroke_m) // BLOCK + 2
     moves = [actuator.moves(BLOCK) for _ in range(count)]
@@ -55,18 +55,18 @@ def test_the_amplitude_changes_live_without_a_jump():
 
 def test_an_experiment_must_end_where_it_begins():
     sine = {"kind": "sine", "amplitude_m": 0.01, "frequency_Hz": 1.1, "fade_s": 0.0}
-    experiment = experiment_from(
+    experiment = parse_experiment(
         {"duration_s": 2.0, "stroke": sine, "current": {"kind": "constant", "current_A": 0.5}}, "x"
     )
     with pytest.raises(RigError, match=r"ends 0\.009.* from its start; give stroke.fade_s"):
-        loop_of_experiment(experiment, GRID_S)
+        make_experiment_loop(experiment, GRID_S)
 
 
 def test_more_current_makes_more_force_and_silence_brings_the_safe_current_back():
     rig = LiveRig(replace(QUIET, safe_current_A=0.35, command_timeout_s=0.2))
     strong = []
     for _ in range(2000):
-        rig.command.give(5.0, rig.time_s)
+        rig.command.set_current(5.0, rig.time_s)
         strong.append(rig.tick().force_N)
     assert rig.coil_A == pytest.approx(0.7, abs=1e-6)  # clipped at what the valve takes
     for _ in range(190):
@@ -82,9 +82,9 @@ def test_more_current_makes_more_force_and_silence_brings_the_safe_current_back(
 def test_a_command_that_is_no_number_is_refused():
     command = Command((0.29, 0.7), 0.4, 0.0)
     assert command.at(0.0) == 0.4
-    command.give(0.5, 0.0)
-    command.give(nan, 0.1)
-    command.give(inf, 0.1)
+    command.set_current(0.5, 0.0)
+    command.set_current(nan, 0.1)
+    command.set_current(inf, 0.1)
     assert (command.at(1e6), command.refused) == (0.5, 2)
     command.timeout_s = 1.0
     assert (command.at(0.9), command.at(1.1)) == (0.5, 0.4)
@@ -92,7 +92,7 @@ def test_a_command_that_is_no_number_is_refused():
 
 def test_sensors_are_those_of_the_recorded_rig():
     rest = Script(kind="rest")
-    rig = LiveRig(Settings(script=rest))
+    rig = LiveRig(RigSettings(script=rest))
     samples = [rig.tick() for _ in range(20_000)]
     position = np.array([s.position_m for s in samples])
     force = np.array([s.force_N for s in samples])
@@ -102,14 +102,14 @@ def test_sensors_are_those_of_the_recorded_rig():
     assert force.std() == pytest.approx(np.hypot(8.0, 1 / 12**0.5), rel=0.03)
     assert len(current) == 10_000  # 500 Hz
     assert np.std(current) == pytest.approx(np.hypot(1.5e-3, 1e-3 / 12**0.5), rel=0.05)
-    again = LiveRig(Settings(script=rest))
+    again = LiveRig(RigSettings(script=rest))
     assert [again.tick() for _ in range(100)] == samples[:100]
-    other = LiveRig(Settings(script=rest, seed=2))
+    other = LiveRig(RigSettings(script=rest, seed=2))
     assert [other.tick() for _ in range(100)] != samples[:100]
 
 
 def test_dropouts_and_noise_can_be_set():
-    rig = LiveRig(Settings())
+    rig = LiveRig(RigSettings())
     rig.change({"dropout": 0.25, "noise": 0.0})
     samples = [rig.tick() for _ in range(8000)]
     lost = sum(s.position_m is None for s in samples)
@@ -164,18 +164,18 @@ def test_any_rate_gives_the_same_stroke(rate_hz):
 def test_the_teaching_parameter_file_shows_the_defaults():
     path = Path(__file__).parents[3] / "config" / "rig_live.yaml"
     shown = yaml.safe_load(path.read_text(encoding="utf-8"))["/**"]["ros__parameters"]
-    for name, value in {**asdict(Settings()), "withheld": [""]}.items():
+    for name, value in {**asdict(RigSettings()), "withheld": [""]}.items():
         assert shown[name] == value, name
 
 
 def test_pace_catches_up_and_tells_its_lag():
     pace = Pace(1e-3, 100.0)
-    assert pace.due(100.0005) == 0
-    assert pace.due(100.0101) == 10
-    pace.done(4)
-    assert pace.due(100.0101) == 6
+    assert pace.count_due(100.0005) == 0
+    assert pace.count_due(100.0101) == 10
+    pace.mark_done(4)
+    assert pace.count_due(100.0101) == 6
     assert pace.lag_s(100.0101) == pytest.approx(5.1e-3)
-    assert Pace(1e-3, 0.0, factor=5.0).due(0.01001) == 50
+    assert Pace(1e-3, 0.0, factor=5.0).count_due(0.01001) == 50
 
 
 def test_ticks_never_repeat_or_skip():

@@ -5,12 +5,12 @@ import pytest
 from scipy.signal import welch
 
 from ces_rig.drive.quarter_vehicle import ROUGHNESS_M3
-from ces_rig.live.road import AVERAGING, BLOCK, CLASSES, CONTACT_M, LONGEST_M, Road, roughness_m3
+from ces_rig.live.road import AVERAGING, BLOCK, CLASSES, CONTACT_M, LONGEST_M, LiveRoad, roughness_m3
 
 INTERVAL = 0.5e-3
 
 
-def heights(road: Road, count: int) -> np.ndarray:
+def heights(road: LiveRoad, count: int) -> np.ndarray:
     return np.concatenate([road.heights(BLOCK) for _ in range(count // BLOCK)])
 
 
@@ -18,7 +18,7 @@ def heights(road: Road, count: int) -> np.ndarray:
 @pytest.mark.parametrize("speed", [4.0, 25.0])
 def test_density_is_that_of_the_standard(road_class, speed):
     """Waviness 2 and the class's level at 0.1 cycles/m, between the longest waves and the tyre's contact patch."""
-    road = Road(road_class, speed, INTERVAL, np.random.default_rng(1))
+    road = LiveRoad(road_class, speed, INTERVAL, np.random.default_rng(1))
     apart = speed * INTERVAL
     every = max(1, round(0.05 / apart))
     height = heights(road, round(20_000 / apart))[::every]
@@ -30,7 +30,7 @@ def test_density_is_that_of_the_standard(road_class, speed):
 
 
 def test_density_as_declared_holds_down_to_the_contact_patch():
-    road = Road("C", 10.0, INTERVAL, np.random.default_rng(2))
+    road = LiveRoad("C", 10.0, INTERVAL, np.random.default_rng(2))
     wave, density = welch(heights(road, 2_000_000), 1 / (10.0 * INTERVAL), nperseg=2**15)
     band = (wave > 0.05) & (wave < 10.0)
     patch = 2.0 * np.pi * CONTACT_M / AVERAGING
@@ -45,7 +45,7 @@ def test_classes_are_those_of_the_recorded_rig():
 
 
 def test_at_standstill_the_road_stands_still():
-    road = Road("D", 20.0, INTERVAL, np.random.default_rng(3))
+    road = LiveRoad("D", 20.0, INTERVAL, np.random.default_rng(3))
     heights(road, 10_000)
     road.speed_m_s = 0.0
     height = heights(road, 1000)
@@ -53,7 +53,7 @@ def test_at_standstill_the_road_stands_still():
 
 
 def test_a_change_of_class_does_not_jump():
-    road = Road("A", 20.0, INTERVAL, np.random.default_rng(4))
+    road = LiveRoad("A", 20.0, INTERVAL, np.random.default_rng(4))
     before = heights(road, 5000)
     road.road_class = "F"
     after = heights(road, 5000)
@@ -62,7 +62,7 @@ def test_a_change_of_class_does_not_jump():
 
 
 def test_the_same_whatever_the_portions():
-    whole, parts = (Road("B", 15.0, INTERVAL, np.random.default_rng(5)) for _ in range(2))
+    whole, parts = (LiveRoad("B", 15.0, INTERVAL, np.random.default_rng(5)) for _ in range(2))
     assert np.array_equal(
         heights(whole, 600), np.concatenate([parts.heights(n) for n in (3, 97, 100, 99, 100, 100, 1, 100)])
     )

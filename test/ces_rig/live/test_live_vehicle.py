@@ -9,9 +9,9 @@ from ces_rig.dampers.bouc_wen.parameters import BoucWen
 from ces_rig.drive import vehicle_kernel as qv
 from ces_rig.drive.quarter_vehicle import QuarterVehicle
 from ces_rig.errors import RigError
-from ces_rig.live.description import Description
+from ces_rig.live.description import DamperDescription
 from ces_rig.live.plant import LivePlant
-from ces_rig.live.rig import LiveRig, Settings
+from ces_rig.live.rig import LiveRig, RigSettings
 from ces_rig.live.vehicle import Vehicle, numbers_of
 
 GRID = 0.5e-3
@@ -37,7 +37,9 @@ def wavy(seconds: float) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["hydraulic", "bouc_wen", "calibration"])
 def test_at_rest_it_stays_at_rest(tmp_path, kind):
     (tmp_path / "rig.yaml").write_text(f"kind: {kind}")
-    settings = Settings(drive="vehicle", damper=str(tmp_path / "rig.yaml"), vehicle=Vehicle(speed_m_s=0.0), noise=0.0)
+    settings = RigSettings(
+        drive="vehicle", damper=str(tmp_path / "rig.yaml"), vehicle=Vehicle(speed_m_s=0.0), noise=0.0
+    )
     rig = LiveRig(settings)
     samples = [rig.tick() for _ in range(1000)]
     assert max(abs(s.position_m) for s in samples) < 1e-4
@@ -52,7 +54,7 @@ def test_with_a_linear_damper_it_moves_as_the_linear_vehicle():
         yield_N=0.0, yield_N_A=0.0, viscous_Ns_m=1400.0, viscous_Ns_mA=0.0, series_Ns_m=1e8, inner_N_m=0.0,
         fluid_N_m=1e8, seal_N=0.0, rod_m2=1e-6, gas_Pa=1.1e5, mount_N_m=1e8, mount_Ns_m=1e4, mass_kg=0.05,
     )  # fmt: skip
-    plant = LivePlant(Description("bouc_wen", dashpot), GRID, 1, 5e-5)
+    plant = LivePlant(DamperDescription("bouc_wen", dashpot), GRID, 1, 5e-5)
     time = np.arange(0, 4, GRID) + GRID
     for frequency in (1.5, 4.0, 12.0):
         amplitude = 0.004
@@ -65,7 +67,9 @@ def test_with_a_linear_damper_it_moves_as_the_linear_vehicle():
 
 @pytest.mark.parametrize("step_s", [1e-4, 5e-5])
 def test_finer_steps_change_little(step_s):
-    fine, rough = (ridden(LivePlant(Description(), GRID, 1, step), wavy(3.0), 0.5) for step in (step_s / 2, step_s))
+    fine, rough = (
+        ridden(LivePlant(DamperDescription(), GRID, 1, step), wavy(3.0), 0.5) for step in (step_s / 2, step_s)
+    )
     for which in (qv.STROKE, qv.FORCE, qv.TYRE):
         error = np.sqrt(np.mean((rough[:, which] - fine[:, which]) ** 2))
         assert 0.0 < error < 0.01 * fine[:, which].std()
@@ -73,7 +77,7 @@ def test_finer_steps_change_little(step_s):
 
 def test_energy_that_the_road_puts_in_warms_the_damper():
     """What body and wheel have lost at the end is what dampers took: nothing comes from nowhere."""
-    plant = LivePlant(Description(), GRID, 1)
+    plant = LivePlant(DamperDescription(), GRID, 1)
     heights = wavy(6.0)
     motion = ridden(plant, heights, 0.5)
     rate = np.diff(heights, prepend=0.0) / GRID
@@ -86,14 +90,14 @@ def test_energy_that_the_road_puts_in_warms_the_damper():
 
 
 def test_a_firmer_valve_strokes_less():
-    soft, firm = (ridden(LivePlant(Description(), GRID, 1), wavy(4.0), current) for current in (0.29, 0.7))
+    soft, firm = (ridden(LivePlant(DamperDescription(), GRID, 1), wavy(4.0), current) for current in (0.29, 0.7))
     assert firm[:, qv.STROKE].std() < 0.8 * soft[:, qv.STROKE].std()
 
 
 @pytest.mark.parametrize("rate_hz", [200, 2000])
 def test_the_worst_road_stays_between_the_dampers_ends(rate_hz):
     rig = LiveRig(
-        Settings(drive="vehicle", vehicle=Vehicle(road_class="H", speed_m_s=60.0), noise=0.0, rate_hz=rate_hz)
+        RigSettings(drive="vehicle", vehicle=Vehicle(road_class="H", speed_m_s=60.0), noise=0.0, rate_hz=rate_hz)
     )
     samples = [rig.tick() for _ in range(5 * rate_hz)]
     stroke = np.array([s.position_m for s in samples])
@@ -109,7 +113,7 @@ def test_a_blow_keeps_momentum_and_takes_energy():
     motion[qv.WHEEL], motion[qv.BODY_SPEED], motion[qv.WHEEL_SPEED] = 0.0605, -1.0, 3.0
     before = 145.0 * -1.0 + 17.0 * 3.0
     centre = 17.0 * 0.0605 / 162.0
-    qv.end_of_stroke(b, motion)
+    qv.limit_stroke(b, motion)
     assert 145.0 * motion[qv.BODY_SPEED] + 17.0 * motion[qv.WHEEL_SPEED] == pytest.approx(before)
     assert motion[qv.WHEEL_SPEED] == motion[qv.BODY_SPEED]
     assert motion[qv.WHEEL] - motion[qv.BODY] == pytest.approx(0.059)
@@ -118,4 +122,4 @@ def test_a_blow_keeps_momentum_and_takes_energy():
 
 def test_a_stop_beyond_the_damper_is_refused():
     with pytest.raises(RigError, match=r"stop_clearance_m 0\.06 is not below"):
-        LiveRig(Settings(vehicle=replace(Vehicle(), stop_clearance_m=0.06)))
+        LiveRig(RigSettings(vehicle=replace(Vehicle(), stop_clearance_m=0.06)))

@@ -4,29 +4,29 @@ import numpy as np
 import pytest
 import yaml
 
-from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Withheld, scaled
+from ces_rig.dampers.effects import EFFECTS, OUTSIDE, WithheldEffect, with_severity
 from ces_rig.drive.strokes import make_stroke
 from ces_rig.errors import RigError
-from ces_rig.experiment import GRID_S, measured
+from ces_rig.experiment import GRID_S, measure_signals
 from ces_rig.sensors import Sensors
 from ces_rig.simulation import load_rig
 from ces_rig.withheld.plants import (
     PLANTS,
-    available,
-    description,
-    draw,
+    available_effects,
+    describe_plant,
+    draw_effect,
     draw_plant,
-    expected,
     gap_from,
     gap_N,
-    perturbed,
-    physical,
-    signals,
+    perturb,
+    physical_numbers,
+    simulate_expected,
+    simulate_signals,
 )
-from ces_rig.withheld.scaling import perturb_to, scale_to, search
+from ces_rig.withheld.scaling import perturb_to_gap, scale_to_gap, search_size
 
 SECONDS = {"hydraulic": 0.4, "bouc_wen": 1.0, "calibration": 1.0}
-CASES = [(kind, name) for kind in PLANTS for name in available(kind)]
+CASES = [(kind, name) for kind in PLANTS for name in available_effects(kind)]
 WITHOUT = {"hydraulic": set(), "bouc_wen": {"sticking_check"}, "calibration": set()}
 
 
@@ -46,43 +46,43 @@ def plant_of(kind):
 
 @pytest.mark.parametrize("kind", PLANTS)
 def test_every_effect_of_the_library_is_available(kind):
-    assert set(EFFECTS + OUTSIDE) - set(available(kind)) == WITHOUT[kind]
+    assert set(EFFECTS + OUTSIDE) - set(available_effects(kind)) == WITHOUT[kind]
     assert len(OUTSIDE) >= 6 and not set(EFFECTS) & set(OUTSIDE)
 
 
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_severity_0_is_none_and_more_is_more(kind, name):
     plant, inputs = plant_of(kind), drive(kind)
-    effect = draw(kind, name, np.random.default_rng(5))
-    free = signals(plant, (), *inputs)
-    nothing = signals(plant, [scaled(effect, 0.0)], *inputs)
+    effect = draw_effect(kind, name, np.random.default_rng(5))
+    free = simulate_signals(plant, (), *inputs)
+    nothing = simulate_signals(plant, [with_severity(effect, 0.0)], *inputs)
     assert np.array_equal(nothing.force_N, free.force_N)
     assert np.array_equal(nothing.stroke_m, free.stroke_m) and np.array_equal(nothing.coil_A, free.coil_A)
-    small = scale_to(plant, effect, 10.0, *inputs)
-    grown = [signals(plant, [scaled(small, factor * small.severity)], *inputs) for factor in (1.0, 1.2)]
+    small = scale_to_gap(plant, effect, 10.0, *inputs)
+    grown = [simulate_signals(plant, [with_severity(small, factor * small.severity)], *inputs) for factor in (1.0, 1.2)]
     gaps = [gap_from(plant, free, true) for true in grown]
     assert gaps[0] == pytest.approx(10.0, rel=0.04)
     assert gaps[1] > 1.05 * gaps[0]
-    assert all(np.isfinite(v) for v in physical(plant, small).values())
+    assert all(np.isfinite(v) for v in physical_numbers(plant, small).values())
 
 
 @pytest.mark.parametrize("kind", PLANTS)
 def test_a_vanishing_severity_makes_a_vanishing_gap(kind):
     plant, inputs = plant_of(kind), drive(kind)
-    for name in available(kind):
-        effect = scaled(draw(kind, name, np.random.default_rng(5)), 1e-5)
+    for name in available_effects(kind):
+        effect = with_severity(draw_effect(kind, name, np.random.default_rng(5)), 1e-5)
         assert gap_N(plant, [effect], *inputs) < 1.0, name
 
 
 @pytest.mark.parametrize("kind", PLANTS)
 def test_the_description_simulates_the_plant(kind, tmp_path):
     plant, inputs = plant_of(kind), drive(kind)
-    true = signals(plant, (), *inputs)
+    true = simulate_signals(plant, (), *inputs)
     path = tmp_path / "rig.yaml"
-    path.write_text(yaml.safe_dump(description(plant)))
+    path.write_text(yaml.safe_dump(describe_plant(plant)))
     rig = load_rig(path)
     assert np.sqrt(np.mean((rig(true.time_s, true.stroke_m, true.coil_A) - true.force_N) ** 2)) < 2.0
-    recording = measured(true, Sensors(), 1, "x")
+    recording = measure_signals(true, Sensors(), 1, "x")
     channels = [recording.channel(name) for name in ("position", "current", "force")]
     position, current, force = channels
     seconds = [(c.stamps_ns - position.stamps_ns[0]) * 1e-9 for c in channels]
@@ -94,12 +94,12 @@ def test_the_description_simulates_the_plant(kind, tmp_path):
 @pytest.mark.parametrize("kind", PLANTS)
 def test_perturbed_to_a_wanted_error(kind):
     plant, inputs = plant_of(kind), drive(kind)
-    assert perturbed(plant, 0.0, np.random.default_rng(1)) == plant
-    wrong, size = perturb_to(plant, 20.0, 7, *inputs)
-    assert wrong == perturbed(plant, size, np.random.default_rng(7))
-    difference = signals(wrong, (), *inputs).force_N - signals(plant, (), *inputs).force_N
+    assert perturb(plant, 0.0, np.random.default_rng(1)) == plant
+    wrong, size = perturb_to_gap(plant, 20.0, 7, *inputs)
+    assert wrong == perturb(plant, size, np.random.default_rng(7))
+    difference = simulate_signals(wrong, (), *inputs).force_N - simulate_signals(plant, (), *inputs).force_N
     assert np.sqrt(np.mean(difference**2)) == pytest.approx(20.0, rel=0.04)
-    changed = [key for key, number in description(wrong).items() if number != description(plant)[key]]
+    changed = [key for key, number in describe_plant(wrong).items() if number != describe_plant(plant)[key]]
     assert len(changed) >= 5
 
 
@@ -107,19 +107,22 @@ def test_perturbed_to_a_wanted_error(kind):
 def test_the_same_seed_gives_the_same(kind):
     one, two = (draw_plant(kind, np.random.default_rng(9)) for _ in range(2))
     assert one == two != draw_plant(kind, np.random.default_rng(10))
-    for name in available(kind):
-        effects = [draw(kind, name, np.random.default_rng(seed)) for seed in (4, 4, 5)]
+    for name in available_effects(kind):
+        effects = [draw_effect(kind, name, np.random.default_rng(seed)) for seed in (4, 4, 5)]
         assert effects[0] == effects[1] != effects[2]
     inputs = drive(kind)
-    effect = draw(kind, "friction", np.random.default_rng(4))
-    assert np.array_equal(signals(one, [effect], *inputs).force_N, signals(two, [effect], *inputs).force_N)
+    effect = draw_effect(kind, "friction", np.random.default_rng(4))
+    assert np.array_equal(
+        simulate_signals(one, [effect], *inputs).force_N, simulate_signals(two, [effect], *inputs).force_N
+    )
 
 
 @pytest.mark.parametrize("kind", PLANTS)
 def test_two_effects_add_up_to_more_than_either(kind):
     plant, inputs = plant_of(kind), drive(kind)
     pair = [
-        scale_to(plant, draw(kind, n, np.random.default_rng(1)), 30.0, *inputs) for n in ("friction", "force_scale")
+        scale_to_gap(plant, draw_effect(kind, n, np.random.default_rng(1)), 30.0, *inputs)
+        for n in ("friction", "force_scale")
     ]
     assert gap_N(plant, pair, *inputs) > 36.0
 
@@ -127,9 +130,9 @@ def test_two_effects_add_up_to_more_than_either(kind):
 @pytest.mark.parametrize("kind", PLANTS)
 @pytest.mark.parametrize("name", ["valve_lag", "current_hysteresis", "current_crosstalk"])
 def test_what_needs_a_changing_current_cannot_be_reached_without(kind, name):
-    effect = draw(kind, name, np.random.default_rng(1))
+    effect = draw_effect(kind, name, np.random.default_rng(1))
     with pytest.raises(RigError, match=f"{kind} plant: {name}: a gap of 10 N cannot be reached here"):
-        scale_to(plant_of(kind), effect, 10.0, *drive(kind, steady=True))
+        scale_to_gap(plant_of(kind), effect, 10.0, *drive(kind, steady=True))
 
 
 @pytest.mark.parametrize("kind", PLANTS)
@@ -137,20 +140,22 @@ def test_no_damper_is_that_bad(kind):
     with pytest.raises(
         RigError, match=r"inertia: a gap of 5000 N cannot be reached here; .* beyond, .* 0\.05 to 20 kg"
     ):
-        scale_to(plant_of(kind), draw(kind, "inertia", np.random.default_rng(1)), 5000.0, *drive(kind))
+        scale_to_gap(plant_of(kind), draw_effect(kind, "inertia", np.random.default_rng(1)), 5000.0, *drive(kind))
 
 
 def test_sensor_effects_leave_the_damper_alone():
     plant, inputs = plant_of("bouc_wen"), drive("bouc_wen")
-    free = signals(plant, (), *inputs)
-    effect = Withheld("current_scale", 2.0, {"gain": 0.05, "offset": -0.01})
-    true = signals(plant, [effect], *inputs)
+    free = simulate_signals(plant, (), *inputs)
+    effect = WithheldEffect("current_scale", 2.0, {"gain": 0.05, "offset": -0.01})
+    true = simulate_signals(plant, [effect], *inputs)
     assert np.array_equal(true.force_N, free.force_N)
     assert true.coil_A == pytest.approx(1.1 * free.coil_A - 0.02 * 1.6)
-    assert physical(plant, effect) == pytest.approx({"gain": 0.1, "offset_A": -0.032})
-    late = signals(plant, [Withheld("position_delay", 1.0, {"delay_s": 2e-3, "lag_share": 0.0})], *inputs)
+    assert physical_numbers(plant, effect) == pytest.approx({"gain": 0.1, "offset_A": -0.032})
+    late = simulate_signals(
+        plant, [WithheldEffect("position_delay", 1.0, {"delay_s": 2e-3, "lag_share": 0.0})], *inputs
+    )
     assert late.stroke_m[10:] == pytest.approx(inputs[1][6:-4])
-    assert np.sqrt(np.mean((expected(plant, late) - late.force_N) ** 2)) > 3.0
+    assert np.sqrt(np.mean((simulate_expected(plant, late) - late.force_N) ** 2)) > 3.0
 
 
 @pytest.mark.parametrize(
@@ -159,22 +164,22 @@ def test_sensor_effects_leave_the_damper_alone():
 )
 def test_mistakes_are_one_line(name, severity, says):
     with pytest.raises(RigError, match=says):
-        Withheld(name, severity, {})
+        WithheldEffect(name, severity, {})
 
 
 def test_unknown_plants_effects_and_grids_are_refused():
     with pytest.raises(RigError, match="'wet' is unknown; known are hydraulic"):
         draw_plant("wet", np.random.default_rng(1))
     with pytest.raises(RigError, match="bouc_wen plant: no effect 'sticking_check'; it can have friction"):
-        draw("bouc_wen", "sticking_check", np.random.default_rng(1))
+        draw_effect("bouc_wen", "sticking_check", np.random.default_rng(1))
     time = np.arange(100) * 1e-3
     with pytest.raises(RigError, match=r"on a grid of 0\.0005 s"):
-        signals(plant_of("bouc_wen"), (), time, 0 * time, 0 * time)
+        simulate_signals(plant_of("bouc_wen"), (), time, 0 * time, 0 * time)
 
 
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.0, 6.0])
 def test_the_search_finds_sizes_of_any_steepness(power):
-    size = search(lambda s: 100.0 * s**power, 7.0, "x")
+    size = search_size(lambda s: 100.0 * s**power, 7.0, "x")
     assert 100.0 * size**power == pytest.approx(7.0, rel=0.031)
 
 
@@ -184,8 +189,8 @@ def test_the_search_finds_what_begins_late_and_ends_early():
             raise RigError("too large")
         return max(0.0, size - 2.0) * 50.0
 
-    assert gap(search(gap, 20.0, "x")) == pytest.approx(20.0, rel=0.031)
+    assert gap(search_size(gap, 20.0, "x")) == pytest.approx(20.0, rel=0.031)
     with pytest.raises(
         RigError, match=r"200 N cannot be reached here; the largest seen is 1[0-9.]+ N; beyond, too large"
     ):
-        search(gap, 200.0, "x")
+        search_size(gap, 200.0, "x")

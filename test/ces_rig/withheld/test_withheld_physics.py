@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from ces_rig.dampers.effects import scaled
+from ces_rig.dampers.effects import with_severity
 from ces_rig.dampers.hydraulic.stepper import simulate
 from ces_rig.dampers.kinds import KINDS
 from ces_rig.experiment import GRID_S
-from ces_rig.withheld.plants import PLANTS, draw, draw_plant, gap_N, physical, signals
-from ces_rig.withheld.scaling import scale_to
+from ces_rig.withheld.plants import PLANTS, draw_effect, draw_plant, gap_N, physical_numbers, simulate_signals
+from ces_rig.withheld.scaling import scale_to_gap
 
 FREQUENCY = 2.0
 
@@ -28,8 +28,10 @@ def plant_of(kind):
 def added(kind, name, severity, inputs, seed=1):
     """Force [N] with the effect less that without, after the start."""
     plant = plant_of(kind)
-    effect = scaled(draw(kind, name, np.random.default_rng(seed)), severity)
-    return (signals(plant, [effect], *inputs).force_N - signals(plant, (), *inputs).force_N), physical(plant, effect)
+    effect = with_severity(draw_effect(kind, name, np.random.default_rng(seed)), severity)
+    return (
+        simulate_signals(plant, [effect], *inputs).force_N - simulate_signals(plant, (), *inputs).force_N
+    ), physical_numbers(plant, effect)
 
 
 def projected(values, part):
@@ -63,8 +65,8 @@ def test_friction_opposes_the_motion_and_a_leak_yields_to_it(kind):
 def test_play_lets_the_force_dwell_at_nothing_after_each_reversal(kind):
     inputs = sine(amplitude=0.01, kind=kind)
     plant = plant_of(kind)
-    play = scaled(draw(kind, "backlash", np.random.default_rng(1)), 3.0)
-    with_play, without = (signals(plant, effects, *inputs).force_N for effects in ([play], ()))
+    play = with_severity(draw_effect(kind, "backlash", np.random.default_rng(1)), 3.0)
+    with_play, without = (simulate_signals(plant, effects, *inputs).force_N for effects in ([play], ()))
     number = plant.model.number
     area = plant.model.damper.rod_area_m2 if kind == "hydraulic" else number("rod_m2")
     gas = area * (number("reservoir.pressure_Pa" if kind == "hydraulic" else "gas_Pa") - 101_325)  # tared away
@@ -98,9 +100,9 @@ def test_springs_in_series_turn_the_force_towards_the_stroke(kind):
 def test_blow_off_takes_only_from_large_forces(kind):
     inputs = sine(amplitude=0.03, kind=kind, share=0.9)
     plant = plant_of(kind)
-    effect = scale_to(plant, draw(kind, "blow_off", np.random.default_rng(1)), 30.0, *inputs)
-    free = signals(plant, (), *inputs).force_N
-    change = signals(plant, [effect], *inputs).force_N - free
+    effect = scale_to_gap(plant, draw_effect(kind, "blow_off", np.random.default_rng(1)), 30.0, *inputs)
+    free = simulate_signals(plant, (), *inputs).force_N
+    change = simulate_signals(plant, [effect], *inputs).force_N - free
     large = np.abs(free) > 0.8 * np.abs(free).max()
     assert (change * np.sign(free))[large].mean() < -20
     small = np.abs(free) < 0.2 * np.abs(free).max()
@@ -110,7 +112,7 @@ def test_blow_off_takes_only_from_large_forces(kind):
 @pytest.mark.parametrize("kind", PLANTS)
 def test_the_bump_stop_acts_near_the_ends_alone(kind):
     inputs = sine(amplitude=0.03, kind=kind)
-    effect = scale_to(plant_of(kind), draw(kind, "bump_stop", np.random.default_rng(1)), 30.0, *inputs)
+    effect = scale_to_gap(plant_of(kind), draw_effect(kind, "bump_stop", np.random.default_rng(1)), 30.0, *inputs)
     force, numbers = added(kind, "bump_stop", effect.severity, inputs)
     clearance = next(value for name, value in numbers.items() if "clearance" in name)
     assert 0.015 < clearance < 0.03
@@ -124,8 +126,8 @@ def test_the_bump_stop_acts_near_the_ends_alone(kind):
 def test_heat_fades_the_damping_with_time(kind):
     inputs = sine(amplitude=0.03, seconds=6.0, kind=kind)
     plant = plant_of(kind)
-    effect = scaled(draw(kind, "temperature_fade", np.random.default_rng(1)), 3.0)
-    hot, cold = signals(plant, [effect], *inputs), signals(plant, (), *inputs)
+    effect = with_severity(draw_effect(kind, "temperature_fade", np.random.default_rng(1)), 3.0)
+    hot, cold = simulate_signals(plant, [effect], *inputs), simulate_signals(plant, (), *inputs)
     assert hot.oil_degC[-1] > cold.oil_degC[-1] + 5
     early, late = (slice(round(a / GRID_S), round((a + 0.5) / GRID_S)) for a in (0.5, 5.5))
     ratio = [np.std(hot.force_N[part]) / np.std(cold.force_N[part]) for part in (early, late)]
@@ -139,7 +141,7 @@ def test_a_slower_valve_is_late_both_ways_and_hysteresis_stays(kind):
     command = np.where((time > 0.4) & (time < 0.55), high, low)  # in rebound
     up, down = (time > 0.405) & (time < 0.415), (time > 0.555) & (time < 0.565)
     lag, _ = added(kind, "valve_lag", 1.0, (time, stroke, command))
-    free = signals(plant_of(kind), (), time, stroke, command).force_N
+    free = simulate_signals(plant_of(kind), (), time, stroke, command).force_N
     assert (lag * np.sign(free))[up].mean() < -5 < 5 < (lag * np.sign(free))[down].mean()
     assert np.abs(lag[(time > 0.53) & (time < 0.55)]).max() < 40
     middle = 0.5 * (low + high)
@@ -153,8 +155,8 @@ def test_oil_boils_before_cavitation_costs_8_newtons():
     plant = plant_of("hydraulic")
     inputs = sine(amplitude=0.03, frequency=3.0, kind="hydraulic")
     for seed in range(3):
-        effect = scale_to(plant, draw("hydraulic", "cavitation", np.random.default_rng(seed)), 8.0, *inputs)
-        damper = plant.model.changed(KINDS["hydraulic"].numbers(plant.model, effect)).damper
+        effect = scale_to_gap(plant, draw_effect("hydraulic", "cavitation", np.random.default_rng(seed)), 8.0, *inputs)
+        damper = plant.model.with_numbers(KINDS["hydraulic"].numbers(plant.model, effect)).damper
         below = damper.oil.vapour_pressure_Pa + 2e3
         chamber = simulate(damper, GRID_S, *inputs[1:]).state("p_compression_Pa")
         assert np.mean(chamber < below) > 0.005
@@ -168,7 +170,7 @@ def test_foam_builds_up_and_a_groove_has_its_place():
     assert np.std(late) > 1.3 * np.std(early)
     for kind in PLANTS:
         inputs = sine(amplitude=0.03, kind=kind)
-        effect = scale_to(plant_of(kind), draw(kind, "groove", np.random.default_rng(1)), 30.0, *inputs)
+        effect = scale_to_gap(plant_of(kind), draw_effect(kind, "groove", np.random.default_rng(1)), 30.0, *inputs)
         force, numbers = added(kind, "groove", effect.severity, inputs)
         at = numbers.get("groove_at_m", numbers.get("extras.groove_at"))
         near, far = np.abs(inputs[1] - at) < 0.005, np.abs(inputs[1] - at) > 0.025
@@ -179,5 +181,5 @@ def test_foam_builds_up_and_a_groove_has_its_place():
 def test_effects_outside_the_library_act_on_a_real_recording(name):
     inputs = sine(amplitude=0.03, frequency=3.0, kind="hydraulic")
     plant = plant_of("hydraulic")
-    effect = scale_to(plant, draw("hydraulic", name, np.random.default_rng(1)), 24.0, *inputs)
+    effect = scale_to_gap(plant, draw_effect("hydraulic", name, np.random.default_rng(1)), 24.0, *inputs)
     assert gap_N(plant, [effect], *inputs) == pytest.approx(24.0, rel=0.031)

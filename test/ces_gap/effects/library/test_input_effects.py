@@ -36,7 +36,7 @@ from ces_gap.effects.library import (
     position_delay,
     valve_lag,
 )
-from ces_gap.trace import F, Inputs, Trace
+from ces_gap.trace import F, Trace, TraceInputs
 
 MODULES = (
     backlash,
@@ -105,7 +105,7 @@ def neutral(effect: Effect) -> tuple[float, ...]:
     return tuple(p.neutral if p.magnitude else p.starts[0] for p in effect.parameters)
 
 
-def arrays_of(inputs: Inputs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def arrays_of(inputs: TraceInputs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return inputs.position, inputs.speed, inputs.current
 
 

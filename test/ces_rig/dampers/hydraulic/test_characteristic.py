@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.rig.characteristic import current_step, cycle, rise_time, steady_force
-from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
+from ces_rig.dampers.hydraulic.parameters import Damper, parse_damper
 
 
 def test_steady_levels_of_the_thesis():
@@ -56,7 +56,7 @@ def test_hysteresis_in_speed_grows_with_frequency():
 
 
 def test_hysteresis_comes_from_elasticity():
-    stiff = damper_from(
+    stiff = parse_damper(
         {"oil": {"air_fraction": 1e-4, "bulk_modulus_Pa": 4e9}, "mount": {"stiffness_N_m": 3e7}}, "stiff"
     )
     assert gap_at_rest(cycle(stiff, 0.006, 12.0, 0.6)) < 0.6 * gap_at_rest(cycle(Damper(), 0.006, 12.0, 0.6))
@@ -74,7 +74,7 @@ def test_magnetic_hysteresis_shows_in_the_force():
     from_above, _ = current_step(Damper(), -0.2, 0.60, 0.50)
     gap = from_above.force_N[-1] - from_below.force_N[-1]
     assert -300.0 < gap < -40.0  # more pressure, so more rebound force, coming from above
-    without = damper_from({"ces_valve": {"hysteresis_A": 0.0}}, "no loop")
+    without = parse_damper({"ces_valve": {"hysteresis_A": 0.0}}, "no loop")
     runs = [current_step(without, -0.2, start, 0.50)[0].force_N[-1] for start in (0.40, 0.60)]
     assert abs(runs[1] - runs[0]) < 0.1 * abs(gap)
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.rig.parameter_table import as_markdown, as_yaml, number, rows
+from bench.rig.parameter_table import as_markdown, as_yaml, format_number, rows
 from ces_rig.dampers.hydraulic.coefficients import coefficients
-from ces_rig.dampers.hydraulic.parameters import Damper, damper_from, load_damper
+from ces_rig.dampers.hydraulic.parameters import Damper, load_damper, parse_damper
 from ces_rig.errors import RigError
 
 PACKAGED = Path(str(files("ces_rig.dampers.hydraulic"))) / "damper.yaml"
@@ -19,7 +19,7 @@ def test_the_packaged_file_is_the_default_damper():
 
 
 def test_one_key_of_a_check_valve_may_be_given_alone():
-    damper = damper_from({"top_checks": {"compression": {"closing_s": 0.004}}}, "x")
+    damper = parse_damper({"top_checks": {"compression": {"closing_s": 0.004}}}, "x")
     assert damper.top_checks.compression.closing_s == 0.004
     assert damper.top_checks.compression.area_m2 == Damper().top_checks.compression.area_m2
     assert damper.piston == Damper().piston
@@ -35,8 +35,8 @@ def test_every_parameter_reaches_the_kernel():
         mapping = value
         for key in reversed(row.path):
             mapping = {key: mapping}
-        assert coefficients(damper_from(mapping, "x")) != base, row.path
-    assert coefficients(damper_from({"body": {"half_stroke_m": 0.05}}, "x")) != base
+        assert coefficients(parse_damper(mapping, "x")) != base, row.path
+    assert coefficients(parse_damper({"body": {"half_stroke_m": 0.05}}, "x")) != base
 
 
 def test_every_parameter_has_a_unit_and_lies_inside_its_range():
@@ -49,7 +49,7 @@ def test_every_parameter_has_a_unit_and_lies_inside_its_range():
 def test_numbers_survive_yaml(value):
     import yaml
 
-    assert yaml.safe_load(number(value)) == value
+    assert yaml.safe_load(format_number(value)) == value
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_numbers_survive_yaml(value):
 )
 def test_mistakes_are_one_line(given, says):
     with pytest.raises(RigError, match=says) as caught:
-        damper_from(given, "d.yaml")
+        parse_damper(given, "d.yaml")
     assert str(caught.value).startswith("d.yaml: ")
     assert "\n" not in str(caught.value)
 

@@ -6,7 +6,7 @@ from hydraulics_twin import Twin
 
 from ces_rig.dampers.hydraulic import kernel as hy
 from ces_rig.dampers.hydraulic.coefficients import coefficients
-from ces_rig.dampers.hydraulic.parameters import Damper, damper_from
+from ces_rig.dampers.hydraulic.parameters import Damper, parse_damper
 from ces_rig.dampers.hydraulic.stepper import STEP_S, equilibrium, simulate
 
 GRID = 0.5e-3
@@ -83,7 +83,7 @@ def test_agrees_with_the_slow_twin():
 
 
 def test_pressures_stop_at_the_vapour_floor():
-    damper = damper_from({"reservoir": {"pressure_Pa": 1.1e5}}, "thin gas")
+    damper = parse_damper({"reservoir": {"pressure_Pa": 1.1e5}}, "thin gas")
     time = np.arange(0, 1.0, GRID)
     stroke = 0.035 * np.clip(time / 0.2, 0, 1) ** 3 * np.sin(2 * np.pi * 10 * time)
     run = simulate(damper, GRID, stroke, np.full_like(time, 0.6))

@@ -30,7 +30,7 @@ class Spent:
     wall: float
 
 
-def timed(work: Callable[[], T]) -> tuple[T, Spent]:
+def time_call(work: Callable[[], T]) -> tuple[T, Spent]:
     """Return what `work` returns and what it took."""
     cpu, wall = _cpu(), time.perf_counter()
     result = work()
@@ -42,7 +42,7 @@ def _cpu() -> float:
     return own + children.children_user + children.children_system
 
 
-def interleaved(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+def time_interleaved(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
     """Return the median CPU time [s] of each: all run in turn, after one turn that is not counted.
 
     CPU time, since all is work of one thread, and other programs may share the machine.
@@ -58,12 +58,12 @@ def interleaved(works: Mapping[str, Callable[[], object]], repeats: int) -> dict
 
 
 @cache
-def installed(package: str) -> bool:
+def is_installed(package: str) -> bool:
     """Return whether a peer is there; say on standard error that it is skipped if not."""
     try:
         importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
-        say(f"{package} is not installed: skipped (pip install '.[bench]')")
+        print_note(f"{package} is not installed: skipped (pip install '.[bench]')")
         return False
     return True
 
@@ -75,12 +75,12 @@ def free_cores(threads: int) -> float:
         return hashlib.pbkdf2_hmac("sha256", b"yard", b"stick", YARDSTICK)
 
     with ThreadPoolExecutor(threads) as pool:
-        _, alone = timed(lambda: work(0))
-        _, together = timed(lambda: list(pool.map(work, range(threads))))
+        _, alone = time_call(lambda: work(0))
+        _, together = time_call(lambda: list(pool.map(work, range(threads))))
     return threads * alone.wall / together.wall
 
 
-def say(text: str) -> None:
+def print_note(text: str) -> None:
     """Print on standard error: standard output holds the table alone."""
     print(text, file=sys.stderr, flush=True)
 

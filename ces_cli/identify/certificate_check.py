@@ -8,11 +8,11 @@ from typing import Any
 from ces_observer.model import Model
 from ces_observer.proof.certificate import Certificate
 
-UNPROVED = 1  # exit status
+NOT_PROVED = 1  # exit status
 ROUNDING = 1e-9  # relative
 
 
-def reprove(model: Model, name: str) -> int:
+def verify_certificate(model: Model, name: str) -> int:
     """Prove `model` stable, print the bounds and compare them with the file's; return the exit status.
 
     0 if it is proved and the file claims no more than that; else one line says what is not, and the status is UNPROVED.
@@ -20,11 +20,11 @@ def reprove(model: Model, name: str) -> int:
     proof = model.certify()
     if not proof.holds:
         print(f"not proved: {name}: {proof.doubt}")
-        return UNPROVED
-    excess = overclaimed(model.certificate, proof)
+        return NOT_PROVED
+    excess = find_overclaim(model.certificate, proof)
     if excess:
         print(f"not proved: {name}: the file claims {excess}: identify the model anew")
-        return UNPROVED
+        return NOT_PROVED
     envelope = model.envelope
     print(f"proved: {proof.claim} ({proof.effort})")
     for label, value in proof.rows:
@@ -36,11 +36,11 @@ def reprove(model: Model, name: str) -> int:
         ("force kept", model.force_envelope_N, "N"),
     ):
         print(f"  {label:<14}  {low:.6g} to {high:.6g} {unit}")
-    print(f"  in the file     {compared(model.certificate, proof)}")
+    print(f"  in the file     {compare_certificates(model.certificate, proof)}")
     return 0
 
 
-def overclaimed(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
+def find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
     """Return the first bound that the file states tighter than the proof, in words; empty if there is none."""
     for key, proved in proof.bounds.items():
         claimed = _number(stored, key)
@@ -49,7 +49,7 @@ def overclaimed(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
     return ""
 
 
-def compared(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
+def compare_certificates(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
     """Return how the file's certificate compares with a proof it does not exceed, in words."""
     if stored is None:
         return "no certificate"

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup, escape
 
-from ces_gap.diagnosis import Region
-from ces_gap.report.words import AXES, SIDES, axis_figure, axis_title, newtons, percent, region_name
-from ces_identify.report.drawing import Axis, F, Panel, label, svg
+from ces_gap.diagnosis import GapRegion
+from ces_gap.report.formatting import AXES, SIDES, axis_figure, axis_title, newtons, percent, region_name
+from ces_identify.report.drawing import F, Panel, PlotAxis, label, svg
 
 SIZE = (300.0, 186.0)
 BOX = (34.0, 30.0, 258.0, 122.0)  # left, top, width, height [px]
@@ -19,19 +19,19 @@ FALSE_DISCOVERIES = 0.05  # rate at which a region counts as exceeding the rest
 ROOM = 1.08
 
 
-def strips(ident: str, regions: Sequence[Region]) -> list[Markup]:
+def draw_share_charts(ident: str, regions: Sequence[GapRegion]) -> list[Markup]:
     """Return a figure for each axis with more than one region, in the order of the axes' names."""
     by_axis = {a: sorted((r for r in regions if r.axis == a), key=lambda r: r.low) for a in AXES}
-    return [strip(f"{ident}-{axis}", some) for axis, some in by_axis.items() if len(some) > 1]
+    return [draw_share_chart(f"{ident}-{axis}", some) for axis, some in by_axis.items() if len(some) > 1]
 
 
-def strip(ident: str, regions: Sequence[Region]) -> Markup:
+def draw_share_chart(ident: str, regions: Sequence[GapRegion]) -> Markup:
     """Return the figure of one axis; every region is as wide as any other, whatever its width on the axis."""
     axis, (left, top, width, height) = regions[0].axis, BOX
     ends = shares_ci95(regions)
     highest = max(max(r.share_of_energy, r.share_of_samples) for r in regions)
     highest = max(highest, min(float(ends.max(initial=0.0)), 1.3 * highest), 1e-3)
-    p = Panel(Axis(0.0, len(regions), left, left + width), Axis(0.0, 100.0 * ROOM * highest, top + height, top))
+    p = Panel(PlotAxis(0.0, len(regions), left, left + width), PlotAxis(0.0, 100.0 * ROOM * highest, top + height, top))
     parts = [_grid(p), *(_region(p, k, r, ends[k]) for k, r in enumerate(regions)), _samples(p, regions)]
     parts += [_ticks(p, regions), label(4.0, 14.0, axis_title(axis), "name")]
     most = max(regions, key=lambda r: r.share_of_energy)
@@ -39,7 +39,7 @@ def strip(ident: str, regions: Sequence[Region]) -> Markup:
     return svg(ident, SIZE, f"Share of the gap's energy over {AXES[axis][0]}", text, parts)
 
 
-def shares_ci95(regions: Sequence[Region]) -> F:
+def shares_ci95(regions: Sequence[GapRegion]) -> F:
     """Return intervals (r, 2) of the shares of energy on one axis, from those of its RMS, the whole held fixed."""
     fullest = max(regions, key=lambda r: r.share_of_energy)
     whole = _energy(fullest, fullest.rms_N) / max(fullest.share_of_energy, 1e-12)
@@ -47,7 +47,7 @@ def shares_ci95(regions: Sequence[Region]) -> F:
     return np.asarray(np.nan_to_num(ends) / max(whole, 1e-12))
 
 
-def _energy(region: Region, rms_N: float) -> float:
+def _energy(region: GapRegion, rms_N: float) -> float:
     """Return energy per sample of all: a band of frequencies holds all samples, other regions a part of them."""
     return rms_N**2 * (1.0 if region.axis == "frequency_hz" else region.share_of_samples)
 
@@ -61,7 +61,7 @@ def _grid(p: Panel) -> str:
     return "\n".join(out)
 
 
-def _region(p: Panel, k: int, region: Region, ends: F) -> str:
+def _region(p: Panel, k: int, region: GapRegion, ends: F) -> str:
     """Return the bar of a region with its whisker, full if it exceeds the rest, and what hovering tells."""
     css = "energy beyond" if region.q_value <= FALSE_DISCOVERIES else "energy"
     bar = p.rect(k + 0.06, k + 0.94, css, 0.0, 100.0 * region.share_of_energy)
@@ -76,7 +76,7 @@ def _region(p: Panel, k: int, region: Region, ends: F) -> str:
     return f"<g>{bar}{whisker}<title>{escape(tell)}</title></g>"
 
 
-def _samples(p: Panel, regions: Sequence[Region]) -> str:
+def _samples(p: Panel, regions: Sequence[GapRegion]) -> str:
     """Return a stepped line over the shares of samples."""
     x = np.repeat(p.x.px(np.arange(len(regions) + 1.0)), 2)[1:-1]
     y = np.repeat(p.y.px(np.array([100.0 * r.share_of_samples for r in regions])), 2)
@@ -84,7 +84,7 @@ def _samples(p: Panel, regions: Sequence[Region]) -> str:
     return f'<path class="outline" d="M{d}"/>'
 
 
-def _ticks(p: Panel, regions: Sequence[Region]) -> str:
+def _ticks(p: Panel, regions: Sequence[GapRegion]) -> str:
     """Return the edges' values, as many as there is room for; the sides of a direction by name."""
     axis, y = regions[0].axis, p.y.start + 17
     if axis == "direction" and len(regions) == 2:

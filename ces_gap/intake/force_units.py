@@ -13,7 +13,7 @@ from ces_gap.trace import Trace
 
 F = NDArray[np.float64]
 
-GOES_WITH = 0.5  # correlation of measured with simulated force from which its sign and its scale count
+MIN_CORRELATION = 0.5  # correlation of measured with simulated force from which its sign and its scale count
 SURE = 0.9  # correlation from which a factor that physics could nearly give counts as a unit
 NEAR = 0.06  # relative, of such a factor
 ROUGH = 3.0  # factor within which powers of a thousand are recognised
@@ -21,28 +21,28 @@ IMPOSSIBLE = 30.0  # factor that no gap has
 
 
 @dataclass(frozen=True)
-class Unit:
+class ForceUnit:
     """A factor of measured over simulated force, and what explains it; `rough` if nothing else comes near."""
 
     factor: float
-    told: str
+    description: str
     rough: bool
 
 
 UNITS = (
-    Unit(1e3, "the simulation's force is in kN", True),
-    Unit(1e-3, "the measured force is in kN, or the simulation's in mN", True),
-    Unit(4.4482216, "the simulation's force is in lbf", False),
-    Unit(1.0 / 4.4482216, "the measured force is in lbf", False),
-    Unit(9.80665, "the simulation's force is in kgf", False),
-    Unit(1.0 / 9.80665, "the measured force is in kgf", False),
-    Unit(9.80665e-3, "the simulation's force is in gf", False),
-    Unit(1.0 / 9.80665e-3, "the measured force is in gf", False),
+    ForceUnit(1e3, "the simulation's force is in kN", True),
+    ForceUnit(1e-3, "the measured force is in kN, or the simulation's in mN", True),
+    ForceUnit(4.4482216, "the simulation's force is in lbf", False),
+    ForceUnit(1.0 / 4.4482216, "the measured force is in lbf", False),
+    ForceUnit(9.80665, "the simulation's force is in kgf", False),
+    ForceUnit(1.0 / 9.80665, "the measured force is in kgf", False),
+    ForceUnit(9.80665e-3, "the simulation's force is in gf", False),
+    ForceUnit(1.0 / 9.80665e-3, "the measured force is in gf", False),
 )
 
 
 @dataclass(frozen=True)
-class Likeness:
+class ForceAgreement:
     """How measured and simulated force go together: correlation, gain (slope of the reduced major axis), RMS [N]."""
 
     correlation: float
@@ -51,44 +51,44 @@ class Likeness:
     simulated_N: float
 
 
-def likeness(traces: Sequence[Trace]) -> Likeness:
+def compare_forces(traces: Sequence[Trace]) -> ForceAgreement:
     """Return how the measured force of all usable ticks goes with the simulated."""
     measured = np.concatenate([t.force[t.usable] for t in traces])
     simulated = np.concatenate([t.simulated[t.usable] for t in traces])
     f, s = measured - measured.mean(), simulated - simulated.mean()
     spread_f, spread_s = float(np.sqrt(np.mean(f**2))), float(np.sqrt(np.mean(s**2)))
     if spread_f == 0.0 or spread_s == 0.0:
-        return Likeness(0.0, np.nan, spread_f, spread_s)
+        return ForceAgreement(0.0, np.nan, spread_f, spread_s)
     correlation = float(np.mean(f * s)) / (spread_f * spread_s)
-    return Likeness(correlation, float(np.sign(correlation)) * spread_f / spread_s, spread_f, spread_s)
+    return ForceAgreement(correlation, float(np.sign(correlation)) * spread_f / spread_s, spread_f, spread_s)
 
 
-def require_same_sense(traces: Sequence[Trace], name: str) -> None:
+def require_same_sign_and_unit(traces: Sequence[Trace], name: str) -> None:
     """Raise GapError if the simulation `name` has the wrong sign, the wrong unit, or a constant force."""
-    found = likeness(traces)
+    found = compare_forces(traces)
     if found.measured_N == 0.0 or found.simulated_N == 0.0:
         who = "the measured force" if found.measured_N == 0.0 else f"the force of {name}"
         raise GapError(f"{who} is constant; expected one that changes with the stroke: check topic and field")
-    told = _wrong(found)
+    told = _describe_mismatch(found)
     if told:
         raise GapError(f"{name}: {told}")
 
 
-def _wrong(found: Likeness) -> str | None:
-    unit = _unit(found)
-    turned = found.correlation <= -GOES_WITH
+def _describe_mismatch(found: ForceAgreement) -> str | None:
+    unit = _find_unit(found)
+    turned = found.correlation <= -MIN_CORRELATION
     if unit is None and not turned:
-        return _impossible(found)
+        return _describe_impossible_ratio(found)
     sign = "the simulation's force goes against the measured one" if turned else ""
-    what = " and ".join(filter(None, [sign, unit.told if unit else ""]))
+    what = " and ".join(filter(None, [sign, unit.description if unit else ""]))
     return (
         f"{what} (measured over simulated is {found.gain:.4g}, correlation {found.correlation:.2f}); expected N, and "
-        f"position and force positive in compression: {_mend(unit, turned)}"
+        f"position and force positive in compression: {_describe_remedy(unit, turned)}"
     )
 
 
-def _unit(found: Likeness) -> Unit | None:
-    if abs(found.correlation) < GOES_WITH:
+def _find_unit(found: ForceAgreement) -> ForceUnit | None:
+    if abs(found.correlation) < MIN_CORRELATION:
         return None
     for unit in UNITS:
         off = abs(np.log(abs(found.gain) / unit.factor))
@@ -97,15 +97,15 @@ def _unit(found: Likeness) -> Unit | None:
     return None
 
 
-def _mend(unit: Unit | None, turned: bool) -> str:
+def _describe_remedy(unit: ForceUnit | None, turned: bool) -> str:
     if unit is None:
         return "turn the simulation's output round, or give position or force scale: -1.0 in the signals file"
-    if unit.told.startswith("the measured"):
+    if unit.description.startswith("the measured"):
         return f"give force scale: {(-1.0 if turned else 1.0) / unit.factor:.6g} in the signals file"
     return f"multiply the simulation's output by {(-1.0 if turned else 1.0) * unit.factor:.6g}"
 
 
-def _impossible(found: Likeness) -> str | None:
+def _describe_impossible_ratio(found: ForceAgreement) -> str | None:
     ratio = found.measured_N / found.simulated_N
     if 1.0 / IMPOSSIBLE < ratio < IMPOSSIBLE:
         return None

@@ -19,7 +19,14 @@ from math import exp
 from typing import Any
 
 from ces_observer.proof.intervals import Interval, down, up
-from ces_observer.structures.constructed_runs import FrequencyRun, HatRun, LagRun, PlayRun, Run, StopRun
+from ces_observer.structures.constructed_runs import (
+    ConstructedRun,
+    FrequencyRun,
+    LagRun,
+    MembershipRun,
+    PlayRun,
+    StopRun,
+)
 from ces_observer.structures.structure import Range, Ranges
 
 BASE = ("position", "speed", "current")
@@ -46,7 +53,7 @@ class Hysteresis:
         """Return what bounds it, given the ranges of the inputs."""
         return (-self.half_width, self.half_width) if self.kind == "stop" else ranges[self.of]
 
-    def run(self, columns: Mapping[str, int], rate_Hz: float) -> Run:
+    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
         """Return it at its beginning; `columns` tells where each signal stands among the values."""
         return (StopRun if self.kind == "stop" else PlayRun)(columns[self.of], self.half_width)
 
@@ -86,7 +93,7 @@ class Lag:
         """Return the weight of a new tick."""
         return 1.0 - exp(-1.0 / (self.time_constant_s * rate_Hz))
 
-    def run(self, columns: Mapping[str, int], rate_Hz: float) -> Run:
+    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
         """Return it at its beginning."""
         return LagRun(columns[self.of], self.gain(rate_Hz))
 
@@ -126,7 +133,7 @@ class Frequency:
         """Return the weight of a new tick in the exponential windows."""
         return 1.0 - exp(-1.0 / (self.time_constant_s * rate_Hz))
 
-    def run(self, columns: Mapping[str, int], rate_Hz: float) -> Run:
+    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
         """Return it at its beginning."""
         return FrequencyRun(self.gain(rate_Hz), self.floor_m, self.range_Hz)
 
@@ -137,7 +144,7 @@ class Frequency:
 
 
 @dataclass(frozen=True)
-class Hat:
+class TriangularMembership:
     """Membership of the signal `of` around `peak`: 1 there, falling to 0 at `low` and at `high`, all in its unit.
 
     Without `low` (None) it is 1 everywhere below the peak, without `high` everywhere above. `base` is the definition
@@ -149,7 +156,7 @@ class Hat:
     low: float | None
     peak: float
     high: float | None
-    base: Constructed | None = None
+    base: ConstructedInput | None = None
 
     @property
     def kind(self) -> str:
@@ -195,9 +202,9 @@ class Hat:
         slopes += [0.0] if outside or not slopes else []
         return down(down(down(min(slopes)))), up(up(up(max(slopes))))
 
-    def run(self, columns: Mapping[str, int], rate_Hz: float) -> Run:
+    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
         """Return it at its beginning."""
-        return HatRun(columns[self.of], self.at)
+        return MembershipRun(columns[self.of], self.at)
 
     def to_json(self) -> dict[str, Any]:
         """Return what the model file keeps."""
@@ -211,32 +218,36 @@ class Hat:
         }
 
 
-Constructed = Hysteresis | Lag | Frequency | Hat
+ConstructedInput = Hysteresis | Lag | Frequency | TriangularMembership
 
 
-def hats(name: str, of: str, peaks: Sequence[float], base: Constructed | None = None) -> tuple[Hat, ...]:
+def make_memberships(
+    name: str, of: str, peaks: Sequence[float], base: ConstructedInput | None = None
+) -> tuple[TriangularMembership, ...]:
     """Return one hat for each of the ascending `peaks`, named NAME_1 and so on; they add up to one everywhere."""
     ends = [None, *peaks, None]
-    return tuple(Hat(f"{name}_{i + 1}", of, ends[i], peak, ends[i + 2], base) for i, peak in enumerate(peaks))
+    return tuple(
+        TriangularMembership(f"{name}_{i + 1}", of, ends[i], peak, ends[i + 2], base) for i, peak in enumerate(peaks)
+    )
 
 
-class Construction:
+class InputConstructor:
     """Every constructed input of a model at work."""
 
     __slots__ = ("_arrivals", "_runs")
 
-    def __init__(self, constructed: Sequence[Constructed], rate_Hz: float) -> None:
+    def __init__(self, constructed: Sequence[ConstructedInput], rate_Hz: float) -> None:
         """Expect each input after those it is made of."""
         columns = {name: i for i, name in enumerate((*BASE, *(one.name for one in constructed)))}
-        self._runs = [one.run(columns, rate_Hz) for one in constructed]
-        self._arrivals = [run.arrive for run in self._runs]
+        self._runs = [one.make_run(columns, rate_Hz) for one in constructed]
+        self._arrivals = [run.update for run in self._runs]
 
     def reset(self) -> None:
         """Forget the past."""
         for run in self._runs:
             run.reset()
 
-    def arrive(self, values: Sequence[float]) -> list[float]:
+    def update(self, values: Sequence[float]) -> list[float]:
         """Take a tick's position, speed and current, within their envelope; return these and each constructed input."""
         known = list(values)
         for arrive in self._arrivals:

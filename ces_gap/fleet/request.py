@@ -17,7 +17,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ces_gap.augmented.augmented_file import named
+from ces_gap.augmented.augmented_file import name_simulation
 from ces_gap.augmented.simulation_spec import file_of
 from ces_gap.diagnosis import Diagnosis
 from ces_gap.effects.user_effects import class_of
@@ -26,7 +26,7 @@ from ces_identify.simulations.simulation import FunctionSimulation, Simulation
 from ces_observer import __version__
 
 if TYPE_CHECKING:
-    from ces_gap.diagnose import Options
+    from ces_gap.diagnose import DiagnoseOptions
 
 UNITS = "units"
 OURS = ("ces_observer", "ces_identify", "ces_gap", "ces_rig", "ces_cli")
@@ -36,7 +36,7 @@ Files = Callable[..., Mapping[str, str]]
 
 
 @dataclass(frozen=True)
-class Question:
+class DiagnosisRequest:
     """What every unit is asked: the simulation, the references free of the effect, and how to diagnose.
 
     `diagnose` and `files` are `ces_gap.diagnose.diagnose` and `ces_gap.report.result_files.result_files`, or what
@@ -46,15 +46,15 @@ class Question:
     simulation: Simulation
     spec: str
     reference: tuple[Recording, ...]
-    options: Options
+    options: DiagnoseOptions
     diagnose: Diagnose
     files: Files
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         """Return the question as bytes that a worker unpacks without the user's modules."""
         cloudpickle = _cloudpickle()
         with contextlib.ExitStack() as stack:
-            for module in self._foreign():
+            for module in self._user_modules():
                 cloudpickle.register_pickle_by_value(module)
                 stack.callback(cloudpickle.unregister_pickle_by_value, module)
             packed: bytes = cloudpickle.dumps(self)
@@ -65,14 +65,14 @@ class Question:
         facts = {
             "tool": __version__,
             "sim": [self.spec, _file_digest(file_of(self.spec))],
-            "code": sorted(_code_digest(module) for module in self._foreign()),
+            "code": sorted(_code_digest(module) for module in self._user_modules()),
             "effects": sorted(filter(None, map(class_of, self.options.effects))),
             "seed": self.options.seed,
             "reference": [r.sha256 for r in self.reference],
         }
         return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
 
-    def _foreign(self) -> list[Any]:
+    def _user_modules(self) -> list[Any]:
         """Return the modules of the user's own code."""
         names = {type(effect).__module__ for effect in self.options.effects}
         if isinstance(self.simulation, FunctionSimulation):
@@ -81,7 +81,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class FleetJob:
+class DiagnosisJob:
     """One unit to diagnose: its name, the key of its answer, and the folder of its files in that of the results.
 
     `sim` names the simulation as seen from that folder: workers may not see the simulation's file.
@@ -98,12 +98,14 @@ class FleetJob:
         return {"key": self.key, "name": self.name}
 
 
-def job_of(name: str, recordings: Sequence[Recording], question: Question, described: str, folder: Path) -> FleetJob:
-    """Return the job of a unit whose files lie below `folder`; `described` tells how the recordings were read."""
-    facts = [question.digest(), described, [r.sha256 for r in recordings]]
+def job_of(
+    name: str, recordings: Sequence[Recording], request: DiagnosisRequest, signal_settings: str, folder: Path
+) -> DiagnosisJob:
+    """Return the job of a unit whose files lie below `folder`; `signal_settings` tells how the recordings were read."""
+    facts = [request.digest(), signal_settings, [r.sha256 for r in recordings]]
     key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:20]
     output = f"{UNITS}/{name}-{key[:8]}"
-    return FleetJob(key, name, output, named(question.spec, folder / output))
+    return DiagnosisJob(key, name, output, name_simulation(request.spec, folder / output))
 
 
 def _cloudpickle() -> Any:

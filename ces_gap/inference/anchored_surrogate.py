@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.baseline.plant import Rerun
+from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.effects.effect import Effect
 from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.fit import Fit, polish
-from ces_gap.trace import Inputs, Trace
+from ces_gap.inference.fit import EffectFit, polish
+from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
 
@@ -26,21 +26,21 @@ SETTLED = 0.01  # relative change of the parameters from which another round is 
 
 
 @dataclass(frozen=True)
-class Anchored(Rerun):
+class AnchoredSurrogate(TraceSimulator):
     """The surrogate `cheap` on one trace; the anchor's `change` of inputs (2n,), what is `lacking` [N] (n,) there."""
 
-    cheap: Rerun
+    cheap: TraceSimulator
     change: F
     lacking: F
 
-    def force(self, trace: Trace, inputs: Inputs) -> F:
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the simulated force [N] (n,)."""
         size = float(self.change @ self.change)
         share = float(self.change @ _change(trace, inputs)) / size if size > 0.0 else 0.0
         return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.lacking
 
 
-def _change(trace: Trace, inputs: Inputs) -> F:
+def _change(trace: Trace, inputs: TraceInputs) -> F:
     """Return by how much inputs differ from the recorded ones (2n,), each over its spread."""
     pairs = ((inputs.position, trace.inputs.position), (inputs.current, trace.inputs.current))
     return np.concatenate([(new - old) / max(float(old.std()), 1e-9) for new, old in pairs])
@@ -53,39 +53,43 @@ class Refinement:
     Without `exact`, the evidence holds the simulation itself or nothing better is to be had, and all stays as it is.
     """
 
-    exact: Rerun | None = None
+    exact: TraceSimulator | None = None
 
-    def refine(self, evidence: Evidence, fit: Fit) -> Fit:
+    def refine(self, evidence: Evidence, fit: EffectFit) -> EffectFit:
         """Return the fit redone with the simulation itself run where it stood."""
         return fit if self.exact is None else refine_fit(evidence, fit, self.exact)
 
-    def anchor(self, evidence: Evidence, fit: Fit) -> Evidence:
+    def anchor(self, evidence: Evidence, fit: EffectFit) -> Evidence:
         """Return evidence whose surrogate is right around the fit."""
-        return evidence if self.exact is None or not reruns(fit.effects) else anchor(evidence, fit, self.exact)
+        return (
+            evidence
+            if self.exact is None or not needs_rerun(fit.effects)
+            else anchor_evidence(evidence, fit, self.exact)
+        )
 
 
-def anchor(evidence: Evidence, fit: Fit, exact: Rerun) -> Evidence:
+def anchor_evidence(evidence: Evidence, fit: EffectFit, exact: TraceSimulator) -> Evidence:
     """Return the evidence, whose plants hold a surrogate, with the simulation itself run at the fit."""
     plants = []
     for plant, trace, alone in zip(evidence.plants, evidence.traces, evidence.alone, strict=True):
         inputs = fit.composition.drive(trace, alone)
         lacking = exact.force(trace, inputs) - plant.simulation.force(trace, inputs)
-        plants.append(replace(plant, simulation=Anchored(plant.simulation, _change(trace, inputs), lacking)))
+        plants.append(replace(plant, simulation=AnchoredSurrogate(plant.simulation, _change(trace, inputs), lacking)))
     return replace(evidence, plants=tuple(plants))
 
 
-def refine_fit(evidence: Evidence, fit: Fit, exact: Rerun, rounds: int = ROUNDS) -> Fit:
+def refine_fit(evidence: Evidence, fit: EffectFit, exact: TraceSimulator, rounds: int = ROUNDS) -> EffectFit:
     """Return the fit redone with the simulation itself run once a round where it stood."""
-    if not reruns(fit.effects):
+    if not needs_rerun(fit.effects):
         return fit
     for _ in range(rounds):
         before = fit.searched
-        fit = polish(anchor(evidence, fit, exact), fit.effects, fit.searched)
+        fit = polish(anchor_evidence(evidence, fit, exact), fit.effects, fit.searched)
         if np.abs(fit.searched - before).max() <= SETTLED * np.abs(before).max():
             break
     return fit
 
 
-def reruns(effects: Sequence[Effect]) -> bool:
+def needs_rerun(effects: Sequence[Effect]) -> bool:
     """True if one of the effects changes what drives the simulation."""
     return any(effect.reruns for effect in effects)

@@ -1,7 +1,7 @@
 """Coverage-guided fuzzing of the readers by libFuzzer through Atheris (pip install -e .[fuzz]; Python 3.11 to 3.13).
 
-    python bench/fuzz/guided.py model -runs=100000
-    python bench/fuzz/guided.py signals -runs=100000
+    python bench/fuzz/coverage_fuzz.py model -runs=100000
+    python bench/fuzz/coverage_fuzz.py signals -runs=100000
 
 What follows the first word is libFuzzer's. What reached new code is kept in out/fuzz/corpus. Whatever breaks a promise
 of fuzz_targets.py ends the run and is left in the working directory as crash-..., a file that takes longer than 10 s as
@@ -26,14 +26,14 @@ sys.path[:0] = [str(ROOT), str(HERE)]
 with atheris.instrument_imports(include=["ces_observer", "ces_identify", "yaml"]):
     from fuzz_targets import try_model, try_signals
 
-from fuzz_mutations import spoilt_model  # noqa: E402
+from fuzz_mutations import spoil_model  # noqa: E402
 
 TARGETS = {"model": try_model, "signals": try_signals}
 LIMITS = ("-timeout=10", "-rss_limit_mb=1024", "-max_len=20000", "-print_final_stats=1")
 STRUCTURED = 0.5  # share of model files that are changed by their structure, the others by libFuzzer's own rules
 
 
-def fed(target: Callable[[Path], str]) -> Callable[[bytes], None]:
+def feed_target(target: Callable[[Path], str]) -> Callable[[bytes], None]:
     """Return a function that hands bytes to `target` as a file."""
     path = Path(mkdtemp(dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None)) / "input"
 
@@ -44,11 +44,11 @@ def fed(target: Callable[[Path], str]) -> Callable[[bytes], None]:
     return one
 
 
-def mutated(raw: bytes, longest: int, seed: int) -> bytes:
+def mutate(raw: bytes, longest: int, seed: int) -> bytes:
     """Change a model file by its structure, or leave it to libFuzzer."""
     random = Random(seed)
     if random.random() < STRUCTURED:
-        return spoilt_model(raw, random)[:longest]
+        return spoil_model(raw, random)[:longest]
     return bytes(atheris.Mutate(raw, longest))
 
 
@@ -57,8 +57,10 @@ def main() -> None:
     kept = ROOT / "out" / "fuzz" / "corpus" / name
     kept.mkdir(parents=True, exist_ok=True)
     folders = [str(kept), str(HERE / "seeds" / name)]
-    options = {"custom_mutator": mutated} if name == "model" else {}
-    atheris.Setup([sys.argv[0], *LIMITS, f"-dict={HERE / name}.dict", *rest, *folders], fed(TARGETS[name]), **options)
+    options = {"custom_mutator": mutate} if name == "model" else {}
+    atheris.Setup(
+        [sys.argv[0], *LIMITS, f"-dict={HERE / name}.dict", *rest, *folders], feed_target(TARGETS[name]), **options
+    )
     atheris.Fuzz()
 
 

@@ -27,33 +27,33 @@ Deliver = Callable[[int, float, bytes, int], None]  # stamp [ns], value [SI], fr
 Read = Callable[[bytes], Reading]
 
 
-class Inputs:
+class InputSubscriptions:
     """All subscriptions of the node.
 
-    `unexpected` is told of errors that no reader accounts for. `kept`, if set, is called with topic number, arrival
-    [ns] and bytes of each message; `topics` lists (name, type) by these numbers.
+    `unexpected` is told of errors that no reader accounts for. `on_message`, if set, is called with topic number,
+    arrival [ns] and bytes of each message; `topics` lists (name, type) by these numbers.
     """
 
-    def __init__(self, node: Node, clock: NodeClock, unexpected: Callable[[Exception], None]) -> None:
+    def __init__(self, node: Node, clock: NodeClock, on_error: Callable[[Exception], None]) -> None:
         self._node = node
         self._clock = clock
-        self._unexpected = unexpected
+        self._on_error = on_error
         self._topics: dict[tuple[str, str], _Topic] = {}
-        self.kept: Callable[[int, int, bytes], None] | None = None
+        self.on_message: Callable[[int, int, bytes], None] | None = None
 
     @property
     def topics(self) -> list[tuple[str, str]]:
         """Resolved name and type of each topic."""
         return list(self._topics)
 
-    def subscribe(self, signal: Signal, deliver: Deliver, unreadable: Callable[[str], None]) -> bool:
+    def subscribe(self, signal: Signal, deliver: Deliver, on_unreadable: Callable[[str], None]) -> bool:
         """Have each sample of `signal` delivered, or why a message has none; returns whether its messages are stamped.
 
         A sample without a stamp of its own is stamped on arrival. Of signals in one message, the one that was
         subscribed to first is delivered first. Raises SignalsError if topic, type or field cannot be.
         """
         kind = message_class(signal)
-        key = (self._resolved(signal), signal.type)
+        key = (self._resolve_topic(signal), signal.type)
         if key not in self._topics:
             self._topics[key] = _Topic(self, len(self._topics))
             qos = QoSProfile(depth=INPUT_DEPTH, reliability=QoSReliabilityPolicy.BEST_EFFORT)
@@ -65,11 +65,11 @@ class Inputs:
                 raw=True,
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
-        slowly = _deserialising(signal, kind)
-        self._topics[key].readers.append((_reader(signal) or slowly, slowly, deliver, unreadable))
+        slowly = _make_slow_reader(signal, kind)
+        self._topics[key].readers.append((_make_raw_reader(signal) or slowly, slowly, deliver, on_unreadable))
         return is_stamped(kind)
 
-    def _resolved(self, signal: Signal) -> str:
+    def _resolve_topic(self, signal: Signal) -> str:
         try:
             return str(self._node.resolve_topic_name(signal.topic))
         except (RuntimeError, ValueError):
@@ -83,7 +83,7 @@ class _Topic:
 
     __slots__ = ("_inputs", "_number", "readers")
 
-    def __init__(self, inputs: Inputs, number: int) -> None:
+    def __init__(self, inputs: InputSubscriptions, number: int) -> None:
         self._inputs = inputs
         self._number = number
         self.readers: list[tuple[Read, Read, Deliver, Callable[[str], None]]] = []
@@ -93,8 +93,8 @@ class _Topic:
         inputs = self._inputs
         try:
             now_ns = inputs._clock.now()
-            if inputs.kept is not None:
-                inputs.kept(self._number, now_ns, raw)
+            if inputs.on_message is not None:
+                inputs.on_message(self._number, now_ns, raw)
             for read, slowly, deliver, unreadable in self.readers:
                 try:
                     try:
@@ -106,19 +106,19 @@ class _Topic:
                     continue
                 deliver(now_ns if stamp_ns is None else stamp_ns, value, frame, now_ns)
         except Exception as error:  # whatever a message does, the next one is served
-            inputs._unexpected(error)
+            inputs._on_error(error)
 
 
-def _reader(signal: Signal) -> Read | None:
+def _make_raw_reader(signal: Signal) -> Read | None:
     try:
         return RawSignal(signal, fields_of).read
     except CdrUnsupportedError:
         return None
 
 
-def _deserialising(signal: Signal, kind: Any) -> Read:
+def _make_slow_reader(signal: Signal, kind: Any) -> Read:
     """Return a reader that has rclpy make the whole message."""
-    value_of, stamped = signal.reader(), is_stamped(kind)
+    value_of, stamped = signal.make_reader(), is_stamped(kind)
 
     def read(raw: bytes) -> Reading:
         try:

@@ -52,17 +52,19 @@ class Estimates:
         self.forces.append(force)
         self.others.append(position + speed)  # finite if and only if both are
         if len(self) % CHECK_EVERY == 1:
-            self.misread += not same(deserialize_message(message, JointState), stamp, position, speed, force)
+            self.misread += not is_same_estimate(
+                deserialize_message(message, JointState), stamp, position, speed, force
+            )
 
 
-def same(message: JointState, stamp_ns: int, *numbers: float) -> bool:
+def is_same_estimate(message: JointState, stamp_ns: int, *numbers: float) -> bool:
     stamp = message.header.stamp
     read = [*message.position, *message.velocity, *message.effort]
     return stamp.sec * 10**9 + stamp.nanosec == stamp_ns and read == list(numbers)
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class ReceivedStatus:
     """A status of the observer, when it was received [ns]."""
 
     at: int
@@ -71,7 +73,7 @@ class Diagnosis:
     values: dict[str, str]
 
 
-class Witness:
+class ObserverMonitor:
     """Subscriptions and clients in `namespace`, served by a thread of their own while this context is entered."""
 
     def __init__(self, namespace: str) -> None:
@@ -80,9 +82,9 @@ class Witness:
         self._name = f"{namespace}/{NODE}"
         self._node = rclpy.create_node("witness", namespace=namespace, context=self._context)
         self.estimates = Estimates()
-        self.diagnoses: list[Diagnosis] = []
+        self.diagnoses: list[ReceivedStatus] = []
         self._node.create_subscription(JointState, f"{NODE}/estimate", self.estimates.take, DEEP, raw=True)
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, DEEP)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, DEEP)
         self._models = self._node.create_publisher(String, MODEL_TOPIC, LATCHED)
         self._parameters = AsyncParameterClient(self._node, self._name)
         self._reload = self._node.create_client(Trigger, f"{NODE}/reload_model")
@@ -90,7 +92,7 @@ class Witness:
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin)
 
-    def __enter__(self) -> Witness:
+    def __enter__(self) -> ObserverMonitor:
         self._thread.start()
         return self
 
@@ -98,12 +100,12 @@ class Witness:
         self._context.shutdown()
         self._thread.join()
 
-    def set(self, name: str, value: Any, timeout_s: float = 10.0) -> tuple[bool, str]:
+    def set_parameter(self, name: str, value: Any, timeout_s: float = 10.0) -> tuple[bool, str]:
         """Set a parameter of the observer; returns whether it was accepted, and the reason if not."""
         result = self._answer(self._parameters.set_parameters([Parameter(name, value=value)]), timeout_s).results[0]
         return result.successful, result.reason
 
-    def reload(self, timeout_s: float = 30.0) -> tuple[bool, str]:
+    def reload_model(self, timeout_s: float = 30.0) -> tuple[bool, str]:
         """Have the model read again; returns whether that was done, and what was said."""
         answer = self._answer(self._reload.call_async(Trigger.Request()), timeout_s)
         return answer.success, answer.message
@@ -125,10 +127,10 @@ class Witness:
             time.sleep(0.005)
         return future.result()
 
-    def _diagnosed(self, message: DiagnosticArray) -> None:
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.time_ns()
         self.diagnoses += [
-            Diagnosis(now, status.level[0], status.message, {pair.key: pair.value for pair in status.values})
+            ReceivedStatus(now, status.level[0], status.message, {pair.key: pair.value for pair in status.values})
             for status in message.status
             if status.name.startswith(self._name)
         ]

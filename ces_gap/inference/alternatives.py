@@ -8,49 +8,49 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ces_gap.inference.comparison import LEAST_SHARE, LEAST_Z, gain
-from ces_gap.inference.fit import Fit
-from ces_gap.inference.search import Found
-from ces_gap.inference.verdict import FLOOR
+from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_Z, compute_paired_gain
+from ces_gap.inference.fit import EffectFit
+from ces_gap.inference.search import EffectSearchResult
+from ces_gap.inference.verdict import NEGLIGIBLE_SHARE
 
 
-def contenders(found: Found) -> list[Fit]:
+def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
     """Return the fits that differ from the best in one effect."""
-    best = found.best
+    best = result.best
     if best is None:
         return []
-    some = found.alone if len(best.effects) == 1 else found.tried
+    some = result.alone if len(best.effects) == 1 else result.tried
     return [f for f in some if len(f.names) == len(best.names) and len(set(best.names) - set(f.names)) == 1]
 
 
-def least_left(found: Found) -> dict[str, float]:
+def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     """Return the least share of the gap's energy that each effect leaves: alone, in the best, in the place of another.
 
     What a contender shares with the best says nothing of it, and is not counted.
     """
-    left = {fit.names[0]: fit.cost for fit in found.alone}
-    best = found.best
-    for fit in (*contenders(found), *([best] if best is not None else [])):
+    left = {fit.names[0]: fit.cost for fit in result.alone}
+    best = result.best
+    for fit in (*find_alternatives(result), *([best] if best is not None else [])):
         own = fit.names if best is None or fit is best else set(fit.names) - set(best.names)
         left.update({name: min(left[name], fit.cost) for name in own})
-    return {name: (cost - len(found.none)) / found.gap_energy for name, cost in left.items()}
+    return {name: (cost - len(result.baseline_residual)) / result.gap_energy for name, cost in left.items()}
 
 
-def stand_ins(found: Found) -> tuple[tuple[str, ...], ...]:
+def interchangeable_effects(result: EffectSearchResult) -> tuple[tuple[str, ...], ...]:
     """Return each effect of the best composition that others can replace, with those others, the best first."""
-    best = found.best
+    best = result.best
     groups: dict[str, list[str]] = {}
     if best is None:
         return ()
-    for fit in sorted(contenders(found), key=lambda f: f.cost):
+    for fit in sorted(find_alternatives(result), key=lambda f: f.cost):
         (member,) = set(best.names) - set(fit.names)
         (other,) = set(fit.names) - set(best.names)
-        if _as_good(found, best, fit):
+        if _is_as_good(result, best, fit):
             groups.setdefault(member, [member]).append(other)
     return tuple(tuple(dict.fromkeys(groups[name])) for name in best.names if name in groups)
 
 
-def joined(groups: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
+def merge_groups(groups: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
     """Return all groups, largest first, those that are a part of another left out."""
     kept: list[tuple[str, ...]] = []
     for group in sorted((*groups, *classes), key=len, reverse=True):
@@ -59,8 +59,8 @@ def joined(groups: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]
     return tuple(kept)
 
 
-def _as_good(found: Found, best: Fit, fit: Fit) -> bool:
+def _is_as_good(found: EffectSearchResult, best: EffectFit, fit: EffectFit) -> bool:
     """True if what the best gains over the fit is next to nothing, or little and within twice its error."""
-    paired = gain(found.evidence, fit.left_out, best.left_out)
+    paired = compute_paired_gain(found.evidence, fit.left_out, best.left_out)
     share = paired.energy / found.gap_energy
-    return share < FLOOR or (share < LEAST_SHARE and paired.z < LEAST_Z)
+    return share < NEGLIGIBLE_SHARE or (share < MIN_GAIN_SHARE and paired.z < MIN_GAIN_Z)

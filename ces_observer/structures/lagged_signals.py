@@ -7,15 +7,15 @@ from dataclasses import asdict, dataclass
 from math import inf
 from typing import Any
 
-from ces_observer.checked import Checked
-from ces_observer.proof.intervals import Interval, added, down, product, up
+from ces_observer.json_checks import JsonObject
+from ces_observer.proof.intervals import Interval, add, down, product, up
 from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges
 
 SIGNALS = ("force", "speed", "current", "position")
 COLUMNS = {"position": 0, "speed": 1, "current": 2}
-MOST_REGRESSORS = 64
-MOST_NUMBER = 1e9  # weights and means: far beyond any fit, far below overflow
-LEAST_SPREAD = 1e-9
+MAX_REGRESSORS = 64
+MAX_NUMBER = 1e9  # weights and means: far beyond any fit, far below overflow
+MIN_SPREAD = 1e-9
 
 
 @dataclass(frozen=True)
@@ -37,42 +37,42 @@ class Regressor:
     def interval(self, inputs: Ranges) -> Interval:
         """Return an interval that holds it for every input in its range, and past forces of zero."""
         low, high = inputs.get(self.signal, (0.0, 0.0))
-        shifted = added((low, high), (-self.mean, -self.mean))
+        shifted = add((low, high), (-self.mean, -self.mean))
         return down(shifted[0] / self.spread), up(shifted[1] / self.spread)
 
 
-def regressor_from(node: Checked) -> Regressor:
+def parse_regressor(node: JsonObject) -> Regressor:
     """Check one regressor of a model file; raises ModelError."""
-    node.only("signal", "lag", "mean", "spread")
+    node.require_only_keys("signal", "lag", "mean", "spread")
     signal = node.choice("signal", SIGNALS)
     return Regressor(
         signal,
-        node.whole("lag", 1 if signal == "force" else 0, MAX_LAG),
-        node.number("mean", -MOST_NUMBER, MOST_NUMBER),
-        node.number("spread", LEAST_SPREAD, MOST_NUMBER),
+        node.integer("lag", 1 if signal == "force" else 0, MAX_LAG),
+        node.number("mean", -MAX_NUMBER, MAX_NUMBER),
+        node.number("spread", MIN_SPREAD, MAX_NUMBER),
     )
 
 
-def regressors_from(node: Checked) -> tuple[Regressor, ...]:
+def parse_regressors(node: JsonObject) -> tuple[Regressor, ...]:
     """Check the list `regressors` of a model file; raises ModelError."""
-    return tuple(regressor_from(item) for item in node.items("regressors", 1, MOST_REGRESSORS))
+    return tuple(parse_regressor(item) for item in node.items("regressors", 1, MAX_REGRESSORS))
 
 
-def number_from(node: Checked, key: str) -> float:
+def parse_number(node: JsonObject, key: str) -> float:
     """Return a weight of a model file; raises ModelError."""
-    return node.number(key, -MOST_NUMBER, MOST_NUMBER)
+    return node.number(key, -MAX_NUMBER, MAX_NUMBER)
 
 
-def scale_from(node: Checked) -> float:
+def scale_from(node: JsonObject) -> float:
     """Return the force [N] that the output is scaled by; raises ModelError."""
-    return node.number("scale_N", LEAST_SPREAD, MOST_NUMBER)
+    return node.number("scale_N", MIN_SPREAD, MAX_NUMBER)
 
 
 def affine(constant: float, slopes: Sequence[float], at: Sequence[Interval]) -> Interval:
     """Return an interval that holds constant + slopes . x for every x in the box `at`."""
     total = (constant, constant)
     for slope, interval in zip(slopes, at, strict=True):
-        total = added(total, product((slope, slope), interval))
+        total = add(total, product((slope, slope), interval))
     return total
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ces_identify.numerics import kernels
 from ces_identify.polynomial.constructed_series import membership
 from ces_observer.model import Envelope
-from ces_observer.structures.constructed import Constructed, Hat
+from ces_observer.structures.constructed_inputs import ConstructedInput, TriangularMembership
 from ces_observer.structures.structure import Range
-from ces_observer.structures.terms import Factor, Term, constructed_in
+from ces_observer.structures.terms import Factor, Term, collect_constructed
 
 SIGNALS = ("position", "speed", "current")
 Power = tuple[str, float, bool]  # signal, power, signed
@@ -32,7 +32,7 @@ class CompiledTerms:
     lags: NDArray[np.int64]
     counts: NDArray[np.int64]
     outputs: NDArray[np.int64]
-    constructed: tuple[Constructed, ...] = ()
+    constructed: tuple[ConstructedInput, ...] = ()
 
     @property
     def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -52,13 +52,13 @@ class CompiledTerms:
     def variable(self, term: int, factor: int) -> tuple[str, int]:
         """Return what a factor is a function of, signal and lag: a hat is one of the signal it is of."""
         signal = self.powers[self.columns[term, factor]][0]
-        hat = self._hats.get(signal)
+        hat = self._memberships.get(signal)
         return (hat.of if hat else signal), int(self.lags[term, factor])
 
     def factor_values(self, column: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return row `column` of the power table at `values` (n,) of the factor's variable."""
         signal, power, signed = self.powers[column]
-        hat = self._hats.get(signal)
+        hat = self._memberships.get(signal)
         return membership(hat, values) if hat else np.asarray(kernels.power_row(values, power, signed))
 
     def ranges(self, envelope: Envelope) -> dict[str, Range]:
@@ -68,11 +68,11 @@ class CompiledTerms:
 
     def kinks(self, signal: str) -> list[float]:
         """Return where the memberships of a signal bend."""
-        return sorted({at for hat in self._hats.values() if hat.of == signal for at in hat.kinks})
+        return sorted({at for hat in self._memberships.values() if hat.of == signal for at in hat.kinks})
 
     @property
-    def _hats(self) -> dict[str, Hat]:
-        return {one.name: one for one in self.constructed if isinstance(one, Hat)}
+    def _memberships(self) -> dict[str, TriangularMembership]:
+        return {one.name: one for one in self.constructed if isinstance(one, TriangularMembership)}
 
 
 def compile_terms(terms: Sequence[Term]) -> CompiledTerms:
@@ -87,7 +87,7 @@ def compile_terms(terms: Sequence[Term]) -> CompiledTerms:
             columns[t, f], lags[t, f] = row[_power(factor)], factor.lag
     counts = np.array([len(term.inputs) for term in terms], np.int64)
     outputs = np.array([term.output_lag for term in terms], np.int64)
-    return CompiledTerms(tuple(powers), columns, lags, counts, outputs, constructed_in(terms))
+    return CompiledTerms(tuple(powers), columns, lags, counts, outputs, collect_constructed(terms))
 
 
 def power_table(

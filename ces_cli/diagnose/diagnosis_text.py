@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from ces_gap.diagnosis import Estimate, Explained, Region
-from ces_gap.report.words import parameter_text, region_name
+from ces_gap.diagnosis import Estimate, Explanation, GapRegion
+from ces_gap.report.formatting import parameter_text, region_name
 
 
-def region_text(region: Region) -> str:
+def region_text(region: GapRegion) -> str:
     """Return a region in words with what it holds of the gap."""
     energy = f"{region.share_of_energy:.0%} of the gap's energy"
     if region.axis == "frequency_hz":
@@ -18,7 +18,7 @@ def region_text(region: Region) -> str:
     )
 
 
-def named(cause: Explained) -> str:
+def effect_name(cause: Explanation) -> str:
     """Return an effect with its form."""
     return f"{cause.effects[0]} ({cause.forms[0]})"
 
@@ -45,7 +45,7 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if math.isfinite(share) else "-"
 
 
-def percents(bounds: tuple[float, float]) -> str:
+def percent_interval(bounds: tuple[float, float]) -> str:
     """Return an interval of shares in percent, a dash if it is not known."""
     return f"[{100.0 * bounds[0]:.0f}, {100.0 * bounds[1]:.0f}]" if all(map(math.isfinite, bounds)) else "-"
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.experiment.matching import Match, nearest, refined
-from ces_gap.experiment.signatures import NONE, Probe, Tangent, Whiten, fan
+from ces_gap.experiment.matching import Match, nearest, refine_match
+from ces_gap.experiment.signatures import NONE, Probe, Tangent, Whiten, sample_tangents
 from ces_gap.inference.evidence import Evidence
 from ces_gap.trace import Trace
 
@@ -25,11 +25,11 @@ F = NDArray[np.float64]
 FORM = 0.15  # of a signature's size: as far as real physics is from an effect's form anyway
 EVIDENCE = 3.0  # expected log-likelihood ratio below which data cannot tell: odds of 20 to 1, wrong 1 time in 9
 NEAR, ALIKE = 5.0, 0.3  # times the limit, times the smaller effect: linear distances above both are not refined
-MOST_REFINED = 8  # pairs, the nearest first
+MAX_REFINED_PAIRS = 8  # pairs, the nearest first
 
 
 @dataclass(frozen=True)
-class Twins:
+class IndistinguishableEffects:
     """What can be told apart. `matches` by (A, B): how near B comes to A; `evidence` is the limit.
 
     `classes` are groups in which every one can stand for every other. `silent` effects are so small at their fitted
@@ -41,24 +41,24 @@ class Twins:
     silent: tuple[str, ...]
     evidence: float = EVIDENCE
 
-    def apart(self, a: str, b: str) -> Match:
+    def clearest_match(self, a: str, b: str) -> Match:
         """Return the match of two effects in the direction that tells them apart better."""
         return max(self.matches[a, b], self.matches[b, a], key=lambda m: m.index)
 
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Return the pairs of twins, the nearest first."""
         inside = [pair for group in self.classes for pair in combinations(group, 2)]
-        return tuple(sorted(inside, key=lambda pair: self.apart(*pair).index))
+        return tuple(sorted(inside, key=lambda pair: self.clearest_match(*pair).index))
 
 
-def twin_classes(
+def find_indistinguishable_effects(
     plant: Plant,
     traces: Sequence[Trace],
     fitted: Sequence[Setting],
     whiten: Whiten,
     evidence: float = EVIDENCE,
     around: Composition = NONE,
-) -> Twins:
+) -> IndistinguishableEffects:
     """Return which of the fitted effects are twins on these traces.
 
     `fitted` may hold several forms of an effect: the first stands for it when others try to match it, all are tried
@@ -68,18 +68,18 @@ def twin_classes(
     effects that are there besides, none of them in `fitted`.
     """
     probe = Probe(plant, traces, whiten, around)
-    fans = _fans(probe, fitted)
+    fans = _tangents_by_effect(probe, fitted)
     silent = tuple(name for name, tangents_ in fans.items() if tangents_[0].size ** 2 / 2.0 < evidence)
     heard = [name for name in fans if name not in silent]
     matches = {(a, b): nearest(fans[a][0], fans[b]) for a, b in permutations(heard, 2)}
-    for a, b in _doubtful({name: fans[name][0].size for name in heard}, matches, evidence):
-        matches[a, b] = refined(fans[a][0], fans[b], probe.tangent)
+    for a, b in _pairs_to_refine({name: fans[name][0].size for name in heard}, matches, evidence):
+        matches[a, b] = refine_match(fans[a][0], fans[b], probe.tangent)
     limit = np.sqrt(2.0 * evidence)
     index = {(a, b): m.index / max(1.0, FORM * fans[a][0].size / limit) for (a, b), m in matches.items()}
-    return Twins(matches, classes(heard, index, evidence), silent, evidence)
+    return IndistinguishableEffects(matches, group_effects(heard, index, evidence), silent, evidence)
 
 
-def seen_by(evidence: Evidence) -> Whiten:
+def make_evidence_whitening(evidence: Evidence) -> Whiten:
     """Return the whitening of the evidence's own units, for signatures on its traces."""
 
     def whiten(trace: int, force: F) -> F:
@@ -88,7 +88,7 @@ def seen_by(evidence: Evidence) -> Whiten:
     return whiten
 
 
-def classes(
+def group_effects(
     names: Sequence[str], index: Mapping[tuple[str, str], float], evidence: float = EVIDENCE
 ) -> tuple[tuple[str, ...], ...]:
     """Return the groups of at least two names in which all pairs, both ways, are within the limit.
@@ -112,21 +112,21 @@ def classes(
     return tuple(sorted(large, key=lambda g: order[g[0]]))
 
 
-def _fans(probe: Probe, fitted: Sequence[Setting]) -> dict[str, list[Tangent]]:
+def _tangents_by_effect(probe: Probe, fitted: Sequence[Setting]) -> dict[str, list[Tangent]]:
     at = [probe.tangent(setting) for setting in fitted]
     size = max((tangent.size for tangent in at), default=0.0)
     fans: dict[str, list[Tangent]] = {}
     for tangent in at:
-        fans.setdefault(tangent.setting.name, []).extend(fan(probe, tangent, size))
+        fans.setdefault(tangent.setting.name, []).extend(sample_tangents(probe, tangent, size))
     return fans
 
 
-def _doubtful(
+def _pairs_to_refine(
     size: Mapping[str, float], matches: Mapping[tuple[str, str], Match], evidence: float
 ) -> list[tuple[str, str]]:
     """Return the ordered pairs to be refined: both ways near the limit or alike, nearest first."""
     near = NEAR * np.sqrt(2.0 * evidence)
     far = {(a, b): max(matches[a, b].index, matches[b, a].index) for a, b in combinations(size, 2)}
     close = [(a, b) for a, b in far if far[a, b] < max(near, ALIKE * min(size[a], size[b]))]
-    close = sorted(close, key=far.__getitem__)[:MOST_REFINED]
+    close = sorted(close, key=far.__getitem__)[:MAX_REFINED_PAIRS]
     return [ordered for a, b in close for ordered in ((a, b), (b, a))]

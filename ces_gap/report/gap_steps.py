@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ces_gap.diagnosis import UNKNOWN, Diagnosis, Explained, Interval
-from ces_gap.report.words import effect_name, joined, newtons
+from ces_gap.diagnosis import UNKNOWN, Diagnosis, Explanation, Interval
+from ces_gap.report.formatting import effect_name, join_effect_names, newtons
 
 ROOM = 1.04  # of the longest bar or interval
 SAME = 1e-9  # relative difference below which nothing was learnt from references
@@ -26,7 +26,7 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class Ladder:
+class GapSteps:
     """The steps from the simulation as given to the best found, the controls, and the noise [%] on their scale."""
 
     steps: tuple[Bar, ...]
@@ -34,28 +34,30 @@ class Ladder:
     noise: float
 
 
-def ladder(d: Diagnosis) -> Ladder:
+def build_gap_steps(d: Diagnosis) -> GapSteps:
     """Return the bars of a diagnosis; RMS [N] on held-out recordings, noise taken out of all but its own."""
     ends = [d.gap.rms_N, d.gap.ci95_N[1], d.gap.corrected_N, d.gap.corrected_ci95_N[1], d.gap.noise_floor_N]
     scale = ROOM * max([v for v in ends if math.isfinite(v)] + [1e-9])
     steps = [_bar(scale, "before", "Simulation as given", "", d.gap.rms_N, d.gap.ci95_N)]
-    if learnt(d):
+    if has_correction(d):
         remark = "learnt from the reference recordings"
         steps.append(
             _bar(scale, "corrected", "Its own error removed", remark, d.gap.corrected_N, d.gap.corrected_ci95_N)
         )
     if d.composition.effects:
-        steps.append(_after(scale, "after", f"With {joined(d.composition.effects)}", _best(d), d.composition))
+        steps.append(
+            _after(scale, "after", f"With {join_effect_names(d.composition.effects)}", _best(d), d.composition)
+        )
     noise = _bar(scale, "noise", "Measurement noise", "taken out of all the others", d.gap.noise_floor_N, None)
-    return Ladder((*steps, noise), tuple(_controls(d, scale)), noise.length)
+    return GapSteps((*steps, noise), tuple(_controls(d, scale)), noise.length)
 
 
-def learnt(d: Diagnosis) -> bool:
+def has_correction(d: Diagnosis) -> bool:
     """Return whether references taught the simulation's own error."""
     return abs(d.gap.corrected_N - d.gap.rms_N) > SAME * d.gap.rms_N
 
 
-def after_ci95_N(explained: Explained) -> Interval | None:
+def after_ci95_N(explained: Explanation) -> Interval | None:
     """Return the interval [N] of the gap after, from that of the shrink; None if it is not known."""
     left = 1.0 - explained.shrink
     if not all(map(math.isfinite, (explained.shrink, *explained.shrink_ci95))) or left <= 0.0:
@@ -80,7 +82,7 @@ def _controls(d: Diagnosis, scale: float) -> list[Bar]:
     return out
 
 
-def _after(scale: float, css: str, label: str, remark: str, explained: Explained) -> Bar:
+def _after(scale: float, css: str, label: str, remark: str, explained: Explanation) -> Bar:
     return _bar(scale, css, label, remark, explained.gap_after_N, after_ci95_N(explained))
 
 

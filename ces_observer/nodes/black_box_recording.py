@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from ces_observer.errors import CesError, RecordingError
 from ces_observer.nodes.damper_topics import DamperTopics
-from ces_observer.nodes.inputs import Inputs
+from ces_observer.nodes.input_subscriptions import InputSubscriptions
 from ces_observer.nodes.message_definitions import bag_channel
 from ces_observer.recorder.black_box import BlackBox
 from ces_observer.recorder.mcap_file import require_mcap
@@ -21,10 +21,10 @@ TAIL = 1.0 / 3.0  # of the time before the drift that is recorded after it
 WORK_S = 0.001  # what writing may take of each look of the watch
 
 
-class Recording:
+class BlackBoxRecording:
     """The black box of all dampers; `box` is None until the first measured force comes, or if there is to be none."""
 
-    def __init__(self, node: Node, inputs: Inputs, values: dict[str, Any]) -> None:
+    def __init__(self, node: Node, inputs: InputSubscriptions, values: dict[str, Any]) -> None:
         self._node, self._inputs = node, inputs
         self._folder, self._seconds = values["record_dir"], values["record_s"]
         self._most_bags = values["record_max_bags"]
@@ -49,10 +49,10 @@ class Recording:
             return
         folder = Path(self._folder).expanduser()
         tail_s = TAIL * self._seconds
-        self.box = BlackBox(channels, folder, seconds=self._seconds, tail_s=tail_s, most_bags=self._most_bags)
-        self._inputs.kept = self.box.keep
+        self.box = BlackBox(channels, folder, seconds=self._seconds, tail_s=tail_s, max_bags=self._most_bags)
+        self._inputs.on_message = self.box.add
         for channel, damper in enumerate(dampers, start=len(self._inputs.topics)):
-            damper.kept = partial(self.box.keep, channel)
+            damper.kept = partial(self.box.add, channel)
 
     def work(self, now_ns: int) -> None:
         """Go on with what is being written, a little at a time."""

@@ -13,7 +13,7 @@ RAMP_CELLS = 24
 RAMP_WIDTH = 300.0  # [px]
 
 
-def cells(p: Panel, edges: tuple[F, F], values: F, shade: F, css: str, tell: Callable[[int, int], str]) -> str:
+def cells(p: Panel, edges: tuple[F, F], values: F, shade: F, css: str, describe: Callable[[int, int], str]) -> str:
     """Return a rectangle for each cell (x, y) of `values` above 0, darker with `shade` from 0 to 1; hovering tells it.
 
     `edges` (x + 1,), (y + 1,) are on the panel's axes.
@@ -22,7 +22,7 @@ def cells(p: Panel, edges: tuple[F, F], values: F, shade: F, css: str, tell: Cal
     for a, b in zip(*np.nonzero(np.nan_to_num(values) > 0.0), strict=True):
         x, y = edges[0][a : a + 2], edges[1][b : b + 2]
         box = p.rect(x[0], x[1], css, y[0], y[1]).removesuffix("/>")
-        out.append(f'{box} fill-opacity="{_opacity(shade[a, b]):.2f}"><title>{tell(a, b)}</title></rect>')
+        out.append(f'{box} fill-opacity="{_opacity(shade[a, b]):.2f}"><title>{describe(a, b)}</title></rect>')
     return "\n".join(out)
 
 

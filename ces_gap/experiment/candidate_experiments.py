@@ -1,6 +1,6 @@
 """The menu of experiments that part one effect from another, cut to what the recordings already asked of the rig.
 
-Each is a recipe that `ces rig FILE` runs; `waveforms.commanded` gives its position and current.
+Each is a recipe that `ces rig FILE` runs; `waveforms.generate_waveforms` gives its position and current.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ F = NDArray[np.float64]
 Recipe = dict[str, Any]
 
 TRAVEL, SPEED, ACCELERATION = 1.05, 1.1, 1.5  # how far beyond what was seen an experiment may go
-LEAST_AMPLITUDE_M, LEAST_SPEED_M_S, LEAST_ACCELERATION_M_S2 = 1e-3, 0.01, 1.0
+MIN_AMPLITUDE_M, MIN_SPEED_M_S, MIN_ACCELERATION_M_S2 = 1e-3, 0.01, 1.0
 SAME_CURRENT = 0.05  # relative spread below which a current counts as constant
 CURRENT = 0.25  # by how much of itself a constant current is then moved up and down
 TOP_HZ = 16.0
@@ -61,18 +61,18 @@ def reach_of(traces: Sequence[Trace]) -> Reach:
     currents = _currents(i, any("current" in t.recording.constants for t in traces))
     return Reach(
         centre_m=float(low + high) / 2.0,
-        amplitude_m=max(TRAVEL * float(high - low) / 2.0, LEAST_AMPLITUDE_M),
-        speed_m_s=max(SPEED * float(np.quantile(np.abs(v), 0.999)), LEAST_SPEED_M_S),
-        acceleration_m_s2=max(ACCELERATION * float(np.quantile(np.abs(a), 0.999)), LEAST_ACCELERATION_M_S2),
+        amplitude_m=max(TRAVEL * float(high - low) / 2.0, MIN_AMPLITUDE_M),
+        speed_m_s=max(SPEED * float(np.quantile(np.abs(v), 0.999)), MIN_SPEED_M_S),
+        acceleration_m_s2=max(ACCELERATION * float(np.quantile(np.abs(a), 0.999)), MIN_ACCELERATION_M_S2),
         low_A=currents[0],
         high_A=currents[1],
     )
 
 
-def menu(reach: Reach) -> list[Recipe]:
+def list_candidate_experiments(reach: Reach) -> list[Recipe]:
     """Return the experiments within reach, each 10 to 40 s: keys `name`, `description`, `duration_s`, `seed`, `stroke`,
     `current` as `ces rig` reads them. Those that need a commanded current are left out where there is none."""
-    made = [*_motions(reach), *(_currents_commanded(reach) if reach.high_A > reach.low_A else [])]
+    made = [*_motions(reach), *(_changing_current_experiments(reach) if reach.high_A > reach.low_A else [])]
     return [{**recipe, "seed": SEED} for recipe in made]
 
 
@@ -100,7 +100,7 @@ def _motions(r: Reach) -> list[Recipe]:
     ]  # fmt: skip
 
 
-def _currents_commanded(r: Reach) -> list[Recipe]:
+def _changing_current_experiments(r: Reach) -> list[Recipe]:
     """Return the experiments with a changing current."""
     steps = [r.low_A, r.high_A, r.middle_A, r.high_A, r.low_A, r.middle_A]
     return [

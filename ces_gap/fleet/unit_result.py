@@ -10,21 +10,21 @@ from functools import partial
 from typing import Any
 
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis
-from ces_gap.fleet.question import FleetJob, Question
+from ces_gap.fleet.request import DiagnosisJob, DiagnosisRequest
 from ces_gap.intake.checks import check_recordings
 from ces_identify.jobs.job import DONE, JobResult, run_job
 from ces_identify.jobs.row_log import Row
 from ces_identify.recordings.recording import Recording
 
 
-def diagnose_unit(job: FleetJob, packed: Sequence[bytes], recordings: Sequence[Recording]) -> JobResult:
+def diagnose_unit(job: DiagnosisJob, packed: Sequence[bytes], recordings: Sequence[Recording]) -> JobResult:
     """Diagnose one unit; `packed` holds the packed question alone."""
     return run_job(job, partial(_diagnose, job, packed[0], recordings))
 
 
-def _diagnose(job: FleetJob, packed: bytes, recordings: Sequence[Recording]) -> JobResult:
+def _diagnose(job: DiagnosisJob, packed: bytes, recordings: Sequence[Recording]) -> JobResult:
     began = time.monotonic()
-    question: Question = pickle.loads(packed)  # of our own making, never from a file
+    question: DiagnosisRequest = pickle.loads(packed)  # of our own making, never from a file
     doubts = check_recordings(recordings, (), question.reference)
     found = question.diagnose(question.simulation, question.spec, recordings, (), question.reference, question.options)
     found = replace(found, notes=(*doubts, *found.notes))
@@ -33,7 +33,7 @@ def _diagnose(job: FleetJob, packed: bytes, recordings: Sequence[Recording]) -> 
     return JobResult(row, {f"{job.output}/{name}": text for name, text in files.items()})
 
 
-def _row(job: FleetJob, recordings: Sequence[Recording], found: Diagnosis) -> Row:
+def _row(job: DiagnosisJob, recordings: Sequence[Recording], found: Diagnosis) -> Row:
     best = found.causes[0] if found.causes else None
     gap, together = found.gap, found.composition
     row: Row = {

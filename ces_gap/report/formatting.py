@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ces_gap.diagnosis import Estimate, Interval, Region
+from ces_gap.diagnosis import Estimate, GapRegion, Interval
 from ces_identify.typesetting import minus, three_figures
 
 AXES = {
@@ -77,7 +77,7 @@ def effect_name(effect: str) -> str:
     return " ".join(PROPER.get(word, word) for word in effect.split("_"))
 
 
-def joined(effects: Sequence[str], last: str = "and") -> str:
+def join_effect_names(effects: Sequence[str], last: str = "and") -> str:
     """Return `a, b and c`."""
     names = [effect_name(e) for e in effects]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}" if names else "nothing"
@@ -101,7 +101,7 @@ def axis_figure(axis: str, value: float) -> str:
     return minus(f"{AXES[axis][2] * value + 0.0:.3g}")
 
 
-def region_name(region: Region) -> str:
+def region_name(region: GapRegion) -> str:
     """Return a region as `speed 0.1 to 0.3 m/s`, `stroke above 20 mm`, `rebound`."""
     if region.axis == "direction":
         return (
@@ -121,11 +121,16 @@ def parameter_text(estimate: Estimate) -> tuple[str, str, str, str]:
     shown, handy, at_least, below = HANDY.get(unit, (unit, scale, 0.0, math.inf))
     if at_least <= max(abs(v) for v in (estimate.value, *estimate.ci95)) < below:
         unit, scale = shown, handy
-    low, high = (figure(scale * v) for v in estimate.ci95)
-    return effect_name(estimate.name.removesuffix(ending)), figure(scale * estimate.value), unit, f"{low} to {high}"
+    low, high = (format_number(scale * v) for v in estimate.ci95)
+    return (
+        effect_name(estimate.name.removesuffix(ending)),
+        format_number(scale * estimate.value),
+        unit,
+        f"{low} to {high}",
+    )
 
 
-def figure(value: float) -> str:
+def format_number(value: float) -> str:
     """Return a number to three significant digits, a dash if it is not known; large and small ones in powers of ten."""
     if not math.isfinite(value):
         return minus("\N{EN DASH}" if math.isnan(value) else f"{value}".replace("inf", "\N{INFINITY}"))
