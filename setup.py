@@ -77,7 +77,7 @@ setup(
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
         "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
-        "docs": ["mkdocs-material>=9.5", "mkdocstrings[python]>=0.26", "ruff>=0.6"],  # the documentation site: make docs
+        "docs": ["mkdocs-material>=9.5", "mkdocstrings[python]>=0.26", "ruff>=0.6"],  # make docs
         "dev": [
             "pytest>=7.4",
             "pytest-xdist>=3.4",
