@@ -73,15 +73,11 @@ setup(
     ],
     extras_require={
         "bench": ["joblib>=1.4", "sysidentpy>=0.9", "fastcan>=0.6", "anfis-toolbox>=0.2"],  # the peers in bench/
-        "fuzz": ["atheris>=2.3"],  # coverage-guided fuzzing: bench/fuzz/coverage_fuzz.py
+        "fuzz": ["atheris>=2.3"],  # coverage-guided fuzzing: bench/fuzz/guided.py
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
         "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
-        "docs": [
-            "mkdocs-material>=9.5",
-            "mkdocstrings[python]>=0.26",
-            "ruff>=0.6",
-        ],  # the documentation site: make docs
+        "docs": ["mkdocs-material>=9.5", "mkdocstrings[python]>=0.26", "ruff>=0.6"],  # make docs
         "dev": [
             "pytest>=7.4",
             "pytest-xdist>=3.4",
