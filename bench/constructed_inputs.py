@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ces_identify.identify import identify
+from ces_identify.identification import identify
 from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.regressors import CandidateRules, load_rules

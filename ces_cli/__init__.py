@@ -1,1 +1,4 @@
-"""The programs: `ces NAME` without ROS and `ros2 run ces_observer NAME` with it; one module each, all at the edge."""
+"""The programs `ces NAME`: command lines go in; files, tables on the terminal and an exit status come out.
+
+`main` finds a program's module by its name. A room holds the programs of one topic; `terminal` is what all share.
+"""

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ces_identify.identify import IdentificationResult
+from ces_identify.identification import IdentificationResult
 from ces_identify.recordings.recording import Recording
 from ces_identify.structure_kit import IdentifyOptions
 from ces_identify.validation.cost_interval import CostInterval, cost_interval

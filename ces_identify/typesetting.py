@@ -12,7 +12,7 @@ UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """A column of a table: its head, and the style classes of its head and of its cells."""
 
     head: Markup
@@ -30,7 +30,7 @@ class ModelTable:
     ident: str
     title: str
     equation: Markup
-    columns: tuple[Column, ...]
+    columns: tuple[TableColumn, ...]
     rows: tuple[tuple[Markup, ...], ...]
     note_before: str = ""
     note_after: str = ""
@@ -38,7 +38,7 @@ class ModelTable:
 
 def parameter_table(about: str, heads: tuple[Markup, ...], rows: tuple[tuple[Markup, ...], ...]) -> ModelTable:
     """Return the table of a model without terms: a first column of names and columns of numbers; `about` explains."""
-    columns = (Column(heads[0], "", "formula"), *map(Column, heads[1:]))
+    columns = (TableColumn(heads[0], "", "formula"), *map(TableColumn, heads[1:]))
     return ModelTable("parameters", "Parameters", Markup(""), columns, rows, note_before=about)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ces_identify.identify import identify
+from ces_identify.identification import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.structure_kit import IdentifyOptions
 from ces_observer.model import Model

@@ -24,9 +24,9 @@ from bench.gaps.effects import CHANGES, Change
 from bench.gaps.simulations import BandBrake, StaticMap
 from bench.measurement import print_note
 from ces_cli.bags import import_
-from ces_gap.diagnose import DiagnoseOptions, diagnose
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis, Estimate
-from ces_identify.identify import identify
+from ces_gap.pipeline import DiagnoseOptions, diagnose
+from ces_identify.identification import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.recording import Recording

@@ -20,7 +20,7 @@ import yaml
 from joblib import Memory, Parallel, delayed, parallel_config
 
 from bench.thesis.one_step import one_step_model
-from ces_identify.identify import identify
+from ces_identify.identification import identify
 from ces_identify.polynomial.limits import BOTH, RANDOM, Limits
 from ces_identify.polynomial.regressors import load_rules, parse_rules
 from ces_identify.polynomial_structure import fit_polynomial

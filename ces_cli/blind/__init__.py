@@ -1,1 +1,1 @@
-"""TODO."""
+"""The program `blind`: blind tests of the diagnosis are made, run and scored."""

@@ -57,7 +57,7 @@ def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
 
 
 def _diagnose(case: Path, out: Path, mode: Mode) -> str:
-    from ces_gap.diagnose import DiagnoseOptions, diagnose
+    from ces_gap.pipeline import DiagnoseOptions, diagnose
     from ces_gap.report.gap_json import write_gap
 
     described = json.loads((case / "case.json").read_text(encoding="utf-8"))

@@ -1,1 +1,1 @@
-"""TODO."""
+"""`identify --campaign`: tables and pictures of many identifications."""

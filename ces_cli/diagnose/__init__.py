@@ -1,1 +1,1 @@
-"""TODO."""
+"""The program `diagnose`: one diagnosis, or a fleet of them with `--each`."""

@@ -15,9 +15,9 @@ from ces_cli.terminal.bag_paths import FleetUnit, find_bags, find_fleet_units
 from ces_cli.terminal.many_jobs import keep_results, require_one_place, start_jobs
 from ces_cli.terminal.progress import JobsProgress
 from ces_cli.terminal.simulations import open_simulation, with_predictions
-from ces_gap.diagnose import diagnose
 from ces_gap.fleet.request import DiagnosisJob, DiagnosisRequest, job_of
 from ces_gap.fleet.unit_result import diagnose_unit
+from ces_gap.pipeline import diagnose
 from ces_gap.report.result_files import result_files
 from ces_identify.jobs.job import DONE, FAILED
 from ces_identify.jobs.results_folder import ResultsFolder, open_results

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.simulations import import_from_here, with_predictions
-from ces_gap.diagnose import DiagnoseOptions
 from ces_gap.effects.user_effects import user_effect
+from ces_gap.pipeline import DiagnoseOptions
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.signals import Signals

@@ -38,8 +38,8 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
     from ces_cli.diagnose.inputs import build_diagnose_options, read_with_predictions
     from ces_cli.diagnose.progress import DiagnoseProgress
     from ces_gap.augmented.augmented_file import name_simulation
-    from ces_gap.diagnose import diagnose
     from ces_gap.intake.checks import check_recordings
+    from ces_gap.pipeline import diagnose
     from ces_gap.report.result_files import result_files
 
     _make_folder(options.out)

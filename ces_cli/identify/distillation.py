@@ -14,7 +14,7 @@ from rich.table import Table
 from ces_cli.terminal import terminal
 from ces_cli.terminal.tables import NONE, percent
 from ces_gap.augmented.simulation_spec import file_of
-from ces_identify.identify import IdentificationResult
+from ces_identify.identification import IdentificationResult
 from ces_identify.recordings.recording import Recording
 from ces_identify.validation.distillation import DistillationCosts, compare_with_teacher
 

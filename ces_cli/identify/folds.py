@@ -12,7 +12,7 @@ from ces_cli.identify.structures import select_identify_function
 from ces_cli.terminal import terminal
 from ces_cli.terminal.tables import fold_table
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
-from ces_identify.identify import IdentificationResult
+from ces_identify.identification import IdentificationResult
 from ces_identify.recordings.recording import Recording
 from ces_identify.structure_kit import IdentifyOptions
 

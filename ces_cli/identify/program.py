@@ -21,7 +21,7 @@ from ces_cli.terminal import terminal
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.tables import cost_table
-from ces_identify.identify import IdentificationResult
+from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.limits import BOTH, METHODS
 from ces_identify.polynomial.regressors import DEFAULT_RULES
 from ces_identify.preparation.weighting import FORMS, parse_weighting

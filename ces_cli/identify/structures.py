@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 from ces_cli.terminal import terminal
-from ces_identify.identify import IdentificationResult, identify
+from ces_identify.identification import IdentificationResult, identify
 from ces_identify.structure_kit import SizeOption
 from ces_identify.structures import KITS
 

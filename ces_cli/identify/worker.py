@@ -24,7 +24,7 @@ from ces_cli.identify.identification import prepare_identification, write_report
 from ces_cli.identify.program import parser
 from ces_cli.identify.progress import READING, SEARCHING, WRITING
 from ces_cli.terminal import terminal
-from ces_identify.identify import IdentificationResult
+from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.limits import Limits, SearchResult
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.errors import CesError

@@ -1,1 +1,1 @@
-"""A fleet: one diagnosis for each recording or vehicle, here or on a cluster, streamed to disk and resumed."""
+"""Many diagnoses at once: recordings by vehicle go in, a row and a folder of files for each come out."""

@@ -26,7 +26,7 @@ from ces_identify.simulations.simulation import FunctionSimulation, Simulation
 from ces_observer import __version__
 
 if TYPE_CHECKING:
-    from ces_gap.diagnose import DiagnoseOptions
+    from ces_gap.pipeline import DiagnoseOptions
 
 UNITS = "units"
 OURS = ("ces_observer", "ces_identify", "ces_gap", "ces_rig", "ces_cli")
@@ -39,7 +39,7 @@ Files = Callable[..., Mapping[str, str]]
 class DiagnosisRequest:
     """What every unit is asked: the simulation, the references free of the effect, and how to diagnose.
 
-    `diagnose` and `files` are `ces_gap.diagnose.diagnose` and `ces_gap.report.result_files.result_files`, or what
+    `diagnose` and `files` are `ces_gap.pipeline.diagnose` and `ces_gap.report.result_files.result_files`, or what
     replaces them.
     """
 

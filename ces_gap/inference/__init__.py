@@ -1,1 +1,4 @@
-"""TODO."""
+"""Which effects explain the gap: evidence goes in, fitted compositions, alternatives and a verdict come out.
+
+Candidates are compared on parts of the evidence that their fit has not seen.
+"""

@@ -1,1 +1,1 @@
-"""Campaigns: many identifications at once, each a cell of bags x structures x seeds and whatever else is varied."""
+"""Many identifications: a description goes in, a row and a model for each cell come out."""

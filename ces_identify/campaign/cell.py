@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from ces_identify.campaign.plan import AUTO, CampaignJob
-from ces_identify.identify import IdentificationResult, identify
+from ces_identify.identification import IdentificationResult, identify
 from ces_identify.jobs.job import DONE, JobResult, run_job
 from ces_identify.jobs.row_log import Row
 from ces_identify.polynomial.limits import Limits

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ces_identify.numerics import kernels
 from ces_identify.polynomial.free_run import powers_of_inputs
 from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.typesetting import UNITS, Column, ModelTable, minus, signal_symbol, three_figures
+from ces_identify.typesetting import UNITS, ModelTable, TableColumn, minus, signal_symbol, three_figures
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import Hysteresis, Lag, TriangularMembership
 from ces_observer.structures.polynomial import Polynomial
@@ -25,11 +25,11 @@ NOTE = (
     "terms may cancel, so the shares need not add up to 100\N{NO-BREAK SPACE}%."
 )
 COLUMNS = (
-    Column(Markup("Regressor"), "", "formula"),
-    Column(Markup("Coefficient")),
-    Column(Markup("Unit"), "", "unit"),
-    Column(Markup("RMS [N]")),
-    Column(Markup("Of the force [%]"), "j", "j"),
+    TableColumn(Markup("Regressor"), "", "formula"),
+    TableColumn(Markup("Coefficient")),
+    TableColumn(Markup("Unit"), "", "unit"),
+    TableColumn(Markup("RMS [N]")),
+    TableColumn(Markup("Of the force [%]"), "j", "j"),
 )
 
 

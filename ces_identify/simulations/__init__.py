@@ -1,1 +1,4 @@
-"""TODO."""
+"""Anything that computes a force: a recording goes in, a force at each of its position samples comes out.
+
+Models, Python functions, FMUs and recorded predictions are all used through `Simulation`.
+"""

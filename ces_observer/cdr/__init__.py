@@ -1,1 +1,1 @@
-"""Numbers read from and written to serialised messages (CDR) without deserialising them."""
+"""Serialised ROS 2 messages: bytes go in, one number and the stamp come out, and estimates the other way."""

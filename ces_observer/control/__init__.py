@@ -1,1 +1,1 @@
-"""A reference controller of damper force: curve, inverse map, feedback; no ROS."""
+"""The reference controller: speed and estimated force go in, valve current comes out."""

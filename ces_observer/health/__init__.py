@@ -1,1 +1,1 @@
-"""What is told of a running observer: streams, latencies, running cost, episodes, status."""
+"""The health of a running observer: samples, estimates and reasons go in, values for /diagnostics come out."""

@@ -1,1 +1,1 @@
-"""Proofs of stability: interval arithmetic, bounds over boxes of inputs, and what a certificate says."""
+"""Stability: interval arithmetic and the certificate that a model is a contraction over its whole envelope."""

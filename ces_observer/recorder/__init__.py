@@ -1,1 +1,1 @@
-"""The black box: the last seconds of raw messages, and rosbag2 folders written from them."""
+"""The black box: the last seconds of raw messages go in, a rosbag2 folder comes out when something went wrong."""

@@ -1,1 +1,1 @@
-"""Blind cases: recordings of plants with an effect that is withheld, a wrong simulation beside them, labels sealed."""
+"""Blind cases: a plan goes in, folders with recordings, a simulation and sealed answers come out."""

@@ -1,1 +1,1 @@
-"""The rig live: a damper stepped tick by tick under commanded current, on a scripted stroke or under a vehicle."""
+"""The rig as a ROS 2 node: valve current goes in, sensor samples come out, tick by tick."""

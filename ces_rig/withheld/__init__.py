@@ -1,1 +1,1 @@
-"""Blind tests' plants and the effects withheld from their simulations, in the rig's own physical form."""
+"""Plants for blind tests: a kind and a seed go in, a damper with withheld effects comes out."""

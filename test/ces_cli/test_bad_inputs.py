@@ -174,9 +174,9 @@ def interrupt(*_, **__):
     "moment",
     [
         "ces_cli.terminal.terminal.read_recording",
-        "ces_identify.identify.choose_sampling",
-        "ces_identify.identify.pose",
-        "ces_identify.identify.evaluate",
+        "ces_identify.identification.choose_sampling",
+        "ces_identify.identification.pose",
+        "ces_identify.identification.evaluate",
         "ces_observer.json_checks.os.fsync",
         "ces_identify.report.render",
     ],

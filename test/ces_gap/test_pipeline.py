@@ -11,13 +11,13 @@ from engine_plant import SIMULATION, WEIGHTS, recorded
 from test_whole_diagnosis import sprung, wrong
 from twin_effects import CurrentGain, Friction, Spring
 
-from ces_gap import diagnose as pipeline
-from ces_gap.diagnose import DiagnoseOptions, diagnose
+from ces_gap import pipeline
 from ces_gap.diagnosis import NAMED, Diagnosis
 from ces_gap.effects.effect import Effect
 from ces_gap.inference import decide, learn_baseline
 from ces_gap.inference.explanations import HeldOutScorer
 from ces_gap.intake import prepare
+from ces_gap.pipeline import DiagnoseOptions, diagnose
 
 FEW: tuple[Effect, ...] = (CurrentGain(), Friction(), Spring())
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, RATE_HZ, planted
 
-from ces_identify.identify import identify
+from ces_identify.identification import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Channel
 from ces_identify.structure_kit import IdentifyOptions

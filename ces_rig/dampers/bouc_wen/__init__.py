@@ -1,1 +1,1 @@
-"""TODO."""
+"""The magneto-rheological damper: a modified Bouc-Wen model."""

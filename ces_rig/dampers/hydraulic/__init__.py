@@ -1,1 +1,1 @@
-"""TODO."""
+"""The hydraulic CES damper: chambers, valves, pilot stage, seal, mount and heat."""

@@ -94,7 +94,7 @@ def quick(here, monkeypatch):
     """The stand-in diagnosis."""
     import ces_cli.diagnose.fleet  # noqa: F401
 
-    for place in ("ces_gap.diagnose", "ces_cli.diagnose.fleet"):
+    for place in ("ces_gap.pipeline", "ces_cli.diagnose.fleet"):
         monkeypatch.setattr(f"{place}.diagnose", stand_in.diagnose)
     for place in ("ces_gap.report.result_files", "ces_cli.diagnose.fleet"):
         monkeypatch.setattr(f"{place}.result_files", stand_in.files)

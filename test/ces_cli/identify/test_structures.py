@@ -3,7 +3,7 @@ import argparse
 import pytest
 
 from ces_cli.identify.structures import add_structure, select_identify_function
-from ces_identify.identify import identify
+from ces_identify.identification import identify
 from ces_identify.polynomial_structure import fit_polynomial
 from ces_identify.trained.fuzzy_structure import FuzzyShape
 from ces_identify.trained.network_structure import NetworkShape

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ces_identify.identify import identify
+from ces_identify.identification import identify
 from ces_identify.polynomial.constructed_data import restrict_to_data
 from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
 from ces_identify.polynomial.limits import Limits

@@ -86,13 +86,13 @@ def test_a_candidate_outside_the_model_has_its_sensitivity_at_zero(case):
 
 @pytest.fixture(scope="module")
 def problem():
-    from test_identify import RULES, SAMPLING, planted
+    from test_identification import RULES, SAMPLING, planted
 
     return assemble_problem([prepare(planted(1), SAMPLING)], RULES.candidates())
 
 
 def test_a_fit_finds_the_planted_coefficients_from_afar(problem):
-    from test_identify import PLANTED
+    from test_identification import PLANTED
 
     factors = [c.factors for c in problem.candidates]
     chosen = np.array([factors.index(t.factors) for t in PLANTED.body.terms])
@@ -105,7 +105,7 @@ def test_a_fit_stays_inside_the_stable_models():
     """The plant is an integrator but for a trace: least squares alone would not be a contraction."""
     from dataclasses import replace
 
-    from test_identify import SAMPLING, planted
+    from test_identification import SAMPLING, planted
 
     from ces_identify.recordings.recording import Channel
 

@@ -4,7 +4,7 @@ import numpy as np
 from planted import NETWORK, planted
 from residual_series import series
 
-from ces_identify.identify import identify
+from ces_identify.identification import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.problem import assemble_problem, estimation_ticks
 from ces_identify.polynomial.regressors import parse_rules

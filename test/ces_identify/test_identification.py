@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ces_identify.identify import identify
+from ces_identify.identification import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.preparation.series import prepare
