@@ -25,7 +25,7 @@ MAKERS = (
     "create_service",
     "create_client",
     "_publisher",
-    "_patched",
+    "_make_patched",
     "EstimateOutput",
 )
 PROFILES = list(ElementTree.parse(FOLDER / "policy.xml").getroot().iter("profile"))

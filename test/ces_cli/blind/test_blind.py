@@ -10,7 +10,7 @@ import pytest
 from ces_cli.blind.case import AUGMENTED, DECISION, GAP, REPLAY, ROW
 from ces_cli.blind.program import main
 from ces_cli.terminal.terminal import run as run_program
-from ces_gap import diagnose
+from ces_gap import pipeline
 from ces_gap.effects.library import library
 from ces_rig.blind.seal import open_arrays, open_seal
 
@@ -110,7 +110,7 @@ def test_none_for_a_liar(cases, tmp_path, capsys):
 
 def test_the_diagnosis_itself(cases, tmp_path, capsys, monkeypatch):
     """One case through the whole: only recordings are there to see; a second run has nothing left to do."""
-    monkeypatch.setattr(diagnose, "library", lambda: tuple(form for form in library() if form.name in QUICK))
+    monkeypatch.setattr(pipeline, "library", lambda: tuple(form for form in library() if form.name in QUICK))
     blind = tmp_path / "blind"
     shutil.copytree(cases / "cases", blind / "cases")
     words = ["run", str(blind), "--out", str(tmp_path / "results"), "--limit", "1", "--jobs", "1"]

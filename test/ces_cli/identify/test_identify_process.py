@@ -24,7 +24,7 @@ def said(process, until=EXIT_STATUS):
     found, end = [], time.monotonic() + LONG_S
     while not any(until in message for message in found):
         assert time.monotonic() < end, found
-        found += process.heard()
+        found += process.read_messages()
         time.sleep(0.01)
     return found
 
