@@ -46,6 +46,7 @@ setup(
     python_requires=">=3.11",
     packages=find_packages(include=["ces_*"]),
     package_data={
+        "*": ["py.typed"],
         "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js"],
         "ces_rig": ["**/*.yaml"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],

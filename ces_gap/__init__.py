@@ -3,5 +3,47 @@
 The rooms in reading order: `trace` (recording and simulation on one grid), `effects` (the physics that a simulation may
 lack), `baseline` (what the simulation gets wrong without any effect), `intake` (checked inputs), `inference` (which
 effects, how sure), `where` (in which stroke, speed, current ...), `experiment` (what to record next), `augmented` (the
-repaired simulation as a file), `report` (page and gap.json), `fleet` (many diagnoses). `diagnose` runs them in turn.
+repaired simulation as a file), `report` (page and gap.json), `fleet` (many diagnoses). `pipeline` runs them in turn.
+
+The names below are the public interface; they are imported when they are first used.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ces_gap.api import diagnose, write_diagnosis
+    from ces_gap.diagnosis import Diagnosis
+    from ces_gap.effects.effect import CELL, FLUID, MOTION, PARALLEL, SENSOR, VALVE, Effect, EffectParameter
+    from ces_gap.pipeline import DiagnoseOptions
+
+_SOURCES = {
+    "ces_gap.api": ("diagnose", "write_diagnosis"),
+    "ces_gap.diagnosis": ("Diagnosis",),
+    "ces_gap.effects.effect": (
+        "CELL", "FLUID", "MOTION", "PARALLEL", "SENSOR", "VALVE", "Effect", "EffectParameter",
+    ),
+    "ces_gap.pipeline": ("DiagnoseOptions",),
+}  # fmt: skip
+_HOME = {name: module for module, names in _SOURCES.items() for name in names}
+
+__all__ = [
+    "CELL",
+    "FLUID",
+    "MOTION",
+    "PARALLEL",
+    "SENSOR",
+    "VALVE",
+    "DiagnoseOptions",
+    "Diagnosis",
+    "Effect",
+    "EffectParameter",
+    "diagnose",
+    "write_diagnosis",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'ces_gap' has no attribute '{name}'")
+    return getattr(import_module(_HOME[name]), name)

@@ -1,1 +1,74 @@
-"""Offline identification: recordings in, selected and validated model files out. Needs no ROS."""
+"""Offline identification: recordings go in; selected, validated and proved models come out. Needs no ROS.
+
+The rooms in reading order: `recordings` (bags and logs as logged), `preparation` (uniform ticks), `numerics` (kernels),
+`polynomial` and `trained` (the structures' fitters), `simulations` (anything that computes a force), `validation` (how
+good a model is), `export` (C and FMU), `report` (the page), `campaign` (many identifications) on `jobs` (many jobs at
+once). The names below are the public interface; they are imported when they are first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ces_identify.api import (
+        identify,
+        make_recording,
+        plot,
+        read_log,
+        read_recording,
+        simulate,
+        simulate_arrays,
+        validate,
+        write_recording,
+    )
+    from ces_identify.identification import IdentificationResult
+    from ces_identify.polynomial.limits import Limits
+    from ces_identify.recordings.recording import Channel, Recording
+    from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
+    from ces_identify.structure_kit import IdentifyOptions
+    from ces_identify.validation.evaluate import Evaluation
+    from ces_observer import Model, load_model
+
+_SOURCES = {
+    "ces_identify.api": (
+        "identify", "make_recording", "plot", "read_log", "read_recording", "simulate", "simulate_arrays", "validate",
+        "write_recording",
+    ),
+    "ces_identify.identification": ("IdentificationResult",),
+    "ces_identify.polynomial.limits": ("Limits",),
+    "ces_identify.recordings.recording": ("Channel", "Recording"),
+    "ces_identify.simulations.simulation": ("FunctionSimulation", "ModelSimulation", "Simulation"),
+    "ces_identify.structure_kit": ("IdentifyOptions",),
+    "ces_identify.validation.evaluate": ("Evaluation",),
+    "ces_observer": ("Model", "load_model"),
+}  # fmt: skip
+_HOME = {name: module for module, names in _SOURCES.items() for name in names}
+
+__all__ = [
+    "Channel",
+    "Evaluation",
+    "FunctionSimulation",
+    "IdentificationResult",
+    "IdentifyOptions",
+    "Limits",
+    "Model",
+    "ModelSimulation",
+    "Recording",
+    "Simulation",
+    "identify",
+    "load_model",
+    "make_recording",
+    "plot",
+    "read_log",
+    "read_recording",
+    "simulate",
+    "simulate_arrays",
+    "validate",
+    "write_recording",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'ces_identify' has no attribute '{name}'")
+    return getattr(import_module(_HOME[name]), name)

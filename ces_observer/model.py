@@ -117,17 +117,18 @@ class Model:
         }
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write the model file beside `path`, then rename it into place."""
-        write_atomically(path, self.to_json())
+        write_atomically(Path(path), self.to_json())
 
     def digest(self) -> str:
         """Return the SHA-256 of the model file's text, by which a running observer names its model."""
         return hashlib.sha256(self.to_json().encode()).hexdigest()
 
 
-def load_model(path: Path) -> Model:
+def load_model(path: str | Path) -> Model:
     """Read and check a model file; raises ModelError naming the file and the key that is wrong."""
+    path = Path(path)
     try:
         text = read_bounded(path, MAX_BYTES)
     except FileNotFoundError:

@@ -15,8 +15,8 @@ from matplotlib import pyplot as plt
 
 from bench.small_png import save_small
 from bench.thesis.models import ANFIS, BY_THESIS, NETWORK, OURS, POLYNOMIAL, THESIS, Evaluations, ThesisRow
-from ces_cli.terminal.cost_picture import MEASURED, SIMULATED
 from ces_cli.terminal.tables import percent
+from ces_identify.report.cost_figure import MEASURED, SIMULATED
 from ces_identify.report.window import choose_window
 from ces_identify.validation.evaluate import Evaluation
 

@@ -1,0 +1,134 @@
+"""The functions for scripts: read a recording, identify, simulate, validate, plot. Import them from `ces_identify`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ces_identify import identification
+from ces_identify.identification import IdentificationResult
+from ces_identify.polynomial.limits import Listener
+from ces_identify.preparation.series import prepare
+from ces_identify.recordings import bag_reader, dyno_import
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.checks import require_usable
+from ces_identify.recordings.consistency import require_consistent
+from ces_identify.recordings.dyno_mapping import load_dyno_mapping
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.recordings.signals_file import load_signals
+from ces_identify.simulations.simulate import sample_force
+from ces_identify.structure_kit import IdentifyOptions, Size
+from ces_identify.structures import KITS
+from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
+from ces_observer.errors import CesError
+from ces_observer.model import Model
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+EPOCH_NS = 10**18  # stamps of recordings made of arrays count from here
+
+
+def read_recording(
+    path: str | Path, *, signals: str | Path | None = None, need: Sequence[str] = ("position", "current", "force")
+) -> Recording:
+    """Read and check a rosbag2 folder or `.mcap` file; `signals` is a signals file (default: the packaged one).
+
+    Each signal in `need` must be there. Warns of what looks wrong; raises CesError for what cannot be used.
+    """
+    recording = bag_reader.read_recording(Path(path), load_signals(Path(signals) if signals else None), need)
+    _warn(recording)
+    return recording
+
+
+def read_log(path: str | Path, *, mapping: str | Path) -> Recording:
+    """Read and check a dyno log (CSV, JSON, MAT); `mapping` is the file that `ces import` takes. Raises CesError."""
+    recording = dyno_import.import_log(Path(path), load_dyno_mapping(Path(mapping)))
+    _warn(recording)
+    return recording
+
+
+def make_recording(
+    time_s: ArrayLike, position_m: ArrayLike, current_A: ArrayLike, force_N: ArrayLike | None = None, *, name: str = ""
+) -> Recording:
+    """Return a recording of arrays of shape (n,); position and force are positive in compression."""
+    stamps = EPOCH_NS + np.rint(np.asarray(time_s, dtype=np.float64) * 1e9).astype(np.int64)
+    columns = {"position": ("m", position_m), "current": ("A", current_A), "force": ("N", force_N)}
+    channels = {
+        signal: Channel(signal, unit, stamps, np.asarray(values, dtype=np.float64))
+        for signal, (unit, values) in columns.items()
+        if values is not None
+    }
+    return Recording(name or "recording", channels)
+
+
+def write_recording(recording: Recording, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write a recording as a rosbag2 folder with the topics of the packaged signals file. Raises CesError."""
+    write_bag(Path(path), recording_topics(recording, load_signals()), overwrite=overwrite)
+
+
+def identify(
+    recordings: Recording | Sequence[Recording],
+    *,
+    validation: Sequence[Recording] = (),
+    structure: str = "polynomial",
+    options: IdentifyOptions | None = None,
+    listener: Listener = lambda result: None,
+    **sizes: Size,
+) -> IdentificationResult:
+    """Identify a model; neither the fit nor the selection sees the `validation` recordings.
+
+    `structure` is "polynomial", "sigmoid" (size `units`) or "anfis" (size `rules`, such as "7x2"). `listener` is called
+    with each improvement. Warns of recordings that differ; raises CesError if they hold too little.
+
+        result = identify([read_recording("bags/noise")], validation=[read_recording("bags/road")])
+        result.model.save(Path("model.json"))
+    """
+    if structure not in KITS:
+        raise CesError(f"structure '{structure}' is unknown; expected one of {', '.join(KITS)}")
+    kit = KITS[structure]
+    known = {size.name: size.default for size in kit.sizes}
+    if not sizes.keys() <= known.keys():
+        raise CesError(f"structure '{structure}' has no size {', '.join(sizes.keys() - known.keys())}")
+    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    for finding in require_consistent([*given, *validation]):
+        warnings.warn(finding.text, stacklevel=2)
+    return identification.identify(given, validation, options, listener, kit.fitter({**known, **sizes}))
+
+
+def validate(model: Model, recordings: Recording | Sequence[Recording]) -> list[Evaluation]:
+    """Return the free run of `model` on each recording with its cost J [%] (`cost`) and RMS error (`rms_N`).
+
+    Raises CesError for a recording without a measured force.
+    """
+    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    return evaluate(model, [prepare(recording, model.sampling) for recording in given], VALIDATION)
+
+
+def simulate(model: Model, recording: Recording) -> NDArray[np.float64]:
+    """Return the force [N] at every position sample (n,), as the observer would publish it; NaN where it withholds."""
+    return sample_force(model, recording)
+
+
+def simulate_arrays(
+    model: Model, time_s: ArrayLike, position_m: ArrayLike, current_A: ArrayLike
+) -> NDArray[np.float64]:
+    """Return the force [N] for arrays of shape (n,), as `simulate`."""
+    return sample_force(model, make_recording(time_s, position_m, current_A))
+
+
+def plot(evaluations: Sequence[Evaluation]) -> Figure:
+    """Return a matplotlib figure of measured and simulated force, a row for each evaluation."""
+    from ces_identify.report.cost_figure import draw_costs
+
+    return draw_costs(evaluations)
+
+
+def _warn(recording: Recording) -> None:
+    for finding in require_usable(recording):
+        warnings.warn(f"{recording.name}: {finding.text}", stacklevel=3)
