@@ -14,7 +14,7 @@ import numpy as np
 
 from ces_identify.identification import IdentificationResult
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.cost_interval import CostInterval, cost_interval
 from ces_identify.validation.evaluate import VALIDATION, Evaluation
 from ces_observer.errors import CesError

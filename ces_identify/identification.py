@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from ces_identify.polynomial.limits import Limits, Listener, SearchResult
-from ces_identify.polynomial_structure import fit_polynomial
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import Series, prepare
 from ces_identify.preparation.weighting import Weighting
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import Fitted, Fitter, IdentifyOptions
+from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
+from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.validation.usage import RULE, usage
 from ces_observer import __version__

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.report.drawing import F, Panel, PlotAxis, label, svg
+from ces_identify.numerics.arrays import F
+from ces_identify.report.drawing import Panel, PlotAxis, label, svg
 from ces_identify.typesetting import minus
 from ces_identify.validation.residuals import Correlation, ResidualTests
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.report.drawing import F, Panel, around_zero, axes, legend, note, panel, span_of, svg
-from ces_identify.report.marks import B, dots, line, shade
+from ces_identify.numerics.arrays import B, F
+from ces_identify.report.drawing import Panel, around_zero, axes, legend, note, panel, span_of, svg
+from ces_identify.report.marks import dots, line, shade
 from ces_identify.report.window import Window
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model

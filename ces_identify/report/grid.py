@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import B, F
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Envelope
-
-F = NDArray[np.float64]
 
 SPEEDS, CURRENTS = 30, 14  # cells
 MIN_TICKS = 10  # of a cell whose error is told
@@ -45,7 +43,7 @@ class SpeedCurrentGrid:
         enough = ticks >= MIN_TICKS
         return np.where(enough, np.sqrt(squares / np.maximum(ticks, 1.0)), np.nan)
 
-    def _sum(self, evaluation: Evaluation, kept: NDArray[np.bool_], weights: F | None) -> F:
+    def _sum(self, evaluation: Evaluation, kept: B, weights: F | None) -> F:
         series = evaluation.series
         edges = (self.speed, self.current)
         return np.histogram2d(series.speed[kept], series.current[kept], bins=edges, weights=weights)[0]

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ces_identify.report.drawing import F, Panel, label
+from ces_identify.numerics.arrays import F
+from ces_identify.report.drawing import Panel, label
 
 FAINTEST = 0.10  # opacity of a cell that has just been visited
 RAMP_CELLS = 24

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import B, F
 from ces_identify.report.drawing import Panel, axes, legend, note, panel, svg
 from ces_identify.report.grid import SpeedCurrentGrid
 from ces_identify.report.heat_map import cells, ramp
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
-
-F = NDArray[np.float64]
 
 SIZE = (550, 400)
 BOX = (58.0, 34.0, 476.0, 276.0)
@@ -77,7 +75,7 @@ def _cells(p: Panel, grid: SpeedCurrentGrid, values: F, shade: F, css: str, unit
     return cells(p, (grid.speed, grid.current), values, shade, css, describe)
 
 
-def _outline(p: Panel, grid: SpeedCurrentGrid, inside: NDArray[np.bool_]) -> str:
+def _outline(p: Panel, grid: SpeedCurrentGrid, inside: B) -> str:
     """Return the boundary of the cells that are `inside`."""
     wide = np.pad(inside, 1)
     x, y = p.x.px(grid.speed), p.y.px(grid.current)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ces_identify.report.drawing import F, Panel
-
-B = NDArray[np.bool_]
+from ces_identify.numerics.arrays import B, F, I
+from ces_identify.report.drawing import Panel
 
 
 def line(p: Panel, x: F, y: F, css: str, breaks: B | None = None) -> str:
@@ -53,7 +51,7 @@ def dots(p: Panel, x: F, y: F, css: str) -> str:
     return _path(css, "".join(f"M{a:.1f},{b:.1f}h0" for a, b in points))
 
 
-def _loop(column: NDArray[np.int64], top: F, bottom: F) -> str:
+def _loop(column: I, top: F, bottom: F) -> str:
     x = np.concatenate([[column[0]], column + 0.5, [column[-1] + 1]])
     there = zip(x, np.pad(top, 1, "edge"), strict=True)
     back = zip(x[::-1], np.pad(bottom, 1, "edge")[::-1], strict=True)

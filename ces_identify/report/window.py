@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_identify.report.drawing import F
+from ces_identify.numerics.arrays import F
 from ces_identify.validation.evaluate import Evaluation
 
 LENGTH_S = 1.5

@@ -12,18 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from ces_identify.numerics.arrays import B, F, I
 from ces_identify.preparation.series import usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.fmu_ports import SPEC, Ports, choose_ports, read_names
 from ces_identify.simulations.fmu_slave import FmuVariables, extract_fmu, import_fmpy, open_instance, read_description
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 GAP_S, GAP_INTERVALS = 0.05, 10.0  # a gap is longer than both, as in `ces_identify.preparation.sampling`
 SMOOTHING_HZ = 70.0  # [Hz] zero-phase low-pass for the speed: well above any stroke, well below the position's noise
@@ -148,7 +145,7 @@ def smooth_speed(time: F, position: F) -> F:
     return np.asarray(np.interp(time, even, np.gradient(smooth, even)))
 
 
-def _in_order(stamps_ns: I) -> NDArray[np.bool_]:
+def _in_order(stamps_ns: I) -> B:
     later = np.ones(len(stamps_ns), bool)
     later[1:] = stamps_ns[1:] > np.maximum.accumulate(stamps_ns)[:-1]
     return later

@@ -8,15 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import B, F
 from ces_identify.preparation.series import Series, prepare, track_samples, usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures import run_batch
 from ces_observer.model import Model
-
-F = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -25,7 +23,7 @@ class FreeRun:
     whose inputs lay outside the input envelope; `diverged` is the first tick out of bounds, -1 if none."""
 
     force: F
-    clamped: NDArray[np.bool_]
+    clamped: B
     diverged: int
 
 
@@ -36,7 +34,7 @@ def simulate_series(model: Model, series: Series) -> FreeRun:
     return FreeRun(force, outside_envelope(model, series), diverged)
 
 
-def outside_envelope(model: Model, series: Series) -> NDArray[np.bool_]:
+def outside_envelope(model: Model, series: Series) -> B:
     """Return where (ticks,) an input of `series` lies outside the model's input envelope."""
     e = model.envelope
     out = np.zeros(len(series), bool)

@@ -8,15 +8,14 @@ from importlib import import_module
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F
 from ces_identify.preparation.series import force_at, usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 
-F = NDArray[np.float64]
 ForceFunction = Callable[[F, F, F], F]  # time_s, position_m, current_A -> force_N, all of shape (n,)
 
 

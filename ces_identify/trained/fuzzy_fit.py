@@ -11,8 +11,8 @@ from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.numerics.levenberg import Evaluate, damped_step
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run, lagged_normal_equations
@@ -21,9 +21,6 @@ from ces_identify.trained.training import SIGNALS, Training
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
 from ces_observer.structures.lagged_signals import Regressor
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 FIRST_GAIN = 0.95  # most that past forces count for in a start
 FIRST_SLOPE = 2.0

@@ -16,7 +16,8 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from ces_identify.numerics.normal_matrix import BLOCK, F, I, accumulate, longest_lag, mirror
+from ces_identify.numerics.arrays import F, I
+from ces_identify.numerics.normal_matrix import BLOCK, accumulate, longest_lag, mirror
 
 
 class RegressorTable(NamedTuple):

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.trained.lagged_kernels import RegressorTable
 from ces_observer.model import Envelope
 from ces_observer.structures.lagged_signals import COLUMNS, Regressor
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 
 def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs: F, segments: I) -> RegressorTable:

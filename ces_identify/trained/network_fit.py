@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run, lagged_normal_equations
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.network_kernels import NetworkArrays
@@ -15,8 +15,6 @@ from ces_identify.trained.training import Training
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.network import Network, SigmoidUnit
-
-F = NDArray[np.float64]
 
 FIRST_GAIN = 0.9  # of past forces together, in a start
 FIRST_SLOPE = 1.5  # spread of a start's slopes, all inputs together
@@ -49,7 +47,7 @@ class NetworkFit:
         return regressor_table(self.regressors, t.envelope, t.inputs, t.segments)
 
     @cached_property
-    def past(self) -> NDArray[np.int64]:
+    def past(self) -> I:
         """Indices of the regressors that are past forces."""
         return np.flatnonzero(self.table.past_lags)
 

@@ -15,15 +15,13 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import search_clock
+from ces_identify.numerics.arrays import F
 from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.limits import Limits, Listener, SearchResult
 from ces_identify.trained.training import Training
 from ces_observer.model import Model, Sampling
-
-F = NDArray[np.float64]
 
 MAX_GAIN = 0.98  # of past forces: below 1, so that the past fades and the bound on the force is of use
 ROOM = 0.002  # below MAX_GAIN, where the penalty begins

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.weighting import EQUAL, Weighting
@@ -19,9 +19,6 @@ from ces_observer.model import Envelope
 from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Term
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 SIGNALS = ("position", "speed", "current")
 ROUND_ZERO = 0.25  # of the force envelope's span, by which it must reach beyond zero, where every run begins

@@ -18,15 +18,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.numerics.correlation import block_length, find_runs
 from ces_identify.validation.evaluate import Evaluation
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 LEVEL = 0.95
 REPLICATES = 2000

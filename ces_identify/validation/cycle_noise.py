@@ -17,12 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import B, F, I
 from ces_identify.preparation.series import Series
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 SETTLE_S = 1.0  # [s] left out at the start of each stretch without a gap, past warm-up
 MIN_CYCLES = 5
@@ -76,7 +73,7 @@ def cycle_noise(series: Series) -> CycleNoise | NoCycles:
     return _noise(series, differences(np.where(series.scored, series.force, np.nan), settled, lag), same[cycle], period)
 
 
-def _noise(series: Series, difference: F, same: NDArray[np.bool_], period: float) -> CycleNoise | NoCycles:
+def _noise(series: Series, difference: F, same: B, period: float) -> CycleNoise | NoCycles:
     """Return the noise of the force from its differences on the ticks of cycles that are the `same`."""
     used = difference[same & np.isfinite(difference)]
     cycles = int(len(used) / period)

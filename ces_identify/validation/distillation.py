@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F
 from ces_identify.preparation.cost import cost
 from ces_identify.preparation.series import Series, prepare
 from ces_identify.recordings.recording import Recording
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
-
-F = NDArray[np.float64]
 
 MIN_TICKS = 50  # with a measured force
 

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import B, F, I
 from ces_identify.preparation.weighting import CENTRAL, SLOW_M_S
 from ces_identify.validation.evaluate import Evaluation
-
-F = NDArray[np.float64]
-B = NDArray[np.bool_]
 
 SPEEDS, CURRENTS = 6, 3  # cells of the coarse table
 QUANTILE = 0.995  # of |speed| at which the outermost cells end; what is faster counts in them
@@ -106,7 +103,7 @@ def _share(ticks: _Scored, axis: str, region: str, mask: B) -> ErrorShare:
     )
 
 
-def _cell(values: F, edges: F) -> NDArray[np.int64]:
+def _cell(values: F, edges: F) -> I:
     return np.clip(np.searchsorted(edges, values, "right") - 1, 0, len(edges) - 2)
 
 

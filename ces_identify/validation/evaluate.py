@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F
 from ces_identify.preparation.cost import require_force, series_cost
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.simulate import FreeRun, simulate_series
@@ -27,7 +27,7 @@ class Evaluation:
     cost: float
 
     @property
-    def error(self) -> NDArray[np.float64]:
+    def error(self) -> F:
         """Measured minus simulated force [N] on the scored ticks, shape (n,)."""
         scored = self.series.scored
         return np.asarray(self.series.force[scored] - self.run.force[scored])

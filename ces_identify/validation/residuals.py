@@ -21,9 +21,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.numerics.correlation import (
     INSIGNIFICANT_IN_A_ROW,
     autocorrelation,
@@ -34,9 +34,6 @@ from ces_identify.numerics.correlation import (
     memory,
 )
 from ces_identify.validation.evaluate import Evaluation
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 LEVEL = 0.99
 Z = float(norm.ppf(0.5 + LEVEL / 2))

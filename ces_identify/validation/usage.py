@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import B
 from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
 from ces_identify.preparation.series import Series
 
@@ -31,10 +31,10 @@ def usage(identified: Sequence[Series], held_out: Sequence[Series]) -> list[dict
     return rows + [_row(series, None) for series in held_out]
 
 
-def _row(series: Series, estimation: NDArray[np.bool_] | None) -> dict[str, Any]:
+def _row(series: Series, estimation: B | None) -> dict[str, Any]:
     scored, tick_s = series.scored, 1.0 / series.rate_Hz
 
-    def seconds(ticks: NDArray[np.bool_]) -> float:
+    def seconds(ticks: B) -> float:
         return round(float(ticks.sum()) * tick_s, 1)
 
     nothing = np.zeros(len(series), bool)

@@ -4,7 +4,7 @@ from planted import NETWORK, SAMPLING, planted
 
 from ces_identify.preparation.cost import cost
 from ces_identify.preparation.series import prepare
-from ces_identify.trained.lagged_fit import Lags, build_regressors, find_changing_inputs
+from ces_identify.structures.lagged_fit import Lags, build_regressors, find_changing_inputs
 from ces_identify.trained.training import build_training
 from ces_observer.errors import RecordingError
 

@@ -8,7 +8,7 @@ from ces_identify.identification import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.problem import assemble_problem, estimation_ticks
 from ces_identify.polynomial.regressors import parse_rules
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.usage import RULE, usage
 from ces_observer.structures.terms import Term
 

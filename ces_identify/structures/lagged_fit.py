@@ -9,7 +9,7 @@ import numpy as np
 
 from ces_identify.polynomial.limits import Listener
 from ces_identify.preparation.series import Series
-from ces_identify.structure_kit import Fitted, IdentifyOptions
+from ces_identify.structures.kit import Fitted, IdentifyOptions
 from ces_identify.trained.simulation_error import Family, train
 from ces_identify.trained.training import SIGNALS, Training, build_training
 from ces_observer.errors import CesError

@@ -10,9 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.limits import Limits, Listener, SearchResult
 from ces_identify.polynomial.regressors import CandidateRules, load_rules
 from ces_identify.preparation.series import Series
@@ -21,9 +19,6 @@ from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.typesetting import ModelTable
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.structure import Structure
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 Size = bool | int | float | str
 

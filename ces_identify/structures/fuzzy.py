@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.limits import Listener
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.structure_kit import Fitted, IdentifyOptions, SizeOption, StructureKit
+from ces_identify.structures.kit import Fitted, IdentifyOptions, SizeOption, StructureKit
+from ces_identify.structures.lagged_fit import LAGS, Lags, build_regressors, find_changing_inputs, fit_family
 from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
-from ces_identify.trained.lagged_fit import LAGS, Lags, build_regressors, find_changing_inputs, fit_family
 from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.training import Training
@@ -23,9 +23,6 @@ from ces_identify.typesetting import UNITS, ModelTable, four_figures, minus, par
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.fuzzy import Fuzzy, Rule
 from ces_observer.structures.lagged_signals import Regressor
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 MAX_RULES = 60
 

@@ -5,19 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ces_identify.polynomial_structure import POLYNOMIAL
+from ces_identify.numerics.arrays import F, I
 from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.structure_kit import StructureKit
-from ces_identify.trained.fuzzy_structure import ANFIS
-from ces_identify.trained.network_structure import SIGMOID
+from ces_identify.structures.fuzzy import ANFIS
+from ces_identify.structures.kit import StructureKit
+from ces_identify.structures.network import SIGMOID
+from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_identify.typesetting import ModelTable
 from ces_observer.model import Model
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 KITS: dict[str, StructureKit[Any]] = {kit.option: kit for kit in (POLYNOMIAL, SIGMOID, ANFIS)}
 

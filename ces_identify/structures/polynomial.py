@@ -18,7 +18,7 @@ from ces_identify.polynomial.selection import search
 from ces_identify.polynomial.term_table import term_table
 from ces_identify.polynomial.time_constant import find_time_constants
 from ces_identify.preparation.series import Series
-from ces_identify.structure_kit import Fitted, IdentifyOptions, StructureKit
+from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
