@@ -1,4 +1,6 @@
-"""The registry of structures that can be identified, by their names for users; the first is the default."""
+"""The registry of model structures that can be identified: a module and a `StructureKit` for each. The first is the
+default.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +20,14 @@ KITS: dict[str, StructureKit[Any]] = {kit.option: kit for kit in (POLYNOMIAL, SI
 
 
 def run_batch(model: Model, inputs: F, segments: I) -> tuple[F, int]:
-    """Return force (ticks,) [N] and the first tick out of the force envelope (-1 if none), from each segment's start.
-
-    `inputs` (3, ticks) are position [m], speed [m/s] and current [A].
-    """
-    return _kit_of(model).batch_run(model.body, model, inputs, segments)
+    """Return the batch run of a model, as `StructureKit.batch_run` describes it."""
+    return _find_kit(model).batch_run(model.body, model, inputs, segments)
 
 
 def model_table(model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
-    """Return the model's numbers as a report shows them; `role` names what the runs are of."""
-    return _kit_of(model).table(model.body, model, runs, role)
+    """Return the table of the model's parameters for a report; `role` is the role of `runs`."""
+    return _find_kit(model).table(model.body, model, runs, role)
 
 
-def _kit_of(model: Model) -> StructureKit[Any]:
+def _find_kit(model: Model) -> StructureKit[Any]:
     return next(kit for kit in KITS.values() if kit.body.name == model.structure)

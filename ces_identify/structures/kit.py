@@ -1,14 +1,13 @@
-"""What the offline side has to know of a model structure: how to fit it, run it in batch, size it and show it.
+"""The offline side of a model structure: how to fit it, run it in batch, set its size and show it.
 
-Each structure registers one `StructureKit` in `ces_identify.structures`; identification, simulation, campaigns, the
-report and the command line know structures through it alone.
+Identification, simulation, campaigns, the report and the command line know a structure only through its kit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.limits import Limits, Listener, SearchResult
@@ -25,10 +24,10 @@ Size = bool | int | float | str
 
 @dataclass(frozen=True)
 class IdentifyOptions:
-    """What to identify and how: share of each recording to identify on, rules, limits, and numbers given by hand.
+    """Options of an identification: share of each recording to identify on, candidate rules, limits, fixed sampling.
 
-    `weighting` tells which ticks matter more in fit and selection. With `certify`, only models whose stability is
-    proved (ces_observer.proof.certificate) are considered.
+    `weighting` sets which ticks matter more in fit and selection. With `certify`, only models with a certificate
+    (ces_observer.proof.certificate) are considered.
     """
 
     split: float = 0.75
@@ -42,28 +41,23 @@ class IdentifyOptions:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model, what every start found (best first), and how it was chosen, for the model's provenance."""
+    """A model, the results of all starts (best first), and the selection facts for the model's provenance."""
 
     model: Model
     found: Sequence[SearchResult]
     how: Mapping[str, Any]
 
 
-class Fitter(Protocol):
-    """Fits models of one structure and size."""
-
-    def __call__(
-        self, training: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
-    ) -> Fitted:
-        """Return the best model on prepared series; raises CesError if they hold too little."""
+# Returns the best model on prepared series; raises CesError if they hold too little.
+Fitter = Callable[[Sequence[Series], Sampling, IdentifyOptions, Listener], Fitted]
 
 
 @dataclass(frozen=True)
 class SizeOption:
-    """A size of a structure that the user chooses: an option of the command line, and an axis of campaigns.
+    """A size of a structure that the user chooses: an option of the command line and an axis of campaigns.
 
-    A whole number within `whole`, or where that is None a text that passes `check`, which raises ValueError saying
-    what is wrong. `expected` says in words what is taken.
+    It is a whole number within `whole` or, where that is None, a text that passes `check`, which raises ValueError.
+    `expected` describes valid values.
     """
 
     name: str
@@ -80,11 +74,11 @@ S = TypeVar("S", bound=Structure)
 
 @dataclass(frozen=True)
 class StructureKit(Generic[S]):
-    """One structure, offline. `option` is its name for users, `about` what it is, `body` what of the model it is.
+    """One structure, offline. `option` is its name for users, `about` a short description, `body` its class in a model.
 
-    `fitter` returns what fits models of given sizes, by the names of `sizes`. `batch_run` returns force (ticks,) [N],
-    NaN from where it left the force envelope, and the first such tick or -1, of inputs (3, ticks): position [m], speed
-    [m/s] and current [A]. `table` shows the numbers; the runs it may draw on are of validation if there is any.
+    `fitter` returns the fitter for the values of `sizes`. `batch_run` takes inputs (3, ticks), which are position [m],
+    speed [m/s] and current [A], and segments; it returns the force (ticks,) [N], NaN from where it left the force
+    envelope, and the first such tick or -1. `table` shows the parameters; its runs are of the role named.
     """
 
     option: str

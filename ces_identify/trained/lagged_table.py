@@ -1,8 +1,8 @@
-"""Scaled regressors over whole series, as the kernels of networks and fuzzy models read them."""
+"""Scaled regressors over whole series, as the kernels of networks and neuro-fuzzy models need them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ces_observer.structures.lagged_signals import COLUMNS, Regressor
 def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs: F, segments: I) -> RegressorTable:
     """Return the regressors of `inputs` (3, ticks): position [m], speed [m/s] and current [A], clamped to `envelope`.
 
-    Inputs before a segment's start are its first ones.
+    Before a segment's start the inputs have their first values.
     """
     bounds = (envelope.position_m, envelope.speed_m_s, envelope.current_A)
     clamped = [np.clip(row, low, high) for row, (low, high) in zip(inputs, bounds, strict=True)]
@@ -30,6 +30,12 @@ def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs:
         np.array([r.mean for r in past]),
         np.array([r.spread for r in past]),
     )
+
+
+def unscaled_inputs(lags: Iterable[tuple[str, int]], envelope: Envelope, inputs: F, segments: I) -> F:
+    """Return inputs (ticks, n) at lags [ticks] in SI units; `lags` holds names and lags."""
+    raw = [Regressor(signal, lag, 0.0, 1.0) for signal, lag in lags]
+    return regressor_table(raw, envelope, inputs, segments).values
 
 
 def delay_values(values: F, lag: int, segments: I) -> F:

@@ -1,4 +1,4 @@
-"""Where the error of a free run sits: its energy by speed and current, at stroke ends, zero crossings, by direction."""
+"""The distribution of a free run's error: by speed and current, direction, zero crossing and stroke."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ces_identify.preparation.weighting import CENTRAL, SLOW_M_S
 from ces_identify.validation.evaluate import Evaluation
 
 SPEEDS, CURRENTS = 6, 3  # cells of the coarse table
-QUANTILE = 0.995  # of |speed| at which the outermost cells end; what is faster counts in them
+QUANTILE = 0.995  # of |speed| at the limit of the outermost cells, which also hold faster ticks
 SAME_CURRENT = 0.01  # of the largest current: a narrower range counts as constant
 
 
@@ -20,7 +20,7 @@ SAME_CURRENT = 0.01  # of the largest current: a narrower range counts as consta
 class ErrorShare:
     """A region's share of the squared error and of the ticks, its RMS error [N], and its part of J [%].
 
-    The parts of J of regions that together are the whole add up in squares to J^2. `axis` names what is divided.
+    The squares of the parts of J of all regions of an `axis` sum to J^2.
     """
 
     axis: str
@@ -33,7 +33,7 @@ class ErrorShare:
 
 @dataclass(frozen=True)
 class _Scored:
-    """Ticks of all evaluations, end to end: inputs, stroke from 0 to 1 over all, error, and the spread of the force."""
+    """Ticks of all evaluations, concatenated; `stroke` is 0 to 1 over all, `spread` the sum of (y - mean y)^2."""
 
     speed: F
     current: F
@@ -43,9 +43,9 @@ class _Scored:
 
 
 def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
-    """Return the cells of speed and current that hold any tick, most error first; speed alone if current is constant.
+    """Return the visited cells of speed and current, largest error first; of speed alone for a constant current.
 
-    Runs that diverged count as far as they went.
+    Diverged runs count up to the divergence.
     """
     ticks = _collect_scored_ticks(evaluations)
     top = float(np.quantile(np.abs(ticks.speed), QUANTILE)) if len(ticks.speed) else 0.0
@@ -63,7 +63,7 @@ def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
 
 
 def error_regions(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
-    """Return direction, zero crossing and stroke as axes, each with regions that together are the whole."""
+    """Return the regions of direction, zero crossing and stroke; the regions of an axis cover all ticks."""
     ticks = _collect_scored_ticks(evaluations)
     slow = np.abs(ticks.speed) < SLOW_M_S
     low, high = ticks.stroke < 0.5 - CENTRAL / 2, ticks.stroke > 0.5 + CENTRAL / 2
@@ -76,8 +76,8 @@ def error_regions(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
 
 
 def _collect_scored_ticks(evaluations: Sequence[Evaluation]) -> _Scored:
-    kept = [e.series.scored & np.isfinite(e.run.force) for e in evaluations]
-    pairs = list(zip(evaluations, kept, strict=True))
+    masks = [e.series.scored & np.isfinite(e.run.force) for e in evaluations]
+    pairs = list(zip(evaluations, masks, strict=True))
 
     def concatenate(signal: str) -> F:
         return np.concatenate([np.empty(0), *(getattr(e.series, signal)[k] for e, k in pairs)])

@@ -1,4 +1,4 @@
-"""How well a model does on a recording: its free run beside the measured force, and the cost J."""
+"""Evaluation of a model on a recording: its free run, the measured force, and the cost J."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ IDENTIFICATION, VALIDATION = "identification", "validation"
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The free run of a model on one series. `role` tells whether the fit and the selection saw it."""
+    """The free run of a model on one series. `role` is IDENTIFICATION if fit or selection used the series, else
+    VALIDATION.
+    """
 
     name: str
     role: str
@@ -44,7 +46,7 @@ class Evaluation:
 
 
 def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluation]:
-    """Return the evaluation of `model` on each series; raises RecordingError where there is no force to judge by."""
+    """Return the evaluation of `model` on each series; raises RecordingError for a series without a force."""
     return [_evaluate_one(model, s, role) for s in series]
 
 

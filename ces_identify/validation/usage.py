@@ -1,7 +1,7 @@
-"""What each second of each recording served: estimation, selection, or test.
+"""The use of each second of each recording: estimation, selection, or test.
 
-The test seconds enter no choice: neither the differentiator's, nor the terms', nor their number, nor the envelope's.
-The statement goes into a model's provenance, from where tables and the report tell it.
+The test seconds affect no choice: neither differentiator, terms, number of terms nor envelope. The statement is stored
+in a model's provenance, which tables and the report show.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ RULE = (
 
 
 def usage(identified: Sequence[Series], held_out: Sequence[Series]) -> list[dict[str, Any]]:
-    """Return a row for each series: from when to when [s], and its scored seconds of each kind.
+    """Return a row for each series: its start and end [s], and its scored seconds of each kind.
 
-    `identified` are the series identified on, `held_out` those the model was only judged on.
+    `identified` are the series identified on, `held_out` those used for validation only.
     """
     rows = [_row(series, estimation_ticks(series)) for series in identified]
     return rows + [_row(series, None) for series in held_out]
@@ -37,12 +37,12 @@ def _row(series: Series, estimation: B | None) -> dict[str, Any]:
     def seconds(ticks: B) -> float:
         return round(float(ticks.sum()) * tick_s, 1)
 
-    nothing = np.zeros(len(series), bool)
+    none = np.zeros(len(series), bool)
     return {
         "recording": series.name,
         "from_s": round(float(series.time_s[0]), 2),
         "to_s": round(float(series.time_s[-1]), 2),
-        "estimation_s": seconds(scored & (nothing if estimation is None else estimation)),
-        "selection_s": seconds(scored & (nothing if estimation is None else ~estimation)),
-        "test_s": seconds(scored if estimation is None else nothing),
+        "estimation_s": seconds(scored & (none if estimation is None else estimation)),
+        "selection_s": seconds(scored & (none if estimation is None else ~estimation)),
+        "test_s": seconds(scored if estimation is None else none),
     }

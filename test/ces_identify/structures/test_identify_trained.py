@@ -13,9 +13,9 @@ from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Channel
 from ces_identify.structures.fuzzy import FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.structures.lagged_fit import Lags
 from ces_identify.structures.network import NetworkShape
 from ces_identify.trained.simulation_error import MAX_GAIN
+from ces_identify.trained.training import Lags
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
