@@ -1,5 +1,7 @@
-"""What of the exported C depends on a polynomial's terms: which powers of the inputs are computed, how long each is
-remembered, and the sum. templates/polynomial.{c,h}.j2 hold the C."""
+"""The parts of the exported C that depend on a polynomial's terms: powers of the inputs, their histories, and the sum.
+
+templates/polynomial.{c,h}.j2 hold the C.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,14 @@ from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
 ARGUMENTS = {"position": "position_m", "speed": "speed_m_s", "current": "current_A"}
-MAX_PRODUCT_POWER = 4.0  # powers that are multiples of 1/2 up to here are products and a square root, others pow()
+MAX_PRODUCT_POWER = 4.0  # multiples of 1/2 up to here become products and a square root, other powers pow()
 
 Power = tuple[str, float, bool]  # signal, power, signed
 
 
 @dataclass(frozen=True)
 class Ring:
-    """The last `size` (a power of two) values of the variable `name`."""
+    """A ring buffer of the last `size` (a power of two) values of the variable `name`."""
 
     name: str
     size: int
@@ -29,7 +31,7 @@ class Ring:
 
 @dataclass(frozen=True)
 class LaggedVariable:
-    """A local variable that holds what `ring` held `lag` ticks ago."""
+    """A local variable with the value in `ring` of `lag` ticks ago."""
 
     name: str
     ring: Ring
@@ -37,7 +39,7 @@ class LaggedVariable:
 
 
 def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
-    """Return inputs, powers, rings, reads and products of the tick, in the order they stand there."""
+    """Return the inputs, powers, rings, lagged variables and products of the tick, in the order of the C."""
     factors = [factor for term in polynomial.terms for factor in term.factors]
     powers = sorted({_power(f) for f in factors if f.signal != "force"})
     constructed = polynomial.constructed
@@ -77,18 +79,20 @@ def _inputs(model: Model, used: set[str]) -> list[dict[str, object]]:
     ]
 
 
-def _membership(hat: TriangularMembership, constructed: Iterable[ConstructedInput]) -> str:
+def _membership(membership: TriangularMembership, constructed: Iterable[ConstructedInput]) -> str:
     """Return the expression for a membership."""
-    signal = constructed_variable(hat.of) if hat.of in {one.name for one in constructed} else hat.of
-    low, high = (
-        "1.0" if end is None else f"membership({signal}, {number(hat.peak)}, {number(end)})"
-        for end in (hat.low, hat.high)
+    signal = (
+        constructed_variable(membership.of) if membership.of in {one.name for one in constructed} else membership.of
     )
-    return f"({signal} < {number(hat.peak)}) ? {low} : {high}"
+    low, high = (
+        "1.0" if end is None else f"membership({signal}, {number(membership.peak)}, {number(end)})"
+        for end in (membership.low, membership.high)
+    )
+    return f"({signal} < {number(membership.peak)}) ? {low} : {high}"
 
 
 def _values(powers: Iterable[Power]) -> dict[str, str]:
-    """Return the variables to compute at a tick, each with its expression, those that others need first."""
+    """Return the variables to compute at a tick with their expressions, in order of dependence."""
     values: dict[str, str] = {}
     for signal, power, signed in powers:
         if signed and power == 1.0:
@@ -120,7 +124,7 @@ def _is_product(power: float) -> bool:
 
 
 def _rings(factors: Iterable[Factor]) -> list[Ring]:
-    """Return a ring for each variable that is read at a lag, just long enough for its longest."""
+    """Return a ring for each lagged variable, just long enough for its longest lag."""
     deepest: dict[str, int] = {}
     for f in factors:
         deepest[_variable(f)] = max(f.lag, deepest.get(_variable(f), 0))
@@ -128,7 +132,7 @@ def _rings(factors: Iterable[Factor]) -> list[Ring]:
 
 
 def _place(term: Term) -> int:
-    """Sort terms by shape as `ces_observer.structures.polynomial` sums them, so that roundings agree, too."""
+    """Return the sort key of a term's shape, in the order of `ces_observer.structures.polynomial`: roundings agree."""
     shapes = {(False, 1): 0, (False, 2): 1, (True, 1): 2, (True, 2): 3}
     return shapes.get((term.output_lag > 0, len(term.inputs)), 4)
 
@@ -151,7 +155,7 @@ def _power(factor: Factor) -> Power:
 
 
 def _name(power: Power) -> str:
-    """Return the variable of a power: `speed`, `speed_abs`, `speed_p0_5` and `speed_abs_p0_5` for powers 1 and 1/2."""
+    """Return the variable of a power: `speed`, `speed_abs`, or for the power 1/2 `speed_p0_5`, `speed_abs_p0_5`."""
     signal, exponent, signed = power
     digits = repr(exponent).removesuffix(".0").replace(".", "_").replace("-", "m").replace("+", "")
     return signal + ("" if signed else "_abs") + ("" if exponent == 1.0 else f"_p{digits}")

@@ -1,6 +1,6 @@
-"""The report: a model and its evaluations in, one self-contained HTML page out, for the screen and for paper.
+"""The report: a model and its evaluations go in, one self-contained HTML page for screen and print comes out.
 
-The page loads nothing from elsewhere and runs no script; figures are inline SVG whose colours follow the page's.
+The page has no scripts and loads nothing; figures are inline SVG with the page's colours.
 """
 
 from __future__ import annotations
@@ -25,10 +25,9 @@ def write_report(
     facts: Mapping[str, str],
     weighting: Weighting = EQUAL,
 ) -> None:
-    """Write the page on how `model` does in `evaluations` to `path`.
+    """Write the page about `model` and its `evaluations` to `path`.
 
-    `facts` are shown under the title as they are: date, command, noise floor and the like. A `weighting` adds the
-    weighted J of each recording. Raises CesError if `path`
-    cannot be written, in which case what was there is left as it was.
+    `facts` appear under the title: date, command, noise floor and the like. A `weighting` adds the weighted J of each
+    recording. Raises CesError if `path` cannot be written; an existing file then stays unchanged.
     """
     write_atomically(path, render(title, model, evaluations, facts, weighting))

@@ -1,4 +1,4 @@
-"""The maps of coverage and error over speed and current; over speed alone where the current is constant."""
+"""Maps of coverage and error over speed and current, or over speed only if the current is constant."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
 def coverage_map(
     ident: str, grid: SpeedCurrentGrid, filled: Sequence[Evaluation], outlined: Sequence[Evaluation], model: Model
 ) -> Markup:
-    """Return the share of time [%] of `filled` in each cell, with an outline around where `outlined` has been."""
+    """Return the share of time [%] of `filled` in each cell, with the outline of the cells of `outlined`."""
     share, beside = grid.share(filled), grid.share(outlined)
     title = "Share of time over speed and current"
     if grid.one_current:
@@ -47,7 +47,7 @@ def error_map(
     identified: Sequence[Evaluation],
     model: Model,
 ) -> Markup:
-    """Return the RMS error [N] of `evaluations` in each cell, with an outline around where `identified` has been."""
+    """Return the RMS error [N] of `evaluations` in each cell, with the outline of the cells of `identified`."""
     rms = grid.rms(evaluations)
     worst = float(np.nanmax(rms, initial=0.0)) or 1.0
     if grid.one_current:
@@ -58,7 +58,7 @@ def error_map(
     if identified:
         parts += [_outline(p, grid, grid.share(identified) > 0.0), legend(p.x.stop, 23, [("outline", "identified")])]
     if not np.isfinite(rms).any():
-        parts.append(note(p, "no simulated force to judge"))
+        parts.append(note(p, "no simulated force"))
     parts += [_envelope(p, model), ramp(*RAMP, [f * worst for f in QUARTERS], "wrong", "N")]
     return svg(ident, SIZE, "RMS error over speed and current", f"Largest RMS error of a cell: {worst:.3g} N.", parts)
 
@@ -76,7 +76,7 @@ def _cells(p: Panel, grid: SpeedCurrentGrid, values: F, shade: F, css: str, unit
 
 
 def _outline(p: Panel, grid: SpeedCurrentGrid, inside: B) -> str:
-    """Return the boundary of the cells that are `inside`."""
+    """Return the boundary of the cells `inside`."""
     wide = np.pad(inside, 1)
     x, y = p.x.px(grid.speed), p.y.px(grid.current)
     upright = zip(*np.nonzero(wide[1:, 1:-1] != wide[:-1, 1:-1]), strict=True)
@@ -87,7 +87,7 @@ def _outline(p: Panel, grid: SpeedCurrentGrid, inside: B) -> str:
 
 
 def _envelope(p: Panel, model: Model) -> str:
-    """Return a dashed frame around the model's envelope, as far as it is in view."""
+    """Return a dashed frame around the model's envelope."""
     (v0, v1), (c0, c1) = model.envelope.speed_m_s, model.envelope.current_A
     return p.rect(v0, v1, "envelope", c0, c1)
 

@@ -1,4 +1,4 @@
-"""Marks in a panel: curves, dots, bands and shades; however many the samples, at most a few thousand points each."""
+"""Marks in a panel: curves, dots, bands and shades, each with at most a few thousand points."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ces_identify.report.drawing import Panel
 
 
 def line(p: Panel, x: F, y: F, css: str, breaks: B | None = None) -> str:
-    """Return the curve through the finite points (n,); it is interrupted before each tick where `breaks` is true."""
+    """Return the curve through the finite points (n,), interrupted before each tick where `breaks` is true."""
     if len(x) > 3 * abs(p.x.stop - p.x.start):
         return band(p, x, y, css)
     finite = np.isfinite(y)
@@ -21,7 +21,7 @@ def line(p: Panel, x: F, y: F, css: str, breaks: B | None = None) -> str:
 
 
 def band(p: Panel, x: F, y: F, css: str) -> str:
-    """Return the area between the extremes of y (n,) in each column of a pixel; open where columns hold no point."""
+    """Return the area between the extremes of y (n,) in each pixel column, interrupted at columns without a point."""
     finite = np.flatnonzero(np.isfinite(y))
     column = np.floor(p.x.px(x[finite])).astype(int)
     starts = np.flatnonzero(np.diff(column, prepend=column[:1] - 1))
@@ -34,7 +34,7 @@ def band(p: Panel, x: F, y: F, css: str) -> str:
 
 
 def shade(p: Panel, x: F, mask: B, css: str) -> str:
-    """Return full-height rectangles over the columns of a pixel in which `mask` (n,) is somewhere true."""
+    """Return full-height rectangles over the pixel columns where `mask` (n,) is true."""
     left = math.floor(p.x.start)
     touched = np.zeros(math.ceil(p.x.stop) - left + 1, bool)
     touched[np.floor(p.x.px(x[mask])).astype(int) - left] = True

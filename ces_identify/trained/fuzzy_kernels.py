@@ -92,17 +92,7 @@ def _consequent_slopes(
 
 @njit(cache=True, nogil=True)
 def _premise_slopes(
-    x: F,
-    bells: F,
-    owner: I,
-    rules: I,
-    grades: F,
-    logs: F,
-    shares: F,
-    outputs: F,
-    blended: float,
-    scale: float,
-    row: F,
+    x: F, bells: F, owner: I, rules: I, grades: F, logs: F, shares: F, outputs: F, blended: float, scale: float, row: F
 ) -> None:
     """Fill `row` (3 memberships,) with the derivatives of one tick's force by centre, log width and log slope."""
     row[:] = 0.0

@@ -44,7 +44,7 @@ class CostInterval:
 
 @dataclass(frozen=True)
 class Ticks:
-    """The scored ticks of a run: squared errors `squares` (n,) [N²], measured `force` (n,) [N] and the `runs` (r, 2)."""
+    """The scored ticks of a run: `squares` of the error (n,) [N²], measured `force` (n,) [N] and `runs` (r, 2)."""
 
     squares: F
     force: F

@@ -84,7 +84,7 @@ def test_a_diverged_fold_is_no_number():
 
 @pytest.mark.parametrize(
     ("count", "seconds", "folds", "expected"),
-    [(3, 6.0, 1, "at least 2"), (3, 6.0, 4, "3 recordings"), (1, 6.0, 4, "ask for fewer")],
+    [(3, 6.0, 1, "at least 2"), (3, 6.0, 4, "3 recordings"), (1, 6.0, 4, "use fewer folds")],
 )
 def test_too_few_for_the_folds(count, seconds, folds, expected):
     with pytest.raises(CesError, match=expected):

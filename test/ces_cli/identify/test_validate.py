@@ -182,7 +182,7 @@ def test_a_proof_beyond_the_files_claims_is_one(work, tmp_path, capsys, change, 
         (("validate", "model.json", "one", "--weight", "everything=2"), "--weight 'everything=2'"),
         (("identify", "one", "two", "--folds", "3"), "--folds 3: 2 recordings"),
         (("identify", "one", "two", "--folds", "1"), "expected at least 2"),
-        (("identify", "one", "--folds", "9"), "ask for fewer"),
+        (("identify", "one", "--folds", "9"), "use fewer folds"),
     ],
 )
 def test_wrong_words(work, monkeypatch, capsys, words, expected):

@@ -12,7 +12,7 @@ from fmus import algebraic_fmu, changed, damper, damper_fmu, needs_compiler, pac
 from ces_identify.export.export_fmu import binary_path
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.fmu_ports import Port, Ports, choose_ports, read_names
-from ces_identify.simulations.fmu_simulation import open_fmu, smooth_speed, stretches
+from ces_identify.simulations.fmu_simulation import open_fmu, smooth_speed, split_at_gaps
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.errors import CesError
 
@@ -141,9 +141,9 @@ MINIMAL = (
 def test_files_that_are_no_fmu(tmp_path):
     (tmp_path / "text.fmu").write_text("hello")
     packed(tmp_path / "empty.fmu", {"a.txt": b"x"})
-    with pytest.raises(CesError, match=r"text\.fmu: not an FMU, or a damaged one: it is not a zip file"):
+    with pytest.raises(CesError, match=r"text\.fmu: not an FMU or damaged: not a zip file"):
         open_fmu(str(tmp_path / "text.fmu"))
-    with pytest.raises(CesError, match=r"empty\.fmu: not an FMU, or a damaged one: .*modelDescription\.xml"):
+    with pytest.raises(CesError, match=r"empty\.fmu: not an FMU or damaged: .*modelDescription\.xml"):
         open_fmu(str(tmp_path / "empty.fmu"))
     with pytest.raises(CesError, match=r"none\.fmu: no such file"):
         open_fmu(str(tmp_path / "none.fmu"))
@@ -264,10 +264,10 @@ def test_values_are_converted_with_the_units_factor():
 
 def test_stretches_end_at_gaps_and_leave_late_samples_out():
     stamps = np.array([0, 1, 2, 2, 1, 3, 200, 201]) * 1_000_000
-    assert [part.tolist() for part in stretches(stamps)] == [[0, 1, 2, 5], [6, 7]]
+    assert [part.tolist() for part in split_at_gaps(stamps)] == [[0, 1, 2, 5], [6, 7]]
     slow = np.arange(5) * 100_000_000
-    assert [part.tolist() for part in stretches(slow)] == [[0, 1, 2, 3, 4]]
-    assert [part.tolist() for part in stretches(slow[:1])] == [[0]]
+    assert [part.tolist() for part in split_at_gaps(slow)] == [[0, 1, 2, 3, 4]]
+    assert [part.tolist() for part in split_at_gaps(slow[:1])] == [[0]]
 
 
 def test_speed_is_smooth_and_not_delayed():

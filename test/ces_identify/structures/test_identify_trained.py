@@ -69,7 +69,7 @@ def test_the_file_holds_the_model_and_where_it_came_from(result):
     assert again.body == identified.model.body
     history = json.loads(identified.model.to_json())["provenance"]
     assert [r["recording"] for r in history["identification"]] == ["planted", "planted"]
-    assert history["selection"]["parameters"] == len(identified.found[0].coefficients)
+    assert history["selection"]["parameters"] == len(identified.search_results[0].coefficients)
     assert [c["J"] for c in history["cost_J_percent"]] == [round(e.cost, 4) for e in identified.evaluations]
 
 
