@@ -6,7 +6,7 @@ templates/polynomial.{c,h}.j2 hold the C.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import pi
 
 from ces_identify.export.c_text import constructed_variable, number
@@ -15,7 +15,6 @@ from ces_observer.structures.constructed_inputs import ConstructedInput, Frequen
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
-ARGUMENTS = {"position": "position_m", "speed": "speed_m_s", "current": "current_A"}
 MAX_PRODUCT_POWER = 4.0  # multiples of 1/2 up to here become products and a square root, other powers pow()
 
 Power = tuple[str, float, bool]  # signal, power, signed
@@ -29,15 +28,6 @@ class Ring:
     size: int
 
 
-@dataclass(frozen=True)
-class LaggedVariable:
-    """A local variable with the value in `ring` of `lag` ticks ago."""
-
-    name: str
-    ring: Ring
-    lag: int
-
-
 def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
     """Return the inputs, powers, rings, lagged variables and products of the tick, in the order of the C."""
     factors = [factor for term in polynomial.terms for factor in term.factors]
@@ -48,7 +38,11 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
     lagged = sorted({(_variable(f), f.lag) for f in factors if f.lag})
     ordered = sorted(polynomial.terms, key=_place)
     return {
-        "inputs": _inputs(model, used),
+        "inputs": [
+            {"name": name, "argument": argument, "low": low, "high": high}
+            for argument, (low, high) in asdict(model.envelope).items()
+            if (name := argument.partition("_")[0]) in used
+        ],
         "remembering": [one for one in constructed if not isinstance(one, TriangularMembership)],
         "memberships": {
             constructed_variable(one.name): _membership(one, constructed)
@@ -63,20 +57,10 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
         "rings": list(rings.values()),
         "histories": [ring for ring in rings.values() if ring.name != "force"],
         "forces": rings.get("force"),
-        "reads": [LaggedVariable(f"{name}_lag{lag}", rings[name], lag) for name, lag in lagged],
+        "reads": [{"name": f"{name}_lag{lag}", "ring": rings[name], "lag": lag} for name, lag in lagged],
         "constant": sum(t.coefficient for t in polynomial.terms if not t.factors),
         "products": [_product(term) for term in ordered if term.factors],
     }
-
-
-def _inputs(model: Model, used: set[str]) -> list[dict[str, object]]:
-    e = model.envelope
-    ranges = {"position": e.position_m, "speed": e.speed_m_s, "current": e.current_A}
-    return [
-        {"name": name, "argument": ARGUMENTS[name], "low": low, "high": high}
-        for name, (low, high) in ranges.items()
-        if name in used
-    ]
 
 
 def _membership(membership: TriangularMembership, constructed: Iterable[ConstructedInput]) -> str:

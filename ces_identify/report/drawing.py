@@ -135,16 +135,14 @@ def legend(right: float, y: float, entries: Sequence[tuple[str, str]]) -> str:
     return "\n".join(out)
 
 
-def pad_range(low: float, high: float, share: float = 0.05) -> tuple[float, float]:
-    """Return the range widened by `share` of itself on both sides."""
-    return low - share * (high - low), high + share * (high - low)
-
-
 def span_of(*arrays: F) -> tuple[float, float]:
     """Return the padded range of all finite values."""
     values = np.concatenate(arrays)
     values = values[np.isfinite(values)]
-    return pad_range(float(values.min()), float(values.max())) if len(values) else (-1.0, 1.0)
+    if not len(values):
+        return -1.0, 1.0
+    low, high = float(values.min()), float(values.max())
+    return low - 0.05 * (high - low), high + 0.05 * (high - low)
 
 
 def around_zero(error: F) -> tuple[float, float]:

@@ -36,7 +36,10 @@ def coverage_map(
     parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, share, shade, "cover", " % of the time")]
     if outlined:
         parts += [_outline(p, grid, beside > 0.0), legend(p.x.stop, 23, [("outline", "validation")])]
-    parts += [_envelope(p, model), ramp(*RAMP, [f * f * share.max() for f in QUARTERS], "cover", "%")]
+    parts += [
+        p.rect(*model.envelope.speed_m_s, "envelope", *model.envelope.current_A),
+        ramp(*RAMP, [f * f * share.max() for f in QUARTERS], "cover", "%"),
+    ]
     return svg(ident, SIZE, title, f"Largest share of a cell: {share.max():.3g} %.", parts)
 
 
@@ -59,7 +62,10 @@ def error_map(
         parts += [_outline(p, grid, grid.share(identified) > 0.0), legend(p.x.stop, 23, [("outline", "identified")])]
     if not np.isfinite(rms).any():
         parts.append(note(p, "no simulated force"))
-    parts += [_envelope(p, model), ramp(*RAMP, [f * worst for f in QUARTERS], "wrong", "N")]
+    parts += [
+        p.rect(*model.envelope.speed_m_s, "envelope", *model.envelope.current_A),
+        ramp(*RAMP, [f * worst for f in QUARTERS], "wrong", "N"),
+    ]
     return svg(ident, SIZE, "RMS error over speed and current", f"Largest RMS error of a cell: {worst:.3g} N.", parts)
 
 
@@ -84,12 +90,6 @@ def _outline(p: Panel, grid: SpeedCurrentGrid, inside: B) -> str:
     d = [f"M{x[a]:.1f},{y[b]:.1f}V{y[b + 1]:.1f}" for a, b in upright]
     d += [f"M{x[a]:.1f},{y[b]:.1f}H{x[a + 1]:.1f}" for a, b in level]
     return f'<path class="outline" d="{"".join(d)}"/>' if d else ""
-
-
-def _envelope(p: Panel, model: Model) -> str:
-    """Return a dashed frame around the model's envelope."""
-    (v0, v1), (c0, c1) = model.envelope.speed_m_s, model.envelope.current_A
-    return p.rect(v0, v1, "envelope", c0, c1)
 
 
 def _bars(grid: SpeedCurrentGrid, values: F, y_label: str, css: str, beside: F | None) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from ces_identify.preparation.weighting import EQUAL, Weighting
@@ -19,16 +20,26 @@ from ces_identify.typesetting import minus
 from ces_identify.validation.error_regions import error_cells, error_regions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
 from ces_identify.validation.residuals import residual_tests, verdicts
+from ces_observer.json_checks import write_atomically
 from ces_observer.model import Model
 
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 WORST_CELLS = 6  # rows in the table of errors
 
 
-def render(
-    title: str, model: Model, evaluations: Sequence[Evaluation], facts: Mapping[str, str], weighting: Weighting = EQUAL
-) -> str:
-    """Return the page as text that is HTML and also well-formed XML."""
+def write_report(
+    path: Path,
+    title: str,
+    model: Model,
+    evaluations: Sequence[Evaluation],
+    facts: Mapping[str, str],
+    weighting: Weighting = EQUAL,
+) -> None:
+    """Write the page about `model` and its `evaluations`, HTML that is also well-formed XML, to `path`.
+
+    `facts` appear under the title: date, command, noise floor and the like. A `weighting` adds the weighted J of each
+    recording. Raises CesError if `path` cannot be written; an existing file then stays unchanged.
+    """
     ordered = sort_validation_first(evaluations)
     held_out = select_role(ordered, VALIDATION)
     shown = held_out or ordered
@@ -51,7 +62,7 @@ def render(
         settings=_settings(model),
         history={k: v for k, v in model.provenance.items() if not _fits_on_line(v)},
     )
-    return replace_unencodable(page)
+    write_atomically(path, replace_unencodable(page))
 
 
 def _recording(number: int, evaluation: Evaluation, model: Model) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from ces_identify.numerics.arrays import B, F, I
+from ces_identify.numerics.arrays import F, I
 from ces_identify.preparation.series import usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.fmu_ports import SPEC, Ports, choose_ports, read_names
@@ -130,7 +130,8 @@ def split_at_gaps(stamps_ns: I) -> list[I]:
     steps = np.abs(np.diff(stamps_ns))
     gap_ns = max(GAP_S * 1e9, GAP_INTERVALS * float(np.median(steps))) if len(steps) else 0.0
     parts = np.split(np.arange(len(stamps_ns)), np.flatnonzero(steps > gap_ns) + 1)
-    return [part[_in_order(stamps_ns[part])] for part in parts]
+    latest = [np.maximum.accumulate(stamps_ns[part]) for part in parts]
+    return [part[np.diff(so_far, prepend=-1) > 0] for part, so_far in zip(parts, latest, strict=True)]
 
 
 def smooth_speed(time: F, position: F) -> F:
@@ -143,12 +144,6 @@ def smooth_speed(time: F, position: F) -> F:
     pad = min(len(time) - 1, round(0.2 * rate))
     smooth = sosfiltfilt(sos, np.interp(even, time, position), padlen=pad)
     return np.asarray(np.interp(time, even, np.gradient(smooth, even)))
-
-
-def _in_order(stamps_ns: I) -> B:
-    later = np.ones(len(stamps_ns), bool)
-    later[1:] = stamps_ns[1:] > np.maximum.accumulate(stamps_ns)[:-1]
-    return later
 
 
 def _require_runnable(path: str, description: Any) -> None:

@@ -38,10 +38,8 @@ def simulate_series(model: Model, series: Series) -> FreeRun:
 
 def outside_envelope(model: Model, series: Series) -> B:
     """Return where (ticks,) an input of `series` is outside the model's envelope."""
-    inputs = (series.position, series.speed, series.current)
-    e = model.envelope
-    ranges = (e.position_m, e.speed_m_s, e.current_A)
-    outside = [(x < low) | (x > high) for x, (low, high) in zip(inputs, ranges, strict=True)]
+    ranges = model.envelope.by_signal.items()
+    outside = [(x < low) | (x > high) for name, (low, high) in ranges for x in (getattr(series, name),)]
     return np.asarray(np.any(outside, axis=0))
 
 

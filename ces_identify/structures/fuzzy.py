@@ -4,47 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from markupsafe import Markup
 
 from ces_identify.numerics.arrays import F, I
-from ces_identify.polynomial.limits import Listener
-from ces_identify.preparation.series import Series
 from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.structures.kit import Fitted, IdentifyOptions, SizeOption, StructureKit
-from ces_identify.structures.lagged_fit import fit_family
+from ces_identify.structures.kit import SizeOption, StructureKit
+from ces_identify.structures.lagged_fit import LaggedShape
 from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
 from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table, unscaled_inputs
 from ces_identify.trained.training import LAGS, Lags, Training, build_regressors
 from ces_identify.typesetting import UNITS, ModelTable, four_figures, minus, parameter_table, signal_symbol
-from ces_observer.model import Model, Sampling
+from ces_observer.model import Model
 from ces_observer.structures.fuzzy import Fuzzy, Rule
 
 MAX_RULES = 60
 
 
 @dataclass(frozen=True)
-class FuzzyShape:
-    """The size of a neuro-fuzzy model: memberships of speed and of current (each combination is a rule), and lags.
+class FuzzyShape(LaggedShape):
+    """The size of a neuro-fuzzy model (Jang 1993): memberships of speed and of current, and lags.
 
-    `current_delay_s` is the delay of the current in the premises, `decay` the cost of a squared consequent in (J /
-    100)^2. A call fits models of this size (Jang 1993).
+    Each combination of memberships is a rule. `current_delay_s` is the delay of the current in the premises, `decay`
+    the cost of a squared consequent in (J / 100)^2.
     """
 
+    option: ClassVar[str] = "anfis"
     speeds: int = 7
     currents: int = 2
     current_delay_s: float = 0.008
     lags: Lags = LAGS
     decay: float = 3e-6
-
-    def __call__(
-        self, training: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
-    ) -> Fitted:
-        """Return the best neuro-fuzzy model."""
-        return fit_family("anfis", self.family, training, sampling, options, listener)
 
     def family(self, data: Training, rate_Hz: float) -> FuzzyFit:
         """Return the neuro-fuzzy models of this size for the data."""
@@ -116,7 +110,7 @@ RULES = SizeOption(
     metavar="VxI",
 )
 ANFIS = StructureKit(
-    option="anfis",
+    option=FuzzyShape.option,
     about="neuro-fuzzy rules",
     body=Fuzzy,
     sizes=(RULES,),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from ces_identify.polynomial.limits import Listener
 from ces_identify.preparation.series import Series
@@ -12,35 +14,35 @@ from ces_identify.trained.family import Family
 from ces_identify.trained.simulation_error import train
 from ces_identify.trained.training import Training, build_training
 from ces_observer.errors import CesError
-from ces_observer.model import Model, Sampling
+from ces_observer.model import Sampling
 
 
-def fit_family(
-    structure: str,
-    build_family: Callable[[Training, float], Family],
-    series: Sequence[Series],
-    sampling: Sampling,
-    options: IdentifyOptions,
-    listener: Listener,
-) -> Fitted:
-    """Return the best model of the family that `build_family` returns for the training data and the rate [Hz].
+@dataclass(frozen=True)
+class LaggedShape(ABC):
+    """The size of a structure on lagged regressors. A call fits models of this size; it is a `Fitter`."""
 
-    Rules and limits on terms do not apply. Raises CesError, naming the `structure`, if no start gives a model.
-    """
-    family = build_family(build_training(series, options.weighting), sampling.rate_Hz)
-    results = train(family, options.limits, options.certify, listener)
-    if not results:
-        raise CesError(f"no start of the {structure} fit gave a stable model; give more time, more starts or more data")
-    model = family.model(results[0].coefficients, sampling)
-    how = {
-        "method": "Levenberg-Marquardt on the free-run error, stopped early",
-        "parameters": len(results[0].coefficients),
-    }
-    return Fitted(_certified(model) if options.certify else model, results, how)
+    option: ClassVar[str]
 
+    @abstractmethod
+    def family(self, data: Training, rate_Hz: float) -> Family:
+        """Return the models of this size for the data."""
 
-def _certified(model: Model) -> Model:
-    certificate = model.certify()
-    if not certificate.holds:
-        raise CesError("the model could not be proved stable; try other sizes or give --no-certificate")
-    return replace(model, certificate=certificate.to_mapping())
+    def __call__(
+        self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
+    ) -> Fitted:
+        """Return the best model; raises CesError if no start gives one. Rules and limits on terms do not apply."""
+        family = self.family(build_training(series, options.weighting), sampling.rate_Hz)
+        results = train(family, options.limits, options.certify, listener)
+        if not results:
+            raise CesError(
+                f"no start of the {self.option} fit gave a stable model; give more time, more starts or more data"
+            )
+        params = results[0].coefficients
+        model = family.model(params, sampling)
+        if options.certify:
+            certificate = model.certify()
+            if not certificate.holds:
+                raise CesError("the model could not be proved stable; try other sizes or give --no-certificate")
+            model = replace(model, certificate=certificate.to_mapping())
+        how = {"method": "Levenberg-Marquardt on the free-run error, stopped early", "parameters": len(params)}
+        return Fitted(model, results, how)

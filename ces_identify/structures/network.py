@@ -4,42 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from markupsafe import Markup
 
 from ces_identify.numerics.arrays import F, I
-from ces_identify.polynomial.limits import Listener
-from ces_identify.preparation.series import Series
 from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.structures.kit import Fitted, IdentifyOptions, SizeOption, StructureKit
-from ces_identify.structures.lagged_fit import fit_family
+from ces_identify.structures.kit import SizeOption, StructureKit
+from ces_identify.structures.lagged_fit import LaggedShape
 from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.network_fit import NetworkFit
 from ces_identify.trained.network_kernels import NetworkArrays
 from ces_identify.trained.training import LAGS, Lags, Training, build_regressors
 from ces_identify.typesetting import ModelTable, four_figures, parameter_table, signal_symbol
-from ces_observer.model import Model, Sampling
+from ces_observer.model import Model
 from ces_observer.structures.network import Network
 
 
 @dataclass(frozen=True)
-class NetworkShape:
-    """The size of a sigmoid network: units, lags, and the cost of a squared parameter in (J / 100)^2.
+class NetworkShape(LaggedShape):
+    """The size of a sigmoid network (thesis eq. 3.4): units, lags, and the cost of a squared parameter in (J / 100)^2."""
 
-    A call fits networks of this size (thesis eq. 3.4).
-    """
-
+    option: ClassVar[str] = "sigmoid"
     units: int = 10
     lags: Lags = LAGS
     decay: float = 3e-6
-
-    def __call__(
-        self, training: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
-    ) -> Fitted:
-        """Return the best network."""
-        return fit_family("sigmoid", self.family, training, sampling, options, listener)
 
     def family(self, data: Training, rate_Hz: float) -> NetworkFit:
         """Return the networks of this size for the data."""
@@ -79,7 +70,7 @@ UNITS = SizeOption(
     "units", NetworkShape().units, "sigmoids of a sigmoid network", "whole numbers from 1 to 60", whole=(1, 60)
 )
 SIGMOID = StructureKit(
-    option="sigmoid",
+    option=NetworkShape.option,
     about="sigmoid network NARX",
     body=Network,
     sizes=(UNITS,),

@@ -17,12 +17,11 @@ def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs:
 
     Before a segment's start the inputs have their first values.
     """
-    bounds = (envelope.position_m, envelope.speed_m_s, envelope.current_A)
-    clamped = [np.clip(row, low, high) for row, (low, high) in zip(inputs, bounds, strict=True)]
     values = np.zeros((inputs.shape[1], len(regressors)))
     for j, r in enumerate(regressors):
         if r.signal != "force":
-            values[:, j] = (delay_values(clamped[COLUMNS[r.signal]], r.lag, segments) - r.mean) / r.spread
+            clamped = np.clip(inputs[COLUMNS[r.signal]], *envelope.by_signal[r.signal])
+            values[:, j] = (delay_values(clamped, r.lag, segments) - r.mean) / r.spread
     past = [r if r.signal == "force" else Regressor("force", 0, 0.0, 1.0) for r in regressors]
     return RegressorTable(
         values,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -58,24 +58,23 @@ def _await(starts: Sequence[Future[SearchResult]], stop: threading.Event) -> Non
             stop.set()
 
 
+@dataclass
 class _Start:
     """One seeded start."""
 
-    def __init__(
-        self,
-        family: Family,
-        limits: Limits,
-        seed: int,
-        certify: bool,
-        deadline: float,
-        stop: threading.Event,
-        listener: Listener,
-    ) -> None:
-        self.family, self.limits, self.certify = family, limits, certify
-        self.deadline, self.stop, self.listener = deadline, stop, listener
-        self.best = SearchResult(np.arange(family.size), np.empty(0), np.inf, seed, 0, "running")
-        self.step = 0
-        self.lowest, self.improved_at = np.inf, 0  # selection cost of the last real improvement, and its step
+    family: Family
+    limits: Limits
+    seed: int
+    certify: bool
+    deadline: float
+    stop: threading.Event
+    listener: Listener
+    step: int = 0
+    lowest: float = np.inf  # selection cost of the last real improvement,
+    improved_at: int = 0  # and its step
+
+    def __post_init__(self) -> None:
+        self.best = SearchResult(np.arange(self.family.size), np.empty(0), np.inf, self.seed, 0, "running")
 
     def run(self) -> SearchResult:
         """Descend until the cost on the selection ticks stops falling; return the best parameters."""
@@ -86,7 +85,7 @@ class _Start:
         return self.best
 
     def _descend(self) -> str:
-        params, ended = self.family.start(np.random.default_rng(self.best.seed)), "start diverged"
+        params, ended = self.family.start(np.random.default_rng(self.seed)), "start diverged"
         for penalty in PENALTIES:
             self.lowest, self.improved_at = np.inf, self.step
             for _, trial in descend(partial(self._compute_errors_with_penalty, penalty=penalty), params):

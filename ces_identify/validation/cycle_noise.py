@@ -2,12 +2,10 @@
 
 No model of position and current can explain it, so it is a lower limit of J. At every tick the force is compared with
 the mean of the previous and the next cycle at the same phase: d = y(t) - (y(t - T) + y(t + T)) / 2. What the cycles
-have in common and any linear drift cancel, as does an error of T to first order; independent noise of variance s2 gives
-d2 a mean of (1 + 1/2) s2 (difference-based variance: Gasser, Sroka & Jennen-Steinmetz, Biometrika 73, 1986).
-Interpolation between ticks would add errors, so T is the smallest number of periods that is close to whole ticks.
-
-The floor is that of the scored force, whose interpolation at the ticks removes some white noise. Noise slower than a
-cycle cancels with the drift. Differences of stroke or current between cycles count as noise, so both must repeat.
+have in common and linear drift cancel; independent noise of variance s2 gives d2 a mean of (1 + 1/2) s2 (Gasser, Sroka
+& Jennen-Steinmetz, Biometrika 73, 1986). T is the smallest number of periods that is close to whole ticks, because
+interpolation would add errors. The floor is that of the force interpolated at the ticks. Noise slower than a cycle
+cancels; differences of stroke or current between cycles count as noise, so both must repeat.
 """
 
 from __future__ import annotations
@@ -40,25 +38,18 @@ class CycleNoise:
     floor: float
 
 
-@dataclass(frozen=True)
-class NoCycles:
-    """Why a recording has no noise floor."""
-
-    reason: str
-
-
-def cycle_noise(series: Series) -> CycleNoise | NoCycles:
-    """Return the noise floor of `series` if its stroke and current are periodic, else why there is none.
+def cycle_noise(series: Series) -> CycleNoise | str:
+    """Return the noise floor of `series` if its stroke and current are periodic, else the reason why there is none.
 
     Single cycles that differ from their neighbours, such as where the rig fades in and out, are skipped.
     """
     settled = _find_settled_runs(series)
     start, stop = settled[np.argmax(settled[:, 1] - settled[:, 0])]
     if stop - start < 2 * MIN_CYCLES:
-        return NoCycles("too short to settle")
+        return "too short to settle"
     period = find_period(series.position[start:stop], MIN_PERIOD_S * series.rate_Hz)
     if period is None:
-        return NoCycles("the stroke does not repeat")
+        return "the stroke does not repeat"
     cycle, lag = (np.arange(len(series)) / period).astype(np.int64), whole_ticks(period)
     stroke = _rms_by_cycle(differences(series.position, settled, lag), cycle) / float(series.position[start:stop].std())
     current = _rms_by_cycle(differences(series.current, settled, lag), cycle) / max(_rms(series.current), 1e-12)
@@ -66,17 +57,17 @@ def cycle_noise(series: Series) -> CycleNoise | NoCycles:
     for name, mismatch, limit in (("stroke", stroke, STROKE_MISMATCH), ("current", current, CURRENT_MISMATCH)):
         if known.any() and np.median(mismatch[known]) > limit:
             share = 100.0 * np.median(mismatch[known])
-            return NoCycles(f"the stroke repeats, but from cycle to cycle the {name} differs by {share:.1f} %")
+            return f"the stroke repeats, but from cycle to cycle the {name} differs by {share:.1f} %"
     same = known & (stroke <= STROKE_MISMATCH) & (current <= CURRENT_MISMATCH)
     return _noise(series, differences(np.where(series.scored, series.force, np.nan), settled, lag), same[cycle], period)
 
 
-def _noise(series: Series, difference: F, same: B, period: float) -> CycleNoise | NoCycles:
+def _noise(series: Series, difference: F, same: B, period: float) -> CycleNoise | str:
     """Return the noise of the force from its differences in cycles that are the `same`."""
     used = difference[same & np.isfinite(difference)]
     cycles = int(len(used) / period)
     if cycles < MIN_CYCLES:
-        return NoCycles(f"{cycles} equal cycles with a measured force; expected at least {MIN_CYCLES}")
+        return f"{cycles} equal cycles with a measured force; expected at least {MIN_CYCLES}"
     noise = _rms(used)
     return CycleNoise(period / series.rate_Hz, cycles, noise, 100.0 * noise / float(series.force[series.scored].std()))
 

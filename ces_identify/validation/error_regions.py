@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -53,12 +54,11 @@ def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
     currents = _current_edges(ticks.current)
     v, c = _cell(ticks.speed, speeds), _cell(ticks.current, currents)
     cells = []
-    for a in range(SPEEDS):
-        for b in range(len(currents) - 1):
-            name = f"{speeds[a]:.2f} to {speeds[a + 1]:.2f} m/s"
-            if len(currents) > 2:
-                name += f", {currents[b]:.2f} to {currents[b + 1]:.2f} A"
-            cells.append(_share(ticks, "speed x current", name, (v == a) & (c == b)))
+    for a, b in product(range(SPEEDS), range(len(currents) - 1)):
+        name = f"{speeds[a]:.2f} to {speeds[a + 1]:.2f} m/s"
+        if len(currents) > 2:
+            name += f", {currents[b]:.2f} to {currents[b + 1]:.2f} A"
+        cells.append(_share(ticks, "speed x current", name, (v == a) & (c == b)))
     return sorted((s for s in cells if s.ticks > 0.0), key=lambda s: -s.energy)
 
 

@@ -18,9 +18,7 @@ IDENTIFICATION, VALIDATION = "identification", "validation"
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The free run of a model on one series. `role` is IDENTIFICATION if fit or selection used the series, else
-    VALIDATION.
-    """
+    """The free run of a model on one series. `role` is IDENTIFICATION if fit or selection used it, else VALIDATION."""
 
     name: str
     role: str
@@ -41,16 +39,13 @@ class Evaluation:
 
     @property
     def clamped_share(self) -> float:
-        """Share of the scored ticks whose inputs lay outside the model's envelope."""
+        """Share of the scored ticks with inputs outside the model's envelope."""
         return float(self.run.clamped[self.series.scored].mean())
 
 
 def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluation]:
     """Return the evaluation of `model` on each series; raises RecordingError for a series without a force."""
-    return [_evaluate_one(model, s, role) for s in series]
-
-
-def _evaluate_one(model: Model, series: Series, role: str) -> Evaluation:
-    require_force(series)
-    run = simulate_series(model, series)
-    return Evaluation(series.name, role, series, run, series_cost(series, run.force))
+    for one in series:
+        require_force(one)
+    runs = [simulate_series(model, one) for one in series]
+    return [Evaluation(s.name, role, s, r, series_cost(s, r.force)) for s, r in zip(series, runs, strict=True)]

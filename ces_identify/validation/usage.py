@@ -32,17 +32,12 @@ def usage(identified: Sequence[Series], held_out: Sequence[Series]) -> list[dict
 
 
 def _row(series: Series, estimation: B | None) -> dict[str, Any]:
-    scored, tick_s = series.scored, 1.0 / series.rate_Hz
-
-    def seconds(ticks: B) -> float:
-        return round(float(ticks.sum()) * tick_s, 1)
-
-    none = np.zeros(len(series), bool)
+    scored, none = series.scored, np.zeros(len(series), bool)
+    masks = (none, none, scored) if estimation is None else (scored & estimation, scored & ~estimation, none)
+    seconds = [round(float(mask.sum()) * (1.0 / series.rate_Hz), 1) for mask in masks]
     return {
         "recording": series.name,
         "from_s": round(float(series.time_s[0]), 2),
         "to_s": round(float(series.time_s[-1]), 2),
-        "estimation_s": seconds(scored & (none if estimation is None else estimation)),
-        "selection_s": seconds(scored & (none if estimation is None else ~estimation)),
-        "test_s": seconds(scored if estimation is None else none),
+        **dict(zip(("estimation_s", "selection_s", "test_s"), seconds, strict=True)),
     }

@@ -8,7 +8,7 @@ from ces_identify.preparation.cost import cost
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel
-from ces_identify.validation.cycle_noise import CycleNoise, NoCycles, cycle_noise, find_period, whole_ticks
+from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise, find_period, whole_ticks
 from ces_rig.experiment import load_experiment, measure, packaged_experiments, simulate_truth
 
 
@@ -73,14 +73,13 @@ def test_cycles_that_differ_are_left_out():
 )
 def test_no_floor_without_cycles(made, reason):
     found = cycle_noise(made())
-    assert isinstance(found, NoCycles)
-    assert reason in found.reason
+    assert isinstance(found, str) and reason in found
 
 
 def test_a_sweep_does_not_repeat():
     t = np.arange(15_000) / RATE
     sweep = 0.018 * np.sin(2 * np.pi * (2.0 * t + 7.0 * t**2 / 30.0))
-    assert isinstance(cycle_noise(series(15_000, position=sweep)), NoCycles)
+    assert isinstance(cycle_noise(series(15_000, position=sweep)), str)
 
 
 def test_the_period_of_several_sines_is_their_common_one():
