@@ -45,10 +45,7 @@ class HeldOutCost:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """The held-out costs of all recordings.
-
-    Their `spread` is not the standard error of the mean, because the folds share data.
-    """
+    """The held-out costs of all recordings."""
 
     rows: tuple[HeldOutCost, ...]
 
@@ -59,7 +56,9 @@ class CrossValidation:
 
     @property
     def spread(self) -> float:
-        """Standard deviation (n - 1) of J [%] over the recordings; infinite if a free run diverged."""
+        """Standard deviation (n - 1) of J [%], infinite after a divergence; not the error of the mean: folds share
+        data.
+        """
         costs = [row.cost for row in self.rows]
         return float(np.std(costs, ddof=1)) if np.isfinite(costs).all() else float("inf")
 

@@ -64,9 +64,9 @@ def identify(
             {"recording": e.name, "role": e.role, "J": round(e.cost, 4) if np.isfinite(e.cost) else None}
             for e in evaluations
         ],
-        "selection": {**fitted.how, **_describe_search(fitted.found, options)},
+        "selection": {**fitted.how, **_describe_search(fitted.results, options)},
     }
-    return IdentificationResult(replace(fitted.model, provenance=provenance), tuple(evaluations), tuple(fitted.found))
+    return IdentificationResult(replace(fitted.model, provenance=provenance), tuple(evaluations), tuple(fitted.results))
 
 
 def _describe_search(results: Sequence[SearchResult], options: IdentifyOptions) -> dict[str, Any]:

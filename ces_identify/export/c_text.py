@@ -22,7 +22,7 @@ def render(template: str, facts: Mapping[str, object]) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters.update(number=number, made=constructed_variable)
+    environment.filters.update(number=number, variable=constructed_variable)
     return environment.get_template(template).render(facts)
 
 

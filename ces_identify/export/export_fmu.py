@@ -84,10 +84,7 @@ def sources(model: Model, name: str, certificate: Certificate) -> dict[str, str]
 
 
 def find_compiler() -> list[str]:
-    """Return the command of the C compiler: the environment variable CC, or the first of cc, gcc and clang.
-
-    Raises CesError if there is none.
-    """
+    """Return the C compiler's command, from CC or else cc, gcc or clang; raises CesError if there is none."""
     chosen = shlex.split(os.environ.get("CC", ""))
     for command in [chosen] if chosen else [["cc"], ["gcc"], ["clang"]]:
         if shutil.which(command[0]):

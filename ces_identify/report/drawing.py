@@ -48,10 +48,7 @@ class PlotAxis:
         return [(i * step, minus(f"{i * step:.{decimals}f}")) for i in range(first, last + 1)]
 
     def three_ticks(self) -> list[tuple[float, str]]:
-        """Return the largest round value on both sides of an axis around zero, and 0, with their labels.
-
-        The label of 0 is empty if there is no room.
-        """
+        """Return ticks at 0 (with a label if it fits) and at the largest round value on both sides of it."""
         decade = 10.0 ** math.floor(math.log10(self.high))
         step = max(s * decade for s in STEPS if s * decade <= self.high)
         decimals = max(0, -math.floor(math.log10(step) + 1e-9))
@@ -94,10 +91,7 @@ def svg(ident: str, size: tuple[float, float], title: str, description: str, par
 
 
 def axes(p: Panel, x_label: str, y_label: str, x_ticks: int = 7, y_ticks: int | None = 5) -> str:
-    """Return grid, tick labels and axis labels.
-
-    Without `x_label`, x has no labels. With `y_ticks` None, y is an axis around zero with three ticks.
-    """
+    """Return grid, tick labels and axis labels (x only with `x_label`); `y_ticks` None: y is an axis around zero."""
     left, right, bottom, top = p.x.start, p.x.stop, p.y.start, p.y.stop
     out = []
     for value, text in p.x.ticks(x_ticks):

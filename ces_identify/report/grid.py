@@ -58,9 +58,10 @@ def make_grid(evaluations: Sequence[Evaluation], envelope: Envelope) -> SpeedCur
     current = np.concatenate([e.series.current[e.series.scored] for e in evaluations])
     speed, low, high = np.append(speed, envelope.speed_m_s), float(current.min()), float(current.max())
     if high - low <= SAME_CURRENT * max(abs(low), abs(high), 1e-9):
-        return SpeedCurrentGrid(_edges(speed.min(), speed.max(), SPEEDS), np.array([low - 1e-6, high + 1e-6]))
-    low, high = min(low, envelope.current_A[0]), max(high, envelope.current_A[1])
-    return SpeedCurrentGrid(_edges(speed.min(), speed.max(), SPEEDS), _edges(low, high, CURRENTS))
+        currents = np.array([low - 1e-6, high + 1e-6])
+    else:
+        currents = _edges(min(low, envelope.current_A[0]), max(high, envelope.current_A[1]), CURRENTS)
+    return SpeedCurrentGrid(_edges(speed.min(), speed.max(), SPEEDS), currents)
 
 
 def _edges(low: float, high: float, cells: int) -> F:

@@ -13,7 +13,7 @@ from ces_identify.report.figures import MAX_DOTS, speed_force, time_plot
 from ces_identify.report.grid import make_grid
 from ces_identify.report.maps import coverage_map, error_map
 from ces_identify.report.shell import format_key, page_template, replace_unencodable
-from ces_identify.report.summary import cost_rows, headline, pooled_row, select_role, sort_validation_first, warnings
+from ces_identify.report.summary import cost_rows, headline, pooled_row, select_role, warnings
 from ces_identify.report.window import choose_window
 from ces_identify.structures import model_table
 from ces_identify.typesetting import minus
@@ -40,7 +40,7 @@ def write_report(
     `facts` appear under the title: date, command, noise floor and the like. A `weighting` adds the weighted J of each
     recording. Raises CesError if `path` cannot be written; an existing file then stays unchanged.
     """
-    ordered = sort_validation_first(evaluations)
+    ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
     held_out = select_role(ordered, VALIDATION)
     shown = held_out or ordered
     page = page_template("report.html.j2").render(

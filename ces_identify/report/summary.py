@@ -16,11 +16,6 @@ from ces_identify.validation.evaluate import VALIDATION, Evaluation
 MUCH_OUTSIDE = 0.05  # share of the ticks outside the envelope that calls for a warning
 
 
-def sort_validation_first(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
-    """Return the evaluations with validation first, otherwise in their order."""
-    return sorted(evaluations, key=lambda e: e.role != VALIDATION)
-
-
 def select_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation]:
     """Return the evaluations of `role`."""
     return [e for e in evaluations if e.role == role]

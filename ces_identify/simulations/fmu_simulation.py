@@ -131,7 +131,7 @@ def split_at_gaps(stamps_ns: I) -> list[I]:
     gap_ns = max(GAP_S * 1e9, GAP_INTERVALS * float(np.median(steps))) if len(steps) else 0.0
     parts = np.split(np.arange(len(stamps_ns)), np.flatnonzero(steps > gap_ns) + 1)
     latest = [np.maximum.accumulate(stamps_ns[part]) for part in parts]
-    return [part[np.diff(so_far, prepend=-1) > 0] for part, so_far in zip(parts, latest, strict=True)]
+    return [part[np.diff(so_far, prepend=so_far[:1] - 1) > 0] for part, so_far in zip(parts, latest, strict=True)]
 
 
 def smooth_speed(time: F, position: F) -> F:

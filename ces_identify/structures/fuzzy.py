@@ -27,18 +27,14 @@ MAX_RULES = 60
 
 @dataclass(frozen=True)
 class FuzzyShape(LaggedShape):
-    """The size of a neuro-fuzzy model (Jang 1993): memberships of speed and of current, and lags.
-
-    Each combination of memberships is a rule. `current_delay_s` is the delay of the current in the premises, `decay`
-    the cost of a squared consequent in (J / 100)^2.
-    """
+    """The size of a neuro-fuzzy model (Jang 1993): memberships of speed and current, a rule for each pair, and lags."""
 
     option: ClassVar[str] = "anfis"
     speeds: int = 7
     currents: int = 2
-    current_delay_s: float = 0.008
+    current_delay_s: float = 0.008  # of the current in the premises
     lags: Lags = LAGS
-    decay: float = 3e-6
+    decay: float = 3e-6  # [(J / 100)^2] cost of a squared consequent
 
     def family(self, data: Training, rate_Hz: float) -> FuzzyFit:
         """Return the neuro-fuzzy models of this size for the data."""

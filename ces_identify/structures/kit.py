@@ -44,7 +44,7 @@ class Fitted:
     """A model, the results of all starts (best first), and the selection facts for the model's provenance."""
 
     model: Model
-    found: Sequence[SearchResult]
+    results: Sequence[SearchResult]
     how: Mapping[str, Any]
 
 

@@ -25,12 +25,12 @@ from ces_observer.structures.network import Network
 
 @dataclass(frozen=True)
 class NetworkShape(LaggedShape):
-    """The size of a sigmoid network (thesis eq. 3.4): units, lags, and the cost of a squared parameter in (J / 100)^2."""
+    """The size of a sigmoid network (thesis eq. 3.4): units, lags, and the cost of a squared parameter."""
 
     option: ClassVar[str] = "sigmoid"
     units: int = 10
     lags: Lags = LAGS
-    decay: float = 3e-6
+    decay: float = 3e-6  # [(J / 100)^2]
 
     def family(self, data: Training, rate_Hz: float) -> NetworkFit:
         """Return the networks of this size for the data."""

@@ -36,10 +36,7 @@ class Family(ABC):
 
     @abstractmethod
     def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the squared error with regularisation on the estimation ticks, its matrix and its gradient.
-
-        The error is infinite if it exceeds `max_error`, or if the force diverges.
-        """
+        """Return the regularised squared error (infinite above `max_error` or if divergent), its matrix and gradient."""
 
     @abstractmethod
     def gains(self, params: F) -> tuple[F, F]:

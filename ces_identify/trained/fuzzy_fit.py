@@ -42,10 +42,7 @@ class PremiseGrid:
 
 @dataclass(frozen=True)
 class FuzzyFit(Family):
-    """Neuro-fuzzy models on a `grid` of memberships; fuzzy_kernels describes the parameter vector.
-
-    `decay` is the regularisation: the cost of a squared consequent, in (J / 100)^2.
-    """
+    """Models on a `grid` of memberships; `decay` is the cost of a squared consequent in (J / 100)^2."""
 
     grid: tuple[PremiseGrid, ...]
     decay: float

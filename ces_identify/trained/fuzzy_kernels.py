@@ -32,10 +32,7 @@ class FuzzyArrays(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def grade(x: F, bells: F, owner: I, grades: F, logs: F) -> None:
-    """Fill `grades` (memberships,) with the memberships at one tick's premises `x` (premises,).
-
-    `logs` (memberships,) becomes the logarithm of the distance from the centre, in widths.
-    """
+    """Fill `grades` (memberships,), and `logs` with the log distances from the centres in widths, at premises `x`."""
     for m in range(len(owner)):
         distance = abs(x[owner[m]] - bells[m, 0])
         if distance == 0.0:

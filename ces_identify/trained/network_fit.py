@@ -21,10 +21,7 @@ KINK = 5e-4  # width over which the kink of |x| is smoothed in the gain
 
 @dataclass(frozen=True)
 class NetworkFit(Family):
-    """Networks of `units` sigmoids; network_kernels describes the parameter vector.
-
-    `decay` is the regularisation: the cost of a squared parameter, in (J / 100)^2.
-    """
+    """Networks of `units` sigmoids; `decay` is the cost of a squared parameter in (J / 100)^2."""
 
     units: int
     decay: float
@@ -56,10 +53,7 @@ class NetworkFit(Family):
         return NetworkArrays(self.training.scale_N, params, self.units)
 
     def gains(self, params: F) -> tuple[F, F]:
-        """Return an upper bound (1,) of the gain of the past forces and its gradient (1, parameters).
-
-        It is the bound of ces_observer.structures.network with the kinks of |x| smoothed upward.
-        """
+        """Return the bound (1,) of ces_observer.structures.network, smoothed upward, and its gradient (1, parameters)."""
         r = len(self.regressors)
         units = params[1 + r :].reshape(self.units, 2 + r)
         slope, unit_slopes = np.zeros_like(params), np.zeros_like(units)

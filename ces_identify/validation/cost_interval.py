@@ -118,15 +118,12 @@ def replicates(ticks: Ticks, length: int, random: np.random.Generator) -> F:
 
 
 def _block_sums(ticks: Ticks, length: int) -> tuple[F, F]:
-    """Return for the block from each tick the sums (n, 4) of e^2, y, y^2 and 1, and its weight (n,) in the draw.
-
-    A run shorter than a block is one block; its weight compensates for its fewer ticks.
-    """
+    """Return for the block from each tick the sums (n, 4) of e^2, y, y^2 and 1, and its weight (n,) in the draw."""
     y = ticks.force - ticks.force.mean()
     columns = np.stack([ticks.squares, y, y**2, np.ones(len(y))], axis=1)
     sums, weights = np.empty_like(columns), np.empty(len(y))
     for start, stop in ticks.runs:
-        n = min(length, int(stop - start))
+        n = min(length, int(stop - start))  # a run shorter than a block is one block
         circle = np.concatenate([columns[start:stop], columns[start : start + n]])
         before = np.concatenate([np.zeros((1, 4)), np.cumsum(circle, axis=0)])
         sums[start:stop] = before[n : n + stop - start] - before[: stop - start]

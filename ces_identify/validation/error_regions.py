@@ -44,10 +44,7 @@ class _Scored:
 
 
 def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
-    """Return the visited cells of speed and current, largest error first; of speed alone for a constant current.
-
-    Diverged runs count up to the divergence.
-    """
+    """Return the visited cells of speed and current, or of speed if the current is constant; largest error first."""
     ticks = _collect_scored_ticks(evaluations)
     top = float(np.quantile(np.abs(ticks.speed), QUANTILE)) if len(ticks.speed) else 0.0
     speeds = np.linspace(-top, top, SPEEDS + 1)

@@ -23,10 +23,7 @@ RULE = (
 
 
 def usage(identified: Sequence[Series], held_out: Sequence[Series]) -> list[dict[str, Any]]:
-    """Return a row for each series: its start and end [s], and its scored seconds of each kind.
-
-    `identified` are the series identified on, `held_out` those used for validation only.
-    """
+    """Return a row for each series: its start and end [s], and its scored seconds of each kind."""
     rows = [_row(series, estimation_ticks(series)) for series in identified]
     return rows + [_row(series, None) for series in held_out]
 
