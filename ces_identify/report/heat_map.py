@@ -35,13 +35,10 @@ def ramp(left: float, top: float, values: Sequence[float], css: str, unit: str, 
         box = f'x="{left + i * step:.1f}" y="{top:.1f}" width="{step:.1f}" height="11"'
         out.append(f'<rect class="{css}" {box} fill-opacity="{_opacity(i / (RAMP_CELLS - 1)):.2f}"/>')
     for i, value in enumerate(values):
-        out.append(label(left + width * i / (len(values) - 1), top + 27, _short(value), "tick mid"))
+        text = f"{value:.0f}" if value >= 99.5 else f"{value:.2g}"
+        out.append(label(left + width * i / (len(values) - 1), top + 27, text, "tick mid"))
     return "\n".join([*out, label(left + width + 20, top + 10, unit, "name")])
 
 
 def _opacity(shade: float) -> float:
     return FAINTEST + (1.0 - FAINTEST) * shade
-
-
-def _short(value: float) -> str:
-    return f"{value:.0f}" if value >= 99.5 else f"{value:.2g}"

@@ -87,10 +87,8 @@ class FmuSimulation(Simulation):
                 variables.start(at, values[0])
                 force[0] = variables.force()
                 for k, at in enumerate(times[:-1]):
-                    if self.interpolates:
-                        variables.step(at, times[k + 1] - at, values[k], slopes[k])
-                    else:
-                        variables.step(at, times[k + 1] - at, values[k + 1])
+                    now = (values[k], slopes[k]) if self.interpolates else (values[k + 1],)
+                    variables.step(at, times[k + 1] - at, *now)
                     force[k + 1] = variables.force()
         except CesError:
             raise

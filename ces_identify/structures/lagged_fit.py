@@ -34,9 +34,7 @@ class LaggedShape(ABC):
         family = self.family(build_training(series, options.weighting), sampling.rate_Hz)
         results = train(family, options.limits, options.certify, listener)
         if not results:
-            raise CesError(
-                f"no start of the {self.option} fit gave a stable model; give more time, more starts or more data"
-            )
+            raise CesError(f"no start of the {self.option} fit gave a stable model; give more time, starts or data")
         params = results[0].coefficients
         model = family.model(params, sampling)
         if options.certify:

@@ -36,7 +36,7 @@ class Family(ABC):
 
     @abstractmethod
     def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the regularised squared error (infinite above `max_error` or if divergent), its matrix and gradient."""
+        """Return the regularised squared error (infinite above `max_error`), its matrix and its gradient."""
 
     @abstractmethod
     def gains(self, params: F) -> tuple[F, F]:

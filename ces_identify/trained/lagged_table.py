@@ -13,10 +13,7 @@ from ces_observer.structures.lagged_signals import COLUMNS, Regressor
 
 
 def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs: F, segments: I) -> RegressorTable:
-    """Return the regressors of `inputs` (3, ticks): position [m], speed [m/s] and current [A], clamped to `envelope`.
-
-    Before a segment's start the inputs have their first values.
-    """
+    """Return the regressors of `inputs` (3, ticks), clamped; before a segment they have its first values."""
     values = np.zeros((inputs.shape[1], len(regressors)))
     for j, r in enumerate(regressors):
         if r.signal != "force":

@@ -53,7 +53,7 @@ class NetworkFit(Family):
         return NetworkArrays(self.training.scale_N, params, self.units)
 
     def gains(self, params: F) -> tuple[F, F]:
-        """Return the bound (1,) of ces_observer.structures.network, smoothed upward, and its gradient (1, parameters)."""
+        """Return the bound of ces_observer.structures.network (1,), smoothed upward, and its gradient (1, params)."""
         r = len(self.regressors)
         units = params[1 + r :].reshape(self.units, 2 + r)
         slope, unit_slopes = np.zeros_like(params), np.zeros_like(units)

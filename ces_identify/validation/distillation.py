@@ -40,10 +40,7 @@ class DistillationCosts:
 def compare_with_teacher(
     model: Model, evaluations: Sequence[Evaluation], measured: Sequence[Recording]
 ) -> tuple[DistillationCosts, ...]:
-    """Return the costs on each evaluation of `model`, whose series hold the teacher's force.
-
-    `measured` are the original recordings in any order; those without a force are ignored.
-    """
+    """Return the costs of `model` on each evaluation with the teacher's force; `measured` are the original recordings."""
     prepared = [prepare(recording, model.sampling) for recording in measured if "force" in recording.channels]
     return tuple(_costs(evaluation, _find_measured_force(evaluation.series, prepared)) for evaluation in evaluations)
 

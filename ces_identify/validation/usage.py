@@ -1,7 +1,6 @@
-"""The use of each second of each recording: estimation, selection, or test.
+"""The use of each second of each recording, for a model's provenance: estimation, selection or test.
 
-The test seconds affect no choice: neither differentiator, terms, number of terms nor envelope. The statement is stored
-in a model's provenance, which tables and the report show.
+The test seconds affect no choice: neither differentiator, terms, number of terms nor envelope.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_B
 from ces_identify.preparation.series import Series
 
 RULE = (
-    f"of every {PERIOD_BLOCKS * BLOCK_S:g} s identified on, the first {ESTIMATION_BLOCKS * BLOCK_S:g} s serve "
+    f"of every {PERIOD_BLOCKS * BLOCK_S:g} s of identification data, the first {ESTIMATION_BLOCKS * BLOCK_S:g} s serve "
     f"estimation and the last {(PERIOD_BLOCKS - ESTIMATION_BLOCKS) * BLOCK_S:g} s selection; a last fit may use both; "
-    "nothing of the test seconds entered a choice"
+    "no choice used the test seconds"
 )
 
 

@@ -19,9 +19,9 @@ def recordings(count, seconds=6.0):
 def stand_in(calls):
     """An identifier that always finds the planted model, and remembers what it was given."""
 
-    def identify(kept, held_out, options):
-        calls.append(([r.name for r in kept], [r.name for r in held_out], options.split))
-        evaluations = evaluate(NETWORK, [prepare(r, SAMPLING) for r in kept], IDENTIFICATION)
+    def identify(identification, held_out, options):
+        calls.append(([r.name for r in identification], [r.name for r in held_out], options.split))
+        evaluations = evaluate(NETWORK, [prepare(r, SAMPLING) for r in identification], IDENTIFICATION)
         evaluations += evaluate(NETWORK, [prepare(r, SAMPLING) for r in held_out], VALIDATION)
         return IdentificationResult(NETWORK, tuple(evaluations), ())
 
@@ -73,8 +73,8 @@ def test_a_diverged_fold_is_no_number():
     calls = []
     inner = stand_in(calls)
 
-    def identify(kept, held_out, options):
-        result = inner(kept, held_out, options)
+    def identify(identification, held_out, options):
+        result = inner(identification, held_out, options)
         return replace(result, evaluations=tuple(replace(e, cost=float("inf")) for e in result.evaluations))
 
     result = cross_validate(recordings(2), 2, identify, IdentifyOptions())

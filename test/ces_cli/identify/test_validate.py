@@ -99,7 +99,7 @@ def test_what_each_second_served_is_in_the_table_and_in_the_model(work, capsys):
     one = next(row for row in history["usage"] if row["recording"] == "one" and not row["test_s"])
     assert one["estimation_s"] == pytest.approx(2 * one["selection_s"], abs=1.0)
     assert sum(row["test_s"] > 0 for row in history["usage"]) == 2
-    assert "nothing of the test seconds entered a choice" in history["usage_rule"]
+    assert "no choice used the test seconds" in history["usage_rule"]
 
 
 def test_folds_are_in_the_model_and_no_test_second_is_in_them_twice(work):

@@ -29,10 +29,10 @@ def recording(count=2000, seed=1, jitter_ns=400_000, noise_m=15e-6):
     stamps = START + np.arange(count) * 1_000_000 + dice.integers(0, jitter_ns, count)
     t = (stamps - START) * 1e-9
     position = 0.012 * np.sin(25.0 * t) + 0.004 * np.sin(60.0 * t) + dice.normal(0, noise_m, count)
-    return made(stamps, position, 0.5 + 0.3 * np.sin(4.0 * t))
+    return make_recording(stamps, position, 0.5 + 0.3 * np.sin(4.0 * t))
 
 
-def made(stamps, position, current):
+def make_recording(stamps, position, current):
     channels = {
         "position": Channel("position", "m", stamps, position),
         "current": Channel("current", "A", stamps, current),
@@ -50,7 +50,7 @@ def spoiled():
     stamps[1200], stamps[1300] = stamps[1195], stamps[1299]
     position[500], current[600] = np.nan, np.inf
     position[1500] += 0.05
-    return made(stamps, position, current)
+    return make_recording(stamps, position, current)
 
 
 @needs_compiler
@@ -108,7 +108,7 @@ def test_nothing_stays_behind(tmp_path, monkeypatch):
 def test_a_failing_step_says_when(tmp_path):
     simulation = open_fmu(f"{algebraic_fmu(tmp_path)}:force=rear.out")
     c = recording(jitter_ns=1).channels
-    strong = made(c["position"].stamps_ns, c["position"].values, 0.0 * c["current"].values + 8.0)
+    strong = make_recording(c["position"].stamps_ns, c["position"].values, 0.0 * c["current"].values + 8.0)
     with pytest.raises(CesError, match=r"algebraic.fmu: the FMU failed at 1\.90.* s: fmi2DoStep failed with status 3"):
         simulation.force(strong)
 

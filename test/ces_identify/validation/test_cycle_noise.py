@@ -63,7 +63,7 @@ def test_cycles_that_differ_are_left_out():
 
 
 @pytest.mark.parametrize(
-    ("made", "reason"),
+    ("make", "reason"),
     [
         (series, "the stroke does not repeat"),
         (lambda: series(position=np.full(10_000, 0.01)), "the stroke does not repeat"),
@@ -71,8 +71,8 @@ def test_cycles_that_differ_are_left_out():
         (lambda: cycles(seconds=2.2)[0], "equal cycles"),
     ],
 )
-def test_no_floor_without_cycles(made, reason):
-    found = cycle_noise(made())
+def test_no_floor_without_cycles(make, reason):
+    found = cycle_noise(make())
     assert isinstance(found, str) and reason in found
 
 
