@@ -90,7 +90,7 @@ def test_residuals_and_where_the_error_sits_take_a_line_each(told):
 
 def test_the_report_shows_them_too(work, told):
     page = (work / "v.html").read_text()
-    for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed² → residual²", "Where the error sits"):
+    for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed² → residual²", "Error by cells of speed"):
         assert text in page
 
 
@@ -116,7 +116,7 @@ def test_identify_prints_the_folds_and_what_seconds_served(work, tmp_path, capsy
     out = capsys.readouterr().out
     assert "0.0-6.5 s" in out and "6.5-13.0 s" in out and "spread" in out
     assert re.search(r"estimation \d+\.\d s", out) and re.search(r"test \d+\.\d s", out)
-    assert "of every 3 s identified on" in out
+    assert "of every 3 s of identification data" in out
 
 
 def test_a_certificate_is_proved_again_without_a_bag(work, capsys):
