@@ -40,7 +40,7 @@ class DistillationCosts:
 def compare_with_teacher(
     model: Model, evaluations: Sequence[Evaluation], measured: Sequence[Recording]
 ) -> tuple[DistillationCosts, ...]:
-    """Return the costs of `model` on each evaluation with the teacher's force; `measured` are the original recordings."""
+    """Return the costs on evaluations with the teacher's force; `measured` are the original recordings."""
     prepared = [prepare(recording, model.sampling) for recording in measured if "force" in recording.channels]
     return tuple(_costs(evaluation, _find_measured_force(evaluation.series, prepared)) for evaluation in evaluations)
 
