@@ -37,8 +37,6 @@ def test_seconds_are_those_the_search_deals():
 
 def test_the_rule_is_the_problems():
     assert RULE.startswith("of every 3 s of identification data, the first 2 s serve estimation and the last 1 s sel")
-        "of every 3 s of identification data, the first 2 s serve estimation and the last 1 s selection"
-    )
     assert "no choice used the test seconds" in RULE
 
 
