@@ -29,13 +29,13 @@ from ces_identify.numerics.kernels import free_run
 from ces_identify.polynomial.compiled_terms import compile_terms, power_table
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.selection import search
-from ces_identify.polynomial_structure import build_problem
 from ces_identify.preparation.cost import series_cost
 from ces_identify.preparation.position_spectrum import position_spectrum, sample_rate
 from ces_identify.preparation.sampling import best_differentiator, choose_sampling
 from ces_identify.preparation.series import Series, prepare, usable_samples
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.polynomial import build_problem
 from ces_observer.model import Sampling
 from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
 from ces_rig.experiment import GRID_S, Experiment, Truth, find_experiment, load_experiment, measure, simulate_truth

@@ -27,18 +27,18 @@ from measurement import Spent, is_installed, print_note, print_table, time_call
 from ces_identify.polynomial.limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
 from ces_identify.polynomial.refit import refit_coefficients
 from ces_identify.polynomial.selection import search
-from ces_identify.polynomial_structure import build_problem
 from ces_identify.preparation.cost import cost
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.fuzzy import FuzzyShape
+from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.network import NetworkShape
+from ces_identify.structures.polynomial import build_problem
+from ces_identify.trained.family import Family
 from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
-from ces_identify.trained.fuzzy_structure import FuzzyShape
-from ces_identify.trained.lagged_fit import Lags, build_regressors
 from ces_identify.trained.network_fit import NetworkFit
-from ces_identify.trained.network_structure import NetworkShape
-from ces_identify.trained.simulation_error import Family, train
-from ces_identify.trained.training import Training, build_training
+from ces_identify.trained.simulation_error import train
+from ces_identify.trained.training import Lags, Training, build_regressors, build_training
 from ces_observer.model import Model
 from ces_observer.structures.fuzzy import Fuzzy
 from ces_observer.structures.network import Network

@@ -24,11 +24,11 @@ from measurement import print_note, print_table
 from ces_identify.polynomial.limits import BOTH, METHODS, Limits, SearchResult
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.selection import search
-from ces_identify.polynomial_structure import build_problem
 from ces_identify.preparation.cost import series_cost
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.polynomial import build_problem
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term

@@ -19,7 +19,7 @@ from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.regressors import CandidateRules, load_rules
 from ces_identify.recordings.bag_reader import RecordingWarning, read_recording
 from ces_identify.recordings.signals_file import load_signals
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 
 BAGS = Path(__file__).resolve().parent.parent / "bags"
 FITTED, JUDGED = ("noise", "sweep"), ("sine_4hz", "road")

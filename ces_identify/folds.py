@@ -1,7 +1,8 @@
-"""Cross-validation over recordings: each fold of recordings is held out once and judged by a model that never saw it.
+"""Cross-validation over recordings: each fold is held out once, and a model identified on the others is evaluated on
+it.
 
-A single recording is cut into as many stretches as folds; each is held out in turn, and what is left of it before and
-after are two recordings, so that no model steps across the cut.
+A single recording is cut into as many stretches as folds. The parts before and after a held-out stretch become two
+recordings, so that no model runs across the cut.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ import numpy as np
 
 from ces_identify.identification import IdentificationResult
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.cost_interval import CostInterval, cost_interval
-from ces_identify.validation.evaluate import VALIDATION, Evaluation
+from ces_identify.validation.evaluate import VALIDATION
 from ces_observer.errors import CesError
 
 Identifier = Callable[[Sequence[Recording], Sequence[Recording], IdentifyOptions], IdentificationResult]
@@ -25,7 +26,7 @@ MIN_STRETCH_S = 2.0
 
 @dataclass(frozen=True)
 class Fold:
-    """Recordings to identify on, and those held out meanwhile."""
+    """Recordings for identification, and those held out."""
 
     identification: tuple[Recording, ...]
     held_out: tuple[Recording, ...]
@@ -33,7 +34,7 @@ class Fold:
 
 @dataclass(frozen=True)
 class HeldOutCost:
-    """A recording that was held out: in which fold, the cost J [%] there, its interval, and how large the model was."""
+    """A held-out recording: its fold, the cost J [%] and its interval, and the size of the model."""
 
     fold: int
     recording: str
@@ -44,21 +45,20 @@ class HeldOutCost:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Every recording held out once; `mean` and `spread` (standard deviation, n - 1) of J [%] over the recordings.
-
-    They are infinite where a free run diverged. The spread is not the standard error of the mean: the folds share data.
-    """
+    """The held-out costs of all recordings."""
 
     rows: tuple[HeldOutCost, ...]
 
     @property
     def mean(self) -> float:
-        """Mean J [%] over the recordings."""
+        """Mean J [%] over the recordings; infinite if a free run diverged."""
         return float(np.mean([row.cost for row in self.rows]))
 
     @property
     def spread(self) -> float:
-        """Standard deviation of J [%] over the recordings."""
+        """Standard deviation (n - 1) of J [%], infinite after a divergence; not the error of the mean: folds share
+        data.
+        """
         costs = [row.cost for row in self.rows]
         return float(np.std(costs, ddof=1)) if np.isfinite(costs).all() else float("inf")
 
@@ -68,40 +68,39 @@ def cross_validate(
 ) -> CrossValidation:
     """Return the held-out costs of `folds` identifications, each on all but one fold of `recordings`.
 
-    As many folds as recordings leave one out at a time. Raises CesError if there are too few recordings, or whatever
-    `identify` raises.
+    Raises CesError if there are too few recordings, and the errors of `identify`.
     """
     options, rows = replace(options, split=1.0), []
     for number, fold in enumerate(split_folds(recordings, folds), 1):
         result = identify(fold.identification, fold.held_out, options)
-        judged = [e for e in result.evaluations if e.role == VALIDATION]
-        rows += [_row(number, e, result.model.size) for e in judged]
+        rows += [
+            HeldOutCost(number, e.name, e.cost, cost_interval([e]), result.model.size)
+            for e in result.evaluations
+            if e.role == VALIDATION
+        ]
     return CrossValidation(tuple(rows))
 
 
 def split_folds(recordings: Sequence[Recording], folds: int) -> list[Fold]:
-    """Return the folds: recordings dealt in turn, or stretches of the only one. Raises CesError if too few."""
+    """Return the folds: recordings in turn, or stretches of a single one. Raises CesError if there are too few."""
     if folds < 2:
         raise CesError(f"--folds {folds}: expected at least 2")
     if len(recordings) == 1:
-        return list(_stretches(recordings[0], folds))
+        return list(_cut_into_folds(recordings[0], folds))
     if folds > len(recordings):
         raise CesError(
             f"--folds {folds}: {len(recordings)} recordings; expected at most as many folds (or a single recording, "
             "which is cut into stretches)"
         )
-    dealt = [i % folds for i in range(len(recordings))]
+    numbered = list(enumerate(recordings))
     return [
-        Fold(
-            tuple(r for r, fold in zip(recordings, dealt, strict=True) if fold != k),
-            tuple(r for r, fold in zip(recordings, dealt, strict=True) if fold == k),
-        )
+        Fold(tuple(r for i, r in numbered if i % folds != k), tuple(r for i, r in numbered if i % folds == k))
         for k in range(folds)
     ]
 
 
 def cut_recording(recording: Recording, start_ns: int, stop_ns: int) -> Recording:
-    """Return the samples stamped from `start_ns` to before `stop_ns`, as a recording of their own."""
+    """Return the samples with stamps from `start_ns` up to `stop_ns` as a recording."""
     channels = {
         name: channel.select((channel.stamps_ns >= start_ns) & (channel.stamps_ns < stop_ns))
         for name, channel in recording.channels.items()
@@ -111,18 +110,14 @@ def cut_recording(recording: Recording, start_ns: int, stop_ns: int) -> Recordin
     return replace(recording, name=name, channels=channels)
 
 
-def _stretches(recording: Recording, folds: int) -> Iterator[Fold]:
+def _cut_into_folds(recording: Recording, folds: int) -> Iterator[Fold]:
     stamps = recording.channel("position").stamps_ns
     edges = np.linspace(stamps.min(), stamps.max() + 1, folds + 1).round().astype(np.int64).tolist()
     if edges[1] - edges[0] < MIN_STRETCH_S * 1e9:
         raise CesError(
             f"--folds {folds}: {recording.name} gives stretches of {(edges[1] - edges[0]) * 1e-9:.2f} s; expected at "
-            f"least {MIN_STRETCH_S:g} s: ask for fewer"
+            f"least {MIN_STRETCH_S:g} s; use fewer folds"
         )
     for a, b in pairwise(edges):
         rest = [cut_recording(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
         yield Fold(tuple(rest), (cut_recording(recording, a, b),))
-
-
-def _row(fold: int, evaluation: Evaluation, model: str) -> HeldOutCost:
-    return HeldOutCost(fold, evaluation.name, evaluation.cost, cost_interval([evaluation]), model)

@@ -1,4 +1,4 @@
-"""Numbers, signals and the table of a model's numbers as a report shows them."""
+"""Numbers, signals and the table of a model's parameters in reports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
 
 @dataclass(frozen=True)
 class TableColumn:
-    """A column of a table: its head, and the style classes of its head and of its cells."""
+    """A column of a table: its head, and the CSS classes of its head and of its cells."""
 
     head: Markup
     head_class: str = "n"
@@ -22,9 +22,9 @@ class TableColumn:
 
 @dataclass(frozen=True)
 class ModelTable:
-    """A model's numbers as a section of a report: `ident` of the section, title, equation, columns and rows of cells.
+    """A section of a report with a model's parameters; `ident` is the section's HTML id.
 
-    Notes are sentences before and after the one that explains the symbols.
+    The notes come before and after the sentence that explains the symbols.
     """
 
     ident: str
@@ -37,24 +37,24 @@ class ModelTable:
 
 
 def parameter_table(about: str, heads: tuple[Markup, ...], rows: tuple[tuple[Markup, ...], ...]) -> ModelTable:
-    """Return the table of a model without terms: a first column of names and columns of numbers; `about` explains."""
+    """Return a table with a first column of names and columns of numbers; `about` explains it."""
     columns = (TableColumn(heads[0], "", "formula"), *map(TableColumn, heads[1:]))
     return ModelTable("parameters", "Parameters", Markup(""), columns, rows, note_before=about)
 
 
 def signal_symbol(signal: str, lag: int) -> Markup:
-    """Return the signal so many ticks ago, such as v(k - 1)."""
+    """Return the symbol of a signal at a lag, such as v(k - 1)."""
     ago = f"\N{MINUS SIGN}{lag}" if lag else ""
     return Markup('<span class="signal"><var>{}</var>(<var>k</var>{})</span>').format(SYMBOLS.get(signal, signal), ago)
 
 
 def four_figures(value: float) -> Markup:
-    """Return a number to four figures."""
+    """Return a number with four significant figures."""
     return Markup("{}").format(minus(f"{value:.4g}"))
 
 
 def three_figures(value: float) -> str:
-    """Return a cost, share or force to three figures, `∞` if it is infinite, a dash if there is none."""
+    """Return a number with three significant figures, `∞` if it is infinite, a dash if it is NaN."""
     if not math.isfinite(value):
         return "\N{INFINITY}" if math.isinf(value) else "\N{EN DASH}"
     return f"{value:.0f}" if value >= 99.95 else f"{value:.1f}" if value >= 9.995 else f"{value:.2f}"

@@ -9,7 +9,7 @@ import numpy as np
 
 from ces_identify.identification import identify
 from ces_identify.polynomial.limits import Limits
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.model import Model
 from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.dampers.hydraulic.effects import Hydraulic

@@ -32,7 +32,7 @@ from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 BRFD_BOTH = ("0.25Hz30lbtension1amplitude", "1Hz30lbtension1amplitude")

@@ -23,11 +23,11 @@ from bench.thesis.one_step import one_step_model
 from ces_identify.identification import identify
 from ces_identify.polynomial.limits import BOTH, RANDOM, Limits
 from ces_identify.polynomial.regressors import load_rules, parse_rules
-from ces_identify.polynomial_structure import fit_polynomial
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import IdentifyOptions
-from ces_identify.trained.fuzzy_structure import FuzzyShape
-from ces_identify.trained.network_structure import NetworkShape
+from ces_identify.structures.fuzzy import FuzzyShape
+from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.network import NetworkShape
+from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.errors import CesError
 from ces_observer.model import Model

@@ -17,15 +17,14 @@ from ces_identify.polynomial.limits import Limits
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Recording
+from ces_identify.structures.fuzzy import FuzzyShape
+from ces_identify.structures.network import SIGMOID, NetworkShape
 from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
-from ces_identify.trained.fuzzy_structure import FuzzyShape
-from ces_identify.trained.lagged_fit import build_regressors
 from ces_identify.trained.lagged_kernels import RegressorTable
 from ces_identify.trained.lagged_table import delay_values
 from ces_identify.trained.network_fit import NetworkFit
-from ces_identify.trained.network_structure import SIGMOID, NetworkShape
 from ces_identify.trained.simulation_error import train
-from ces_identify.trained.training import Training, build_training
+from ces_identify.trained.training import Training, build_regressors, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 

@@ -11,8 +11,8 @@ from ces_cli.terminal.coverage_picture import write_picture
 from ces_identify.campaign.front import front, recommend_model
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
-from ces_identify.polynomial_structure import POLYNOMIAL
 from ces_identify.structures import KITS
+from ces_identify.structures.polynomial import POLYNOMIAL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

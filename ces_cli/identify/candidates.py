@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
 from ces_identify.polynomial.regressors import CandidateRules, load_rules
-from ces_identify.polynomial_structure import POLYNOMIAL
+from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_observer.errors import CesError
 
 

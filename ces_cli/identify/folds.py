@@ -14,7 +14,7 @@ from ces_cli.terminal.tables import fold_table
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
 from ces_identify.identification import IdentificationResult
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 
 MAX_FOLDS = 1000
 

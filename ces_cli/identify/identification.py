@@ -19,7 +19,7 @@ from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 
 FORCE = ("position", "current", "force")

@@ -8,8 +8,8 @@ from functools import partial
 
 from ces_cli.terminal import terminal
 from ces_identify.identification import IdentificationResult, identify
-from ces_identify.structure_kit import SizeOption
 from ces_identify.structures import KITS
+from ces_identify.structures.kit import SizeOption
 
 
 def add_structure(to: argparse.ArgumentParser) -> None:

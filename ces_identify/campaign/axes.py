@@ -9,9 +9,9 @@ from typing import Any
 
 from ces_identify.campaign.plan import AUTO, BUILT_IN, Setting
 from ces_identify.polynomial.limits import BOTH, METHODS
-from ces_identify.polynomial_structure import POLYNOMIAL
-from ces_identify.structure_kit import SizeOption
 from ces_identify.structures import KITS
+from ces_identify.structures.kit import SizeOption
+from ces_identify.structures.polynomial import POLYNOMIAL
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from ces_identify.jobs.job import DONE, JobResult, run_job
 from ces_identify.jobs.row_log import Row
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Recording
-from ces_identify.structure_kit import IdentifyOptions
 from ces_identify.structures import KITS
+from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import Evaluation
 
 REST = "rest"  # what `split` leaves of a recording, as a validation set

@@ -16,7 +16,7 @@ from ces_identify.campaign.axes import COMMON, LIMITS, STRUCTURES, CampaignAxis,
 from ces_identify.campaign.plan import BUILT_IN, Campaign, Candidates, CellLimits, Setting
 from ces_identify.config_file import read_yaml_mapping, require_known_keys
 from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
-from ces_identify.polynomial_structure import POLYNOMIAL
+from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_observer.errors import CesError
 
 KEYS = (

@@ -1,10 +1,29 @@
-"""Numbers and identifiers as C reads them."""
+"""Text of the exported C: templates, numbers and identifiers."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from importlib import resources
 from math import isfinite
 
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+
 from ces_observer.errors import ModelError
+
+
+def render(template: str, facts: Mapping[str, object]) -> str:
+    """Return the text of templates/TEMPLATE.j2."""
+    folder = resources.files("ces_identify.export") / "templates"
+    environment = Environment(
+        loader=FunctionLoader(lambda name: (folder / f"{name}.j2").read_text(encoding="utf-8")),
+        autoescape=False,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters.update(number=number, variable=constructed_variable)
+    return environment.get_template(template).render(facts)
 
 
 def number(value: float) -> str:
@@ -15,5 +34,5 @@ def number(value: float) -> str:
 
 
 def constructed_variable(name: str) -> str:
-    """Return the variable of a constructed input."""
+    """Return the C variable of a constructed input."""
     return f"made_{name}"

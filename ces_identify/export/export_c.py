@@ -1,22 +1,18 @@
-"""A model as one self-contained C99 source file and its header: the estimator for a microcontroller.
+"""Export of a model as a self-contained C99 source file and header: the estimator for a microcontroller.
 
 A checked `Model` goes in, two texts come out. They do what `ces_observer.estimator.Estimator` does, operation by
-operation, so that forces and reasons agree. templates/estimator.{c,h}.j2 hold the C around the tick of a structure,
-which has templates and a module of its own beside this one, named in TICKS. Of the model only numbers reach the texts,
-and identifiers are made here.
+operation, so that forces and reasons agree. templates/estimator.{c,h}.j2 hold the C around the tick of a structure; the
+tick has its own templates and module, registered in TICKS. Only numbers of the model reach the texts.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from importlib import resources
 from math import ceil, pi, sqrt
 from typing import Any
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined
-
-from ces_identify.export.c_text import constructed_variable, number
+from ces_identify.export.c_text import render
 from ces_identify.export.polynomial_c import polynomial_facts
 from ces_observer import __version__, estimator, tracker
 from ces_observer.errors import ModelError
@@ -32,11 +28,11 @@ REASONS: Mapping[str, str] = {
     "OUTLIER": tracker.OUTLIER,
     "UNBOUNDED": estimator.UNBOUNDED,
 }
-LONGEST_NAME = 31  # characters of an external identifier that C99 promises to tell apart
-NAME_ENDING = "_past_reset"  # the longest of those added to a name
+LONGEST_NAME = 31  # significant characters of an external identifier in C99
+NAME_ENDING = "_past_reset"  # the longest that is added to a name
 STANDARD_HEADERS = ("float", "math", "stdbool", "stdint")
 
-Facts = Callable[[Any, Model], Mapping[str, object]]  # what the templates of a tick need, of a structure and its model
+Facts = Callable[[Any, Model], Mapping[str, object]]  # of a structure and its model: values for its templates
 
 TICKS: dict[str, tuple[str, Facts]] = {Polynomial.name: ("polynomial", polynomial_facts)}  # name of templates, facts
 
@@ -44,7 +40,7 @@ TICKS: dict[str, tuple[str, Facts]] = {Polynomial.name: ("polynomial", polynomia
 def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) -> tuple[str, str]:
     """Return the texts of FILE_STEM.c and FILE_STEM.h, whose identifiers begin with `name`.
 
-    `certificate` is told in comments. Raises ModelError if the model cannot be written in C, or a name cannot be used.
+    Comments state the `certificate`. Raises ModelError if the model cannot be written in C or a name is not usable.
     """
     require_exportable(model, name, file_stem)
     tick, tick_facts = TICKS[model.structure]
@@ -63,42 +59,28 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
         **_sampling(model),
         **tick_facts(model.body, model),
     }
-    environment = Environment(
-        loader=FunctionLoader(_template),
-        autoescape=False,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters.update(number=number, made=constructed_variable)
-    texts = [environment.get_template(f"estimator.{kind}").render(facts) for kind in ("c", "h")]
-    return texts[0], texts[1]
+    return render("estimator.c", facts), render("estimator.h", facts)
 
 
 def require_exportable(model: Model, name: str, file_stem: str) -> None:
-    """Raise ModelError if `export_c` could not write this model under these names."""
+    """Raise ModelError if `export_c` cannot write this model with these names."""
     if model.structure not in TICKS:
         raise ModelError(f"structure is {model.structure}; only {', '.join(TICKS)} can be written in C so far")
     if identifier(name) != name.lower() or not name.isascii():
         raise ModelError(f"name '{name}': not usable in C; choose one such as '{identifier(name)}'")
     if not re.fullmatch(r"[0-9A-Za-z][0-9A-Za-z_.-]*", file_stem) or file_stem in STANDARD_HEADERS:
-        raise ModelError(f"file name '{file_stem}.c': choose one of letters, digits and _ that is no standard header's")
+        raise ModelError(f"file name '{file_stem}.c': choose letters, digits and _, and not a standard header")
 
 
 def identifier(text: str) -> str:
-    """Return `text` made into the beginning of C identifiers, such as `my-damper 2` into `my_damper_2`."""
+    """Return `text` as the beginning of C identifiers: `my-damper 2` becomes `my_damper_2`."""
     name = re.sub(r"[^0-9A-Za-z]+", "_", text).strip("_").lower()
     name = f"model_{name}" if not name or name[0].isdigit() else name
     return name[: LONGEST_NAME - len(NAME_ENDING)].rstrip("_")
 
 
-def _template(name: str) -> str:
-    return (resources.files("ces_identify.export") / "templates" / f"{name}.j2").read_text(encoding="utf-8")
-
-
 def _sampling(model: Model) -> dict[str, object]:
-    """Return the numbers of the tracker, each computed as the tracker and its differentiator compute it."""
+    """Return the constants of the tracker, computed as the tracker and its differentiator compute them."""
     s = model.sampling
     damping = 0.5 if s.order == 3 else sqrt(0.5)
     settling_s = tracker.SETTLING / (2.0 * pi * s.bandwidth_Hz)

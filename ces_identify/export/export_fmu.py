@@ -1,8 +1,8 @@
-"""A model as an FMU: FMI 2.0 co-simulation, the exported C estimator with a thin wrapper, compiled and as source.
+"""Export of a model as an FMU: FMI 2.0 co-simulation around the exported C estimator, compiled and as source.
 
 A checked `Model` goes in, the bytes of a zip come out: modelDescription.xml, sources/ (complete, with BUILD.txt), and
-binaries/ for the platform of the compiler that was given. The same model gives the same sources, GUID and zip layout.
-Source of the interface: FMI for Model Exchange and Co-Simulation 2.0, modelica.org.
+binaries/ for the compiler's platform. The same model gives the same sources, GUID and zip layout. Source of the
+interface: FMI for Model Exchange and Co-Simulation 2.0, modelica.org.
 """
 
 from __future__ import annotations
@@ -20,12 +20,9 @@ import uuid
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
-from jinja2 import Environment, StrictUndefined
-
-from ces_identify.export.c_text import number
+from ces_identify.export.c_text import render
 from ces_identify.export.export_c import REASONS, export_c
 from ces_observer import __version__
 from ces_observer.errors import CesError
@@ -33,13 +30,13 @@ from ces_observer.model import Model
 from ces_observer.proof.certificate import Certificate
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-fPIC", "-shared")
-COMPILE_S = 300.0  # [s] after which a compiler is taken to hang
-EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in the zip, so that the same model gives the same bytes
+COMPILE_S = 300.0  # [s] time limit of a compiler
+EPOCH = (1980, 1, 1, 0, 0, 0)  # date of every file in the zip: the same model gives the same bytes
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable of the FMU; its place in VARIABLES is its value reference. `kind` is its type's XML element."""
+    """A variable of the FMU; its index in VARIABLES is its value reference. `kind` is the XML element of its type."""
 
     name: str
     causality: str
@@ -58,7 +55,7 @@ VARIABLES = (
     ),
     Variable("speed", "output", "continuous", '<Real unit="m/s"/>', "speed that the model used"),
     Variable("valid", "output", "discrete", "<Boolean/>", "the force may be used"),
-    Variable("clamped", "output", "discrete", "<Boolean/>", "inputs lay outside what the model was identified on"),
+    Variable("clamped", "output", "discrete", "<Boolean/>", "inputs were outside the envelope of the model"),
     Variable(
         "reason", "output", "discrete", '<Enumeration declaredType="Reason"/>', "why the force is given or withheld"
     ),
@@ -66,41 +63,38 @@ VARIABLES = (
 
 
 def export_fmu(model: Model, name: str, certificate: Certificate, compiler: Sequence[str] = ()) -> bytes:
-    """Return the bytes of NAME.fmu, with a binary for this machine if a `compiler` is given, else sources only.
+    """Return the bytes of NAME.fmu, with a binary for this machine if there is a `compiler`, else with sources only.
 
-    `name` is the model identifier and begins every C identifier. Raises ModelError as `export_c` does, and CesError
-    if the compiler fails.
+    `name` is the model identifier and the prefix of the C identifiers. Raises ModelError as `export_c` does, and
+    CesError if the compiler fails.
     """
     files = {f"sources/{path}": text.encode("utf-8") for path, text in sources(model, name, certificate).items()}
-    files["modelDescription.xml"] = _render("fmi2.xml", _facts(model, name, certificate)).encode("utf-8")
+    files["modelDescription.xml"] = render("fmi2.xml", _facts(model, name, certificate)).encode("utf-8")
     if compiler:
         files[binary_path(name)] = _compile_library(compiler, name, files)
     return _zip_files(files)
 
 
 def sources(model: Model, name: str, certificate: Certificate) -> dict[str, str]:
-    """Return the texts of the FMU's folder sources/ by file name."""
+    """Return the texts in the FMU's folder sources/ by file name."""
     source, header = export_c(model, name, name, certificate)
     facts = _facts(model, name, certificate)
-    wrapper, build = _render("fmi2.c", facts), _render("fmi2_build.txt", facts)
+    wrapper, build = render("fmi2.c", facts), render("fmi2_build.txt", facts)
     return {f"{name}.c": source, f"{name}.h": header, f"fmi2_{name}.c": wrapper, "BUILD.txt": build}
 
 
 def find_compiler() -> list[str]:
-    """Return the C compiler's command: that in the environment variable CC, or the first of cc, gcc and clang.
-
-    Raises CesError if there is none.
-    """
-    given = shlex.split(os.environ.get("CC", ""))
-    for command in [given] if given else [["cc"], ["gcc"], ["clang"]]:
+    """Return the C compiler's command, from CC or else cc, gcc or clang; raises CesError if there is none."""
+    chosen = shlex.split(os.environ.get("CC", ""))
+    for command in [chosen] if chosen else [["cc"], ["gcc"], ["clang"]]:
         if shutil.which(command[0]):
             return command
-    told = f"CC={given[0]} is not found" if given else "no C compiler found (cc, gcc or clang)"
-    raise CesError(f"{told}; install one, or give --sources-only to write an FMU that is compiled elsewhere")
+    problem = f"CC={chosen[0]} is not found" if chosen else "no C compiler found (cc, gcc or clang)"
+    raise CesError(f"{problem}; install one, or give --sources-only to write an FMU that is compiled elsewhere")
 
 
 def binary_path(name: str) -> str:
-    """Return where in the FMU this machine's library lies."""
+    """Return the path of this machine's library in the FMU."""
     bits = "64" if sys.maxsize > 2**32 else "32"
     system, ending = {"win32": ("win", "dll"), "darwin": ("darwin", "dylib")}.get(sys.platform, ("linux", "so"))
     return f"binaries/{system}{bits}/{name}.{ending}"
@@ -128,21 +122,12 @@ def _facts(model: Model, name: str, certificate: Certificate) -> dict[str, objec
     }
 
 
-def _render(kind: str, facts: Mapping[str, object]) -> str:
-    environment = Environment(
-        autoescape=False, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    environment.filters["number"] = number
-    template = (resources.files("ces_identify.export") / "templates" / f"{kind}.j2").read_text(encoding="utf-8")
-    return environment.from_string(template).render(facts)
-
-
 def _arguments(name: str, out: str) -> list[str]:
     return [*FLAGS, "-o", out, f"{name}.c", f"fmi2_{name}.c", "-lm"]
 
 
 def _compile_library(compiler: Sequence[str], name: str, files: Mapping[str, bytes]) -> bytes:
-    """Return the shared library that `compiler` makes of the sources."""
+    """Return the shared library compiled from the sources."""
     with tempfile.TemporaryDirectory(prefix="ces_fmu_") as folder:
         for path, content in files.items():
             if path.startswith("sources/"):
@@ -153,12 +138,12 @@ def _compile_library(compiler: Sequence[str], name: str, files: Mapping[str, byt
 
 def _run(command: Sequence[str], folder: str) -> None:
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=COMPILE_S, check=False)
+        run = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=COMPILE_S, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise CesError(f"{command[0]}: cannot compile ({error}); name another in CC, or give --sources-only") from None
-    if done.returncode:
-        said = next((line for line in done.stderr.splitlines() if "error" in line), f"status {done.returncode}")
-        raise CesError(f"{command[0]}: {said} ({platform.machine()}); name another in CC, or give --sources-only")
+    if run.returncode:
+        message = next((line for line in run.stderr.splitlines() if "error" in line), f"status {run.returncode}")
+        raise CesError(f"{command[0]}: {message} ({platform.machine()}); name another in CC, or give --sources-only")
 
 
 def _zip_files(files: Mapping[str, bytes]) -> bytes:

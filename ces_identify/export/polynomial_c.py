@@ -1,10 +1,12 @@
-"""What of the exported C depends on a polynomial's terms: which powers of the inputs are computed, how long each is
-remembered, and the sum. templates/polynomial.{c,h}.j2 hold the C."""
+"""The parts of the exported C that depend on a polynomial's terms: powers of the inputs, their histories, and the sum.
+
+templates/polynomial.{c,h}.j2 hold the C.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import pi
 
 from ces_identify.export.c_text import constructed_variable, number
@@ -13,31 +15,21 @@ from ces_observer.structures.constructed_inputs import ConstructedInput, Frequen
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
-ARGUMENTS = {"position": "position_m", "speed": "speed_m_s", "current": "current_A"}
-MAX_PRODUCT_POWER = 4.0  # powers that are multiples of 1/2 up to here are products and a square root, others pow()
+MAX_PRODUCT_POWER = 4.0  # multiples of 1/2 up to here become products and a square root, other powers pow()
 
 Power = tuple[str, float, bool]  # signal, power, signed
 
 
 @dataclass(frozen=True)
 class Ring:
-    """The last `size` (a power of two) values of the variable `name`."""
+    """A ring buffer of the last `size` (a power of two) values of the variable `name`."""
 
     name: str
     size: int
 
 
-@dataclass(frozen=True)
-class LaggedVariable:
-    """A local variable that holds what `ring` held `lag` ticks ago."""
-
-    name: str
-    ring: Ring
-    lag: int
-
-
 def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
-    """Return inputs, powers, rings, reads and products of the tick, in the order they stand there."""
+    """Return the inputs, powers, rings, lagged variables and products of the tick, in the order of the C."""
     factors = [factor for term in polynomial.terms for factor in term.factors]
     powers = sorted({_power(f) for f in factors if f.signal != "force"})
     constructed = polynomial.constructed
@@ -46,7 +38,11 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
     lagged = sorted({(_variable(f), f.lag) for f in factors if f.lag})
     ordered = sorted(polynomial.terms, key=_place)
     return {
-        "inputs": _inputs(model, used),
+        "inputs": [
+            {"name": name, "argument": argument, "low": low, "high": high}
+            for argument, (low, high) in asdict(model.envelope).items()
+            if (name := argument.partition("_")[0]) in used
+        ],
         "remembering": [one for one in constructed if not isinstance(one, TriangularMembership)],
         "memberships": {
             constructed_variable(one.name): _membership(one, constructed)
@@ -61,34 +57,26 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
         "rings": list(rings.values()),
         "histories": [ring for ring in rings.values() if ring.name != "force"],
         "forces": rings.get("force"),
-        "reads": [LaggedVariable(f"{name}_lag{lag}", rings[name], lag) for name, lag in lagged],
+        "reads": [{"name": f"{name}_lag{lag}", "ring": rings[name], "lag": lag} for name, lag in lagged],
         "constant": sum(t.coefficient for t in polynomial.terms if not t.factors),
         "products": [_product(term) for term in ordered if term.factors],
     }
 
 
-def _inputs(model: Model, used: set[str]) -> list[dict[str, object]]:
-    e = model.envelope
-    ranges = {"position": e.position_m, "speed": e.speed_m_s, "current": e.current_A}
-    return [
-        {"name": name, "argument": ARGUMENTS[name], "low": low, "high": high}
-        for name, (low, high) in ranges.items()
-        if name in used
-    ]
-
-
-def _membership(hat: TriangularMembership, constructed: Iterable[ConstructedInput]) -> str:
+def _membership(membership: TriangularMembership, constructed: Iterable[ConstructedInput]) -> str:
     """Return the expression for a membership."""
-    signal = constructed_variable(hat.of) if hat.of in {one.name for one in constructed} else hat.of
-    low, high = (
-        "1.0" if end is None else f"membership({signal}, {number(hat.peak)}, {number(end)})"
-        for end in (hat.low, hat.high)
+    signal = (
+        constructed_variable(membership.of) if membership.of in {one.name for one in constructed} else membership.of
     )
-    return f"({signal} < {number(hat.peak)}) ? {low} : {high}"
+    low, high = (
+        "1.0" if end is None else f"membership({signal}, {number(membership.peak)}, {number(end)})"
+        for end in (membership.low, membership.high)
+    )
+    return f"({signal} < {number(membership.peak)}) ? {low} : {high}"
 
 
 def _values(powers: Iterable[Power]) -> dict[str, str]:
-    """Return the variables to compute at a tick, each with its expression, those that others need first."""
+    """Return the variables to compute at a tick with their expressions, in order of dependence."""
     values: dict[str, str] = {}
     for signal, power, signed in powers:
         if signed and power == 1.0:
@@ -120,7 +108,7 @@ def _is_product(power: float) -> bool:
 
 
 def _rings(factors: Iterable[Factor]) -> list[Ring]:
-    """Return a ring for each variable that is read at a lag, just long enough for its longest."""
+    """Return a ring for each lagged variable, just long enough for its longest lag."""
     deepest: dict[str, int] = {}
     for f in factors:
         deepest[_variable(f)] = max(f.lag, deepest.get(_variable(f), 0))
@@ -128,7 +116,7 @@ def _rings(factors: Iterable[Factor]) -> list[Ring]:
 
 
 def _place(term: Term) -> int:
-    """Sort terms by shape as `ces_observer.structures.polynomial` sums them, so that roundings agree, too."""
+    """Return the sort key of a term's shape, in the order of `ces_observer.structures.polynomial`: roundings agree."""
     shapes = {(False, 1): 0, (False, 2): 1, (True, 1): 2, (True, 2): 3}
     return shapes.get((term.output_lag > 0, len(term.inputs)), 4)
 
@@ -151,7 +139,7 @@ def _power(factor: Factor) -> Power:
 
 
 def _name(power: Power) -> str:
-    """Return the variable of a power: `speed`, `speed_abs`, `speed_p0_5` and `speed_abs_p0_5` for powers 1 and 1/2."""
+    """Return the variable of a power: `speed`, `speed_abs`, or for the power 1/2 `speed_p0_5`, `speed_abs_p0_5`."""
     signal, exponent, signed = power
     digits = repr(exponent).removesuffix(".0").replace(".", "_").replace("-", "m").replace("+", "")
     return signal + ("" if signed else "_abs") + ("" if exponent == 1.0 else f"_p{digits}")

@@ -1,11 +1,12 @@
-"""The figure of a residual's correlations: with itself, and with each input and its square, within their bands."""
+"""The figure of a residual's correlations: with itself, with each input and with its square, with their bands."""
 
 from __future__ import annotations
 
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.report.drawing import F, Panel, PlotAxis, label, svg
+from ces_identify.numerics.arrays import F
+from ces_identify.report.drawing import Panel, PlotAxis, label, svg
 from ces_identify.typesetting import minus
 from ces_identify.validation.residuals import Correlation, ResidualTests
 
@@ -13,13 +14,13 @@ COLUMNS = 5
 PANEL = (176.0, 84.0)  # width and height [px]
 GAP = (46.0, 58.0)
 LEFT, TOP, BOTTOM = 44.0, 34.0, 40.0
-ROOM = 1.15  # of the largest correlation or band
+HEADROOM = 1.15  # of the scale over the largest correlation or band
 
 
 def correlation_figure(ident: str, tests: ResidualTests, name: str) -> Markup:
-    """Return a small plot for each correlation of `tests`; those with inputs share one scale."""
+    """Return a small plot for each correlation of `tests`; those with inputs share a scale."""
     plots = (tests.whiteness, *tests.inputs)
-    scale = ROOM * max([abs(c.values[c.worst]) for c in tests.inputs] + [c.band for c in tests.inputs] + [1e-3])
+    scale = HEADROOM * max([abs(c.values[c.worst]) for c in tests.inputs] + [c.band for c in tests.inputs] + [1e-3])
     rows = -(-len(plots) // COLUMNS)
     size = (LEFT + COLUMNS * PANEL[0] + (COLUMNS - 1) * GAP[0] + 12, TOP + rows * (PANEL[1] + GAP[1]) - GAP[1] + BOTTOM)
     parts = []
@@ -28,8 +29,8 @@ def correlation_figure(ident: str, tests: ResidualTests, name: str) -> Markup:
         last = i + COLUMNS >= len(plots)
         parts.append(_plot(_panel(correlation, box, scale if i else 1.0), correlation, last))
     text = (
-        "Correlation of the residual with itself and of each input with the residual after it, over the lag; the band "
-        "holds 99 % of what chance gives at a lag."
+        "Correlation of the residual with itself, and of each input with the later residual, over the lag; the band "
+        "holds 99 % of the values at a lag without correlation."
     )
     return svg(ident, size, f"Correlations of the residual, {name}", text, parts)
 
@@ -65,6 +66,6 @@ def _axes(p: Panel, last: bool) -> str:
 
 def _stems(p: Panel, lags: F, values: F, css: str) -> str:
     zero = float(p.y.px(0.0))
-    shown = np.arange(0, len(lags), max(1, len(lags) // int(PANEL[0] / 3)))  # no denser than the eye can part
+    shown = np.arange(0, len(lags), max(1, len(lags) // int(PANEL[0] / 3)))  # no denser than the eye can resolve
     ends = zip(p.x.px(lags[shown]), p.y.px(values[shown]), strict=True)
     return f'<path class="{css}" d="{"".join(f"M{x:.1f},{zero:.1f}V{y:.1f}" for x, y in ends)}"/>'

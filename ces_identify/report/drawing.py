@@ -1,6 +1,6 @@
-"""Drawing in SVG: scales, panels and axes, as text that takes its colours and fonts from the page's style sheet.
+"""SVG drawing: scales, panels and axes. The page's style sheet sets colours and fonts.
 
-Only class names are written, never colours, so that one figure serves light, dark and paper.
+Elements have class names only, never colours, so that one figure serves light, dark and print.
 """
 
 from __future__ import annotations
@@ -48,10 +48,7 @@ class PlotAxis:
         return [(i * step, minus(f"{i * step:.{decimals}f}")) for i in range(first, last + 1)]
 
     def three_ticks(self) -> list[tuple[float, str]]:
-        """Return 0 and the largest round value inside an axis around zero, on both sides, with their labels.
-
-        Zero goes unlabelled where there is no room.
-        """
+        """Return ticks at 0 (with a label if it fits) and at the largest round value on both sides of it."""
         decade = 10.0 ** math.floor(math.log10(self.high))
         step = max(s * decade for s in STEPS if s * decade <= self.high)
         decimals = max(0, -math.floor(math.log10(step) + 1e-9))
@@ -67,7 +64,7 @@ class Panel:
     y: PlotAxis
 
     def rect(self, x0: float, x1: float, css: str, y0: float | None = None, y1: float | None = None) -> str:
-        """Return a rectangle from `x0` to `x1`, over the whole height unless `y0` and `y1` are given."""
+        """Return a rectangle from `x0` to `x1`, over the whole height without `y0` and `y1`."""
         left, right = np.sort(self.x.px(np.array([x0, x1])))
         low, high = self.y.low if y0 is None else y0, self.y.high if y1 is None else y1
         top, bottom = np.sort(self.y.px(np.array([low, high])))
@@ -77,7 +74,7 @@ class Panel:
 
 
 def panel(x_range: tuple[float, float], y_range: tuple[float, float], box: tuple[float, float, float, float]) -> Panel:
-    """Return a panel over `box` = (left, top, width, height) [px]; an empty range is widened to something drawable."""
+    """Return a panel in `box` = (left, top, width, height) [px]; an empty range is widened."""
     left, top, width, height = box
     return Panel(PlotAxis(*_open(*x_range), left, left + width), PlotAxis(*_open(*y_range), top + height, top))
 
@@ -90,14 +87,11 @@ def svg(ident: str, size: tuple[float, float], title: str, description: str, par
         f'aria-labelledby="{ident}-t {ident}-d"><title id="{ident}-t">{escape(title)}</title>'
         f'<desc id="{ident}-d">{escape(description)}</desc>'
     )
-    return Markup(head + "\n".join(parts) + "</svg>")  # every text in the parts went through escape
+    return Markup(head + "\n".join(parts) + "</svg>")  # all texts in the parts are escaped
 
 
 def axes(p: Panel, x_label: str, y_label: str, x_ticks: int = 7, y_ticks: int | None = 5) -> str:
-    """Return grid, tick labels and axis labels.
-
-    An empty `x_label` leaves out the labels of x; with no `y_ticks`, y is an axis around zero with three.
-    """
+    """Return grid, tick labels and axis labels (x only with `x_label`); `y_ticks` None: y is an axis around zero."""
     left, right, bottom, top = p.x.start, p.x.stop, p.y.start, p.y.stop
     out = []
     for value, text in p.x.ticks(x_ticks):
@@ -135,16 +129,14 @@ def legend(right: float, y: float, entries: Sequence[tuple[str, str]]) -> str:
     return "\n".join(out)
 
 
-def pad_range(low: float, high: float, share: float = 0.05) -> tuple[float, float]:
-    """Return the range widened by `share` of itself on both sides."""
-    return low - share * (high - low), high + share * (high - low)
-
-
 def span_of(*arrays: F) -> tuple[float, float]:
     """Return the padded range of all finite values."""
     values = np.concatenate(arrays)
     values = values[np.isfinite(values)]
-    return pad_range(float(values.min()), float(values.max())) if len(values) else (-1.0, 1.0)
+    if not len(values):
+        return -1.0, 1.0
+    low, high = float(values.min()), float(values.max())
+    return low - 0.05 * (high - low), high + 0.05 * (high - low)
 
 
 def around_zero(error: F) -> tuple[float, float]:

@@ -5,25 +5,26 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.report.drawing import F, Panel, around_zero, axes, legend, note, panel, span_of, svg
-from ces_identify.report.marks import B, dots, line, shade
+from ces_identify.numerics.arrays import B, F
+from ces_identify.report.drawing import Panel, around_zero, axes, legend, note, panel, span_of, svg
+from ces_identify.report.marks import dots, line, shade
 from ces_identify.report.window import Window
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
 
 MAX_DOTS = 2400  # of each force in a speed-force plot
-LAYERS = 12  # measured and simulated dots are laid in turn, so that neither hides the other
+LAYERS = 12  # of measured and simulated dots in turn, so that neither hides the other
 BOTH = (("measured", "measured"), ("simulated", "simulated"))
 SPEED_FORCE = (440, 446)
 TIME = (660, 446)
-NO_ERROR = "none: no scored tick has a simulated force"
+NO_ERROR = "no scored tick has a simulated force"
 
 
 def speed_force(ident: str, evaluation: Evaluation, model: Model) -> Markup:
     """Return measured and simulated force [N] over speed [m/s] on the scored ticks."""
     series, run = evaluation.series, evaluation.run
     ticks = np.flatnonzero(series.scored)
-    order = np.random.default_rng(0).permutation(len(ticks))[:MAX_DOTS]  # no stride: it would beat with a sine
+    order = np.random.default_rng(0).permutation(len(ticks))[:MAX_DOTS]  # random: a stride would alias with a sine
     shown = ticks[order]
     speed, measured, simulated = series.speed[shown], series.force[shown], run.force[shown]
     p = panel(span_of(series.speed[series.scored]), span_of(series.force[series.scored], simulated), (58, 34, 366, 362))
@@ -83,7 +84,7 @@ def _error_axes(p: Panel, x_label: str, y_label: str, error: F) -> list[str]:
 
 
 def _outside_speeds(p: Panel, evaluation: Evaluation, model: Model) -> str:
-    """Return a shade over the speeds outside the model's envelope, on the sides where there have been any."""
+    """Return a shade over speeds outside the model's envelope, on the sides that the recording reaches."""
     low, high = model.envelope.speed_m_s
     speed = evaluation.series.speed[evaluation.series.scored]
     below = p.rect(p.x.low, min(low, p.x.high), "outside") if speed.min() < low else ""

@@ -1,4 +1,4 @@
-"""Where in speed and current the recordings have been, and how large the error is there: the numbers of the maps."""
+"""The distribution of time and error over speed and current: the numbers of the maps."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import B, F
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Envelope
 
-F = NDArray[np.float64]
-
 SPEEDS, CURRENTS = 30, 14  # cells
-MIN_TICKS = 10  # of a cell whose error is told
+MIN_TICKS = 10  # of a cell with an error
 SAME_CURRENT = 0.01  # of the largest current: a narrower range counts as constant
 
 
@@ -27,30 +25,30 @@ class SpeedCurrentGrid:
 
     @property
     def one_current(self) -> bool:
-        """True if the current is constant, so that only speed is left to map."""
+        """Whether the current is constant, so that the maps show speed only."""
         return len(self.current) == 2
 
     def share(self, evaluations: Sequence[Evaluation]) -> F:
         """Return the share of the scored time [%] spent in each cell, shape (speeds, currents)."""
-        ticks = sum((self._sum(e, e.series.scored, None) for e in evaluations), start=self._nothing())
+        ticks = sum((self._sum(e, e.series.scored, None) for e in evaluations), start=self._zeros())
         return np.asarray(100.0 * ticks / max(float(ticks.sum()), 1.0))
 
     def rms(self, evaluations: Sequence[Evaluation]) -> F:
-        """Return the RMS error [N] in each cell, NaN where there are too few ticks to tell."""
-        ticks, squares = self._nothing(), self._nothing()
+        """Return the RMS error [N] in each cell, NaN where there are too few ticks."""
+        ticks, squares = self._zeros(), self._zeros()
         for e in evaluations:
-            kept = e.series.scored & np.isfinite(e.run.force)
-            ticks += self._sum(e, kept, None)
-            squares += self._sum(e, kept, (e.series.force[kept] - e.run.force[kept]) ** 2)
+            mask = e.series.scored & np.isfinite(e.run.force)
+            ticks += self._sum(e, mask, None)
+            squares += self._sum(e, mask, (e.series.force[mask] - e.run.force[mask]) ** 2)
         enough = ticks >= MIN_TICKS
         return np.where(enough, np.sqrt(squares / np.maximum(ticks, 1.0)), np.nan)
 
-    def _sum(self, evaluation: Evaluation, kept: NDArray[np.bool_], weights: F | None) -> F:
+    def _sum(self, evaluation: Evaluation, mask: B, weights: F | None) -> F:
         series = evaluation.series
         edges = (self.speed, self.current)
-        return np.histogram2d(series.speed[kept], series.current[kept], bins=edges, weights=weights)[0]
+        return np.histogram2d(series.speed[mask], series.current[mask], bins=edges, weights=weights)[0]
 
-    def _nothing(self) -> F:
+    def _zeros(self) -> F:
         return np.zeros((len(self.speed) - 1, len(self.current) - 1))
 
 
@@ -60,9 +58,10 @@ def make_grid(evaluations: Sequence[Evaluation], envelope: Envelope) -> SpeedCur
     current = np.concatenate([e.series.current[e.series.scored] for e in evaluations])
     speed, low, high = np.append(speed, envelope.speed_m_s), float(current.min()), float(current.max())
     if high - low <= SAME_CURRENT * max(abs(low), abs(high), 1e-9):
-        return SpeedCurrentGrid(_edges(speed.min(), speed.max(), SPEEDS), np.array([low - 1e-6, high + 1e-6]))
-    low, high = min(low, envelope.current_A[0]), max(high, envelope.current_A[1])
-    return SpeedCurrentGrid(_edges(speed.min(), speed.max(), SPEEDS), _edges(low, high, CURRENTS))
+        currents = np.array([low - 1e-6, high + 1e-6])
+    else:
+        currents = _edges(min(low, envelope.current_A[0]), max(high, envelope.current_A[1]), CURRENTS)
+    return SpeedCurrentGrid(_edges(speed.min(), speed.max(), SPEEDS), currents)
 
 
 def _edges(low: float, high: float, cells: int) -> F:

@@ -1,4 +1,4 @@
-"""The maps of coverage and error over speed and current; over speed alone where the current is constant."""
+"""Maps of coverage and error over speed and current, or over speed only if the current is constant."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import B, F
 from ces_identify.report.drawing import Panel, axes, legend, note, panel, svg
 from ces_identify.report.grid import SpeedCurrentGrid
 from ces_identify.report.heat_map import cells, ramp
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
-
-F = NDArray[np.float64]
 
 SIZE = (550, 400)
 BOX = (58.0, 34.0, 476.0, 276.0)
@@ -27,7 +25,7 @@ QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
 def coverage_map(
     ident: str, grid: SpeedCurrentGrid, filled: Sequence[Evaluation], outlined: Sequence[Evaluation], model: Model
 ) -> Markup:
-    """Return the share of time [%] of `filled` in each cell, with an outline around where `outlined` has been."""
+    """Return the share of time [%] of `filled` in each cell, with the outline of the cells of `outlined`."""
     share, beside = grid.share(filled), grid.share(outlined)
     title = "Share of time over speed and current"
     if grid.one_current:
@@ -38,7 +36,10 @@ def coverage_map(
     parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, share, shade, "cover", " % of the time")]
     if outlined:
         parts += [_outline(p, grid, beside > 0.0), legend(p.x.stop, 23, [("outline", "validation")])]
-    parts += [_envelope(p, model), ramp(*RAMP, [f * f * share.max() for f in QUARTERS], "cover", "%")]
+    parts += [
+        p.rect(*model.envelope.speed_m_s, "envelope", *model.envelope.current_A),
+        ramp(*RAMP, [f * f * share.max() for f in QUARTERS], "cover", "%"),
+    ]
     return svg(ident, SIZE, title, f"Largest share of a cell: {share.max():.3g} %.", parts)
 
 
@@ -49,7 +50,7 @@ def error_map(
     identified: Sequence[Evaluation],
     model: Model,
 ) -> Markup:
-    """Return the RMS error [N] of `evaluations` in each cell, with an outline around where `identified` has been."""
+    """Return the RMS error [N] of `evaluations` in each cell, with the outline of the cells of `identified`."""
     rms = grid.rms(evaluations)
     worst = float(np.nanmax(rms, initial=0.0)) or 1.0
     if grid.one_current:
@@ -60,8 +61,11 @@ def error_map(
     if identified:
         parts += [_outline(p, grid, grid.share(identified) > 0.0), legend(p.x.stop, 23, [("outline", "identified")])]
     if not np.isfinite(rms).any():
-        parts.append(note(p, "no simulated force to judge"))
-    parts += [_envelope(p, model), ramp(*RAMP, [f * worst for f in QUARTERS], "wrong", "N")]
+        parts.append(note(p, "no simulated force"))
+    parts += [
+        p.rect(*model.envelope.speed_m_s, "envelope", *model.envelope.current_A),
+        ramp(*RAMP, [f * worst for f in QUARTERS], "wrong", "N"),
+    ]
     return svg(ident, SIZE, "RMS error over speed and current", f"Largest RMS error of a cell: {worst:.3g} N.", parts)
 
 
@@ -77,8 +81,8 @@ def _cells(p: Panel, grid: SpeedCurrentGrid, values: F, shade: F, css: str, unit
     return cells(p, (grid.speed, grid.current), values, shade, css, describe)
 
 
-def _outline(p: Panel, grid: SpeedCurrentGrid, inside: NDArray[np.bool_]) -> str:
-    """Return the boundary of the cells that are `inside`."""
+def _outline(p: Panel, grid: SpeedCurrentGrid, inside: B) -> str:
+    """Return the boundary of the cells `inside`."""
     wide = np.pad(inside, 1)
     x, y = p.x.px(grid.speed), p.y.px(grid.current)
     upright = zip(*np.nonzero(wide[1:, 1:-1] != wide[:-1, 1:-1]), strict=True)
@@ -89,9 +93,7 @@ def _outline(p: Panel, grid: SpeedCurrentGrid, inside: NDArray[np.bool_]) -> str
 
 
 def _envelope(p: Panel, model: Model) -> str:
-    """Return a dashed frame around the model's envelope, as far as it is in view."""
-    (v0, v1), (c0, c1) = model.envelope.speed_m_s, model.envelope.current_A
-    return p.rect(v0, v1, "envelope", c0, c1)
+    return p.rect(*model.envelope.speed_m_s, "envelope", *model.envelope.current_A)
 
 
 def _bars(grid: SpeedCurrentGrid, values: F, y_label: str, css: str, beside: F | None) -> list[str]:

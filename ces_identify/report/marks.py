@@ -1,19 +1,17 @@
-"""Marks in a panel: curves, dots, bands and shades; however many the samples, at most a few thousand points each."""
+"""Marks in a panel: curves, dots, bands and shades, each with at most a few thousand points."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ces_identify.report.drawing import F, Panel
-
-B = NDArray[np.bool_]
+from ces_identify.numerics.arrays import B, F, I
+from ces_identify.report.drawing import Panel
 
 
 def line(p: Panel, x: F, y: F, css: str, breaks: B | None = None) -> str:
-    """Return the curve through the finite points (n,); it is interrupted before each tick where `breaks` is true."""
+    """Return the curve through the finite points (n,), interrupted before each tick where `breaks` is true."""
     if len(x) > 3 * abs(p.x.stop - p.x.start):
         return band(p, x, y, css)
     finite = np.isfinite(y)
@@ -23,7 +21,7 @@ def line(p: Panel, x: F, y: F, css: str, breaks: B | None = None) -> str:
 
 
 def band(p: Panel, x: F, y: F, css: str) -> str:
-    """Return the area between the extremes of y (n,) in each column of a pixel; open where columns hold no point."""
+    """Return the area between the extremes of y (n,) in each pixel column, interrupted at columns without a point."""
     finite = np.flatnonzero(np.isfinite(y))
     column = np.floor(p.x.px(x[finite])).astype(int)
     starts = np.flatnonzero(np.diff(column, prepend=column[:1] - 1))
@@ -36,7 +34,7 @@ def band(p: Panel, x: F, y: F, css: str) -> str:
 
 
 def shade(p: Panel, x: F, mask: B, css: str) -> str:
-    """Return full-height rectangles over the columns of a pixel in which `mask` (n,) is somewhere true."""
+    """Return full-height rectangles over the pixel columns where `mask` (n,) is true."""
     left = math.floor(p.x.start)
     touched = np.zeros(math.ceil(p.x.stop) - left + 1, bool)
     touched[np.floor(p.x.px(x[mask])).astype(int) - left] = True
@@ -53,7 +51,7 @@ def dots(p: Panel, x: F, y: F, css: str) -> str:
     return _path(css, "".join(f"M{a:.1f},{b:.1f}h0" for a, b in points))
 
 
-def _loop(column: NDArray[np.int64], top: F, bottom: F) -> str:
+def _loop(column: I, top: F, bottom: F) -> str:
     x = np.concatenate([[column[0]], column + 0.5, [column[-1] + 1]])
     there = zip(x, np.pad(top, 1, "edge"), strict=True)
     back = zip(x[::-1], np.pad(bottom, 1, "edge")[::-1], strict=True)

@@ -1,9 +1,10 @@
-"""From a model and its evaluations to the text of the page: figures drawn, tables filled, template rendered."""
+"""The text of the page from a model and its evaluations: figures, tables and the rendered template."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from ces_identify.preparation.weighting import EQUAL, Weighting
@@ -12,52 +13,56 @@ from ces_identify.report.figures import MAX_DOTS, speed_force, time_plot
 from ces_identify.report.grid import make_grid
 from ces_identify.report.maps import coverage_map, error_map
 from ces_identify.report.shell import format_key, page_template, replace_unencodable
-from ces_identify.report.summary import cost_rows, headline, pooled_row, select_role, sort_validation_first, warnings
+from ces_identify.report.summary import cost_rows, headline, pooled_row, select_role, warnings
 from ces_identify.report.window import choose_window
 from ces_identify.structures import model_table
+from ces_identify.typesetting import minus
 from ces_identify.validation.error_regions import error_cells, error_regions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
 from ces_identify.validation.residuals import residual_tests, verdicts
+from ces_observer.json_checks import write_atomically
 from ces_observer.model import Model
 
-USAGE_RULE = "usage_rule"  # in the provenance: told below the costs
-WORST_CELLS = 6  # of the table of where the error sits
+USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
+WORST_CELLS = 6  # rows in the table of errors
 
 
-def render(
+def write_report(
+    path: Path,
     title: str,
     model: Model,
     evaluations: Sequence[Evaluation],
     facts: Mapping[str, str],
     weighting: Weighting = EQUAL,
-) -> str:
-    """Return the page as text that is both HTML and well-formed XML."""
-    judged = sort_validation_first(evaluations)
-    validated = bool(select_role(judged, VALIDATION))
-    template = page_template("report.html.j2")
-    page = template.render(
+) -> None:
+    """Write the page about `model` and its `evaluations`, HTML that is also well-formed XML, to `path`.
+
+    `facts` appear under the title: date, command, noise floor and the like. A `weighting` adds the weighted J of each
+    recording. Raises CesError if `path` cannot be written; an existing file then stays unchanged.
+    """
+    ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
+    held_out = select_role(ordered, VALIDATION)
+    shown = held_out or ordered
+    page = page_template("report.html.j2").render(
         title=title,
-        headline=headline(judged),
-        validated=validated,
-        warnings=warnings(judged),
+        headline=headline(ordered),
+        warnings=warnings(ordered),
         facts=facts,
         model=model,
-        rows=cost_rows(judged, weighting),
+        rows=cost_rows(ordered, weighting),
         weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
-        pooled=pooled_row(select_role(judged, VALIDATION)),
-        recordings=[_recording(i, e, model) for i, e in enumerate(judged)],
+        pooled=pooled_row(held_out),
+        recordings=[_recording(i, e, model) for i, e in enumerate(ordered)],
         most_dots=MAX_DOTS,
-        table=model_table(
-            model, select_role(judged, VALIDATION) or judged, VALIDATION if validated else IDENTIFICATION
-        ),
-        maps=_maps(judged, model),
-        cells=error_cells(select_role(judged, VALIDATION) or judged)[:WORST_CELLS],
-        regions=error_regions(select_role(judged, VALIDATION) or judged),
+        table=model_table(model, shown, VALIDATION if held_out else IDENTIFICATION),
+        maps=_maps(ordered, model),
+        cells=error_cells(shown)[:WORST_CELLS],
+        regions=error_regions(shown),
         settings=_settings(model),
-        history={k: v for k, v in model.provenance.items() if not _plain(v)},
+        history={k: v for k, v in model.provenance.items() if not _fits_on_line(v)},
     )
-    return replace_unencodable(page)
+    write_atomically(path, replace_unencodable(page))
 
 
 def _recording(number: int, evaluation: Evaluation, model: Model) -> dict[str, Any]:
@@ -74,12 +79,12 @@ def _recording(number: int, evaluation: Evaluation, model: Model) -> dict[str, A
     }
 
 
-def _maps(judged: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
-    """Return the two maps; what is missing of identification and validation is made up for by the other."""
-    if not judged:
+def _maps(evaluations: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
+    """Return the two maps; if identification or validation is missing, the other replaces it."""
+    if not evaluations:
         return None
-    fitted, held_out = select_role(judged, IDENTIFICATION), select_role(judged, VALIDATION)
-    grid = make_grid(judged, model.envelope)
+    fitted, held_out = select_role(evaluations, IDENTIFICATION), select_role(evaluations, VALIDATION)
+    grid = make_grid(evaluations, model.envelope)
     return {
         "one_current": grid.one_current,
         "fitted": bool(fitted),
@@ -90,24 +95,24 @@ def _maps(judged: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
 
 
 def _settings(model: Model) -> dict[str, Any]:
-    """Return what the page's last section shows of the model, names made readable."""
+    """Return the model's settings for the page's last section, with readable names."""
     return {
         "Sampling": {format_key(key): value for key, value in asdict(model.sampling).items()},
         "Envelope": {
-            **{format_key(key): _span(value) for key, value in asdict(model.envelope).items()},
-            format_key("force_N"): _span(model.force_envelope_N),
+            **{format_key(key): _format_range(value) for key, value in asdict(model.envelope).items()},
+            format_key("force_N"): _format_range(model.force_envelope_N),
         },
         "Origin": {
-            **{k: v for k, v in model.provenance.items() if _plain(v) and k != USAGE_RULE},
+            **{k: v for k, v in model.provenance.items() if _fits_on_line(v) and k != USAGE_RULE},
             "model_file_sha256": model.digest(),
         },
     }
 
 
-def _plain(item: object) -> bool:
-    """Return whether an entry of the provenance fits on a line."""
+def _fits_on_line(item: object) -> bool:
+    """Return whether an entry of the provenance fits on one line."""
     return not item or not isinstance(item, Mapping | list | tuple)
 
 
-def _span(value: tuple[float, float]) -> str:
-    return f"{value[0]:.4g} to {value[1]:.4g}".replace("-", "\N{MINUS SIGN}")
+def _format_range(value: tuple[float, float]) -> str:
+    return minus(f"{value[0]:.4g} to {value[1]:.4g}")

@@ -1,6 +1,6 @@
-"""The shell that all pages share: head, style and footer, how values and names are told, and where templates lie.
+"""The frame of all report pages: head, style and footer, readable names of values, and template folders.
 
-A page's template extends `shell.html.j2`; pages of other packages keep theirs, and a style of their own, beside them.
+A page's template extends `shell.html.j2`. Other packages keep their templates and styles in folders of their own.
 """
 
 from __future__ import annotations
@@ -18,24 +18,18 @@ UNITS = {"_m_s": "m/s", "_Hz": "Hz", "_percent": "%", "_s": "s", "_m": "m", "_A"
 
 
 def page_template(name: str, package: str = HERE, styles: tuple[str, ...] = ()) -> Template:
-    """Return the template `name` of `package`; `styles` of the package follow the common style sheet."""
+    """Return the template `name` of `package`; the package's `styles` follow the common style sheet."""
 
-    def source(wanted: str) -> str:
-        place = package if resources.files(package).joinpath(wanted).is_file() else HERE
-        return _resource(place, wanted)
+    def source(template: str) -> str:
+        folder = package if resources.files(package).joinpath(template).is_file() else HERE
+        return _resource(folder, template)
 
     environment = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        loader=FunctionLoader(source),
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, loader=FunctionLoader(source)
     )
     css = [_resource(HERE, "report.css"), *(_resource(package, style) for style in styles)]
-    environment.globals.update(
-        css=Markup("\n".join(css)), version=__version__
-    )  # the style sheets are this package's own
-    environment.filters.update(spoken=format_key, three_figures=three_figures)
+    environment.globals.update(css=Markup("\n".join(css)), version=__version__)  # our own style sheets: no escaping
+    environment.filters.update(readable=format_key, three_figures=three_figures)
     return environment.get_template(name)
 
 
@@ -48,7 +42,7 @@ def format_key(key: str) -> str:
 
 
 def replace_unencodable(page: str) -> str:
-    """Return the text with what UTF-8 cannot hold (names of files may) replaced."""
+    """Return the text with replacements for characters that UTF-8 cannot encode (possible in file names)."""
     return page.encode("utf-8", "replace").decode("utf-8")
 
 

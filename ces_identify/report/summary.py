@@ -1,10 +1,10 @@
-"""The costs in words and numbers: what a reader who stops after ten lines must know."""
+"""The summary of a report: the most important costs as texts and table rows."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 from ces_identify.preparation.cost import weighted_cost
 from ces_identify.preparation.weighting import EQUAL, Weighting
@@ -16,64 +16,23 @@ from ces_identify.validation.evaluate import VALIDATION, Evaluation
 MUCH_OUTSIDE = 0.05  # share of the ticks outside the envelope that calls for a warning
 
 
-@dataclass(frozen=True)
-class CostRow:
-    """An evaluation as a row of the cost table; texts are ready to show, `bar` is the bar's length in percent.
-
-    `interval` is the 95 % interval of J as text, `whisker` its start and length on the bar's scale; `floor` the noise
-    floor of J where cycles reveal it, `weighted` the weighted J if one was asked for.
-    """
-
-    number: int
-    name: str
-    role: str
-    span: str
-    duration: str
-    cost: str
-    bar: float
-    diverged: bool
-    rms: str
-    outside: str
-    dropped: str
-    reasons: str
-    interval: str
-    whisker: tuple[float, float] | None
-    floor: str
-    weighted: str
-
-
-@dataclass(frozen=True)
-class PooledRow:
-    """All validation recordings together: how many, scored seconds, J and its interval."""
-
-    count: int
-    duration: str
-    cost: str
-    interval: str
-
-
-def sort_validation_first(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
-    """Return the evaluations with validation first, otherwise in the order they came."""
-    return sorted(evaluations, key=lambda e: e.role != VALIDATION)
-
-
 def select_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation]:
     """Return the evaluations of `role`."""
     return [e for e in evaluations if e.role == role]
 
 
 def headline(evaluations: Sequence[Evaluation]) -> str:
-    """Return one sentence on the costs."""
+    """Return one sentence about the costs."""
     held_out = select_role(evaluations, VALIDATION)
     if held_out:
-        return f"Validation: {_range(held_out)}."
+        return f"Validation: {_format_range(held_out)}."
     if not evaluations:
         return "Not validated, and not run on any recording."
-    return f"Not validated: fit and selection have seen every recording below. There: {_range(evaluations)}."
+    return f"Not validated: fit and selection used all recordings below. On these: {_format_range(evaluations)}."
 
 
 def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Return what a reader must be warned of: runs that diverged, and inputs often outside the envelope."""
+    """Return warnings about runs that diverged and inputs that are often outside the envelope."""
     diverged = [
         f"{e.name} ({e.role}) at {e.series.time_s[e.run.diverged]:.2f} s" for e in evaluations if e.run.diverged >= 0
     ]
@@ -84,61 +43,71 @@ def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
     return [f"{text}{', '.join(which)}." for text, which in zip(texts, (diverged, outside), strict=True) if which]
 
 
-def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[CostRow]:
-    """Return the rows of the cost table."""
+def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[dict[str, Any]]:
+    """Return the rows of the cost table with texts that are ready to show.
+
+    `bar` is the length of the row's bar [%], `whisker` the start and length of the interval on the same scale.
+    """
     intervals = [cost_interval([e]) for e in evaluations]
     highest = [i.high for i in intervals if i is not None]
     longest = max([e.cost for e in evaluations if math.isfinite(e.cost)] + highest + [1e-9])
     return [_row(i, e, longest, intervals[i], weighting) for i, e in enumerate(evaluations)]
 
 
-def pooled_row(held_out: Sequence[Evaluation]) -> PooledRow | None:
-    """Return the row of several validation recordings together; None if there are not several, or one diverged."""
+def pooled_row(held_out: Sequence[Evaluation]) -> dict[str, Any] | None:
+    """Return the row of all validation recordings together; None for fewer than two, or if one diverged."""
     if len(held_out) < 2 or not all(math.isfinite(e.cost) for e in held_out):
         return None
     seconds = sum(float(e.series.scored.sum()) / e.series.rate_Hz for e in held_out)
-    cost = three_figures(pooled_cost(held_out))
-    return PooledRow(len(held_out), f"{seconds:.1f}", cost, _interval(cost_interval(held_out)))
+    return {
+        "number": len(held_out),
+        "duration": f"{seconds:.1f}",
+        "cost": three_figures(pooled_cost(held_out)),
+        "interval": _format_interval(cost_interval(held_out)),
+    }
 
 
-def _row(number: int, e: Evaluation, longest: float, interval: CostInterval | None, weighting: Weighting) -> CostRow:
+def _row(
+    number: int, e: Evaluation, longest: float, interval: CostInterval | None, weighting: Weighting
+) -> dict[str, Any]:
     finite, floor = math.isfinite(e.cost), cycle_noise(e.series)
     gaps = len(e.series.segments) - 1
     reasons = {**{reason: n for reason, n in e.series.dropped.items() if n}, **({"gaps": gaps} if gaps else {})}
-    return CostRow(
-        number=number,
-        name=e.name,
-        role=e.role,
-        span=f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}",
-        duration=f"{e.series.scored.sum() / e.series.rate_Hz:.1f}",
-        cost=three_figures(e.cost),
-        bar=100.0 * e.cost / longest if finite else 100.0,
-        diverged=not finite or e.run.diverged >= 0,
-        rms=three_figures(e.rms_N),
-        outside=three_figures(100.0 * e.clamped_share) if e.clamped_share else "0",
-        dropped=f"{sum(e.series.dropped.values())} / {gaps}",
-        reasons=", ".join(f"{reason}: {n}" for reason, n in reasons.items()),
-        interval=_interval(interval),
-        whisker=(100.0 * interval.low / longest, 100.0 * (interval.high - interval.low) / longest)
+    return {
+        "number": number,
+        "name": e.name,
+        "role": e.role,
+        "span": f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}",
+        "duration": f"{e.series.scored.sum() / e.series.rate_Hz:.1f}",
+        "cost": three_figures(e.cost),
+        "bar": 100.0 * e.cost / longest if finite else 100.0,
+        "diverged": not finite or e.run.diverged >= 0,
+        "rms": three_figures(e.rms_N),
+        "outside": three_figures(100.0 * e.clamped_share) if e.clamped_share else "0",
+        "dropped": f"{sum(e.series.dropped.values())} / {gaps}",
+        "reasons": ", ".join(f"{reason}: {n}" for reason, n in reasons.items()),
+        "interval": _format_interval(interval),
+        "whisker": (100.0 * interval.low / longest, 100.0 * (interval.high - interval.low) / longest)
         if interval
         else None,
-        floor=three_figures(floor.floor) if isinstance(floor, CycleNoise) else "",
-        weighted=three_figures(_compute_weighted_cost(e, weighting)) if weighting else "",
-    )
+        "floor": three_figures(floor.floor) if isinstance(floor, CycleNoise) else "",
+        "weighted": _format_weighted_cost(e, weighting) if weighting else "",
+    }
 
 
-def _interval(interval: CostInterval | None) -> str:
+def _format_interval(interval: CostInterval | None) -> str:
     if interval is None:
         return "\N{EN DASH}"
     return f"{three_figures(interval.low)} to {three_figures(interval.high)}"
 
 
-def _compute_weighted_cost(e: Evaluation, weighting: Weighting) -> float:
+def _format_weighted_cost(e: Evaluation, weighting: Weighting) -> str:
     scored = e.series.scored
-    return weighted_cost(e.series.force[scored], e.run.force[scored], weighting.tick_weights(e.series)[scored])
+    weights = weighting.tick_weights(e.series)[scored]
+    return three_figures(weighted_cost(e.series.force[scored], e.run.force[scored], weights))
 
 
-def _range(evaluations: Sequence[Evaluation]) -> str:
+def _format_range(evaluations: Sequence[Evaluation]) -> str:
     finite = sorted((e for e in evaluations if math.isfinite(e.cost)), key=lambda e: e.cost)
     lost = len(evaluations) - len(finite)
     if not finite:

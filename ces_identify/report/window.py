@@ -1,4 +1,4 @@
-"""The stretch of a recording that stands for it in the time plot: where the error is typical, or where it diverged."""
+"""The window of a recording in the time plot: where the error is typical, or where the run diverged."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_identify.report.drawing import F
+from ces_identify.numerics.arrays import F
 from ces_identify.validation.evaluate import Evaluation
 
 LENGTH_S = 1.5
@@ -15,7 +15,7 @@ BEFORE_DIVERGENCE = 0.8  # share of the window
 
 @dataclass(frozen=True)
 class Window:
-    """Ticks [start, stop) and, in words, why these."""
+    """Ticks [start, stop) and the reason for them in words."""
 
     start: int
     stop: int
@@ -23,10 +23,10 @@ class Window:
 
 
 def choose_window(evaluation: Evaluation) -> Window:
-    """Return the window of LENGTH_S whose error is nearest the median of all windows.
+    """Return the window of LENGTH_S whose local J is nearest the median of all windows.
 
-    The local cost of a window is 100 times the RMS error in it over the standard deviation of the whole scored force,
-    so that it compares with J. Only windows without an unscored tick count, unless there is none.
+    The local J is 100 times the RMS error in the window over the standard deviation of the whole scored force. Only
+    windows with the most scored ticks count.
     """
     series, run = evaluation.series, evaluation.run
     length = max(2, round(LENGTH_S * series.rate_Hz))

@@ -1,4 +1,4 @@
-"""Anything that computes a force: a recording goes in, a force at each of its position samples comes out.
+"""Simulations of the damper: a recording goes in, a force at each of its position samples comes out.
 
 Models, Python functions, FMUs and recorded predictions are all used through `Simulation`.
 """

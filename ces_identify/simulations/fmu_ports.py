@@ -1,7 +1,7 @@
-"""Which variables of an FMU are piston position, speed, valve current and damping force, and in what units.
+"""The variables of an FMU that are piston position, speed, valve current and damping force, and their units.
 
-A model description (FMPy's) and what the user named go in; `Ports` come out. What is not named is found by declared
-unit, then by name; if that leaves a choice, the user is asked, with the variables listed.
+FMPy's model description and the user's names go in; `Ports` come out. Variables without a name from the user are found
+by declared unit, then by name; an ambiguous choice raises an error that lists the variables.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ WORDS = {
     "current": {"current", "cur", "i", "voltage"},
     "force": {"force", "f"},
 }
-DIMENSIONS = {  # exponents of kg, m, s, A; a valve may be driven by volts, which then stand where amperes do
+DIMENSIONS = {  # exponents of kg, m, s, A; a valve may be driven by a voltage, which then replaces the current
     "position": {(0, 1, 0, 0)},
     "speed": {(0, 1, -1, 0)},
     "current": {(0, 0, 0, 1), (1, 2, -3, -1)},
     "force": {(1, 1, -2, 0)},
 }
-VALID = "valid"  # a Boolean output of this name tells when the force may be used
+VALID = "valid"  # name of a Boolean output: the force may be used
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Port:
 
 @dataclass(frozen=True)
 class Ports:
-    """The variables to drive (some of position, speed, current) and to read; `valid` is a value reference, if any."""
+    """The input variables (some of position, speed, current) and the force; `valid` is a value reference, if any."""
 
     inputs: Mapping[str, Port]
     force: Port
@@ -51,7 +51,7 @@ class Ports:
 
 
 def read_names(text: str, where: str) -> dict[str, str]:
-    """Read `position=x,current=i,force=F` (any of them); an empty name means there is none. Raises CesError."""
+    """Read `position=x,current=i,force=F` (any of them); an empty name means no such variable. Raises CesError."""
     names: dict[str, str] = {}
     for part in filter(None, re.split(r",(?=\w+=)", text)):
         role, equals, name = part.partition("=")
@@ -62,22 +62,22 @@ def read_names(text: str, where: str) -> dict[str, str]:
 
 
 def choose_ports(description: Any, names: Mapping[str, str], where: str) -> Ports:
-    """Return the variables that `names` and, where it is silent, units and names tell.
+    """Return the variables that `names` gives or, for the other roles, that units and names identify.
 
     `description` is FMPy's ModelDescription. Raises CesError, naming `where` and listing the variables, if a variable
-    is not there, if there is a choice, without a force, or with neither position nor speed.
+    is missing or ambiguous, without a force, or with neither position nor speed.
     """
     chooser = _Chooser(description, where)
-    found = {role: chooser.choose(role, names.get(role)) for role in ROLES}
-    force = found.pop("force")
-    inputs = {role: port for role, port in found.items() if port is not None}
+    ports = {role: chooser.choose(role, names.get(role)) for role in ROLES}
+    force = ports.pop("force")
+    inputs = {role: port for role, port in ports.items() if port is not None}
     if force is None:
         raise chooser.unclear_error("no output that is the damping force; name it", "force")
     if not inputs.keys() & {"position", "speed"}:
         raise chooser.unclear_error("no input that is the piston's position or speed; name it", "position")
     if "current" not in inputs and "current" not in names and chooser.has_other_inputs(inputs):
         raise chooser.unclear_error(
-            "no input that is the valve current; name it, or say current= if there is none", "current"
+            "no input that is the valve current; name it, or give current= if there is none", "current"
         )
     return Ports(inputs, force, chooser.find_valid())
 
@@ -92,40 +92,40 @@ class _Chooser:
 
     def choose(self, role: str, name: str | None) -> Port | None:
         """Return the port of a role; None if there is none."""
-        among = self.outputs if role == "force" else self.inputs
+        variables = self.outputs if role == "force" else self.inputs
         if name == "":
             return None
         if name is not None:
-            return self._find_by_name(role, name, among)
-        fitting = [v for v in among if self._dimension(v) in DIMENSIONS[role]]
-        if not fitting:
-            fitting = [v for v in among if self._dimension(v) is None and _words(v.name) & WORDS[role]]
-        if len(fitting) > 1:
-            fitting = [v for v in fitting if _words(v.name) & WORDS[role]] or fitting
-        if len(fitting) > 1:
-            raise self.unclear_error(f"{' and '.join(v.name for v in fitting)} may each be the {role}; name one", role)
-        return self._port(fitting[0]) if fitting else None
+            return self._find_by_name(role, name, variables)
+        matches = [v for v in variables if self._dimension(v) in DIMENSIONS[role]]
+        if not matches:
+            matches = [v for v in variables if self._dimension(v) is None and _words(v.name) & WORDS[role]]
+        if len(matches) > 1:
+            matches = [v for v in matches if _words(v.name) & WORDS[role]] or matches
+        if len(matches) > 1:
+            raise self.unclear_error(f"{' and '.join(v.name for v in matches)} may each be the {role}; name one", role)
+        return self._port(matches[0]) if matches else None
 
     def has_other_inputs(self, inputs: Mapping[str, Port]) -> bool:
-        """Tell whether there are real inputs besides these that could be a current."""
+        """Return whether any other real input could be a current."""
         taken = {port.name for port in inputs.values()}
         return any(v.name not in taken and self._dimension(v) is None for v in self.inputs)
 
     def find_valid(self) -> int | None:
-        """Return the value reference of the Boolean output that tells when the force may be used."""
-        found = (v for v in self.variables if (v.name, v.type, v.causality) == (VALID, "Boolean", "output"))
-        return next((int(v.valueReference) for v in found), None)
+        """Return the value reference of the Boolean output VALID, None if there is none."""
+        valid = (v for v in self.variables if (v.name, v.type, v.causality) == (VALID, "Boolean", "output"))
+        return next((int(v.valueReference) for v in valid), None)
 
     def unclear_error(self, what: str, role: str) -> CesError:
-        """Return the error that asks the user."""
+        """Return the error that asks the user for a name."""
         path = self.where.rpartition("/")[2]
         return CesError(
             f"{self.where}: {what} ({path}:{role}=NAME); inputs: {self._list(self.inputs)}; "
             f"outputs: {self._list(self.outputs)}"
         )
 
-    def _find_by_name(self, role: str, name: str, among: Sequence[Any]) -> Port:
-        for variable in among:
+    def _find_by_name(self, role: str, name: str, variables: Sequence[Any]) -> Port:
+        for variable in variables:
             if variable.name == name:
                 return self._port(variable)
         raise self.unclear_error(f"no real {'output' if role == 'force' else 'input'} '{name}' for the {role}", role)

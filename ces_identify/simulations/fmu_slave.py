@@ -1,4 +1,4 @@
-"""An FMU's library at work, by FMPy: unpack it, make an instance, drive and read its variables."""
+"""Run an FMU's library with FMPy: unpack it, create an instance, set and read its variables."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ces_observer.errors import CesError
 
 
 def import_fmpy(part: str = "fmpy") -> Any:
-    """Return FMPy, or the module of it that is named; raises CesError if it is not installed."""
+    """Return FMPy or one of its modules; raises CesError if it is not installed."""
     try:
         return import_module(part)
     except ImportError:
@@ -33,25 +33,25 @@ def read_description(path: str) -> Any:
     try:
         return reader.read_model_description(path, validate=False)
     except zipfile.BadZipFile:
-        raise CesError(f"{path}: not an FMU, or a damaged one: it is not a zip file") from None
+        raise CesError(f"{path}: not an FMU or damaged: not a zip file") from None
     except Exception as error:
-        raise CesError(f"{path}: not an FMU, or a damaged one: {_line(error)}") from None
+        raise CesError(f"{path}: not an FMU or damaged: {_format_line(error)}") from None
 
 
 @contextmanager
 def extract_fmu(path: str) -> Iterator[tuple[Any, str]]:
-    """Unzip the FMU into a temporary folder, which is removed in the end; yields its description and the folder."""
+    """Unzip the FMU into a temporary folder; yield its description and the folder, which is removed afterwards."""
     with tempfile.TemporaryDirectory(prefix="ces_fmu_", ignore_cleanup_errors=sys.platform == "win32") as folder:
         try:
             import_fmpy().extract(path, folder)
         except Exception as error:
-            raise CesError(f"{path}: cannot be unpacked: {_line(error)}") from None
+            raise CesError(f"{path}: cannot be unpacked: {_format_line(error)}") from None
         yield read_description(path), folder
 
 
 @contextmanager
 def open_instance(description: Any, folder: str, errors: list[str]) -> Iterator[Any]:
-    """Load the library and make an instance, whose errors are added to `errors`; free both in the end."""
+    """Load the library and yield an instance; its error messages are appended to `errors`."""
     fmi2, here = import_fmpy("fmpy.fmi2"), Path.cwd()
     try:
         slave = fmi2.FMU2Slave(
@@ -61,7 +61,7 @@ def open_instance(description: Any, folder: str, errors: list[str]) -> Iterator[
             instanceName="ces_observer",
         )
     finally:
-        os.chdir(here)  # FMPy leaves the library's folder as the working one if loading fails
+        os.chdir(here)  # FMPy does not restore the working folder if loading fails
     slave.instantiate(callbacks=_callbacks(fmi2, errors))
     try:
         yield slave
@@ -71,10 +71,10 @@ def open_instance(description: Any, folder: str, errors: list[str]) -> Iterator[
             slave.freeInstance()
 
 
-def _callbacks(fmi2: Any, said: list[str]) -> Any:
+def _callbacks(fmi2: Any, errors: list[str]) -> Any:
     def log(_: object, name: bytes, status: int, category: bytes, message: bytes) -> None:
         if status > fmi2.fmi2Warning:
-            said.append((message or b"").decode("utf-8", "replace"))
+            errors.append((message or b"").decode("utf-8", "replace"))
 
     callbacks = fmi2.fmi2CallbackFunctions()
     callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(log)
@@ -84,7 +84,7 @@ def _callbacks(fmi2: Any, said: list[str]) -> Any:
 
 
 class FmuVariables:
-    """The variables of an FMPy slave that are driven and read, in arrays made once: a step calls C and nothing else."""
+    """The input and output variables of an FMPy slave, in preallocated arrays: a step only calls C."""
 
     def __init__(self, slave: Any, ports: Ports) -> None:
         self.slave, self.ports = slave, ports
@@ -96,14 +96,14 @@ class FmuVariables:
         self.valid_reference, self.valid_value = (ctypes.c_uint * 1)(ports.valid or 0), (ctypes.c_int * 1)()
 
     def start(self, at_s: float, inputs: list[Any]) -> None:
-        """Initialise at a time with inputs in the FMU's units, in the order of the ports."""
+        """Initialise at a time; inputs are in the FMU's units, in the order of the ports."""
         self.slave.setupExperiment(startTime=at_s)
         self.slave.enterInitializationMode()
         self._set_inputs(inputs)
         self.slave.exitInitializationMode()
 
     def step(self, at_s: float, length_s: float, inputs: list[Any], slopes: list[Any] | None = None) -> None:
-        """Step on with inputs that hold, or with inputs at the beginning and their derivatives [1/s]."""
+        """Do a step with constant inputs, or with inputs at its beginning and their derivatives [1/s]."""
         self._set_inputs(inputs)
         if slopes:
             self.slopes[:] = slopes
@@ -113,7 +113,7 @@ class FmuVariables:
         self.slave.fmi2DoStep(self.slave.component, at_s, length_s, 1)
 
     def force(self) -> float:
-        """Return the force [N]; NaN if the FMU says that it is not valid."""
+        """Return the force [N]; NaN if the FMU marks it as not valid."""
         if self.ports.valid is not None:
             self.slave.fmi2GetBoolean(self.slave.component, self.valid_reference, 1, self.valid_value)
             if not self.valid_value[0]:
@@ -126,5 +126,5 @@ class FmuVariables:
         self.slave.fmi2SetReal(self.slave.component, self.references, self.count, self.values)
 
 
-def _line(error: Exception) -> str:
+def _format_line(error: Exception) -> str:
     return str(error).strip().replace("\n", " ") or type(error).__name__

@@ -1,6 +1,6 @@
-"""Free-run simulation of a model in batch: prepared series, or any position and current, in; force out.
+"""Free-run simulation of a model in batch: prepared series in, force out.
 
-These are the fast twins of `ces_observer.estimator`: tick for tick the same force to rounding.
+This is the fast version of `ces_observer.estimator`, with the same force at every tick up to rounding.
 """
 
 from __future__ import annotations
@@ -8,52 +8,46 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import B, F
 from ces_identify.preparation.series import Series, prepare, track_samples, usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures import run_batch
 from ces_observer.model import Model
 
-F = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class FreeRun:
-    """Simulated force [N] of shape (ticks,), NaN from where it left the force envelope; `clamped` marks the ticks
-    whose inputs lay outside the input envelope; `diverged` is the first tick out of bounds, -1 if none."""
+    """Simulated force [N] of shape (ticks,), NaN from where it left the force envelope.
+
+    `clamped` marks the ticks with inputs outside the envelope; `diverged` is the first tick out of bounds, -1 if none.
+    """
 
     force: F
-    clamped: NDArray[np.bool_]
+    clamped: B
     diverged: int
 
 
 def simulate_series(model: Model, series: Series) -> FreeRun:
-    """Return the free run of `model` over a prepared series."""
+    """Return the free run of `model` on a prepared series."""
     inputs = np.stack([series.position, series.speed, series.current])
     force, diverged = run_batch(model, inputs, series.segments)
     return FreeRun(force, outside_envelope(model, series), diverged)
 
 
-def outside_envelope(model: Model, series: Series) -> NDArray[np.bool_]:
-    """Return where (ticks,) an input of `series` lies outside the model's input envelope."""
-    e = model.envelope
-    out = np.zeros(len(series), bool)
-    for values, (low, high) in (
-        (series.position, e.position_m),
-        (series.speed, e.speed_m_s),
-        (series.current, e.current_A),
-    ):
-        out |= (values < low) | (values > high)
-    return out
+def outside_envelope(model: Model, series: Series) -> B:
+    """Return where (ticks,) an input of `series` is outside the model's envelope."""
+    ranges = model.envelope.by_signal.items()
+    outside = [(x < low) | (x > high) for name, (low, high) in ranges for x in (getattr(series, name),)]
+    return np.asarray(np.any(outside, axis=0))
 
 
 def sample_force(model: Model, recording: Recording) -> F:
-    """Return the force [N] at every position sample (n,), as the estimator gives it.
+    """Return the force [N] at every position sample (n,), as the estimator returns it.
 
-    NaN where the estimator would withhold: unusable samples, warm-up, and from a divergence to the end of the segment
-    (where the estimator would warm up anew).
+    NaN where the estimator withholds it: at unusable samples, in the warm-up, and from a divergence to the segment's
+    end (where the estimator would restart its warm-up).
     """
     series = prepare(recording, model.sampling)
     force = simulate_series(model, series).force

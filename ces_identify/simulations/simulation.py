@@ -1,4 +1,4 @@
-"""Any simulation of the damper as one kind of thing: a recording goes in, a force at each position sample comes out."""
+"""The interface of all simulations of the damper, and those by models, Python functions and recorded predictions."""
 
 from __future__ import annotations
 
@@ -8,34 +8,32 @@ from importlib import import_module
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F
 from ces_identify.preparation.series import force_at, usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 
-F = NDArray[np.float64]
 ForceFunction = Callable[[F, F, F], F]  # time_s, position_m, current_A -> force_N, all of shape (n,)
 
 
 class Simulation(Protocol):
-    """What can be asked for a force; every kind of simulation is a subclass."""
+    """A source of simulated forces; every kind of simulation is a subclass."""
 
     def force(self, recording: Recording) -> F:
-        """Return the force [N] at every position sample of `recording`, shape (n,), NaN where it gives none."""
-        ...
+        """Return the force [N] at every position sample of `recording`, shape (n,), NaN where there is none."""
 
     @property
     def innermost(self) -> Simulation:
-        """The simulation that this one is built around, however deep; itself if around none."""
+        """The simulation inside all wrappers; itself if it wraps none."""
         return self
 
 
 @dataclass(frozen=True)
 class ModelSimulation(Simulation):
-    """A model file's free run, as the estimator gives it."""
+    """The free run of a model file, as the estimator computes it."""
 
     model: Model
 
@@ -46,13 +44,15 @@ class ModelSimulation(Simulation):
 
 @dataclass(frozen=True)
 class FunctionSimulation(Simulation):
-    """A function of time [s], position [m] and current [A]; `name` names it in errors."""
+    """A function of time [s], position [m] and current [A]; errors mention `name`."""
 
     name: str
     function: ForceFunction
 
     def force(self, recording: Recording) -> F:
-        """Return the force [N] at every position sample; raises CesError if the function fails or returns nonsense."""
+        """Return the force [N] at every position sample; raises CesError if the function fails or returns invalid
+        values.
+        """
         samples = usable_samples(recording, 1e6)
         time = (samples.stamps_ns - recording.channel("position").stamps_ns[0]) * 1e-9
         try:
@@ -62,7 +62,7 @@ class FunctionSimulation(Simulation):
         except Exception as error:
             raise CesError(f"{self.name}: raised {type(error).__name__}: {error}") from error
         if force.shape != time.shape:
-            raise CesError(f"{self.name}: returned shape {force.shape}; expected {time.shape}, a force for each sample")
+            raise CesError(f"{self.name}: returned shape {force.shape}; expected {time.shape}, one for each sample")
         if not np.isfinite(force).all():
             bad = int(np.argmin(np.isfinite(force)))
             raise CesError(f"{self.name}: returned {force[bad]} at {time[bad]:.3f} s; expected finite forces")
@@ -85,7 +85,7 @@ class RecordedSimulation(Simulation):
 
 
 def find_predictions(simulation: Simulation) -> RecordedSimulation | None:
-    """Return the recorded predictions that a simulation comes down to, None if it is run."""
+    """Return the recorded predictions inside a simulation, None if it computes its force."""
     inside = simulation.innermost
     return inside if isinstance(inside, RecordedSimulation) else None
 

@@ -1,7 +1,7 @@
-"""A neuro-fuzzy model as a simulation-error fit sees it: starts by hybrid learning, errors with derivatives, gain.
+"""Neuro-fuzzy models in a simulation-error fit: starts by hybrid learning, errors with their derivatives, the gain.
 
-A start follows Jang (1993): memberships spread over a grid, consequents by least squares on measured past forces,
-premises by steps down that equation error, in turn. The free-run fit that follows moves all of them together.
+A start follows Jang (1993): memberships on a grid; then, in turn, consequents by least squares with measured past
+forces and a descent of the premises on the same one-step error. The free-run fit that follows moves all parameters.
 """
 
 from __future__ import annotations
@@ -11,33 +11,29 @@ from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.numerics.levenberg import Evaluate, damped_step
+from ces_identify.trained.family import Family
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
-from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run, lagged_normal_equations
-from ces_identify.trained.lagged_table import delay_values, regressor_table
-from ces_identify.trained.training import SIGNALS, Training
-from ces_observer.model import Model, Sampling
+from ces_identify.trained.lagged_kernels import RegressorTable
+from ces_identify.trained.lagged_table import delay_values, unscaled_inputs
+from ces_identify.trained.training import SIGNALS
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
-from ces_observer.structures.lagged_signals import Regressor
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
-
-FIRST_GAIN = 0.95  # most that past forces count for in a start
+FIRST_GAIN = 0.95  # largest gain of the past forces in a start
 FIRST_SLOPE = 2.0
 MIN_SLOPE, MAX_SLOPE = 0.6, 8.0  # of a membership
-STIFFNESS = 1e-4  # [(J / 100)^2] price of a membership's move by its own size
+STIFFNESS = 1e-4  # [(J / 100)^2] cost of moving a membership by its own width
 HYBRID_STEPS = 5
 HYBRID_DAMPING = 1.0
-QUANTILES = (0.002, 0.998)  # of a premise, between which the grid lies
-START_JITTER = 0.15  # spread of a start's centres, in distances between neighbours
+QUANTILES = (0.002, 0.998)  # of a premise: the ends of the grid
+START_JITTER = 0.15  # standard deviation of a start's centres, in distances between neighbours
 
 
 @dataclass(frozen=True)
 class PremiseGrid:
-    """A premise of the grid: an input, its lag [ticks], and how many memberships are spread over its range."""
+    """A premise: an input, its lag [ticks], and the number of memberships over its range."""
 
     signal: str
     lag: int
@@ -45,14 +41,9 @@ class PremiseGrid:
 
 
 @dataclass(frozen=True)
-class FuzzyFit:
-    """Neuro-fuzzy models over a `grid` of memberships on `regressors`, as parameter vectors (see fuzzy_kernels).
+class FuzzyFit(Family):
+    """Models on a `grid` of memberships; `decay` is the cost of a squared consequent in (J / 100)^2."""
 
-    `decay` is the price of a squared consequent, in (J / 100)^2.
-    """
-
-    training: Training
-    regressors: tuple[Regressor, ...]
     grid: tuple[PremiseGrid, ...]
     decay: float
 
@@ -68,27 +59,15 @@ class FuzzyFit:
 
     @cached_property
     def rules(self) -> I:
-        """Each rule's membership of each premise: every combination."""
+        """The membership that each rule uses of each premise: all combinations."""
         first = np.cumsum([0, *(g.memberships for g in self.grid)])
         return np.array(list(product(*(range(a, b) for a, b in pairwise(first)))), np.int64)
 
     @cached_property
-    def table(self) -> RegressorTable:
-        """The regressors over the training ticks."""
-        t = self.training
-        return regressor_table(self.regressors, t.envelope, t.inputs, t.segments)
-
-    @cached_property
     def premises(self) -> F:
-        """The premises (ticks, premises) over the training ticks, in their units."""
+        """The premises (ticks, premises) over the training ticks, in SI units."""
         t = self.training
-        raw = [Regressor(g.signal, g.lag, 0.0, 1.0) for g in self.grid]
-        return regressor_table(raw, t.envelope, t.inputs, t.segments).values
-
-    @cached_property
-    def past(self) -> I:
-        """Indices of the regressors that are past forces."""
-        return np.flatnonzero(self.table.past_lags)
+        return unscaled_inputs([(g.signal, g.lag) for g in self.grid], t.envelope, t.inputs, t.segments)
 
     def parts(self, params: F) -> tuple[F, F]:
         """Return consequents (rules, 1 + R) and bells (memberships, 3)."""
@@ -106,7 +85,7 @@ class FuzzyFit:
         return np.array(bells)
 
     def start(self, random: np.random.Generator) -> F:
-        """Return parameters after hybrid learning from a grid of memberships, a little moved."""
+        """Return parameters after hybrid learning from a randomly shifted grid."""
         bells = self.grid_bells.copy()
         bells[:, 0] += 2.0 * np.exp(bells[:, 1]) * random.normal(0.0, START_JITTER, len(bells))
         n = len(self.rules) * (1 + len(self.regressors))
@@ -117,51 +96,39 @@ class FuzzyFit:
         return params
 
     def _one_step_ahead(self) -> Evaluate:
-        """Return the errors with measured past forces in place of the model's own, as least squares sees them."""
+        """Return the function of errors in which measured past forces replace the model's own."""
         t, table = self.training, self.table
         values = table.values.copy()
         for j in self.past:
             past = delay_values(t.measured, int(table.past_lags[j]), t.segments)
             values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
-        known = table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
-        return lambda params, most: self.errors_on(known, params, most)
+        measured = table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
+        return lambda params, max_error: self.errors_on(measured, params, max_error)
 
-    def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the squared error on the estimation ticks with all prices, its matrix and its gradient."""
-        return self.errors_on(self.table, params, max_error)
-
-    def errors_on(self, table: RegressorTable, params: F, most: float) -> tuple[float, F, F]:
-        """Return the errors on these regressors."""
-        t = self.training
+    def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
+        """Return the squared error with regularisation, its matrix and its gradient; infinite for extreme slopes."""
         slopes = np.exp(self.parts(params)[1][:, 2])
         if slopes.min() < MIN_SLOPE or slopes.max() > MAX_SLOPE:
             return np.inf, np.empty(0), np.empty(0)
-        error, matrix, gradient = lagged_normal_equations(
-            table, t.segments, self._arrays(params), *t.loose, t.measured, t.estimation, most
-        )
-        price, moved = self._prices(params)
-        matrix[np.diag_indices_from(matrix)] += price
-        return error + float(price @ moved**2), matrix, gradient - price * moved
+        error, matrix, gradient = self.normal_equations(table, params, max_error)
+        cost, offsets = self._regularisation(params)
+        matrix[np.diag_indices_from(matrix)] += cost
+        return error + float(cost @ offsets**2), matrix, gradient - cost * offsets
 
-    def _prices(self, params: F) -> tuple[F, F]:
-        """Return the price of each squared parameter, and the parameters, memberships as moves from the grid."""
+    def _regularisation(self, params: F) -> tuple[F, F]:
+        """Return the cost of each squared offset, and the offsets: consequents from 0, memberships from the grid."""
         consequents, bells = self.parts(params)
         stiffness = np.full(bells.shape, STIFFNESS)
         stiffness[:, 0] /= np.exp(2.0 * self.grid_bells[:, 1])
-        price = np.concatenate([np.full(consequents.size, self.decay), stiffness.ravel()])
-        return price, np.concatenate([consequents.ravel(), (bells - self.grid_bells).ravel()])
+        cost = np.concatenate([np.full(consequents.size, self.decay), stiffness.ravel()])
+        return cost, np.concatenate([consequents.ravel(), (bells - self.grid_bells).ravel()])
 
-    def force(self, params: F) -> F:
-        """Return the free run [N] over the training ticks, NaN where it left the force envelope."""
-        t = self.training
-        force, _ = lagged_free_run(self.table, t.segments, self._arrays(params), *t.force_envelope)
-        return np.asarray(force)
-
-    def _arrays(self, params: F) -> FuzzyArrays:
+    def kernel_arrays(self, params: F) -> FuzzyArrays:
+        """Return the arrays of the kernels."""
         return FuzzyArrays(self.training.scale_N, self.premises, self.owner, self.rules, *self.parts(params))
 
     def gains(self, params: F) -> tuple[F, F]:
-        """Return each rule's gain of past forces (rules,) and its gradient (rules, parameters)."""
+        """Return each rule's gain of the past forces (rules,) and its gradient (rules, parameters)."""
         consequents, _ = self.parts(params)
         past = consequents[:, 1 + self.past]
         slope = np.zeros((len(self.rules), len(params)))
@@ -169,17 +136,14 @@ class FuzzyFit:
             slope[r, r * consequents.shape[1] + 1 + self.past] = np.sign(past[r])
         return np.abs(past).sum(axis=1), slope
 
-    def model(self, params: F, sampling: Sampling) -> Model:
-        """Return the model of these parameters."""
-        t = self.training
-        return Model(sampling, self._fuzzy(params), t.envelope, t.force_envelope)
-
-    def _fuzzy(self, params: F) -> Fuzzy:
+    def body(self, params: F) -> Fuzzy:
+        """Return the neuro-fuzzy rules with these parameters."""
         consequents, bells = self.parts(params)
-        made = [Bell(float(c), float(np.exp(w)), float(np.exp(s))) for c, w, s in bells]
+        fitted = [Bell(float(c), float(np.exp(w)), float(np.exp(s))) for c, w, s in bells]
         first = np.cumsum([0, *(g.memberships for g in self.grid)])
         premises = tuple(
-            Premise(g.signal, g.lag, tuple(made[a : a + g.memberships])) for g, a in zip(self.grid, first, strict=False)
+            Premise(g.signal, g.lag, tuple(fitted[a : a + g.memberships]))
+            for g, a in zip(self.grid, first, strict=False)
         )
         rules = tuple(
             Rule(tuple((members - first[:-1]).tolist()), float(row[0]), tuple(row[1:].tolist()))
@@ -189,8 +153,11 @@ class FuzzyFit:
 
 
 def learn_hybrid(errors: Evaluate, params: F, consequents: int) -> F:
-    """Return parameters after passes of hybrid learning (Jang 1993): consequents (the first ones) by least squares,
-    then a step of the premises down the same error, kept if it lowers it."""
+    """Return parameters after hybrid learning (Jang 1993).
+
+    Each pass fits the first `consequents` parameters by least squares, then moves the premises if that lowers the
+    error.
+    """
     for _ in range(HYBRID_STEPS):
         _, matrix, gradient = errors(params, np.inf)
         params = params.copy()

@@ -1,9 +1,9 @@
 """Kernels of neuro-fuzzy models: the force of a tick and its derivatives, for the loop in lagged_kernels.py.
 
 `consequents` (rules, 1 + R) hold each rule's constant and linear part over R regressors; `bells` (memberships, 3) the
-centre, logarithm of the width and logarithm of the slope of each membership; `owner` (memberships,) the premise (a
-column of `premises`, (ticks, premises)) it is of; `rules` (rules, premises) the membership of each premise. A parameter
-vector is `consequents`, then `bells`, row by row. Slow readable twin: `ces_observer.structures.fuzzy.FuzzyRun`.
+centre, log width and log slope of each membership; `owner` (memberships,) its premise, a column of `premises` (ticks,
+premises); `rules` (rules, premises) each rule's membership of each premise. A parameter vector is `consequents`, then
+`bells`, row by row. Slow reference: `ces_observer.structures.fuzzy.FuzzyRun`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.normal_matrix import F, I, propagate
+from ces_identify.numerics.arrays import F, I
+from ces_identify.numerics.normal_matrix import propagate
 from ces_identify.trained.lagged_kernels import RegressorTable, fill_regressors, register
 
 
 class FuzzyArrays(NamedTuple):
-    """A neuro-fuzzy model: force = scale times its output [N], on `premises` over the ticks."""
+    """A neuro-fuzzy model: force [N] = scale · output, with `premises` over the ticks."""
 
     scale: float
     premises: F
@@ -31,10 +32,7 @@ class FuzzyArrays(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def grade(x: F, bells: F, owner: I, grades: F, logs: F) -> None:
-    """Fill `grades` (memberships,) with the membership of one tick's premises `x` (premises,).
-
-    `logs` (memberships,) becomes the logarithm of the distance from the centre in widths.
-    """
+    """Fill `grades` (memberships,), and `logs` with the log distances from the centres in widths, at premises `x`."""
     for m in range(len(owner)):
         distance = abs(x[owner[m]] - bells[m, 0])
         if distance == 0.0:
@@ -46,7 +44,7 @@ def grade(x: F, bells: F, owner: I, grades: F, logs: F) -> None:
 
 @njit(cache=True, nogil=True)
 def share(grades: F, rules: I, shares: F) -> None:
-    """Fill `shares` (rules,) with each rule's firing over the sum of all."""
+    """Fill `shares` (rules,) with each rule's share of the total firing."""
     total = 0.0
     for r in range(len(rules)):
         firing = 1.0
@@ -60,7 +58,7 @@ def share(grades: F, rules: I, shares: F) -> None:
 
 @njit(cache=True, nogil=True)
 def fuzzy_tick(phi: F, consequents: F, shares: F, outputs: F) -> float:
-    """Return the scaled output at the regressors `phi`; fills `outputs` (rules,) with each rule's own."""
+    """Return the scaled output at the regressors `phi`; fill `outputs` (rules,) with each rule's output."""
     total = 0.0
     for r in range(len(shares)):
         y = consequents[r, 0]
@@ -75,7 +73,7 @@ def fuzzy_tick(phi: F, consequents: F, shares: F, outputs: F) -> float:
 def _consequent_slopes(
     phi: F, consequents: F, shares: F, scale: float, past_lags: I, past_spreads: F, row: F, gains: F
 ) -> None:
-    """Fill the consequents' part of `row`, and `gains` with the derivative of the force by the past forces."""
+    """Fill the consequents' part of `row`, and `gains` with the derivatives of the force by the past forces."""
     width = len(phi)
     gains[:] = 0.0
     at = 0
@@ -91,19 +89,9 @@ def _consequent_slopes(
 
 @njit(cache=True, nogil=True)
 def _premise_slopes(
-    x: F,
-    bells: F,
-    owner: I,
-    rules: I,
-    grades: F,
-    logs: F,
-    shares: F,
-    outputs: F,
-    blended: float,
-    scale: float,
-    row: F,
+    x: F, bells: F, owner: I, rules: I, grades: F, logs: F, shares: F, outputs: F, blended: float, scale: float, row: F
 ) -> None:
-    """Fill `row` (3 memberships,) with the derivative of one tick's force by centre, log width and log slope."""
+    """Fill `row` (3 memberships,) with the derivatives of one tick's force by centre, log width and log slope."""
     row[:] = 0.0
     for r in range(len(rules)):
         pull = scale * shares[r] * (outputs[r] - blended)

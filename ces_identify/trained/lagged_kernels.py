@@ -1,9 +1,7 @@
-"""The one loop of all models on lagged regressors: the free run, and its sensitivities to every parameter.
+"""The loop of all models on lagged regressors: the free run, and its sensitivities to every parameter.
 
-A structure comes as a NamedTuple of its arrays. Numba picks its part of the loop by that type: `make_work` returns room
-to work in, `force_at` the force of a tick, `derive_at` its derivatives. Each is declared here and given for a structure
-by `numba.extending.overload` beside its arrays. Regressors come as the arrays of `lagged_table.RegressorTable`;
-`segments[s] = (start, stop)` are ticks without a gap, before which forces count as zero.
+A structure passes a NamedTuple of its arrays. Numba selects the structure's functions by that type, once `register` has
+been called beside its arrays. `segments[s] = (start, stop)` are ticks without a gap; forces before them are zero.
 """
 
 from __future__ import annotations
@@ -16,7 +14,8 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from ces_identify.numerics.normal_matrix import BLOCK, F, I, accumulate, longest_lag, mirror
+from ces_identify.numerics.arrays import F, I
+from ces_identify.numerics.normal_matrix import BLOCK, accumulate, longest_lag, mirror
 
 
 class RegressorTable(NamedTuple):
@@ -32,16 +31,16 @@ class RegressorTable(NamedTuple):
 
 
 def register(arrays: type, count: Callable[..., int], run_block: Callable[..., int]) -> None:
-    """Let the loop run models whose arrays are of this type, by functions that Numba can compile.
+    """Let the loop run models whose arrays have this type, with functions that Numba can compile.
 
     `count(arrays)` is the number of parameters. `run_block(arrays, table, k0, n, past, now, low, high, slopes)` runs
-    the `n` ticks from `k0` on and returns how many it did: all, or those before the force left [low, high]. It keeps
-    the force [N] of tick k0 + i in past[now + i] and, unless `slopes` is empty, its sensitivities in slopes[now + i];
-    those of earlier ticks stand before.
+    the `n` ticks from `k0` and returns how many it completed: all, or those before the force left [low, high]. It
+    writes the force [N] of tick k0 + i to past[now + i] and, unless `slopes` is empty, its sensitivities to slopes[now
+    + i]; earlier ticks precede them.
     """
 
-    def choose(given: Callable[..., Any]) -> Callable[..., Any]:
-        return lambda first, *rest: given if getattr(first, "instance_class", None) is arrays else None
+    def choose(function: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda first, *rest: function if getattr(first, "instance_class", None) is arrays else None
 
     overload(_count, strict=False)(choose(count))
     overload(_run_block, strict=False)(choose(run_block))
@@ -61,8 +60,8 @@ def _run_block(
 def lagged_free_run(table: RegressorTable, segments: I, arrays: Any, low: float, high: float) -> tuple[F, int]:
     """Simulate every segment from its own past forces.
 
-    Returns force (ticks,) [N], NaN from where it left [low, high] to the end of that segment, and the first such
-    tick, or -1.
+    Returns force (ticks,) [N], NaN from where it left [low, high] to the end of that segment, and the first such tick,
+    or -1.
     """
     depth = longest_lag(table.past_lags)
     force = np.zeros(len(table.values))
@@ -81,11 +80,11 @@ def lagged_free_run(table: RegressorTable, segments: I, arrays: Any, low: float,
 
 @njit(cache=True, nogil=True)
 def lagged_normal_equations(
-    table: RegressorTable, segments: I, arrays: Any, low: float, high: float, measured: F, weights: F, most: float
+    table: RegressorTable, segments: I, arrays: Any, low: float, high: float, measured: F, weights: F, max_error: float
 ) -> tuple[float, F, F]:
     """Return the weighted squared error of the free run, its Gauss-Newton matrix and (descending) gradient.
 
-    The error is infinite, and the rest unfinished, if the force leaves [low, high] or the error exceeds `most`.
+    If the force leaves [low, high] or the error exceeds `max_error`, the error is infinite and the rest incomplete.
     """
     n_params, depth = _count(arrays), longest_lag(table.past_lags)
     matrix, gradient = np.zeros((n_params, n_params)), np.zeros(n_params)
@@ -101,7 +100,7 @@ def lagged_normal_equations(
                 return inf, matrix, gradient
             errors = measured[k0 : k0 + n] - past[depth : depth + n]
             total += accumulate(matrix, gradient, slopes[depth : depth + n], errors, weights[k0 : k0 + n])
-            if total > most:
+            if total > max_error:
                 return inf, matrix, gradient
             past[:depth] = past[n : n + depth].copy()
             slopes[:depth] = slopes[n : n + depth].copy()
@@ -111,7 +110,7 @@ def lagged_normal_equations(
 
 @njit(cache=True, nogil=True)
 def fill_regressors(phi: F, values: F, past_lags: I, past_means: F, past_spreads: F, past: F, now: int) -> None:
-    """Fill `phi` with the regressors of a tick, from its row of a Table's `values` and the forces before past[now]."""
+    """Fill `phi` with the regressors of a tick, from its row of `values` and the forces before past[now]."""
     for j in range(len(phi)):
         phi[j] = values[j]
         if past_lags[j] > 0:

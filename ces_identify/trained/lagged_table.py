@@ -1,31 +1,24 @@
-"""Scaled regressors over whole series, as the kernels of networks and fuzzy models read them."""
+"""Scaled regressors over whole series, as the kernels of networks and neuro-fuzzy models need them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.trained.lagged_kernels import RegressorTable
 from ces_observer.model import Envelope
 from ces_observer.structures.lagged_signals import COLUMNS, Regressor
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
-
 
 def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs: F, segments: I) -> RegressorTable:
-    """Return the regressors of `inputs` (3, ticks): position [m], speed [m/s] and current [A], clamped to `envelope`.
-
-    Inputs before a segment's start are its first ones.
-    """
-    bounds = (envelope.position_m, envelope.speed_m_s, envelope.current_A)
-    clamped = [np.clip(row, low, high) for row, (low, high) in zip(inputs, bounds, strict=True)]
+    """Return the regressors of `inputs` (3, ticks), clamped; before a segment they have its first values."""
     values = np.zeros((inputs.shape[1], len(regressors)))
     for j, r in enumerate(regressors):
         if r.signal != "force":
-            values[:, j] = (delay_values(clamped[COLUMNS[r.signal]], r.lag, segments) - r.mean) / r.spread
+            clamped = np.clip(inputs[COLUMNS[r.signal]], *envelope.by_signal[r.signal])
+            values[:, j] = (delay_values(clamped, r.lag, segments) - r.mean) / r.spread
     past = [r if r.signal == "force" else Regressor("force", 0, 0.0, 1.0) for r in regressors]
     return RegressorTable(
         values,
@@ -33,6 +26,12 @@ def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs:
         np.array([r.mean for r in past]),
         np.array([r.spread for r in past]),
     )
+
+
+def unscaled_inputs(lags: Iterable[tuple[str, int]], envelope: Envelope, inputs: F, segments: I) -> F:
+    """Return inputs (ticks, n) at lags [ticks] in SI units; `lags` holds names and lags."""
+    raw = [Regressor(signal, lag, 0.0, 1.0) for signal, lag in lags]
+    return regressor_table(raw, envelope, inputs, segments).values
 
 
 def delay_values(values: F, lag: int, segments: I) -> F:

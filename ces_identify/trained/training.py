@@ -1,7 +1,7 @@
-"""What a simulation-error fit works on: stacked series, and which ticks it may fit to and which it may choose by.
+"""The data of a simulation-error fit: stacked series with weights for estimation and for selection.
 
-Estimation and selection are the alternating blocks of `ces_identify.polynomial.problem`; every recording weighs the
-same.
+Estimation and selection are the alternating blocks of `ces_identify.polynomial.problem`; every recording has the same
+weight.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.weighting import EQUAL, Weighting
@@ -20,20 +20,31 @@ from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Term
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
-
 SIGNALS = ("position", "speed", "current")
-ROUND_ZERO = 0.25  # of the force envelope's span, by which it must reach beyond zero, where every run begins
-LOOSE = 1e3  # spreads of force that a descent may stray
+ROUND_ZERO = 0.25  # share of the force envelope's range by which it extends beyond 0, where every run starts
+LOOSE = 1e3  # limit of the force in a descent, in standard deviations
+MIN_CHANGE = 1e-3  # relative range below which an input counts as constant and makes no regressor
+
+
+@dataclass(frozen=True)
+class Lags:
+    """Which regressors to use: lags of past forces [ticks], and delays of the inputs [s], rounded to ticks."""
+
+    force: tuple[int, ...] = (1,)
+    speed_s: tuple[float, ...] = (0.0, 0.003)
+    current_s: tuple[float, ...] = (0.008,)
+    position_s: tuple[float, ...] = ()
+
+
+LAGS = Lags()
 
 
 @dataclass(frozen=True)
 class Training:
     """Stacked series: `inputs` (3, ticks) position [m], speed [m/s] and current [A], `measured` force (ticks,) [N].
 
-    `estimation` and `selection` (ticks,) weigh squared errors such that each recording's make up (J / 100)^2; no tick
-    has both. `recordings` tells each segment's recording. `scale_N` is the spread of the measured force.
+    `estimation` and `selection` (ticks,) weight squared errors so that those of a recording sum to (J / 100)^2; no tick
+    has both. `recordings` is each segment's recording. `scale_N` is the standard deviation of the measured force.
     """
 
     inputs: F
@@ -48,16 +59,16 @@ class Training:
 
     @property
     def loose(self) -> Range:
-        """Bounds [N] on the force during a descent, where it may for a while leave the force envelope."""
+        """Bounds [N] of the force during a descent, which may leave the force envelope for a while."""
         return -LOOSE * self.scale_N, LOOSE * self.scale_N
 
     @property
     def level(self) -> float:
-        """Mean measured force on the estimation ticks, in spreads."""
+        """Mean measured force on the estimation ticks, in standard deviations."""
         return float(self.estimation @ self.measured / self.estimation.sum()) / self.scale_N
 
     def cost(self, force: F, weights: F) -> float:
-        """Return the mean over recordings of J [%] of `force` (ticks,); infinite if it is not finite somewhere."""
+        """Return the mean J [%] of `force` (ticks,) over the recordings; infinite if a force is not finite."""
         if not np.isfinite(force).all():
             return float("inf")
         errors = weights * (force - self.measured) ** 2
@@ -67,16 +78,31 @@ class Training:
         return float(100.0 * np.sqrt(shares).mean())
 
     def regressor(self, signal: str, lag: int) -> Regressor:
-        """Return a regressor scaled by its mean and spread over the ticks; a past force by the force's spread alone."""
+        """Return a regressor scaled by mean and standard deviation; a past force by the latter alone."""
         if signal == "force":
             return Regressor(signal, lag, 0.0, self.scale_N)
         values = self.inputs[SIGNALS.index(signal)]
         spread = float(values.std())
         return Regressor(signal, lag, float(values.mean()), spread if spread > 1e-9 else 1.0)
 
+    def changing_inputs(self) -> set[str]:
+        """Return the names of the inputs that are not constant."""
+        ranges = {name: (np.ptp(row), np.abs(row).max()) for name, row in zip(SIGNALS, self.inputs, strict=True)}
+        return {name for name, (span, size) in ranges.items() if span > MIN_CHANGE * max(1e-9, size)}
+
+
+def build_regressors(data: Training, lags: Lags, rate_Hz: float) -> tuple[Regressor, ...]:
+    """Return the scaled regressors, without those of constant inputs."""
+    delays = {"speed": lags.speed_s, "current": lags.current_s, "position": lags.position_s}
+    chosen = [("force", lag) for lag in lags.force]
+    for signal, seconds in delays.items():
+        if signal in data.changing_inputs():
+            chosen += [(signal, lag) for lag in dict.fromkeys(round(s * rate_Hz) for s in seconds)]
+    return tuple(data.regressor(signal, lag) for signal, lag in chosen)
+
 
 def build_training(series: Sequence[Series], weighting: Weighting = EQUAL) -> Training:
-    """Return what to fit to; raises RecordingError if the series hold too little."""
+    """Return the data to fit to; raises RecordingError if there is too little."""
     problem = assemble_problem(series, (Term(1.0, ()),), weighting=weighting)
     scored = problem.everything > 0.0
     return Training(

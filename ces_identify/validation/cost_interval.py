@@ -1,15 +1,15 @@
-"""How sure a cost J is: its bootstrap interval over the scored ticks of a free run, each recording's or several's.
+"""The confidence interval of a cost J, by a block bootstrap over the scored ticks of one or several free runs.
 
-J is a ratio of two sums, and both are resampled together: a replicate takes whole blocks of ticks, with their squared
-errors and their measured forces, and takes its own mean force. Blocks (circular within a run, so that every tick is
-as likely as any other: Politis & Romano 1992) keep what neighbours have in common; none spans a gap. Their length is
-the automatic choice of Politis and White for the influence of a tick on J,
+J is a ratio of two sums, which are resampled together: a replicate draws blocks of ticks with their squared errors and
+measured forces, and takes its own mean force. Blocks preserve the correlation of neighbours. They are circular within a
+run (Politis & Romano 1992), so that all ticks are equally likely, and never span a gap. Their length is the automatic
+choice of Politis and White for the influence of a tick on J, averaged over BIN_S:
 
-    e^2 / mean(e^2) - (y - mean y)^2 / var(y),
+    e^2 / mean(e^2) - (y - mean y)^2 / var(y)
 
-averaged over BIN_S. Percentiles are expanded for the number of blocks (Hesterberg, The American Statistician 69, 2015,
-sec. 3.3): with few, plain ones are too narrow. The interval tells how J would vary over other stretches of the same
-experiment. It treats the recording as stationary: on a sweep it says how much J hangs on which part was driven.
+Percentiles are expanded for the number of blocks (Hesterberg, The American Statistician 69, 2015, sec. 3.3), because
+plain ones are too narrow for few blocks. The interval says how J would vary over other stretches of the same
+experiment, and treats the recording as stationary.
 """
 
 from __future__ import annotations
@@ -18,26 +18,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.numerics.correlation import block_length, find_runs
 from ces_identify.validation.evaluate import Evaluation
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
-
 LEVEL = 0.95
 REPLICATES = 2000
-BIN_S = 0.01  # [s] far below the time over which a damper's errors hang together
+BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
 MIN_BLOCKS = 8
-AT_ONCE = 2_000_000  # blocks drawn at a time
+BATCH_BLOCKS = 2_000_000  # blocks drawn at a time
 
 
 @dataclass(frozen=True)
 class CostInterval:
-    """J from `low` to `high` [%] with a probability of LEVEL, from `blocks` blocks of at most `block_s` [s]."""
+    """J is between `low` and `high` [%] with probability LEVEL, by `blocks` blocks of at most `block_s` [s]."""
 
     low: float
     high: float
@@ -47,7 +44,7 @@ class CostInterval:
 
 @dataclass(frozen=True)
 class Ticks:
-    """The scored ticks of a run: squared `error` (n,) [N2], measured `force` (n,) [N] and the runs (r, 2)."""
+    """The scored ticks of a run: `squares` of the error (n,) [N²], measured `force` (n,) [N] and `runs` (r, 2)."""
 
     squares: F
     force: F
@@ -55,13 +52,12 @@ class Ticks:
 
 
 def cost_interval(evaluations: Sequence[Evaluation], seed: int = 0) -> CostInterval | None:
-    """Return the interval of J over `evaluations` taken together; None if a run diverged or is too short to tell.
+    """Return the interval of J over all `evaluations` together; None if a run diverged or is too short.
 
-    J of several is over all their ticks, each about its own recording's mean force; each recording is resampled by
-    itself.
+    Errors and forces are pooled, each force relative to its recording's mean; each recording is resampled separately.
     """
     random = np.random.default_rng(seed)
-    total, facts = np.zeros((REPLICATES, 2)), []
+    total, blocks_of = np.zeros((REPLICATES, 2)), []
     for evaluation in evaluations:
         if not np.isfinite(evaluation.cost):
             return None
@@ -70,14 +66,14 @@ def cost_interval(evaluations: Sequence[Evaluation], seed: int = 0) -> CostInter
         if len(ticks.force) < MIN_BLOCKS * length:
             return None
         total += replicates(ticks, length, random)
-        facts.append((length / evaluation.series.rate_Hz, len(ticks.force) // length))
-    blocks = sum(f[1] for f in facts)
+        blocks_of.append((length / evaluation.series.rate_Hz, len(ticks.force) // length))
+    blocks = sum(count for _, count in blocks_of)
     low, high = interval_of(100.0 * np.sqrt(total[:, 0] / total[:, 1]), blocks)
-    return CostInterval(low, high, max(f[0] for f in facts), blocks)
+    return CostInterval(low, high, max(seconds for seconds, _ in blocks_of), blocks)
 
 
 def interval_of(replicated: F, blocks: int) -> tuple[float, float]:
-    """Return the interval of replicates (n,) made of `blocks` blocks each, its percentiles expanded."""
+    """Return the expanded percentile interval of replicates (n,) with `blocks` blocks each."""
     reach = float(np.sqrt(blocks / (blocks - 1.0)) * student.ppf(0.5 + LEVEL / 2, blocks - 1))
     tail = float(norm.sf(reach))
     low, high = np.quantile(replicated, [tail, 1.0 - tail])
@@ -85,7 +81,7 @@ def interval_of(replicated: F, blocks: int) -> tuple[float, float]:
 
 
 def pooled_cost(evaluations: Sequence[Evaluation]) -> float:
-    """Return J [%] over all ticks of `evaluations`, each about its own recording's mean force."""
+    """Return J [%] over all ticks of `evaluations`, each force relative to its recording's mean."""
     ticks = [scored_ticks(e) for e in evaluations]
     spread = sum(float(((t.force - t.force.mean()) ** 2).sum()) for t in ticks)
     return float(100.0 * np.sqrt(sum(float(t.squares.sum()) for t in ticks) / spread))
@@ -107,10 +103,10 @@ def influence_block(ticks: Ticks, bin_ticks: int) -> int:
 
 def replicates(ticks: Ticks, length: int, random: np.random.Generator) -> F:
     """Return sums of squared errors and of squared distances from the mean force (REPLICATES, 2), resampled."""
-    blocks, odds = _block_sums(ticks, length)
+    blocks, weights = _block_sums(ticks, length)
     chosen = -(-len(ticks.force) // length)
-    edges = np.cumsum(odds) / odds.sum()
-    rows = max(1, AT_ONCE // chosen)
+    edges = np.cumsum(weights) / weights.sum()
+    rows = max(1, BATCH_BLOCKS // chosen)
     sums = np.concatenate(
         [
             blocks[np.searchsorted(edges, random.random((min(rows, REPLICATES - i), chosen)), "right")].sum(axis=1)
@@ -122,24 +118,21 @@ def replicates(ticks: Ticks, length: int, random: np.random.Generator) -> F:
 
 
 def _block_sums(ticks: Ticks, length: int) -> tuple[F, F]:
-    """Return, for the block that begins at each tick, the sums (n, 4) of e^2, y, y^2 and 1, and its odds (n,).
-
-    A run shorter than a block is a block by itself; the odds make up for its fewer ticks.
-    """
+    """Return for the block from each tick the sums (n, 4) of e^2, y, y^2 and 1, and its weight (n,) in the draw."""
     y = ticks.force - ticks.force.mean()
     columns = np.stack([ticks.squares, y, y**2, np.ones(len(y))], axis=1)
-    sums, odds = np.empty_like(columns), np.empty(len(y))
+    sums, weights = np.empty_like(columns), np.empty(len(y))
     for start, stop in ticks.runs:
-        n = min(length, int(stop - start))
+        n = min(length, int(stop - start))  # a run shorter than a block is one block
         circle = np.concatenate([columns[start:stop], columns[start : start + n]])
         before = np.concatenate([np.zeros((1, 4)), np.cumsum(circle, axis=0)])
         sums[start:stop] = before[n : n + stop - start] - before[: stop - start]
-        odds[start:stop] = 1.0 / n
-    return sums, odds
+        weights[start:stop] = 1.0 / n
+    return sums, weights
 
 
 def _average_bins(x: F, runs: I, ticks: int) -> tuple[F, I]:
-    """Return the means of x over whole bins of `ticks` inside runs, and the runs of the bins."""
+    """Return the means of x over whole bins of `ticks` inside the runs, and the runs in bins."""
     parts = [x[a : a + (b - a) // ticks * ticks].reshape(-1, ticks).mean(axis=1) for a, b in runs if b - a >= ticks]
     ends = np.cumsum([len(p) for p in parts])
     return np.concatenate([np.empty(0), *parts]), np.stack([np.append(0, ends[:-1])[: len(ends)], ends], axis=1)

@@ -1,15 +1,11 @@
-"""The noise floor that repeated cycles reveal: what differs between cycles of the same stroke and current is noise.
+"""The noise floor from repeated cycles: what differs between cycles of the same stroke and current is noise.
 
-No model of position and current can explain it, so it is a floor on J. At every tick the force is compared with the
-mean of the cycle before and the cycle after at the same phase: d = y(t) - (y(t - T) + y(t + T)) / 2. What the cycles
-have in common and any drift that is even from cycle to cycle cancel, and so does, to first order, an error of T; of
-independent noise of variance s2 the mean of d2 holds (1 + 1/2) s2, the n / (n - 1) of three cycles. (Difference-based
-variance: Gasser, Sroka & Jennen-Steinmetz, Biometrika 73, 1986.) Interpolating between ticks would add an error of its
-own where the force bends, so T is the first few periods together that are a whole number of ticks, nearly.
-
-The floor is that of the force as it is scored: interpolated at the ticks, which takes some of a sensor's white noise
-away. Noise slower than a cycle cancels with the drift, and is not counted; what the stroke or the current did
-differently from cycle to cycle is counted, so both must repeat closely.
+No model of position and current can explain it, so it is a lower limit of J. At every tick the force is compared with
+the mean of the previous and the next cycle at the same phase: d = y(t) - (y(t - T) + y(t + T)) / 2. What the cycles
+have in common and linear drift cancel; independent noise of variance s2 gives d2 a mean of (1 + 1/2) s2 (Gasser, Sroka
+& Jennen-Steinmetz, Biometrika 73, 1986). T is the smallest number of periods that is close to whole ticks, because
+interpolation would add errors. The floor is that of the force interpolated at the ticks. Noise slower than a cycle
+cancels; differences of stroke or current between cycles count as noise, so both must repeat.
 """
 
 from __future__ import annotations
@@ -17,27 +13,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import B, F, I
 from ces_identify.preparation.series import Series
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
-
-SETTLE_S = 1.0  # [s] left out at the start of each stretch without a gap, past warm-up
+SETTLE_S = 1.0  # [s] skipped at each segment's start, after the warm-up
 MIN_CYCLES = 5
 MIN_PERIOD_S = 0.02
 STROKE_MISMATCH = 0.01  # rms difference of a cycle from its neighbours, over the spread
 CURRENT_MISMATCH = 0.01  # rms difference of a cycle from its neighbours, over the rms current
 PEAK = 0.9  # autocorrelation at which a lag is a candidate for the period
 MAX_PEAKS = 50  # tried as the period
-MAX_PERIODS = 10  # taken together
-OFF_TICK = 0.1  # ticks by which periods taken together may miss a whole number
+MAX_PERIODS = 10  # combined into one lag
+OFF_TICK = 0.1  # [ticks] allowed distance of a lag from a whole number
 
 
 @dataclass(frozen=True)
 class CycleNoise:
-    """Noise of `noise_N` (rms) that cycles of `period_s` reveal, as a floor on J [%] of the recording."""
+    """Noise `noise_N` (RMS) from cycles of `period_s`, and the cost J [%] that it causes (`floor`)."""
 
     period_s: float
     cycles: int
@@ -45,25 +38,18 @@ class CycleNoise:
     floor: float
 
 
-@dataclass(frozen=True)
-class NoCycles:
-    """Why a recording reveals no noise floor."""
+def cycle_noise(series: Series) -> CycleNoise | str:
+    """Return the noise floor of `series` if its stroke and current are periodic, else the reason why there is none.
 
-    reason: str
-
-
-def cycle_noise(series: Series) -> CycleNoise | NoCycles:
-    """Return the noise floor of `series` if its stroke and current are periodic, else why there is none.
-
-    Single cycles that differ from their neighbours, such as where the rig fades in and out, are left out.
+    Single cycles that differ from their neighbours, such as where the rig fades in and out, are skipped.
     """
     settled = _find_settled_runs(series)
     start, stop = settled[np.argmax(settled[:, 1] - settled[:, 0])]
     if stop - start < 2 * MIN_CYCLES:
-        return NoCycles("too short to settle")
+        return "too short to settle"
     period = find_period(series.position[start:stop], MIN_PERIOD_S * series.rate_Hz)
     if period is None:
-        return NoCycles("the stroke does not repeat")
+        return "the stroke does not repeat"
     cycle, lag = (np.arange(len(series)) / period).astype(np.int64), whole_ticks(period)
     stroke = _rms_by_cycle(differences(series.position, settled, lag), cycle) / float(series.position[start:stop].std())
     current = _rms_by_cycle(differences(series.current, settled, lag), cycle) / max(_rms(series.current), 1e-12)
@@ -71,26 +57,26 @@ def cycle_noise(series: Series) -> CycleNoise | NoCycles:
     for name, mismatch, limit in (("stroke", stroke, STROKE_MISMATCH), ("current", current, CURRENT_MISMATCH)):
         if known.any() and np.median(mismatch[known]) > limit:
             share = 100.0 * np.median(mismatch[known])
-            return NoCycles(f"the stroke repeats, but from cycle to cycle the {name} differs by {share:.1f} %")
+            return f"the stroke repeats, but from cycle to cycle the {name} differs by {share:.1f} %"
     same = known & (stroke <= STROKE_MISMATCH) & (current <= CURRENT_MISMATCH)
     return _noise(series, differences(np.where(series.scored, series.force, np.nan), settled, lag), same[cycle], period)
 
 
-def _noise(series: Series, difference: F, same: NDArray[np.bool_], period: float) -> CycleNoise | NoCycles:
-    """Return the noise of the force from its differences on the ticks of cycles that are the `same`."""
+def _noise(series: Series, difference: F, same: B, period: float) -> CycleNoise | str:
+    """Return the noise of the force from its differences in cycles that are the `same`."""
     used = difference[same & np.isfinite(difference)]
     cycles = int(len(used) / period)
     if cycles < MIN_CYCLES:
-        return NoCycles(f"{cycles} cycles alike with a measured force; expected at least {MIN_CYCLES}")
+        return f"{cycles} equal cycles with a measured force; expected at least {MIN_CYCLES}"
     noise = _rms(used)
     return CycleNoise(period / series.rate_Hz, cycles, noise, 100.0 * noise / float(series.force[series.scored].std()))
 
 
 def find_period(x: F, min_period: float) -> float | None:
-    """Return the shortest period [ticks] of x (n,), above `min_period` ticks, or None if it does not repeat.
+    """Return the shortest period [ticks] of x (n,) above `min_period`, or None if x does not repeat.
 
-    Of the high peaks of the autocorrelation beyond its first fall below zero, the first at which most of x repeats, or
-    else the highest, refined by a parabola at its latest multiple that leaves half of x to compare.
+    Candidates are the high peaks of the autocorrelation after its first zero crossing: the first at which most of x
+    repeats, else the highest. The period is refined at its latest multiple with half of x to compare.
     """
     rho = _overlap_correlation(x, len(x) // 2)
     negative = np.flatnonzero(rho < 0.0)
@@ -106,7 +92,7 @@ def find_period(x: F, min_period: float) -> float | None:
 
 
 def whole_ticks(period: float) -> int:
-    """Return the ticks of the fewest periods that come within OFF_TICK of a whole number, or else the nearest do."""
+    """Return the fewest periods within OFF_TICK of a whole number, in ticks; else the nearest."""
     multiples = period * np.arange(1, MAX_PERIODS + 1)
     off = np.abs(multiples - np.rint(multiples))
     near = off <= OFF_TICK
@@ -114,9 +100,9 @@ def whole_ticks(period: float) -> int:
 
 
 def differences(x: F, runs: I, lag: int) -> F:
-    """Return x less the mean of `lag` ticks before and after, scaled to the rms of x's own noise.
+    """Return x minus the mean of x `lag` ticks before and after, scaled to the RMS of the noise in x.
 
-    The result (n,) is NaN where a neighbour is missing: `lag` ticks from either end of the `runs`, or NaN in x.
+    The result (n,) is NaN within `lag` ticks of either end of the `runs`, and where x is NaN.
     """
     result = np.full(len(x), np.nan)
     for start, stop in runs:
@@ -126,7 +112,7 @@ def differences(x: F, runs: I, lag: int) -> F:
 
 
 def _rms_by_cycle(difference: F, cycle: I) -> F:
-    """Return the rms of the differences in each cycle, NaN where fewer than half its ticks have one."""
+    """Return the RMS of the differences in each cycle, NaN where fewer than half its ticks have one."""
     known = np.isfinite(difference)
     ticks, all_ticks = np.bincount(cycle, known), np.bincount(cycle)
     squares = np.bincount(cycle, np.where(known, difference, 0.0) ** 2)
@@ -139,19 +125,19 @@ def _find_settled_runs(series: Series) -> I:
     return np.stack([starts, series.segments[:, 1]], axis=1)
 
 
-def _overlap_correlation(x: F, most: int) -> F:
-    """Return the correlation of x with itself at lags 0 to `most`, each over the overlap alone: 1 at a true period."""
+def _overlap_correlation(x: F, max_lag: int) -> F:
+    """Return the correlation of x with itself at lags 0 to `max_lag`, each over the overlap: 1 at a true period."""
     centred = x - x.mean()
-    size = 1 << (len(x) + most).bit_length()
-    products = np.fft.irfft(np.abs(np.fft.rfft(centred, size)) ** 2, size)[: most + 1]
+    size = 1 << (len(x) + max_lag).bit_length()
+    products = np.fft.irfft(np.abs(np.fft.rfft(centred, size)) ** 2, size)[: max_lag + 1]
     energy = np.concatenate([[0.0], np.cumsum(centred**2)])
-    lags = np.arange(most + 1)
+    lags = np.arange(max_lag + 1)
     both = energy[len(x) - lags] + (energy[-1] - energy[lags])
     return np.asarray(2.0 * products / np.maximum(both, 1e-300))
 
 
 def _refine_period(rho: F, period: float) -> float:
-    """Return the period near `period` by the places of the peaks at it, at twice it, and so on."""
+    """Return the period near `period` from the peaks at the period, its double, and so on."""
     times = 1
     while True:
         top = _find_peak(rho, round(times * period))
@@ -162,18 +148,18 @@ def _refine_period(rho: F, period: float) -> float:
 
 
 def _find_peak(rho: F, near: int) -> float:
-    """Return the place of the peak within two ticks of `near`, by a parabola."""
+    """Return the position of the peak within two ticks of `near`, by a parabola."""
     first = max(near - 2, 1)
     top = min(first + int(np.argmax(rho[first : near + 3])), len(rho) - 2)
-    bend = rho[top - 1] - 2.0 * rho[top] + rho[top + 1]
-    return top + (float(0.5 * (rho[top - 1] - rho[top + 1]) / bend) if bend < 0.0 else 0.0)
+    curvature = rho[top - 1] - 2.0 * rho[top] + rho[top + 1]
+    return top + (float(0.5 * (rho[top - 1] - rho[top + 1]) / curvature) if curvature < 0.0 else 0.0)
 
 
 def _is_periodic(x: F, period: float) -> bool:
-    """Return whether x is, at most of its ticks, as it was a period before and will be a period after."""
+    """Return whether x equals x one period before and after at most of its ticks."""
     difference = np.abs(differences(x, np.array([[0, len(x)]]), whole_ticks(period)))
-    known = difference[np.isfinite(difference)]
-    return bool(len(known)) and float(np.median(known)) <= STROKE_MISMATCH * float(x.std())
+    values = difference[np.isfinite(difference)]
+    return bool(len(values)) and float(np.median(values)) <= STROKE_MISMATCH * float(x.std())
 
 
 def _rms(x: F) -> float:

@@ -1,21 +1,19 @@
-"""Where the error of a free run sits: its energy by speed and current, at stroke ends, zero crossings, by direction."""
+"""The distribution of a free run's error: by speed and current, direction, zero crossing and stroke."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import B, F, I
 from ces_identify.preparation.weighting import CENTRAL, SLOW_M_S
 from ces_identify.validation.evaluate import Evaluation
 
-F = NDArray[np.float64]
-B = NDArray[np.bool_]
-
 SPEEDS, CURRENTS = 6, 3  # cells of the coarse table
-QUANTILE = 0.995  # of |speed| at which the outermost cells end; what is faster counts in them
+QUANTILE = 0.995  # of |speed| at the limit of the outermost cells, which also hold faster ticks
 SAME_CURRENT = 0.01  # of the largest current: a narrower range counts as constant
 
 
@@ -23,7 +21,7 @@ SAME_CURRENT = 0.01  # of the largest current: a narrower range counts as consta
 class ErrorShare:
     """A region's share of the squared error and of the ticks, its RMS error [N], and its part of J [%].
 
-    The parts of J of regions that together are the whole add up in squares to J^2. `axis` names what is divided.
+    The squares of the parts of J of all regions of an `axis` sum to J^2.
     """
 
     axis: str
@@ -36,7 +34,7 @@ class ErrorShare:
 
 @dataclass(frozen=True)
 class _Scored:
-    """Ticks of all evaluations, end to end: inputs, stroke from 0 to 1 over all, error, and the spread of the force."""
+    """Ticks of all evaluations, concatenated; `stroke` is 0 to 1 over all, `spread` the sum of (y - mean y)^2."""
 
     speed: F
     current: F
@@ -46,27 +44,23 @@ class _Scored:
 
 
 def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
-    """Return the cells of speed and current that hold any tick, most error first; speed alone if current is constant.
-
-    Runs that diverged count as far as they went.
-    """
+    """Return the visited cells of speed and current, or of speed if the current is constant; largest error first."""
     ticks = _collect_scored_ticks(evaluations)
     top = float(np.quantile(np.abs(ticks.speed), QUANTILE)) if len(ticks.speed) else 0.0
     speeds = np.linspace(-top, top, SPEEDS + 1)
     currents = _current_edges(ticks.current)
     v, c = _cell(ticks.speed, speeds), _cell(ticks.current, currents)
     cells = []
-    for a in range(SPEEDS):
-        for b in range(len(currents) - 1):
-            name = f"{speeds[a]:.2f} to {speeds[a + 1]:.2f} m/s"
-            if len(currents) > 2:
-                name += f", {currents[b]:.2f} to {currents[b + 1]:.2f} A"
-            cells.append(_share(ticks, "speed x current", name, (v == a) & (c == b)))
+    for a, b in product(range(SPEEDS), range(len(currents) - 1)):
+        name = f"{speeds[a]:.2f} to {speeds[a + 1]:.2f} m/s"
+        if len(currents) > 2:
+            name += f", {currents[b]:.2f} to {currents[b + 1]:.2f} A"
+        cells.append(_share(ticks, "speed x current", name, (v == a) & (c == b)))
     return sorted((s for s in cells if s.ticks > 0.0), key=lambda s: -s.energy)
 
 
 def error_regions(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
-    """Return direction, zero crossing and stroke as axes, each with regions that together are the whole."""
+    """Return the regions of direction, zero crossing and stroke; the regions of an axis cover all ticks."""
     ticks = _collect_scored_ticks(evaluations)
     slow = np.abs(ticks.speed) < SLOW_M_S
     low, high = ticks.stroke < 0.5 - CENTRAL / 2, ticks.stroke > 0.5 + CENTRAL / 2
@@ -79,8 +73,8 @@ def error_regions(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
 
 
 def _collect_scored_ticks(evaluations: Sequence[Evaluation]) -> _Scored:
-    kept = [e.series.scored & np.isfinite(e.run.force) for e in evaluations]
-    pairs = list(zip(evaluations, kept, strict=True))
+    masks = [e.series.scored & np.isfinite(e.run.force) for e in evaluations]
+    pairs = list(zip(evaluations, masks, strict=True))
 
     def concatenate(signal: str) -> F:
         return np.concatenate([np.empty(0), *(getattr(e.series, signal)[k] for e, k in pairs)])
@@ -106,7 +100,7 @@ def _share(ticks: _Scored, axis: str, region: str, mask: B) -> ErrorShare:
     )
 
 
-def _cell(values: F, edges: F) -> NDArray[np.int64]:
+def _cell(values: F, edges: F) -> I:
     return np.clip(np.searchsorted(edges, values, "right") - 1, 0, len(edges) - 2)
 
 

@@ -1,4 +1,4 @@
-"""How well a model does on a recording: its free run beside the measured force, and the cost J."""
+"""Evaluation of a model on a recording: its free run, the measured force, and the cost J."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F
 from ces_identify.preparation.cost import require_force, series_cost
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.simulate import FreeRun, simulate_series
@@ -18,7 +18,7 @@ IDENTIFICATION, VALIDATION = "identification", "validation"
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The free run of a model on one series. `role` tells whether the fit and the selection saw it."""
+    """The free run of a model on one series. `role` is IDENTIFICATION if fit or selection used it, else VALIDATION."""
 
     name: str
     role: str
@@ -27,7 +27,7 @@ class Evaluation:
     cost: float
 
     @property
-    def error(self) -> NDArray[np.float64]:
+    def error(self) -> F:
         """Measured minus simulated force [N] on the scored ticks, shape (n,)."""
         scored = self.series.scored
         return np.asarray(self.series.force[scored] - self.run.force[scored])
@@ -39,16 +39,13 @@ class Evaluation:
 
     @property
     def clamped_share(self) -> float:
-        """Share of the scored ticks whose inputs lay outside the model's envelope."""
+        """Share of the scored ticks with inputs outside the model's envelope."""
         return float(self.run.clamped[self.series.scored].mean())
 
 
 def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluation]:
-    """Return the evaluation of `model` on each series; raises RecordingError where there is no force to judge by."""
-    return [_evaluate_one(model, s, role) for s in series]
-
-
-def _evaluate_one(model: Model, series: Series, role: str) -> Evaluation:
-    require_force(series)
-    run = simulate_series(model, series)
-    return Evaluation(series.name, role, series, run, series_cost(series, run.force))
+    """Return the evaluation of `model` on each series; raises RecordingError for a series without a force."""
+    for one in series:
+        require_force(one)
+    runs = [simulate_series(model, one) for one in series]
+    return [Evaluation(s.name, role, s, r, series_cost(s, r.force)) for s, r in zip(series, runs, strict=True)]

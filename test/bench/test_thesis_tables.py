@@ -21,8 +21,7 @@ from bench.thesis.plant import PULL, integrate_speed, plant_cost
 from bench.thesis.tables import ROWS, evaluate_outcome, jobs, table
 from ces_identify.preparation.series import prepare
 from ces_identify.trained.fuzzy_fit import PremiseGrid
-from ces_identify.trained.lagged_fit import Lags, build_regressors
-from ces_identify.trained.training import build_training
+from ces_identify.trained.training import Lags, build_regressors, build_training
 from ces_observer.model import Sampling
 from ces_rig.experiment import run
 from ces_rig.sensors import Sensor, Sensors

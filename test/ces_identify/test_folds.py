@@ -7,7 +7,7 @@ from planted import NETWORK, SAMPLING, planted
 from ces_identify.folds import cross_validate, cut_recording, split_folds
 from ces_identify.identification import IdentificationResult
 from ces_identify.preparation.series import prepare
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_observer.errors import CesError
 
@@ -19,9 +19,9 @@ def recordings(count, seconds=6.0):
 def stand_in(calls):
     """An identifier that always finds the planted model, and remembers what it was given."""
 
-    def identify(kept, held_out, options):
-        calls.append(([r.name for r in kept], [r.name for r in held_out], options.split))
-        evaluations = evaluate(NETWORK, [prepare(r, SAMPLING) for r in kept], IDENTIFICATION)
+    def identify(identification, held_out, options):
+        calls.append(([r.name for r in identification], [r.name for r in held_out], options.split))
+        evaluations = evaluate(NETWORK, [prepare(r, SAMPLING) for r in identification], IDENTIFICATION)
         evaluations += evaluate(NETWORK, [prepare(r, SAMPLING) for r in held_out], VALIDATION)
         return IdentificationResult(NETWORK, tuple(evaluations), ())
 
@@ -73,8 +73,8 @@ def test_a_diverged_fold_is_no_number():
     calls = []
     inner = stand_in(calls)
 
-    def identify(kept, held_out, options):
-        result = inner(kept, held_out, options)
+    def identify(identification, held_out, options):
+        result = inner(identification, held_out, options)
         return replace(result, evaluations=tuple(replace(e, cost=float("inf")) for e in result.evaluations))
 
     result = cross_validate(recordings(2), 2, identify, IdentifyOptions())
@@ -84,7 +84,7 @@ def test_a_diverged_fold_is_no_number():
 
 @pytest.mark.parametrize(
     ("count", "seconds", "folds", "expected"),
-    [(3, 6.0, 1, "at least 2"), (3, 6.0, 4, "3 recordings"), (1, 6.0, 4, "ask for fewer")],
+    [(3, 6.0, 1, "at least 2"), (3, 6.0, 4, "3 recordings"), (1, 6.0, 4, "use fewer folds")],
 )
 def test_too_few_for_the_folds(count, seconds, folds, expected):
     with pytest.raises(CesError, match=expected):

@@ -227,7 +227,7 @@ def test_wrong_words(quick, capsys, words, says):
     [
         ("raises", "diagnosed_damper:raises: raised RuntimeError: no licence"),
         ("nothing", "diagnosed_damper:nothing: returned nan at 0.000 s; expected finite forces"),
-        ("short", "diagnosed_damper:short: returned shape (599,); expected (600,), a force for each sample"),
+        ("short", "diagnosed_damper:short: returned shape (599,); expected (600,), one for each sample"),
     ],
 )
 def test_a_function_that_fails(quick, capsys, function, says):

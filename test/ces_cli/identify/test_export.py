@@ -84,7 +84,7 @@ def test_what_the_file_says_of_its_stability_is_not_believed(tmp_path, capsys):
         ("missing/m.fmu", ("--sources-only",), "missing/m.fmu: cannot be written"),
         ("m.fmu", ("--name", "2; x"), "name '2; x': not usable in C"),
         ("missing/m.c", (), "missing/m.h: cannot be written"),
-        ("math.c", (), "no standard header's"),
+        ("math.c", (), "not a standard header"),
         ("m.c", ("--name", "2; x"), "name '2; x': not usable in C; choose one such as 'model_2_x'"),
     ],
 )

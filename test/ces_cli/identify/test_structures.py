@@ -4,9 +4,9 @@ import pytest
 
 from ces_cli.identify.structures import add_structure, select_identify_function
 from ces_identify.identification import identify
-from ces_identify.polynomial_structure import fit_polynomial
-from ces_identify.trained.fuzzy_structure import FuzzyShape
-from ces_identify.trained.network_structure import NetworkShape
+from ces_identify.structures.fuzzy import FuzzyShape
+from ces_identify.structures.network import NetworkShape
+from ces_identify.structures.polynomial import fit_polynomial
 
 
 def chosen(*arguments):

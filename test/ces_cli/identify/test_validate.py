@@ -90,7 +90,7 @@ def test_residuals_and_where_the_error_sits_take_a_line_each(told):
 
 def test_the_report_shows_them_too(work, told):
     page = (work / "v.html").read_text()
-    for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed² → residual²", "Where the error sits"):
+    for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed² → residual²", "Error by cells of speed"):
         assert text in page
 
 
@@ -99,7 +99,7 @@ def test_what_each_second_served_is_in_the_table_and_in_the_model(work, capsys):
     one = next(row for row in history["usage"] if row["recording"] == "one" and not row["test_s"])
     assert one["estimation_s"] == pytest.approx(2 * one["selection_s"], abs=1.0)
     assert sum(row["test_s"] > 0 for row in history["usage"]) == 2
-    assert "nothing of the test seconds entered a choice" in history["usage_rule"]
+    assert "no choice used the test seconds" in history["usage_rule"]
 
 
 def test_folds_are_in_the_model_and_no_test_second_is_in_them_twice(work):
@@ -116,7 +116,7 @@ def test_identify_prints_the_folds_and_what_seconds_served(work, tmp_path, capsy
     out = capsys.readouterr().out
     assert "0.0-6.5 s" in out and "6.5-13.0 s" in out and "spread" in out
     assert re.search(r"estimation \d+\.\d s", out) and re.search(r"test \d+\.\d s", out)
-    assert "of every 3 s identified on" in out
+    assert "of every 3 s of identification data" in out
 
 
 def test_a_certificate_is_proved_again_without_a_bag(work, capsys):
@@ -182,7 +182,7 @@ def test_a_proof_beyond_the_files_claims_is_one(work, tmp_path, capsys, change, 
         (("validate", "model.json", "one", "--weight", "everything=2"), "--weight 'everything=2'"),
         (("identify", "one", "two", "--folds", "3"), "--folds 3: 2 recordings"),
         (("identify", "one", "two", "--folds", "1"), "expected at least 2"),
-        (("identify", "one", "--folds", "9"), "ask for fewer"),
+        (("identify", "one", "--folds", "9"), "use fewer folds"),
     ],
 )
 def test_wrong_words(work, monkeypatch, capsys, words, expected):

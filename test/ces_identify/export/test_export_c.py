@@ -12,7 +12,8 @@ import pytest
 from constructed_models import TERMS as CONSTRUCTED
 from trained_models import fuzzy_model
 
-from ces_identify.export.export_c import LONGEST_NAME, NAME_ENDING, REASONS, export_c, identifier, number
+from ces_identify.export.c_text import number
+from ces_identify.export.export_c import LONGEST_NAME, NAME_ENDING, REASONS, export_c, identifier
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling

@@ -13,7 +13,7 @@ from ces_identify.polynomial.regressors import load_rules, parse_rules
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, Sampling, parse_model
 from ces_observer.structures.constructed_inputs import Hysteresis, make_memberships

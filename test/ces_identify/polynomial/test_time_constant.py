@@ -12,7 +12,7 @@ from ces_identify.polynomial.time_constant import GRID_S, find_time_constants
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.constructed_inputs import Lag, TriangularMembership, make_memberships
 from ces_observer.structures.polynomial import Polynomial

@@ -262,7 +262,7 @@ def test_constant_current_gives_a_histogram_over_speed(tmp_path: Path) -> None:
 
 def test_without_validation_the_page_says_so(tmp_path: Path, both: list[Evaluation]) -> None:
     text, root = page(tmp_path, both[:1])
-    assert "Not validated: fit and selection have seen every recording below." in text
+    assert "Not validated: fit and selection used all recordings below." in text
     assert "RMS error on the identification recordings" in words(section(root, "coverage"))
 
 

@@ -12,7 +12,7 @@ from fmus import algebraic_fmu, changed, damper, damper_fmu, needs_compiler, pac
 from ces_identify.export.export_fmu import binary_path
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.fmu_ports import Port, Ports, choose_ports, read_names
-from ces_identify.simulations.fmu_simulation import open_fmu, smooth_speed, stretches
+from ces_identify.simulations.fmu_simulation import open_fmu, smooth_speed, split_at_gaps
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.errors import CesError
 
@@ -29,10 +29,10 @@ def recording(count=2000, seed=1, jitter_ns=400_000, noise_m=15e-6):
     stamps = START + np.arange(count) * 1_000_000 + dice.integers(0, jitter_ns, count)
     t = (stamps - START) * 1e-9
     position = 0.012 * np.sin(25.0 * t) + 0.004 * np.sin(60.0 * t) + dice.normal(0, noise_m, count)
-    return made(stamps, position, 0.5 + 0.3 * np.sin(4.0 * t))
+    return make_recording(stamps, position, 0.5 + 0.3 * np.sin(4.0 * t))
 
 
-def made(stamps, position, current):
+def make_recording(stamps, position, current):
     channels = {
         "position": Channel("position", "m", stamps, position),
         "current": Channel("current", "A", stamps, current),
@@ -50,7 +50,7 @@ def spoiled():
     stamps[1200], stamps[1300] = stamps[1195], stamps[1299]
     position[500], current[600] = np.nan, np.inf
     position[1500] += 0.05
-    return made(stamps, position, current)
+    return make_recording(stamps, position, current)
 
 
 @needs_compiler
@@ -108,7 +108,7 @@ def test_nothing_stays_behind(tmp_path, monkeypatch):
 def test_a_failing_step_says_when(tmp_path):
     simulation = open_fmu(f"{algebraic_fmu(tmp_path)}:force=rear.out")
     c = recording(jitter_ns=1).channels
-    strong = made(c["position"].stamps_ns, c["position"].values, 0.0 * c["current"].values + 8.0)
+    strong = make_recording(c["position"].stamps_ns, c["position"].values, 0.0 * c["current"].values + 8.0)
     with pytest.raises(CesError, match=r"algebraic.fmu: the FMU failed at 1\.90.* s: fmi2DoStep failed with status 3"):
         simulation.force(strong)
 
@@ -141,9 +141,9 @@ MINIMAL = (
 def test_files_that_are_no_fmu(tmp_path):
     (tmp_path / "text.fmu").write_text("hello")
     packed(tmp_path / "empty.fmu", {"a.txt": b"x"})
-    with pytest.raises(CesError, match=r"text\.fmu: not an FMU, or a damaged one: it is not a zip file"):
+    with pytest.raises(CesError, match=r"text\.fmu: not an FMU or damaged: not a zip file"):
         open_fmu(str(tmp_path / "text.fmu"))
-    with pytest.raises(CesError, match=r"empty\.fmu: not an FMU, or a damaged one: .*modelDescription\.xml"):
+    with pytest.raises(CesError, match=r"empty\.fmu: not an FMU or damaged: .*modelDescription\.xml"):
         open_fmu(str(tmp_path / "empty.fmu"))
     with pytest.raises(CesError, match=r"none\.fmu: no such file"):
         open_fmu(str(tmp_path / "none.fmu"))
@@ -264,10 +264,10 @@ def test_values_are_converted_with_the_units_factor():
 
 def test_stretches_end_at_gaps_and_leave_late_samples_out():
     stamps = np.array([0, 1, 2, 2, 1, 3, 200, 201]) * 1_000_000
-    assert [part.tolist() for part in stretches(stamps)] == [[0, 1, 2, 5], [6, 7]]
+    assert [part.tolist() for part in split_at_gaps(stamps)] == [[0, 1, 2, 5], [6, 7]]
     slow = np.arange(5) * 100_000_000
-    assert [part.tolist() for part in stretches(slow)] == [[0, 1, 2, 3, 4]]
-    assert [part.tolist() for part in stretches(slow[:1])] == [[0]]
+    assert [part.tolist() for part in split_at_gaps(slow)] == [[0, 1, 2, 3, 4]]
+    assert [part.tolist() for part in split_at_gaps(slow[:1])] == [[0]]
 
 
 def test_speed_is_smooth_and_not_delayed():

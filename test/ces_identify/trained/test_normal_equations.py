@@ -85,17 +85,19 @@ def test_matrix_and_gradient_are_those_of_finite_differences(make):
 
 def replace_decay(fit):
     return (
-        replace(fit, decay=0.0) if isinstance(fit, NetworkFit) else Unpriced(fit.training, fit.regressors, fit.grid, 0)
+        replace(fit, decay=0.0)
+        if isinstance(fit, NetworkFit)
+        else Unregularised(fit.training, fit.regressors, fit.grid, 0)
     )
 
 
-class Unpriced(FuzzyFit):
-    def _prices(self, params):
+class Unregularised(FuzzyFit):
+    def _regularisation(self, params):
         return np.zeros_like(params), np.zeros_like(params)
 
 
 @pytest.mark.parametrize("make", FITS)
-def test_error_is_that_of_the_free_run_on_the_estimation_ticks_and_its_prices(make):
+def test_error_is_that_of_the_free_run_on_the_estimation_ticks_and_its_regularisation(make):
     fit = make(data())
     params, t = parameters(fit), fit.training
     plain = float(t.estimation @ (t.measured - fit.force(params)) ** 2)
@@ -105,7 +107,7 @@ def test_error_is_that_of_the_free_run_on_the_estimation_ticks_and_its_prices(ma
 
 
 @pytest.mark.parametrize("make", FITS)
-def test_prices_bend_error_and_gradient_alike(make):
+def test_regularisation_bend_error_and_gradient_alike(make):
     fit = make(data())
     params = parameters(fit)
     _, matrix, gradient = fit.errors(params, np.inf)

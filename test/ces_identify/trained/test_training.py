@@ -4,8 +4,7 @@ from planted import NETWORK, SAMPLING, planted
 
 from ces_identify.preparation.cost import cost
 from ces_identify.preparation.series import prepare
-from ces_identify.trained.lagged_fit import Lags, build_regressors, find_changing_inputs
-from ces_identify.trained.training import build_training
+from ces_identify.trained.training import Lags, build_regressors, build_training
 from ces_observer.errors import RecordingError
 
 
@@ -42,7 +41,7 @@ def test_regressors_have_mean_zero_and_spread_one_and_whole_ticks(data):
     ]
     assert chosen[2].spread == pytest.approx(data.inputs[1].std())
     assert chosen[0].mean == 0.0
-    assert find_changing_inputs(data) == {"position", "speed", "current"}
+    assert data.changing_inputs() == {"position", "speed", "current"}
 
 
 def test_the_force_envelope_holds_zero_where_every_run_begins(data):

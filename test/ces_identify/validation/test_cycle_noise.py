@@ -8,7 +8,7 @@ from ces_identify.preparation.cost import cost
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel
-from ces_identify.validation.cycle_noise import CycleNoise, NoCycles, cycle_noise, find_period, whole_ticks
+from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise, find_period, whole_ticks
 from ces_rig.experiment import load_experiment, measure, packaged_experiments, simulate_truth
 
 
@@ -63,24 +63,23 @@ def test_cycles_that_differ_are_left_out():
 
 
 @pytest.mark.parametrize(
-    ("made", "reason"),
+    ("make", "reason"),
     [
         (series, "the stroke does not repeat"),
         (lambda: series(position=np.full(10_000, 0.01)), "the stroke does not repeat"),
         (lambda: cycles(current=0.5 + 0.1 * coloured(10_000, 0.999, 3))[0], "from cycle to cycle the current differs"),
-        (lambda: cycles(seconds=2.2)[0], "cycles alike"),
+        (lambda: cycles(seconds=2.2)[0], "equal cycles"),
     ],
 )
-def test_no_floor_without_cycles(made, reason):
-    found = cycle_noise(made())
-    assert isinstance(found, NoCycles)
-    assert reason in found.reason
+def test_no_floor_without_cycles(make, reason):
+    found = cycle_noise(make())
+    assert isinstance(found, str) and reason in found
 
 
 def test_a_sweep_does_not_repeat():
     t = np.arange(15_000) / RATE
     sweep = 0.018 * np.sin(2 * np.pi * (2.0 * t + 7.0 * t**2 / 30.0))
-    assert isinstance(cycle_noise(series(15_000, position=sweep)), NoCycles)
+    assert isinstance(cycle_noise(series(15_000, position=sweep)), str)
 
 
 def test_the_period_of_several_sines_is_their_common_one():

@@ -4,12 +4,19 @@ from residual_series import coloured, evaluation, series
 from scipy.stats import chi2
 
 from ces_identify.numerics.correlation import single_run
-from ces_identify.validation.residuals import bartlett, cross_correlation, residual_tests, sequence, verdicts, whiteness
+from ces_identify.validation.residuals import (
+    bartlett,
+    cross_correlation,
+    residual_tests,
+    scale_sequence,
+    verdicts,
+    whiteness,
+)
 
 
 def correlated(first, second):
     runs = single_run(len(first))
-    pair = sequence("input", first, runs), sequence("residual", second, runs)
+    pair = scale_sequence("input", first, runs), scale_sequence("residual", second, runs)
     return cross_correlation(*pair, runs, 50, 500.0)
 
 
@@ -47,7 +54,7 @@ def test_bands_hold_for_independent_autocorrelated_sequences(poles):
 def test_bartlett_variance_of_first_order_sequences():
     """For two AR(1) the sum of rho_u rho_e over lags is (1 + ab) / (1 - ab)."""
     a, b = coloured(60_000, 0.9, 1), coloured(60_000, 0.8, 2)
-    first, second = (sequence("", x, single_run(60_000)) for x in (a, b))
+    first, second = (scale_sequence("", x, single_run(60_000)) for x in (a, b))
     assert bartlett(first, second) == pytest.approx((1 + 0.72) / (1 - 0.72), rel=0.2)
 
 
@@ -89,7 +96,7 @@ def test_verdicts_say_what_is_left_and_where():
     one = series(20_000)
     clean, left = (evaluation(one, 5.0 * coloured(20_000, 0.0, 9) + gain * one.speed) for gain in (0.0, 10.0))
     assert verdicts(residual_tests(clean))[0].startswith("white")
-    assert verdicts(residual_tests(clean))[1].startswith("nothing left that goes with speed, position, current")
+    assert verdicts(residual_tests(clean))[1].startswith("no correlation left with speed, position, current")
     white, inputs = verdicts(residual_tests(left))
     assert white.startswith("not white")
     assert "with speed 0 ms before" in inputs

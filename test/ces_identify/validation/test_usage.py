@@ -8,7 +8,7 @@ from ces_identify.identification import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.problem import assemble_problem, estimation_ticks
 from ces_identify.polynomial.regressors import parse_rules
-from ces_identify.structure_kit import IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.usage import RULE, usage
 from ces_observer.structures.terms import Term
 
@@ -36,8 +36,8 @@ def test_seconds_are_those_the_search_deals():
 
 
 def test_the_rule_is_the_problems():
-    assert RULE.startswith("of every 3 s identified on, the first 2 s serve estimation and the last 1 s selection")
-    assert "nothing of the test seconds entered a choice" in RULE
+    assert RULE.startswith("of every 3 s of identification data, the first 2 s serve estimation and the last 1 s sel")
+    assert "no choice used the test seconds" in RULE
 
 
 def test_the_test_seconds_change_nothing_of_the_model():

@@ -1,81 +1,63 @@
-"""Neuro-fuzzy models offline: their size, how they are fitted, run in batch and shown."""
+"""Neuro-fuzzy models offline: size, fit, batch run and table for the report."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
-from ces_identify.polynomial.limits import Listener
-from ces_identify.preparation.series import Series
+from ces_identify.numerics.arrays import F, I
 from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.structure_kit import Fitted, IdentifyOptions, SizeOption, StructureKit
+from ces_identify.structures.kit import SizeOption, StructureKit
+from ces_identify.structures.lagged_fit import LaggedShape
 from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
-from ces_identify.trained.lagged_fit import LAGS, Lags, build_regressors, find_changing_inputs, fit_family
 from ces_identify.trained.lagged_kernels import lagged_free_run
-from ces_identify.trained.lagged_table import regressor_table
-from ces_identify.trained.training import Training
+from ces_identify.trained.lagged_table import regressor_table, unscaled_inputs
+from ces_identify.trained.training import LAGS, Lags, Training, build_regressors
 from ces_identify.typesetting import UNITS, ModelTable, four_figures, minus, parameter_table, signal_symbol
-from ces_observer.model import Model, Sampling
+from ces_observer.model import Model
 from ces_observer.structures.fuzzy import Fuzzy, Rule
-from ces_observer.structures.lagged_signals import Regressor
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 MAX_RULES = 60
 
 
 @dataclass(frozen=True)
-class FuzzyShape:
-    """A neuro-fuzzy model's size: memberships of speed and of current (each combination is a rule), and regressors.
+class FuzzyShape(LaggedShape):
+    """The size of a neuro-fuzzy model (Jang 1993): memberships of speed and current, a rule for each pair, and lags."""
 
-    `current_delay_s` is the delay of the current that the rules are chosen by, `decay` the price of a squared
-    consequent in (J / 100)^2. Called, it fits models of that size (Jang 1993).
-    """
-
+    option: ClassVar[str] = "anfis"
     speeds: int = 7
     currents: int = 2
-    current_delay_s: float = 0.008
+    current_delay_s: float = 0.008  # of the current in the premises
     lags: Lags = LAGS
-    decay: float = 3e-6
-
-    def __call__(
-        self, training: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
-    ) -> Fitted:
-        """Return the best neuro-fuzzy model."""
-        return fit_family("anfis", self.family, training, sampling, options, listener)
+    decay: float = 3e-6  # [(J / 100)^2] cost of a squared consequent
 
     def family(self, data: Training, rate_Hz: float) -> FuzzyFit:
-        """Return the neuro-fuzzy models of this size on the data."""
+        """Return the neuro-fuzzy models of this size for the data."""
         grid = [PremiseGrid("speed", 0, self.speeds)]
-        if self.currents > 1 and "current" in find_changing_inputs(data):
+        if self.currents > 1 and "current" in data.changing_inputs():
             grid.append(PremiseGrid("current", round(self.current_delay_s * rate_Hz), self.currents))
         return FuzzyFit(data, build_regressors(data, self.lags, rate_Hz), tuple(grid), self.decay)
 
 
 def read_grid(text: str) -> tuple[int, int]:
-    """Return the two numbers of memberships in `VxI`; raises ValueError."""
+    """Return the numbers of memberships in `VxI`; raises ValueError."""
     speeds, _, currents = text.partition("x")
     if not (speeds.isdecimal() and currents.isdecimal() and int(speeds) >= 2 and int(currents) >= 1):
-        raise ValueError(f"'{text}' is not VxI, such as 7x2: at least 2 of speed and 1 of current")
+        raise ValueError(f"'{text}' is not VxI, such as 7x2, with at least 2 of speed and 1 of current")
     if int(speeds) * int(currents) > MAX_RULES:
         raise ValueError(f"'{text}' makes {int(speeds) * int(currents)} rules; at most {MAX_RULES}")
     return int(speeds), int(currents)
 
 
 def run_fuzzy(fuzzy: Fuzzy, model: Model, inputs: F, segments: I) -> tuple[F, int]:
-    """Return force (ticks,) [N] and the first tick out of the force envelope (-1 if none) of a neuro-fuzzy model.
-
-    `inputs` (3, ticks) are position [m], speed [m/s] and current [A].
-    """
+    """Return the batch run of neuro-fuzzy rules, as `StructureKit.batch_run` describes it."""
     table = regressor_table(fuzzy.regressors, model.envelope, inputs, segments)
-    raw = [Regressor(p.signal, p.lag, 0.0, 1.0) for p in fuzzy.premises]
-    premises = regressor_table(raw, model.envelope, inputs, segments).values
+    premises = unscaled_inputs([(p.signal, p.lag) for p in fuzzy.premises], model.envelope, inputs, segments)
     counts = [len(p.memberships) for p in fuzzy.premises]
     bells = [(b.centre, np.log(b.width), np.log(b.slope)) for p in fuzzy.premises for b in p.memberships]
     first = np.cumsum([0, *counts[:-1]])
@@ -92,12 +74,12 @@ def run_fuzzy(fuzzy: Fuzzy, model: Model, inputs: F, segments: I) -> tuple[F, in
 
 
 def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
-    """Return the rules by where they hold, with what a step of each regressor makes of the force there."""
+    """Return the rules: where each applies, and the force for a change of each regressor."""
     about = (
-        f"A neuro-fuzzy model of {len(fuzzy.rules)} rules, each an affine model that holds about the values named. "
-        "Numbers: force [N] for a step of one spread of the regressor."
+        f"A neuro-fuzzy model of {len(fuzzy.rules)} rules, each an affine model near the values named. "
+        "Numbers: force [N] for a change of a regressor by one standard deviation."
     )
-    heads = (Markup("Rule: about"), Markup("Constant [N]"), *(signal_symbol(r.signal, r.lag) for r in fuzzy.regressors))
+    heads = (Markup("Rule near"), Markup("Constant [N]"), *(signal_symbol(r.signal, r.lag) for r in fuzzy.regressors))
     rows = [
         (_place(fuzzy, rule), *(four_figures(fuzzy.scale_N * number) for number in (rule.constant, *rule.linear)))
         for rule in fuzzy.rules
@@ -124,7 +106,7 @@ RULES = SizeOption(
     metavar="VxI",
 )
 ANFIS = StructureKit(
-    option="anfis",
+    option=FuzzyShape.option,
     about="neuro-fuzzy rules",
     body=Fuzzy,
     sizes=(RULES,),

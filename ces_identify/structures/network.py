@@ -1,59 +1,44 @@
-"""Sigmoid networks offline: their size, how they are fitted, run in batch and shown."""
+"""Sigmoid networks offline: size, fit, batch run and table for the report."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
-from ces_identify.polynomial.limits import Listener
-from ces_identify.preparation.series import Series
+from ces_identify.numerics.arrays import F, I
 from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.structure_kit import Fitted, IdentifyOptions, SizeOption, StructureKit
-from ces_identify.trained.lagged_fit import LAGS, Lags, build_regressors, fit_family
+from ces_identify.structures.kit import SizeOption, StructureKit
+from ces_identify.structures.lagged_fit import LaggedShape
 from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.network_fit import NetworkFit
 from ces_identify.trained.network_kernels import NetworkArrays
-from ces_identify.trained.training import Training
+from ces_identify.trained.training import LAGS, Lags, Training, build_regressors
 from ces_identify.typesetting import ModelTable, four_figures, parameter_table, signal_symbol
-from ces_observer.model import Model, Sampling
+from ces_observer.model import Model
 from ces_observer.structures.network import Network
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 
 @dataclass(frozen=True)
-class NetworkShape:
-    """A sigmoid network's size: units, regressors, and the price of a squared parameter in (J / 100)^2.
+class NetworkShape(LaggedShape):
+    """The size of a sigmoid network (thesis eq. 3.4): units, lags, and the cost of a squared parameter."""
 
-    Called, it fits networks of that size (thesis eq. 3.4).
-    """
-
+    option: ClassVar[str] = "sigmoid"
     units: int = 10
     lags: Lags = LAGS
-    decay: float = 3e-6
-
-    def __call__(
-        self, training: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
-    ) -> Fitted:
-        """Return the best network."""
-        return fit_family("sigmoid", self.family, training, sampling, options, listener)
+    decay: float = 3e-6  # [(J / 100)^2]
 
     def family(self, data: Training, rate_Hz: float) -> NetworkFit:
-        """Return the networks of this size on the data."""
+        """Return the networks of this size for the data."""
         return NetworkFit(data, build_regressors(data, self.lags, rate_Hz), self.units, self.decay)
 
 
 def run_network(network: Network, model: Model, inputs: F, segments: I) -> tuple[F, int]:
-    """Return force (ticks,) [N] and the first tick out of the force envelope (-1 if none) of a sigmoid network.
-
-    `inputs` (3, ticks) are position [m], speed [m/s] and current [A].
-    """
+    """Return the batch run of a sigmoid network, as `StructureKit.batch_run` describes it."""
     table = regressor_table(network.regressors, model.envelope, inputs, segments)
     units = [number for unit in network.units for number in (unit.weight, unit.bias, *unit.slopes)]
     params = np.array([network.constant, *network.linear, *units])
@@ -63,10 +48,10 @@ def run_network(network: Network, model: Model, inputs: F, segments: I) -> tuple
 
 
 def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
-    """Return the regressors, with what a step of each makes of the force."""
+    """Return the regressors, with the force for a change of each."""
     about = (
-        f"A sigmoid network of {len(network.units)} units. Linear part and units: force for a step of one spread, "
-        "that of the units where all are steepest; mean and spread in the signal's unit."
+        f"A sigmoid network of {len(network.units)} units. Linear part and units: force for a change by one spread, "
+        "for the units where all are steepest. Mean and spread (standard deviation) in the signal's unit."
     )
     heads = ("Regressor", "Mean", "Spread", "Linear part [N]", "Units [N]")
     rows = [
@@ -85,7 +70,7 @@ UNITS = SizeOption(
     "units", NetworkShape().units, "sigmoids of a sigmoid network", "whole numbers from 1 to 60", whole=(1, 60)
 )
 SIGMOID = StructureKit(
-    option="sigmoid",
+    option=NetworkShape.option,
     about="sigmoid network NARX",
     body=Network,
     sizes=(UNITS,),

@@ -1,4 +1,4 @@
-"""Polynomial NARX models offline: how terms are chosen and fitted; prepared series in, a model out."""
+"""Polynomial NARX models offline: selection of terms and fit; prepared series in, a model out."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from ces_identify.polynomial.selection import search
 from ces_identify.polynomial.term_table import term_table
 from ces_identify.polynomial.time_constant import find_time_constants
 from ces_identify.preparation.series import Series
-from ces_identify.structure_kit import Fitted, IdentifyOptions, StructureKit
+from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
 
-MIN_SEARCH_SHARE = 0.5  # of the time that is left to the search, however long posing took
+MIN_SEARCH_SHARE = 0.5  # of the time limit that the search gets, however long it took to build the problem
 
 
 def fit_polynomial(
@@ -32,51 +32,50 @@ def fit_polynomial(
 ) -> Fitted:
     """Return the best polynomial of the options' candidates; raises CesError if the series hold too little.
 
-    A last fit on all identification data is kept only if it does not make their free run worse.
+    A last fit on all identification data is used only if it does not worsen their free run.
     """
-    began = search_clock.now()
+    started = search_clock.now()
     problem = build_problem(training, options)
-    seconds = max(MIN_SEARCH_SHARE * options.limits.seconds, options.limits.seconds - (search_clock.now() - began))
+    seconds = max(MIN_SEARCH_SHARE * options.limits.seconds, options.limits.seconds - (search_clock.now() - started))
     limits = replace(options.limits, seconds=seconds)
-    found = [f for f in search(problem, limits, listener) if f.cost < 100.0]
-    if not found:
-        raise CesError("no candidate lowered the cost below 100 %: check signs, signals and rules, or give more time")
-    model, found = _best_model(problem, sampling, found, options.certify)
+    results = [f for f in search(problem, limits, listener) if f.cost < 100.0]
+    if not results:
+        raise CesError("no candidate lowered the cost below 100 %; check signs, signals and rules, or give more time")
+    model, results = _best_model(problem, sampling, results, options.certify)
     how = {
         "method": f"{options.limits.method}, judged by free run",
         "candidates": len(problem.candidates),
         "most_terms": options.limits.max_terms,
     }
-    return Fitted(model, found, how)
+    return Fitted(model, results, how)
 
 
 def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Problem:
-    """Return the problem of choosing terms on prepared series, with every open time constant found."""
+    """Return the problem of choosing terms on prepared series, with all open time constants determined."""
     rules = _restrict_rules(options.rules.at_rate(training[0].rate_Hz), training)
     rules = find_time_constants(rules, training, options.limits, options.certify, options.weighting)
     return assemble_problem(training, rules.candidates(), options.certify, options.weighting)
 
 
 def _restrict_rules(rules: CandidateRules, training: Sequence[Series]) -> CandidateRules:
-    """Return the rules without products of a current that does not change, and with what they construct in range."""
+    """Return the rules without products of a constant current, and with constructed inputs in range of the data."""
     current = np.concatenate([series.current for series in training])
     constant = np.ptp(current) <= 1e-3 * max(1e-9, float(np.abs(current).max()))
     return restrict_to_data(rules.without_signal("current") if constant else rules, training)
 
 
 def _best_model(
-    problem: Problem, sampling: Sampling, found: Sequence[SearchResult], prove: bool
+    problem: Problem, sampling: Sampling, results: Sequence[SearchResult], prove: bool
 ) -> tuple[Model, list[SearchResult]]:
-    """Return the model of the best start, with `prove` of the best whose proof succeeds, and the starts from it on."""
-    for i, best in enumerate(found):
+    """Return the model of the best start (with `prove`, of the best with a certificate) and the starts from it on."""
+    for i, best in enumerate(results):
         model = _model(problem, sampling, best)
         if not prove:
-            return model, list(found)
+            return model, list(results)
         if model.is_stable():
-            return replace(model, certificate=model.certify().to_mapping()), list(found[i:])
+            return replace(model, certificate=model.certify().to_mapping()), list(results[i:])
     raise CesError(
-        "no model found could be proved stable; let past forces be multiplied by fewer different lags, or give "
-        "--no-certificate"
+        "no model could be proved stable; multiply past forces by fewer different lags, or give --no-certificate"
     )
 
 

@@ -18,7 +18,7 @@ from ces_identify import structures as offline
 from ces_identify.polynomial.limits import SearchResult
 from ces_identify.report import write_report
 from ces_identify.simulations.simulate import sample_force
-from ces_identify.structure_kit import Fitted, IdentifyOptions, SizeOption, StructureKit
+from ces_identify.structures.kit import Fitted, IdentifyOptions, SizeOption, StructureKit
 from ces_identify.typesetting import parameter_table
 from ces_observer import structures as on_vehicle
 from ces_observer.control.steady_force import steady_force

@@ -11,11 +11,11 @@ from planted import FUZZY, NETWORK, RATE_HZ, planted
 from ces_identify.identification import identify
 from ces_identify.polynomial.limits import Limits
 from ces_identify.recordings.recording import Channel
-from ces_identify.structure_kit import IdentifyOptions
-from ces_identify.trained.fuzzy_structure import FuzzyShape
-from ces_identify.trained.lagged_fit import Lags
-from ces_identify.trained.network_structure import NetworkShape
+from ces_identify.structures.fuzzy import FuzzyShape
+from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.network import NetworkShape
 from ces_identify.trained.simulation_error import MAX_GAIN
+from ces_identify.trained.training import Lags
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
@@ -33,7 +33,7 @@ def options(**changes):
     return IdentifyOptions(**{"split": 1.0, **fields, **changes})
 
 
-def found(kind, split=1.0, training=None, listener=lambda found: None, **changes):
+def identify_kind(kind, split=1.0, training=None, listener=lambda result: None, **changes):
     model, shape = KINDS[kind]
     recordings = training or [planted(model, 1), planted(model, 2)]
     fresh = planted(model, 3, name="fresh")
@@ -42,7 +42,7 @@ def found(kind, split=1.0, training=None, listener=lambda found: None, **changes
 
 @pytest.fixture(scope="module", params=list(KINDS))
 def result(request):
-    return request.param, found(request.param)
+    return request.param, identify_kind(request.param)
 
 
 def test_cost_on_a_fresh_recording_is_the_noise_floor(result):
@@ -60,7 +60,7 @@ def test_the_model_is_certified_and_its_proof_stands(result):
 
 def test_the_same_seed_gives_the_same_model(result):
     kind, identified = result
-    assert found(kind).model == identified.model
+    assert identify_kind(kind).model == identified.model
 
 
 def test_the_file_holds_the_model_and_where_it_came_from(result):
@@ -82,8 +82,8 @@ def test_held_out_data_do_not_change_the_model(kind):
     values[late:] = np.random.default_rng(0).normal(0, 1e4, len(values))[late:]
     spoiled = replace(clean, channels={**clean.channels, "force": replace(force, values=values)})
     few = Limits(seconds=30.0, starts=1, threads=1)
-    one = found(kind, 0.75, [clean], limits=few)
-    other = found(kind, 0.75, [spoiled], limits=few)
+    one = identify_kind(kind, 0.75, [clean], limits=few)
+    other = identify_kind(kind, 0.75, [spoiled], limits=few)
     assert one.model.body == other.model.body
     assert [e.role for e in one.evaluations] == [IDENTIFICATION, VALIDATION, VALIDATION]
 
@@ -93,7 +93,7 @@ def test_a_constant_current_is_left_out(kind):
     clean = planted(KINDS[kind][0], 4)
     current = clean.channel("current")
     fixed = {**clean.channels, "current": replace(current, values=np.full(len(current), 0.5))}
-    identified = found(kind, 1.0, [replace(clean, channels=fixed)], limits=Limits(seconds=30.0, starts=1))
+    identified = identify_kind(kind, 1.0, [replace(clean, channels=fixed)], limits=Limits(seconds=30.0, starts=1))
     body = identified.model.body
     assert not any(r.signal == "current" for r in body.regressors)
 
@@ -101,7 +101,7 @@ def test_a_constant_current_is_left_out(kind):
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
     heard = []
-    quick = found(kind, limits=Limits(seconds=0.3, starts=1, threads=1), listener=heard.append)
+    quick = identify_kind(kind, limits=Limits(seconds=0.3, starts=1, threads=1), listener=heard.append)
     assert quick.search_results[0].ended in {"time is up", "no more gain on the selection ticks"}
     costs = [f.cost for f in heard]
     assert costs == sorted(costs, reverse=True)
@@ -115,13 +115,13 @@ def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
 
     heard.clear()
     monkeypatch.setattr("ces_identify.trained.simulation_error.wait", interrupt)
-    broken_off = found(kind, limits=Limits(seconds=60.0, starts=1, threads=1), listener=heard.append)
+    broken_off = identify_kind(kind, limits=Limits(seconds=60.0, starts=1, threads=1), listener=heard.append)
     assert broken_off.search_results[0].ended == "interrupted"
     assert np.isfinite(broken_off.search_results[0].cost)
 
 
 def test_without_a_certificate_none_is_written():
-    loose = found("network", certify=False, limits=Limits(seconds=10.0, starts=1, target=20.0))
+    loose = identify_kind("network", certify=False, limits=Limits(seconds=10.0, starts=1, target=20.0))
     assert loose.model.certificate is None
     assert loose.search_results[0].ended == "target cost reached"
 
@@ -131,7 +131,7 @@ def test_a_preload_far_from_zero_is_no_obstacle(kind):
     recording = planted(KINDS[kind][0], 1)
     force = recording.channel("force")
     loaded = {**recording.channels, "force": replace(force, values=force.values - 5000.0)}
-    identified = found(kind, 1.0, [replace(recording, channels=loaded)], limits=Limits(seconds=20.0, starts=1))
+    identified = identify_kind(kind, 1.0, [replace(recording, channels=loaded)], limits=Limits(seconds=20.0, starts=1))
     assert identified.evaluations[0].rms_N < 2.0 * NOISE_N
 
 
@@ -145,9 +145,9 @@ def test_a_damper_slower_than_may_be_proved_is_met_as_nearly_as_may_be():
 
 def test_recordings_without_enough_are_refused():
     with pytest.raises(CesError, match=r"warm-up|at least|too short"):
-        found("network", training=[planted(NETWORK, 6, seconds=0.8)])
+        identify_kind("network", training=[planted(NETWORK, 6, seconds=0.8)])
     flat = planted(NETWORK, 5)
     force = flat.channel("force")
     still = Channel("force", "N", force.stamps_ns, np.zeros(len(force)))
     with pytest.raises(CesError, match="measured force is constant"):
-        found("network", training=[replace(flat, channels={**flat.channels, "force": still})])
+        identify_kind("network", training=[replace(flat, channels={**flat.channels, "force": still})])

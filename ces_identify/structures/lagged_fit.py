@@ -1,0 +1,46 @@
+"""The fit of networks and neuro-fuzzy models: from prepared series to a model with its certificate."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from ces_identify.polynomial.limits import Listener
+from ces_identify.preparation.series import Series
+from ces_identify.structures.kit import Fitted, IdentifyOptions
+from ces_identify.trained.family import Family
+from ces_identify.trained.simulation_error import train
+from ces_identify.trained.training import Training, build_training
+from ces_observer.errors import CesError
+from ces_observer.model import Sampling
+
+
+@dataclass(frozen=True)
+class LaggedShape(ABC):
+    """The size of a structure on lagged regressors. A call fits models of this size; it is a `Fitter`."""
+
+    option: ClassVar[str]
+
+    @abstractmethod
+    def family(self, data: Training, rate_Hz: float) -> Family:
+        """Return the models of this size for the data."""
+
+    def __call__(
+        self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
+    ) -> Fitted:
+        """Return the best model; raises CesError if no start gives one. Rules and limits on terms do not apply."""
+        family = self.family(build_training(series, options.weighting), sampling.rate_Hz)
+        results = train(family, options.limits, options.certify, listener)
+        if not results:
+            raise CesError(f"no start of the {self.option} fit gave a stable model; give more time, starts or data")
+        params = results[0].coefficients
+        model = family.model(params, sampling)
+        if options.certify:
+            certificate = model.certify()
+            if not certificate.holds:
+                raise CesError("the model could not be proved stable; try other sizes or give --no-certificate")
+            model = replace(model, certificate=certificate.to_mapping())
+        how = {"method": "Levenberg-Marquardt on the free-run error, stopped early", "parameters": len(params)}
+        return Fitted(model, results, how)
