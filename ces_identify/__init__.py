@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ces_identify.polynomial.limits import Limits
     from ces_identify.recordings.recording import Channel, Recording
     from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
-    from ces_identify.structure_kit import IdentifyOptions
+    from ces_identify.structures.kit import IdentifyOptions
     from ces_identify.validation.evaluate import Evaluation
     from ces_observer import Model, load_model
 
@@ -38,7 +38,7 @@ _SOURCES = {
     "ces_identify.polynomial.limits": ("Limits",),
     "ces_identify.recordings.recording": ("Channel", "Recording"),
     "ces_identify.simulations.simulation": ("FunctionSimulation", "ModelSimulation", "Simulation"),
-    "ces_identify.structure_kit": ("IdentifyOptions",),
+    "ces_identify.structures.kit": ("IdentifyOptions",),
     "ces_identify.validation.evaluate": ("Evaluation",),
     "ces_observer": ("Model", "load_model"),
 }  # fmt: skip

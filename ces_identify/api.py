@@ -22,8 +22,8 @@ from ces_identify.recordings.dyno_mapping import load_dyno_mapping
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulate import sample_force
-from ces_identify.structure_kit import IdentifyOptions, Size
 from ces_identify.structures import KITS
+from ces_identify.structures.kit import IdentifyOptions, Size
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_observer.errors import CesError
 from ces_observer.model import Model

@@ -175,7 +175,7 @@ def interrupt(*_, **__):
     [
         "ces_cli.terminal.terminal.read_recording",
         "ces_identify.identification.choose_sampling",
-        "ces_identify.polynomial_structure.assemble_problem",
+        "ces_identify.structures.polynomial.assemble_problem",
         "ces_identify.identification.evaluate",
         "ces_observer.json_checks.os.fsync",
         "ces_identify.report.render",
