@@ -81,7 +81,7 @@ def term_forces(polynomial: Polynomial, model: Model, one: SimulatedSeries) -> l
     for s, (start, stop) in enumerate(series.segments):
         for k0 in range(start, stop, CHUNK):
             k1 = min(k0 + CHUNK, stop)
-            columns = kernels.regressor_columns(powers, run.force, series.segments, *terms.arrays, k0, k1, s)
+            columns = kernels.regressor_columns(powers, run.force, series.segments, terms.arrays, k0, k1, s)
             pieces.append((int(k0), gain * columns))
     return pieces
 
