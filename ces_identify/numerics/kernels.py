@@ -14,12 +14,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_observer.tracker import DOUBT, LARGEST_CHANGE, OVERDUE, PATIENCE, SETTLING
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741 - the index arrays of every kernel
-
-BLOCK = 1024  # ticks worked on at a time, so that they stay in the first-level cache
+BLOCK = 1024  # ticks per pass, which fit into the first-level cache
 Bounds = tuple[float, float]  # lowest and highest force of a free run [N]
 STATUS_OK, STATUS_ORDER, STATUS_OUTLIER, STATUS_RESTART, STATUS_UNSETTLED = 0, 1, 2, 3, 4
 
@@ -239,8 +237,7 @@ def _run_block(
 ) -> int:
     """Free-run ticks k0 to k1 of a segment that starts at `start`; returns the first tick out of bounds, or k1.
 
-    `work` has shape (1 + most output lags in use, BLOCK): the input part, and for each distinct output lag the sum of
-    its coefficients.
+    `work` (1 + output lags, BLOCK) receives the inputs' part of the force and the gain of each distinct output lag.
     """
     n = k1 - k0
     inputs = work[0]
@@ -278,7 +275,7 @@ def _run_block(
 
 @njit(cache=True, nogil=True)
 def _recursion_of_one(inputs: F, gain: F, force: F, lag: int, k0: int, low: float, high: float) -> int:
-    """The recursion with one output lag; `force` begins `lag` ticks before the block."""
+    """Run the recursion with one output lag; `force` begins `lag` ticks before the block."""
     bounded = True
     for i in range(len(inputs)):
         y = inputs[i] + gain[i] * force[i]
@@ -318,7 +315,7 @@ def free_run(powers: F, segments: I, terms: TermArrays, coefficients: F, bounds:
 
 @njit(cache=True, nogil=True)
 def free_run_cost(run: ScoredRun, terms: TermArrays, coefficients: F, best: float, work: F, force: F) -> float:
-    """Return the mean over recordings of the free-run cost J [%], or infinity once it is sure to exceed `best`."""
+    """Return the mean over recordings of the free-run cost J [%], or infinity as soon as it must exceed `best`."""
     powers, segments, recordings, weights, measured, bounds = run
     n_recordings = recordings[-1] + 1
     done = 0.0
@@ -346,7 +343,7 @@ def free_run_cost(run: ScoredRun, terms: TermArrays, coefficients: F, best: floa
 
 @njit(cache=True, nogil=True)
 def solve_normal(gram: F, chosen: I, ridge: float) -> tuple[F, bool]:
-    """Least squares of the last column of `gram` on the `chosen` ones, by a scaled Cholesky factorisation.
+    """Solve least squares of the last column of `gram` on the `chosen` ones, by a scaled Cholesky factorisation.
 
     Returns the coefficients and whether the columns were independent (pivots above `ridge` after scaling).
     """
@@ -388,7 +385,7 @@ def solve_normal(gram: F, chosen: I, ridge: float) -> tuple[F, bool]:
 
 @njit(cache=True, nogil=True)
 def regressor_columns(powers: F, measured: F, segments: I, terms: TermArrays, k0: int, k1: int, segment: int) -> F:
-    """Return the regressors (terms, k1 - k0) over ticks of one segment, past forces taken from `measured`."""
+    """Return the regressors (terms, k1 - k0) over ticks of one segment, with the past forces of `measured`."""
     n = k1 - k0
     start = segments[segment, 0]
     outputs = terms.outputs
@@ -440,7 +437,7 @@ def first_better(
     max_gain: float,
     drop: bool,
 ) -> tuple[int, float, F]:
-    """Try each candidate of `trial` added to (or, with `drop`, each place of `trial` taken out of) `chosen`.
+    """Try each candidate of `trial` added to (or, with `drop`, each place of `trial` removed from) `chosen`.
 
     Fits by least squares on `gram`, skips models with a probed gain of `max_gain` or more, evaluates the free run, and
     stops at the first cost below `best`. Returns the place in `trial` (-1 if none was better), the cost and the

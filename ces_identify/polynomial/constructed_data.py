@@ -7,8 +7,8 @@ from dataclasses import replace
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_identify.polynomial.regressors import CandidateRules
 from ces_identify.preparation.series import Series
@@ -21,8 +21,6 @@ from ces_observer.structures.constructed_inputs import (
     Lag,
     TriangularMembership,
 )
-
-F = NDArray[np.float64]
 
 ANYTHING = Envelope((-inf, inf), (-inf, inf), (-inf, inf))
 MARGIN = 0.1  # of the range seen, by which a frequency's own range exceeds it

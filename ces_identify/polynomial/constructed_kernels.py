@@ -11,7 +11,7 @@ from math import pi, sqrt
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.kernels import F, I
+from ces_identify.numerics.arrays import F, I
 
 
 @njit(cache=True, nogil=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial import constructed_kernels as kernels
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import (
@@ -16,9 +16,6 @@ from ces_observer.structures.constructed_inputs import (
     Lag,
     TriangularMembership,
 )
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 
 def constructed_values(

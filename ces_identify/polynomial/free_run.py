@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.compiled_terms import CompiledTerms, compile_terms, power_table
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 
 def run_polynomial(polynomial: Polynomial, model: Model, inputs: F, segments: I) -> tuple[F, int]:

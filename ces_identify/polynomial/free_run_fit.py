@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.sensitivity_kernels import normal_equations
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 ROOM = 0.005  # the penalty begins so far below the greatest gain allowed
 PENALTY = 1e3  # of a squared excess of gain, in units of the squared error at the start

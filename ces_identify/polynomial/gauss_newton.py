@@ -13,16 +13,13 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.free_run_fit import FreeRunFit, fit_free_run
 from ces_identify.polynomial.limits import SearchResult
 from ces_identify.polynomial.search_start import SearchStart
 from ces_identify.polynomial.sensitivity_kernels import candidate_products, output_gains
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 MIN_GAIN = 0.001  # relative gain required of a new term
 PRUNE_LOSS = 0.0005  # relative loss below which a term is pruned

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-I = NDArray[np.int64]  # noqa: E741
+from ces_identify.numerics.arrays import F, I
 
 RANDOM, GAUSS_NEWTON, BOTH = "random", "gauss-newton", "both"
 METHODS = (BOTH, RANDOM, GAUSS_NEWTON)
@@ -39,7 +36,7 @@ class SearchResult:
     """A model: indices of its candidates, coefficients, selection cost [%], seed, and why the start stopped."""
 
     chosen: I
-    coefficients: NDArray[np.float64]
+    coefficients: F
     cost: float
     seed: int
     trials: int

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F, I, Mask
 from ces_identify.polynomial.compiled_terms import CompiledTerms, compile_terms, power_table
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_identify.preparation.cost import require_force
@@ -23,9 +23,6 @@ from ces_observer.errors import RecordingError
 from ces_observer.model import Envelope
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Term
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 BLOCK_S = 1.0  # length of a block [s]
 ESTIMATION_BLOCKS, PERIOD_BLOCKS = 2, 3
@@ -225,13 +222,13 @@ def _stack_segments(series: Sequence[Series]) -> tuple[I, I]:
     return np.ascontiguousarray(segments, np.int64), recordings.astype(np.int64)
 
 
-def estimation_ticks(series: Series) -> NDArray[np.bool_]:
+def estimation_ticks(series: Series) -> Mask:
     """Return a mask (ticks,) of the estimation ticks; the other ticks of an identified series serve selection."""
     block = np.arange(len(series)) // max(1, round(BLOCK_S * series.rate_Hz))
     return np.asarray(block % PERIOD_BLOCKS < ESTIMATION_BLOCKS)
 
 
-def _weights(series: Series, ticks: NDArray[np.bool_], weighting: Weighting) -> F:
+def _weights(series: Series, ticks: Mask, weighting: Weighting) -> F:
     """Return w / sum w (y - mean y)^2 on `ticks`, 0 elsewhere, so that the weighted squared error is (J / 100)^2."""
     weights, force = np.where(ticks, weighting.tick_weights(series), 0.0), np.where(ticks, series.force, 0.0)
     mean = float(weights @ force) / max(float(weights.sum()), 1e-300)

@@ -12,13 +12,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.limits import SearchResult
 from ces_identify.polynomial.search_start import SearchStart
-
-I = NDArray[np.int64]  # noqa: E741
 
 GAINS = (0.2, 0.05, 0.02, 0.007, 0.003)  # relative gain required of a new term, one after the other
 PRUNE_LOSS = 0.001  # relative loss below which a term is pruned
@@ -111,7 +109,7 @@ class RandomForwardStart(SearchStart):
             at += place + 1
         return best
 
-    def _try(self, chosen: I, trial: I, bound: float, drop: bool) -> tuple[int, float, NDArray[np.float64]]:
+    def _try(self, chosen: I, trial: I, bound: float, drop: bool) -> tuple[int, float, F]:
         p = self.problem
         limits = bound, RIDGE, p.probes, p.max_gain
         place, cost, coefficients = kernels.first_better(p.gram, chosen, trial, p.run, p.compiled.arrays, *limits, drop)

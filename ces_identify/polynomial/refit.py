@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.limits import SearchResult
 from ces_identify.polynomial.problem import Problem
 
-F = NDArray[np.float64]
 ITERATIONS = 20
 
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F
 from ces_identify.polynomial.free_run import powers_of_inputs
 from ces_identify.preparation.simulated_series import SimulatedSeries
 from ces_identify.typesetting import UNITS, ModelTable, TableColumn, minus, signal_symbol, three_figures
@@ -16,8 +16,6 @@ from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import Hysteresis, Lag, TriangularMembership
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
-
-F = NDArray[np.float64]
 
 CHUNK = 4096  # ticks of all regressors held in memory at a time
 NOTE = (

@@ -12,9 +12,9 @@ from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import search_clock
+from ces_identify.numerics.arrays import I
 from ces_identify.polynomial.constructed_rules import FIRST_GUESS_S
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.gauss_newton import GaussNewtonStart
@@ -23,8 +23,6 @@ from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen
 from ces_identify.polynomial.regressors import CandidateRules
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.weighting import EQUAL, Weighting
-
-I = NDArray[np.int64]  # noqa: E741
 
 GRID_S = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.0085, 0.01, 0.012, 0.014, 0.017, 0.02, 0.03, 0.05)
 EVERY, AROUND = 3, 2  # grid points: step of the first pass, and reach of the second around the best

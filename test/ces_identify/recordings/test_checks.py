@@ -139,8 +139,8 @@ def test_rate():
 @pytest.mark.parametrize(
     ("position", "current", "expected"),
     [
-        (1000.0, 1.0, "position: spans 39.98 m; if it is in mm, give it scale: 0.001 in the signals file"),
-        (1.0, 50_000.0, "current: reaches 999.5 A; if it is in mA, give it scale: 0.001 in the signals file"),
+        (1000.0, 1.0, "position: spans 39.98 m; if it is in mm, set scale: 0.001 in the signals file"),
+        (1.0, 50_000.0, "current: reaches 999.5 A; if it is in mA, set scale: 0.001 in the signals file"),
     ],
 )
 def test_a_stroke_or_current_beyond_any_damper_puts_its_unit_in_doubt(position, current, expected):

@@ -77,7 +77,7 @@ def test_experiments_that_only_differ_are_no_finding(others):
             {"force": -1.0},
             r"force goes against speed \(correlation -0\.9\d\) in odd, goes with speed .* in usual, third",
         ),
-        ({"position": -1.0}, "force goes against speed .* in odd, .*turn one round with scale: -1"),
+        ({"position": -1.0}, "force goes against speed .* in odd, .*set scale: -1"),
     ],
 )
 def test_mixed_units_and_signs_are_refused_naming_the_recordings(scales, message):

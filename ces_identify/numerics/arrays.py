@@ -1,0 +1,8 @@
+"""Types of the arrays in signatures."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+F = NDArray[np.float64]
+I = NDArray[np.int64]  # noqa: E741
+Mask = NDArray[np.bool_]
