@@ -20,7 +20,9 @@ def front(rows: Sequence[Row]) -> list[Row]:
     All rows belong to one set of bags. Models without a certificate count only if none has one.
     """
     best: list[Row] = []
-    for row in sorted(_eligible(rows), key=lambda r: (r["parameters"], r["selection_J"])):
+    models = [row for row in rows if row["status"] == DONE and row["selection_J"] is not None]
+    models = [row for row in models if row["gain"] is not None] or models
+    for row in sorted(models, key=lambda r: (r["parameters"], r["selection_J"])):
         if not best or row["selection_J"] < best[-1]["selection_J"]:
             best.append(row)
     return best
@@ -30,8 +32,3 @@ def recommend_model(rows: Sequence[Row]) -> Row | None:
     """Return the smallest model on the front within 10 % of its lowest cost, None if there is no model."""
     best = front(rows)
     return next((row for row in best if row["selection_J"] <= (1.0 + COST_TOLERANCE) * best[-1]["selection_J"]), None)
-
-
-def _eligible(rows: Sequence[Row]) -> list[Row]:
-    models = [row for row in rows if row["status"] == DONE and row["selection_J"] is not None]
-    return [row for row in models if row["gain"] is not None] or models

@@ -136,10 +136,11 @@ class _TopicReader:
             raise SignalsError(f"{self.where}: signal '{signal.name}': {self.decoder.reasons[i]}")
         if count < samples.messages:
             missing = f"missing in {samples.messages - count} of {samples.messages} messages on {self.topic.name}"
-            _warn(f"{signal.name}: {missing}: {self.decoder.reasons[i]}")
+            warnings.warn(f"{signal.name}: {missing}: {self.decoder.reasons[i]}", RecordingWarning, stacklevel=2)
         if count and not samples.stamped:
-            why = "an empty header stamp" if self.stamp else "no header"
-            _warn(f"{signal.name}: {self.topic.type} on {self.topic.name} has {why}; stamped with the bag's log time")
+            reason = "an empty header stamp" if self.stamp else "no header"
+            text = f"{self.topic.type} on {self.topic.name} has {reason}; stamped with the bag's log time"
+            warnings.warn(f"{signal.name}: {text}", RecordingWarning, stacklevel=2)
         return Channel(signal.name, signal.unit, samples.stamps(), _concatenate(samples.values, np.float64))
 
 
@@ -194,7 +195,3 @@ def _read(path: FieldPath, message: object) -> float | str:
 
 def _concatenate(parts: list[NDArray[Kind]], kind: type[Kind]) -> NDArray[Kind]:
     return np.concatenate(parts) if parts else np.empty(0, dtype=kind)
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, RecordingWarning, stacklevel=2)

@@ -8,7 +8,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from ces_identify.recordings.recording import Channel, Recording, Stamps
+from ces_identify.recordings.recording import Channel, Recording, Stamps, Values
 from ces_observer.errors import RecordingError
 
 ERROR, WARNING = "error", "warning"
@@ -86,8 +86,7 @@ def _check_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
 
 
 def _check_position(recording: Recording) -> Iterator[Finding]:
-    values = recording.channels["position"].values if "position" in recording.channels else np.empty(0)
-    values = values[np.isfinite(values)]
+    values = finite_values(recording, "position")
     if "position" in recording.constants:
         yield Finding(ERROR, "position: is a constant in the signals file; expected a recorded stroke")
     elif len(values) and values.min() == values.max():
@@ -126,8 +125,7 @@ def _check_current(recording: Recording, start_ns: int) -> Iterator[Finding]:
 def _check_units(recording: Recording) -> Iterator[Finding]:
     """Report positions and currents too large for a damper; percentiles ignore outliers."""
     for name, unit, other, limit in (("position", "m", "mm", MAX_STROKE_M), ("current", "A", "mA", MAX_CURRENT_A)):
-        values = recording.channels[name].values if name in recording.channels else np.empty(0)
-        values = values[np.isfinite(values)]
+        values = finite_values(recording, name)
         if not len(values):
             continue
         low, high = np.percentile(values, (1.0, 99.0))
@@ -138,6 +136,12 @@ def _check_units(recording: Recording) -> Iterator[Finding]:
                 f"{name}: {'spans' if name == 'position' else 'reaches'} {reach:.4g} {unit}; if it is in {other}, set "
                 f"scale: 0.001 in the signals file",
             )
+
+
+def finite_values(recording: Recording, signal: str) -> Values:
+    """Return the finite values (n,) of a signal's channel, none without a channel."""
+    values = recording.channels[signal].values if signal in recording.channels else np.empty(0)
+    return np.asarray(values[np.isfinite(values)])
 
 
 def missing_stretches(reference_ns: Stamps, stamps_ns: Stamps) -> list[tuple[int, int]]:

@@ -12,7 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ces_identify.numerics.arrays import F, I
-from ces_identify.recordings.checks import ERROR, MAX_CURRENT_A, MAX_STROKE_M, WARNING, Finding, sort_findings
+from ces_identify.recordings.checks import (
+    ERROR,
+    MAX_CURRENT_A,
+    MAX_STROKE_M,
+    WARNING,
+    Finding,
+    finite_values,
+    sort_findings,
+)
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 
@@ -40,13 +48,13 @@ class Traits:
 def traits(recording: Recording) -> Traits:
     """Return the traits of a recording."""
     speed, force = _speed_and_force(recording)
-    current = np.abs(_values(recording, "current"))
+    current = np.abs(finite_values(recording, "current"))
     return Traits(
         name=recording.name,
-        stroke_m=_robust_span(_values(recording, "position")),
+        stroke_m=_robust_span(finite_values(recording, "position")),
         speed_m_s=_robust_span(speed),
         current_A=float(np.percentile(current, 99.0)) if len(current) else np.nan,
-        force_N=_robust_span(_values(recording, "force")),
+        force_N=_robust_span(finite_values(recording, "force")),
         damping=_correlation(speed, force),
     )
 
@@ -131,11 +139,6 @@ def _extremes(all_: Sequence[Traits], trait: str) -> tuple[Traits, Traits]:
     known = [t for t in all_ if getattr(t, trait) > 0.0] or [all_[0]]
     ordered = sorted(known, key=lambda t: float(getattr(t, trait)))
     return ordered[0], ordered[-1]
-
-
-def _values(recording: Recording, signal: str) -> F:
-    values = recording.channels[signal].values if signal in recording.channels else np.empty(0)
-    return np.asarray(values[np.isfinite(values)])
 
 
 def _robust_span(values: F) -> float:

@@ -24,10 +24,11 @@ def signals(**described):
 
 def plain_loop(path, wanted):
     """The slow twin: one message at a time, in the order of the log times."""
-    stamps, values = {s.name: [] for s in wanted.recorded()}, {s.name: [] for s in wanted.recorded()}
+    stamps = {s.name: [] for s in wanted.list_topic_signals()}
+    values = {s.name: [] for s in wanted.list_topic_signals()}
     with AnyReader([path], default_typestore=tiny.JAZZY) as reader:
         for connection, log_ns, raw in reader.messages():
-            for signal in wanted.recorded():
+            for signal in wanted.list_topic_signals():
                 if signal.matches(connection.topic):
                     message = reader.deserialize(raw, connection.msgtype)
                     stamp = message.header.stamp if hasattr(message, "header") else None
