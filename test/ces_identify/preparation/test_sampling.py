@@ -116,8 +116,8 @@ def test_gaps_jitter_and_late_stamps_do_not_disturb_the_choice():
     stamps = rec.channel("position").stamps_ns.copy()
     stamps[7000:] += 300_000_000
     stamps[9000:9003] -= 5_000_000
-    kept = np.random.default_rng(16).random(len(x)) > 0.02
-    rough = Recording("rough", {"position": Channel("position", "m", stamps[kept], x[kept])}, {"current": 0.0})
+    mask = np.random.default_rng(16).random(len(x)) > 0.02
+    rough = Recording("rough", {"position": Channel("position", "m", stamps[mask], x[mask])}, {"current": 0.0})
     sampling = choose_sampling([rough])
     assert (sampling.rate_Hz, sampling.order) == (pytest.approx(1000.0, rel=0.01), even.order)
     assert sampling.bandwidth_Hz == pytest.approx(even.bandwidth_Hz, rel=0.2)

@@ -138,7 +138,7 @@ def failure(tmp_path, text, map_text=TIME + SIGNALS, name="log.csv"):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "phrase"),
     [
         ("t,x,i,F\n0,1,0,0\n\n1,--,0,0\n", "log.csv:4: column 'x' is '--'; expected a number"),
         ("t,x,i,F\n0,1,0,0\n1,,0,0\n", "log.csv:3: column 'x' is ''; expected a number"),
@@ -157,12 +157,12 @@ def failure(tmp_path, text, map_text=TIME + SIGNALS, name="log.csv"):
         ("t,x,i,F\n0,1,0,0\nnan,1,0,0\n", "log.csv: line 3: the time is nan; expected seconds"),
     ],
 )
-def test_bad_csv_is_one_clear_line(tmp_path, text, told):
-    assert told in failure(tmp_path, text)
+def test_bad_csv_is_one_clear_line(tmp_path, text, phrase):
+    assert phrase in failure(tmp_path, text)
 
 
 @pytest.mark.parametrize(
-    ("content", "map_text", "told"),
+    ("content", "map_text", "phrase"),
     [
         ("{", TIME + SIGNALS, "log.json: not a json file: Expecting property name"),
         ("3", TIME + SIGNALS, "log.json: '' is a int; expected a table"),
@@ -192,8 +192,8 @@ def test_bad_csv_is_one_clear_line(tmp_path, text, told):
         ),
     ],
 )
-def test_bad_json_is_one_clear_line(tmp_path, content, map_text, told):
-    assert told in failure(tmp_path, content, map_text, name="log.json")
+def test_bad_json_is_one_clear_line(tmp_path, content, map_text, phrase):
+    assert phrase in failure(tmp_path, content, map_text, name="log.json")
 
 
 def test_bad_mat_file(tmp_path):
@@ -216,7 +216,7 @@ def test_name_without_the_number(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "phrase"),
     [
         ("tme: {column: t}\n" + SIGNALS, "unknown key 'tme'; known are format, delimiter"),
         (SIGNALS, "give one of 'time' and 'rate'"),
@@ -243,9 +243,9 @@ def test_name_without_the_number(tmp_path):
         ("position: {constant: 0}\ncurrent: {constant: 0}\nforce: {constant: 0}\n" + TIME, "no signal has a column"),
     ],
 )
-def test_bad_mapping_is_one_clear_line(tmp_path, text, told):
+def test_bad_mapping_is_one_clear_line(tmp_path, text, phrase):
     message = failure(tmp_path, "t,x,i,F,T\n0,1,2,3,4\n", text)
-    assert told in message
+    assert phrase in message
     assert message.startswith("map.yaml")
     with pytest.raises(MappingError):
         log(tmp_path, "t,x,i,F,T\n0,1,2,3,4\n", text)
