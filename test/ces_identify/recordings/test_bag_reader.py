@@ -33,7 +33,7 @@ def plain_loop(path, description):
                     message = reader.deserialize(raw, connection.msgtype)
                     stamp = message.header.stamp if hasattr(message, "header") else None
                     stamps[signal.name].append(stamp.sec * tiny.SECOND + stamp.nanosec if stamp else log_ns)
-                    values[signal.name].append(signal.reader()(message))
+                    values[signal.name].append(signal.make_reader()(message))
     return stamps, values
 
 
