@@ -223,7 +223,7 @@ def search_and_score(series: list[Series], seconds: float, terms: int = 20) -> s
 
 def cost_of(compiled, coefficients, problem, series: Series) -> float:  # type: ignore[no-untyped-def]
     powers = power_table(compiled.powers, problem.envelope, series.position, series.speed, series.current)
-    force, _ = free_run(powers, series.segments, *compiled.arrays, coefficients, *problem.force_envelope)
+    force, _ = free_run(powers, series.segments, compiled.arrays, coefficients, problem.force_envelope)
     return series_cost(series, force)
 
 

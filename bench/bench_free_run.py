@@ -81,11 +81,11 @@ def main() -> None:
     table = power_table(compiled.powers, envelope, x, v, i)
 
     def batch() -> object:
-        return free_run(table, segments, *compiled.arrays, coefficients, -1e6, 1e6)
+        return free_run(table, segments, compiled.arrays, coefficients, (-1e6, 1e6))
 
     def batch_with_tables() -> object:
         made = power_table(compiled.powers, envelope, x, v, i)
-        return free_run(made, segments, *compiled.arrays, coefficients, -1e6, 1e6)
+        return free_run(made, segments, compiled.arrays, coefficients, (-1e6, 1e6))
 
     ready, whole = median_seconds(batch, 200), median_seconds(batch_with_tables, 50)
     plain = median_seconds(lambda: plain_free_run(terms, x, v, i), 3)

@@ -1,7 +1,7 @@
-"""YAML files that users write: the one way in, with safe types only, limited size and depth, no aliases, no key twice.
+"""Reads YAML files that users write: safe types only, limited size and depth, no aliases, no repeated keys.
 
-Every mistake is raised as the CesError subclass that the caller names, in one line: the file and, if it can be told,
-the line, what is wrong, and what was expected.
+Every mistake raises the caller's CesError subclass with one line: the file and, if known, the line, what is wrong, and
+what was expected.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from ces_observer.errors import CesError
 
 MAX_BYTES = 65_536
 MAX_DEPTH = 20
-# What PyYAML raises at scalars that are not what their tag says: its own errors, and those of what it converts with.
+# PyYAML's errors at scalars that do not match their tag: its own, and those of the conversions.
 UNREADABLE = (yaml.YAMLError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError)
 
 
 def read_yaml_mapping(
     path: Path, what: str, keys: Collection[str] | None = None, error: type[CesError] = CesError
 ) -> dict[str, Any]:
-    """Return the mapping in a file; `what` says in an error what should have been there.
+    """Return the mapping in a file; errors describe the expected content as `what`.
 
-    With `keys`, raises at a key at the top that is none of them.
+    With `keys`, raises at any other key at the top level.
     """
     return parse_yaml_mapping(_read_text(path, what, error), str(path), what, keys, error)
 
@@ -33,7 +33,7 @@ def read_yaml_mapping(
 def parse_yaml_mapping(
     text: str, source: str, what: str, keys: Collection[str] | None = None, error: type[CesError] = CesError
 ) -> dict[str, Any]:
-    """Return the mapping in a text; `source` begins each error, the rest is as for `read_yaml_mapping`."""
+    """Return the mapping in a text, as `read_yaml_mapping` does; `source` begins each error."""
     content: dict[str, Any] = to_python(_parse_tree(text, source, what, error), source, error)
     if keys is not None:
         require_known_keys(content, keys, source, error)
@@ -41,7 +41,7 @@ def parse_yaml_mapping(
 
 
 def read_yaml_tree(path: Path, what: str, error: type[CesError] = CesError) -> yaml.MappingNode:
-    """Return the mapping in a file as a tree of nodes, which know their lines; `to_python` gives their values."""
+    """Return the mapping in a file as a tree of nodes with their lines; `to_python` returns their values."""
     return _parse_tree(_read_text(path, what, error), str(path), what, error)
 
 
@@ -59,7 +59,7 @@ def to_python(node: yaml.Node, source: Path | str, error: type[CesError] = CesEr
 def require_known_keys(
     content: Mapping[str, Any], keys: Collection[str], where: str, error: type[CesError] = CesError
 ) -> None:
-    """Raise at the first key of a mapping that is none of `keys`."""
+    """Raise at the first key of a mapping that is not in `keys`."""
     for key in content:
         if key not in keys:
             raise error(f"{where}: unknown key '{key}'; known are {', '.join(keys)}")
@@ -105,15 +105,15 @@ def _refuse_growth(text: str, source: str, error: type[CesError]) -> None:
 
 
 def _refuse_repeats(node: yaml.Node, source: str, error: type[CesError]) -> None:
-    """Raise where a mapping has the same key twice, of which YAML would silently take the last."""
+    """Raise at a repeated key, of which YAML would silently use the last."""
     if isinstance(node, yaml.MappingNode):
-        known: set[str] = set()
+        keys: set[str] = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 raise error(f"{_place(source, key)}: a key is a list or a mapping; expected a name")
-            if key.value in known:
+            if key.value in keys:
                 raise error(f"{_place(source, key)}: {key.value[:60]!r} is given twice; keep one")
-            known.add(key.value)
+            keys.add(key.value)
     for child in node.value if isinstance(node, yaml.CollectionNode) else []:
         _refuse_repeats(child[1] if isinstance(child, tuple) else child, source, error)
 

@@ -1,1 +1,1 @@
-"""Many identifications: a description goes in, a row and a model for each cell come out."""
+"""Many identifications: a description in, a row and a model for each cell out."""

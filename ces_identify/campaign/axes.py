@@ -1,4 +1,4 @@
-"""The axes a campaign can vary, for each structure and for all, and its limits: what each takes and its default."""
+"""The axes that a campaign can vary, of one structure or of all, and its limits: allowed values and defaults."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ces_identify.structures.polynomial import POLYNOMIAL
 
 @dataclass(frozen=True)
 class CampaignAxis:
-    """What an axis takes: a test for one value, the same in words, and what it holds if it is not given."""
+    """An axis: a test for one value, the expected values in words, and the default values."""
 
     good: Callable[[Any], bool]
     expected: str
@@ -61,9 +61,7 @@ STRUCTURES: Mapping[str, Mapping[str, CampaignAxis]] = {
     POLYNOMIAL.option: {
         "terms": CampaignAxis(integer_between(1, 200), "whole numbers from 1 to 200", (15,)),
         "method": CampaignAxis(lambda value: value in METHODS, f"of {', '.join(METHODS)}", (BOTH,)),
-        "candidates": CampaignAxis(
-            lambda value: isinstance(value, str), f"{BUILT_IN} or files with rules", (BUILT_IN,)
-        ),
+        "candidates": CampaignAxis(lambda value: isinstance(value, str), f"{BUILT_IN} or rules files", (BUILT_IN,)),
     },
 }
 COMMON: Mapping[str, CampaignAxis] = {

@@ -1,10 +1,10 @@
-"""One cell: recordings in, a row of results and the model's text out. Runs in a worker, here or on another machine."""
+"""One cell: recordings in, a row of results and the model's text out. Runs in a worker on any machine."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 
 import numpy as np
@@ -19,14 +19,14 @@ from ces_identify.structures import KITS
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import Evaluation
 
-REST = "rest"  # what `split` leaves of a recording, as a validation set
+REST = "rest"  # the part of a recording after `split`, as a validation set
 INTERRUPTED = "interrupted"
 
 
 def compute_cell(job: CampaignJob, recordings: Sequence[Recording], _: Sequence[object] = ()) -> JobResult:
-    """Identify and evaluate the model of a cell; `recordings` are those to identify on, then those to validate on.
+    """Identify and evaluate the model of a cell; `recordings` are the identification, then the validation data.
 
-    A search that Ctrl-C cut short raises KeyboardInterrupt: it is not the cell's result.
+    A search that Ctrl-C interrupted raises KeyboardInterrupt: it is not the cell's result.
     """
     return run_job(job, partial(_identify_cell, job, recordings))
 
@@ -36,22 +36,20 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
     count = len(job.recordings)
     fitter = KITS[job.cell.structure].fitter(job.cell.settings)
     result = identify(recordings[:count], recordings[count:], _options(job), fitter=fitter)
-    if any(found.ended == INTERRUPTED for found in result.search_results):
+    if any(start.ended == INTERRUPTED for start in result.search_results):
         raise KeyboardInterrupt
     return JobResult(_row(job, result, time.monotonic() - began), {job.output: result.model.to_json()})
 
 
 def _options(job: CampaignJob) -> IdentifyOptions:
-    given, asked = job.cell.settings, job.limits
-    limits = Limits(
-        seconds=asked.seconds, target=asked.target, starts=asked.starts, seed=job.cell.seed, threads=asked.threads
-    )
-    if job.rules is not None:
-        limits = replace(limits, max_terms=int(given["terms"]), method=str(given["method"]))
-    rate_Hz, bandwidth_Hz = (None if given[k] == AUTO else float(given[k]) for k in ("rate_Hz", "bandwidth_Hz"))
-    options = IdentifyOptions(job.split, limits=limits, rate_Hz=rate_Hz, bandwidth_Hz=bandwidth_Hz)
-    options = replace(options, certify=bool(given["certificate"]))
-    return replace(options, rules=job.rules) if job.rules is not None else options
+    settings = job.cell.settings
+    rate_Hz, bandwidth_Hz = (None if settings[k] == AUTO else float(settings[k]) for k in ("rate_Hz", "bandwidth_Hz"))
+    limits, certify = Limits(**asdict(job.limits), seed=job.cell.seed), bool(settings["certificate"])
+    options = IdentifyOptions(job.split, limits=limits, rate_Hz=rate_Hz, bandwidth_Hz=bandwidth_Hz, certify=certify)
+    if job.rules is None:
+        return options
+    limits = replace(limits, max_terms=int(settings["terms"]), method=str(settings["method"]))
+    return replace(options, limits=limits, rules=job.rules)
 
 
 def _row(job: CampaignJob, result: IdentificationResult, seconds: float) -> Row:
@@ -65,15 +63,15 @@ def _row(job: CampaignJob, result: IdentificationResult, seconds: float) -> Row:
         "costs": _costs(job, result.evaluations),
         "gain": None if certificate is None else certificate.get("gain"),
         "seconds": round(seconds, 3),
-        "trials": sum(found.trials for found in result.search_results),
+        "trials": sum(start.trials for start in result.search_results),
         "ended": best.ended,
     }
 
 
 def _costs(job: CampaignJob, evaluations: Sequence[Evaluation]) -> list[Row]:
-    """Return a row for each evaluation: identification, what `split` left of those recordings, validation in turn."""
-    given = len(evaluations) - len(job.validation)
-    sets = ["identification"] * len(job.recordings) + [REST] * (given - len(job.recordings))
+    """Return a row for each evaluation: identification, the rest of those recordings after `split`, validation."""
+    rest = len(evaluations) - len(job.validation) - len(job.recordings)
+    sets = ["identification"] * len(job.recordings) + [REST] * rest
     sets += [name for name, _ in job.validation]
     return [
         {"set": name, "recording": e.name, "role": e.role, "J": _finite(e.cost), "rms_N": _finite(e.rms_N)}

@@ -1,14 +1,11 @@
-"""A campaign's description: a YAML file in, a checked `Campaign` out; every mistake is one line with file and key.
-
-Paths in the file are relative to its folder.
-"""
+"""A campaign's description: a YAML file in, a checked `Campaign` out; paths in the file are relative to its folder."""
 
 from __future__ import annotations
 
 import hashlib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,20 +16,9 @@ from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_observer.errors import CesError
 
-KEYS = (
-    "bags",
-    "validate",
-    "structures",
-    "seeds",
-    "rate_Hz",
-    "bandwidth_Hz",
-    "certificate",
-    "limits",
-    "split",
-    "signals",
-)
+KEYS = ("bags", "validate", "structures", *COMMON, "limits", "split", "signals")
 MAX_CELLS = 100_000
-NOMINAL_HZ = 1000.0  # rate at which candidates are counted
+NOMINAL_HZ = 1000.0  # rate for counting candidates
 _NAME = re.compile(r"[\w.+-]+\Z")
 
 
@@ -41,7 +27,7 @@ class CampaignError(CesError):
 
 
 def load_campaign(path: Path) -> Campaign:
-    """Read a campaign file; raises CampaignError, or CesError about a file with candidate rules that it names."""
+    """Read a campaign file; raises CampaignError, or CesError about a file with candidate rules."""
     content = read_yaml_mapping(path, "a campaign with bags and structures", KEYS, CampaignError)
     return _Reader(path, content).campaign()
 
@@ -76,53 +62,49 @@ class _Reader:
         return campaign
 
     def _sets(self, key: str) -> dict[str, tuple[Path, ...]]:
-        given = self.content.get(key)
-        if not isinstance(given, Mapping) or not given:
-            raise self._wrong(key, given, "sets of bags by name, such as {road: [road_1, road_2]}")
-        for name in given:
+        sets = self.content.get(key)
+        if not isinstance(sets, Mapping) or not sets:
+            raise self._wrong(key, sets, "sets of bags by name, such as {road: [road_1, road_2]}")
+        for name in sets:
             if not _NAME.match(str(name)):
                 raise CampaignError(f"{self.path}: {key}: name {name!r}; expected letters, digits and any of _ . + -")
-        return {str(name): self._bags(f"{key}: {name}", paths) for name, paths in given.items()}
+        return {str(name): self._bags(f"{key}: {name}", paths) for name, paths in sets.items()}
 
-    def _bags(self, where: str, given: Any) -> tuple[Path, ...]:
-        paths = [given] if isinstance(given, str) else given
+    def _bags(self, where: str, value: Any) -> tuple[Path, ...]:
+        paths = [value] if isinstance(value, str) else value
         if not isinstance(paths, list) or not paths or not all(isinstance(p, str) and p for p in paths):
-            raise self._wrong(where, given, "a list of bags")
+            raise self._wrong(where, value, "a list of bags")
         self._require_different(where, paths)
         return tuple(self._resolve_path(path) for path in paths)
 
-    def _structures(self, given: Any) -> dict[str, dict[str, tuple[Setting, ...]]]:
-        if not isinstance(given, Mapping) or not given:
-            raise self._wrong("structures", given, f"a mapping with some of {', '.join(STRUCTURES)}")
-        self._require_known_keys("structures", given, STRUCTURES)
-        return {str(name): self._structure(str(name), axes) for name, axes in given.items()}
+    def _structures(self, content: Any) -> dict[str, dict[str, tuple[Setting, ...]]]:
+        if not content:
+            raise self._wrong("structures", content, f"a mapping with some of {', '.join(STRUCTURES)}")
+        self._require_mapping("structures", content, STRUCTURES)
+        return {str(name): self._structure(str(name), axes) for name, axes in content.items()}
 
-    def _structure(self, name: str, given: Any) -> dict[str, tuple[Setting, ...]]:
-        where, axes = f"structures: {name}", STRUCTURES[name]
-        if given is not None and not isinstance(given, Mapping):
-            raise self._wrong(where, given, f"a mapping with any of {', '.join(axes)}")
-        self._require_known_keys(where, given or {}, axes)
-        return {key: self._axis(f"{where}: ", key, axis, given or {}) for key, axis in axes.items()}
+    def _structure(self, name: str, content: Any) -> dict[str, tuple[Setting, ...]]:
+        where, axes, values = f"structures: {name}", STRUCTURES[name], {} if content is None else content
+        self._require_mapping(where, values, axes)
+        return {key: self._axis(f"{where}: ", key, axis, values) for key, axis in axes.items()}
 
-    def _axis(self, where: str, key: str, axis: CampaignAxis, given: Mapping[str, Any]) -> tuple[Setting, ...]:
-        """Return the values on an axis; a single value may be given without brackets."""
-        if key not in given:
+    def _axis(self, where: str, key: str, axis: CampaignAxis, content: Mapping[str, Any]) -> tuple[Setting, ...]:
+        """Return the values on an axis; a single value needs no brackets."""
+        if key not in content:
             return axis.default
-        values = given[key] if isinstance(given[key], list) else [given[key]]
+        values = content[key] if isinstance(content[key], list) else [content[key]]
         if not values or not all(map(axis.good, values)):
-            raise self._wrong(f"{where}{key}", given[key], f"one or a list of: {axis.expected}")
+            raise self._wrong(f"{where}{key}", content[key], f"one or a list of: {axis.expected}")
         self._require_different(f"{where}{key}", values)
         return tuple(values)
 
     def _limits(self) -> CellLimits:
-        given = self.content.get("limits", {})
-        if not isinstance(given, Mapping):
-            raise self._wrong("limits", given, f"a mapping with any of {', '.join(LIMITS)}")
-        self._require_known_keys("limits", given, LIMITS)
-        for key, value in given.items():
+        limits = self.content.get("limits", {})
+        self._require_mapping("limits", limits, LIMITS)
+        for key, value in limits.items():
             if not LIMITS[key].good(value):
                 raise self._wrong(f"limits: {key}", value, LIMITS[key].expected)
-        return CellLimits(**given)
+        return CellLimits(**limits)
 
     def _one(self, key: str, axis: CampaignAxis) -> Any:
         value = self.content.get(key, axis.default[0])
@@ -131,25 +113,27 @@ class _Reader:
         return value
 
     def _signals(self) -> Path | None:
-        given = self._one("signals", CampaignAxis(lambda v: v is None or isinstance(v, str), "a signals file", ("",)))
-        return self._resolve_path(given) if given else None
+        name = self._one("signals", CampaignAxis(lambda v: v is None or isinstance(v, str), "a signals file", ("",)))
+        return self._resolve_path(name) if name else None
 
     def _candidates(self, structures: Mapping[str, Mapping[str, tuple[Setting, ...]]]) -> dict[str, Candidates]:
         names = map(str, structures.get(POLYNOMIAL.option, {}).get("candidates", ()))
         return {name: _load_candidates(None if name == BUILT_IN else self._resolve_path(name)) for name in names}
 
     def _require_size(self, campaign: Campaign) -> None:
-        """Count the cells before any is made."""
+        """Raise CampaignError if there are too many cells."""
         count = math.prod(map(len, campaign.common.values())) * len(campaign.bags)
         count *= sum(math.prod(map(len, axes.values())) for axes in campaign.structures.values())
         if count > MAX_CELLS:
             raise CampaignError(f"{self.path}: {count} cells; at most {MAX_CELLS}: drop some values")
 
-    def _resolve_path(self, given: str) -> Path:
-        return self.path.parent / Path(given).expanduser()
+    def _resolve_path(self, name: str) -> Path:
+        return self.path.parent / Path(name).expanduser()
 
-    def _require_known_keys(self, where: str, given: Mapping[str, Any], known: Any) -> None:
-        require_known_keys(given, known, f"{self.path}: {where}", CampaignError)
+    def _require_mapping(self, where: str, value: Any, keys: Collection[str]) -> None:
+        if not isinstance(value, Mapping):
+            raise self._wrong(where, value, f"a mapping with any of {', '.join(keys)}")
+        require_known_keys(value, keys, f"{self.path}: {where}", CampaignError)
 
     def _require_different(self, where: str, values: list[Any]) -> None:
         for i, value in enumerate(values):
@@ -161,7 +145,7 @@ class _Reader:
 
 
 def _load_candidates(path: Path | None) -> Candidates:
-    """Return checked rules; raises CesError if they cannot be read or make too many candidates."""
+    """Return checked rules; raises CesError if they cannot be read or define too many candidates."""
     rules = load_rules(path)
     try:
         rules.at_rate(NOMINAL_HZ).candidates()

@@ -1,7 +1,7 @@
-"""What a campaign is to compute: the axes as a file gives them, their cross product as cells, and a key for each cell.
+"""The plan of a campaign: its axes, their cross product as cells, and a key for each cell.
 
-A key is the same whenever the result would be: it is a hash of the settings, of the recordings' bytes and of how they
-are read, not of names, paths or the rest of the campaign.
+Cells with the same result have the same key: it is a hash of the settings, of the recordings' bytes and of the signals
+description, not of names, paths or the rest of the campaign.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CellSettings = Mapping[str, Setting]
 
 @dataclass(frozen=True)
 class CellLimits:
-    """Limits of each cell: most seconds, target cost [%], random starts from its seed on, and threads."""
+    """Limits of each cell: seconds, target cost [%], number of starts from its seed on, and threads."""
 
     seconds: float = 60.0
     target: float = 0.0
@@ -38,7 +38,7 @@ class CellLimits:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Candidate rules, and the hash of the text they came from."""
+    """Candidate rules, and the hash of their text."""
 
     rules: CandidateRules
     sha256: str
@@ -62,8 +62,8 @@ class Cell:
 class Campaign:
     """The axes of a campaign.
 
-    `bags` are alternatives to identify on, `validate` recordings that judge every cell, both by name. `structures`
-    holds the axes of each structure alone, `common` those of all.
+    `bags` are alternative sets of identification data, `validate` the validation data of every cell, both by name.
+    `structures` holds the axes of each structure, `common` those of all.
     """
 
     source: Path
@@ -83,21 +83,21 @@ class Campaign:
         return tuple(dict.fromkeys(path for bags in sets for path in bags))
 
     def cells(self) -> tuple[Cell, ...]:
-        """Return the cross product of all axes; seeds change fastest, so that early results tell of every structure."""
+        """Return the cross product of all axes, sorted by seed, so that early results cover every structure."""
         cells = [
             Cell(bags, structure, settings)
             for bags in self.bags
             for structure, own in self.structures.items()
-            for settings in _combinations({**own, **self.common})
+            for settings in _combine({**own, **self.common})
         ]
         return tuple(sorted(cells, key=lambda cell: self.common["seed"].index(cell.seed)))
 
 
 @dataclass(frozen=True)
 class CampaignJob:
-    """A cell with all it takes to compute it but the recordings themselves, which travel apart.
+    """A cell with all its inputs except the recordings, which are sent separately.
 
-    `recordings` are the bags to identify on, `validation` the (set, bag) to judge on.
+    `recordings` are the bags to identify on, `validation` the pairs (set, bag) to validate on.
     """
 
     key: str
@@ -110,12 +110,12 @@ class CampaignJob:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """The columns that say which cell a row belongs to."""
+        """The columns that identify the cell in a row."""
         return {"key": self.key, "bags": self.cell.bags, "structure": self.cell.structure, **self.cell.settings}
 
     @property
     def output(self) -> str:
-        """The file of the model, relative to the folder of the results."""
+        """The file of the model, relative to the results folder."""
         return f"models/{self.key}.json"
 
     @property
@@ -125,28 +125,28 @@ class CampaignJob:
 
 
 def jobs(campaign: Campaign, recordings: Mapping[Path, Recording], described: str) -> tuple[CampaignJob, ...]:
-    """Return the job of each cell. `described` is the text of the signals description the recordings were read with.
+    """Return the job of each cell. `described` is the text of the recordings' signals description.
 
-    A recording that a cell is identified on does not also validate it. The number of threads is no setting: it is not
-    in the key. Raises CesError if two cells are the same.
+    A recording that a cell is identified on does not also validate it. The number of threads is not part of the key.
+    Raises CesError if two cells are the same.
     """
-    made = [_job(campaign, cell, recordings, described) for cell in campaign.cells()]
-    first: dict[str, CampaignJob] = {}
-    for job in made:
-        twin = first.setdefault(job.key, job)
-        if twin is not job:
+    by_key: dict[str, CampaignJob] = {}
+    for cell in campaign.cells():
+        job = _job(campaign, cell, recordings, described)
+        other = by_key.setdefault(job.key, job)
+        if other is not job:
             raise CesError(
-                f"{campaign.source}: '{twin.cell.bags}' and '{job.cell.bags}' hold the same recordings with the same "
+                f"{campaign.source}: '{other.cell.bags}' and '{cell.bags}' hold the same recordings with the same "
                 "settings; keep one"
             )
-    return tuple(made)
+    return tuple(by_key.values())
 
 
 def _job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], described: str) -> CampaignJob:
     mine = campaign.bags[cell.bags]
-    seen = {recordings[path].sha256 for path in mine}
-    others = [(name, path) for name, paths in campaign.validate.items() for path in paths]
-    validation = tuple((name, path) for name, path in others if recordings[path].sha256 not in seen)
+    hashes = [recordings[path].sha256 for path in mine]
+    pairs = [(name, path) for name, paths in campaign.validate.items() for path in paths]
+    validation = tuple((name, path) for name, path in pairs if recordings[path].sha256 not in hashes)
     candidates = campaign.candidates.get(str(cell.settings.get("candidates")))
     facts = {
         "tool": __version__,
@@ -155,16 +155,13 @@ def _job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], d
         "limits": [campaign.limits.seconds, campaign.limits.target, campaign.limits.starts],
         "split": campaign.split,
         "signals": described,
-        "bags": [recordings[path].sha256 for path in mine],
+        "bags": hashes,
         "validate": [[name, recordings[path].sha256] for name, path in validation],
     }
     rules = candidates.rules if candidates else None
-    return CampaignJob(_digest(facts), cell, campaign.limits, campaign.split, rules, mine, validation)
+    key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:20]
+    return CampaignJob(key, cell, campaign.limits, campaign.split, rules, mine, validation)
 
 
-def _digest(facts: object) -> str:
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:20]
-
-
-def _combinations(axes: Mapping[str, Sequence[Setting]]) -> list[CellSettings]:
+def _combine(axes: Mapping[str, Sequence[Setting]]) -> list[CellSettings]:
     return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]

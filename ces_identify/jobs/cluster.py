@@ -1,6 +1,6 @@
-"""The workers of a Dask cluster: an address goes in, a client whose workers have this version of the package comes out.
+"""The workers of a Dask cluster: an address in, a client whose workers have this version of the package out.
 
-Dask is an extra of the installation and is imported only when a cluster is named.
+Dask is an optional dependency and is imported only when a cluster is used.
 """
 
 from __future__ import annotations
@@ -20,10 +20,7 @@ CONNECT_S = 10.0
 
 @contextmanager
 def open_cluster(address: str) -> Iterator[Any]:
-    """Open a client of the Dask scheduler at `address`, whose workers have this version of the package.
-
-    Raises CesError if there is none.
-    """
+    """Open a client of the Dask scheduler at `address`; raises CesError without workers of this package's version."""
     client = _connect(dask_distributed(), address)
     try:
         _require_same_version(client, address)
@@ -33,7 +30,7 @@ def open_cluster(address: str) -> Iterator[Any]:
 
 
 def dask_distributed() -> Any:
-    """Return dask.distributed, whose log of a cluster that goes away would bury the one line that says so."""
+    """Return dask.distributed with its log silenced, which would hide our one line about a lost cluster."""
     try:
         distributed = import_module("distributed")
     except ImportError:
@@ -44,7 +41,7 @@ def dask_distributed() -> Any:
 
 
 def _connect(distributed: Any, address: str) -> Any:
-    """Return a client of the scheduler. That somebody listens is tried first: a client that failed is slow to end."""
+    """Return a client of the scheduler; a plain connection is tried first, as a failed client is slow to close."""
     host, _, port = address.rpartition("://")[2].rpartition(":")
     try:
         with socket.create_connection((host.strip("[]"), int(port)), CONNECT_S):
@@ -63,10 +60,9 @@ def _connect(distributed: Any, address: str) -> Any:
 
 
 def _require_same_version(client: Any, address: str) -> None:
-    """Raise CesError unless every worker has this version of the package."""
     try:
         versions = client.run(_version)
-    except Exception as error:  # whatever stops a worker from importing this module
+    except Exception as error:  # any error that keeps a worker from importing this module
         raise CesError(
             f"--dask {address}: its workers cannot run ces_identify; install ces_observer {__version__} there ({error})"
         ) from None

@@ -1,4 +1,4 @@
-"""One job of many: what an engine needs to know of it, and its result as a row and the texts of its files."""
+"""One job of many, and its result as a row and the texts of its files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DONE, FAILED, CRASHED = "done", "failed", "crashed"
 
 
 class Job(Protocol):
-    """A job: its key is the same whenever its result would be."""
+    """A job; two jobs have the same key if they have the same result."""
 
     @property
     def key(self) -> str:
@@ -21,36 +21,36 @@ class Job(Protocol):
 
     @property
     def identity(self) -> Row:
-        """The columns that say which job a row belongs to, its key among them."""
+        """The columns that identify the job in a row, including its key."""
 
     @property
     def output(self) -> str:
-        """The file or folder that a finished job leaves, relative to the folder of the results."""
+        """The file or folder that a finished job writes, relative to the results folder."""
 
 
 @dataclass(frozen=True)
 class JobResult:
-    """The row of a job, and the texts of its files by their path relative to the folder of the results."""
+    """The row of a job, and the texts of its files by their path relative to the results folder."""
 
     row: Row
     files: Mapping[str, str] = field(default_factory=dict)
 
 
 def run_job(job: Job, work: Callable[[], JobResult]) -> JobResult:
-    """Return what `work` returns. A CesError makes the job `failed`, for good; any other error makes it `crashed`.
+    """Return the result of `work`. A CesError makes the job `failed`, any other error `crashed`.
 
-    A job that failed would fail again; one that crashed is tried again by the next run.
+    A failed job is not repeated; a crashed one is repeated by the next run.
     """
     try:
         return work()
     except CesError as error:
         return failed_job(job, FAILED, str(error))
-    except Exception as error:  # one job must not cost the others of the night
+    except Exception as error:  # one job must not stop the others
         return failed_job(job, CRASHED, describe_error(error))
 
 
 def failed_job(job: Job, status: str, reason: str) -> JobResult:
-    """Return the result of a job that has none."""
+    """Return the result of a failed or crashed job."""
     return JobResult({**job.identity, "status": status, "reason": reason})
 
 

@@ -1,8 +1,4 @@
-"""Rows of results on disk: a line of JSON for each as it comes, safe against a kill at any moment and a second run.
-
-The file is only ever appended to, each line flushed to the disk; what a kill left of a last line is dropped by the next
-run.
-"""
+"""A file of rows: one line of JSON each, appended and flushed, safe against a kill at any moment and a second run."""
 
 from __future__ import annotations
 
@@ -18,33 +14,11 @@ from ces_observer.errors import CesError
 Row = dict[str, Any]
 
 
-class RowLog:
-    """Rows by their key, in memory and in an open file of which they are the lines; made by `open_rows`."""
-
-    def __init__(self, path: Path, file: BinaryIO, kind: str, rows: dict[str, Row]) -> None:
-        self.path, self.kind, self.rows = path, kind, rows
-        self._file = file
-
-    def add(self, row: Row) -> None:
-        """Write a row with a `key`. Raises OSError if the disk is full."""
-        self._file.write(json.dumps(row, allow_nan=False, ensure_ascii=False).encode() + b"\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        self.rows[row["key"]] = row
-
-    def refresh(self) -> None:
-        """Take the rows from the file again, after Ctrl-C that may have come in the middle of `add`."""
-        self._file.flush()
-        self._file.seek(0)
-        self.rows = _rows(self._file.read().rpartition(b"\n")[0], self.path, self.kind)
-
-
 @contextlib.contextmanager
-def open_rows(path: Path, kind: str) -> Iterator[RowLog]:
-    """Open the rows at `path`, results of `kind` ("a campaign"), and hold them against a second run.
+def open_rows(path: Path) -> Iterator[BinaryIO]:
+    """Open and lock the file at `path`, make its folder if needed, and drop an incomplete last line.
 
-    The folder is made if need be. Raises CesError if it cannot be, if another run holds the rows, or if a line that is
-    not the last cannot be read.
+    Raises CesError if it cannot be written or another run has locked it.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -52,17 +26,20 @@ def open_rows(path: Path, kind: str) -> Iterator[RowLog]:
     except OSError as error:
         raise CesError(f"{path.parent}: cannot be written: {error.strerror}; choose another folder") from None
     with file:
-        _hold(file, path.parent)
+        _lock(file, path.parent)
         file.seek(0)
-        whole, _, torn = file.read().rpartition(b"\n")
-        if torn:
+        whole, _, rest = file.read().rpartition(b"\n")
+        if rest:
             file.truncate(len(whole) + 1 if whole else 0)
-        yield RowLog(path, file, kind, _rows(whole, path, kind))
+        yield file
 
 
-def _rows(whole: bytes, path: Path, kind: str) -> dict[str, Row]:
+def read_rows(file: BinaryIO, path: Path, kind: str) -> dict[str, Row]:
+    """Return the rows in complete lines by their `key`; raises CesError naming a line that is not a row."""
+    file.flush()
+    file.seek(0)
     rows = {}
-    for number, line in enumerate(whole.splitlines(), start=1):
+    for number, line in enumerate(file.read().rpartition(b"\n")[0].splitlines(), start=1):
         try:
             row = json.loads(line)
             rows[row["key"]] = row
@@ -71,8 +48,15 @@ def _rows(whole: bytes, path: Path, kind: str) -> dict[str, Row]:
     return rows
 
 
-def _hold(file: BinaryIO, folder: Path) -> None:
-    """Lock the file until it is closed, where the system can."""
+def append_row(file: BinaryIO, row: Row) -> None:
+    """Write a row; raises OSError if the disk is full."""
+    file.write(json.dumps(row, allow_nan=False, ensure_ascii=False).encode() + b"\n")
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def _lock(file: BinaryIO, folder: Path) -> None:
+    """Lock the file until it is closed, if the system can."""
     try:
         import fcntl
     except ImportError:

@@ -1,7 +1,7 @@
-"""Who runs the jobs: processes on this machine, or the workers of a Dask cluster. Tasks in, results as they come.
+"""Runs jobs in processes on this machine or on the workers of a Dask cluster; results come as they are finished.
 
-What tasks share, such as recordings, is read once by the caller and shipped: workers on other machines need not see the
-bags, and everyone works on the bytes that the keys were made from.
+The caller reads the objects that tasks share, such as recordings, once and sends them to the workers. These need no
+access to the bags, and all use the bytes from which the keys were computed.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from ces_identify.jobs.cluster import dask_distributed, open_cluster
 from ces_identify.jobs.job import CRASHED, Job, JobResult, describe_error, failed_job
 from ces_observer.errors import CesError
 
-TASKS_AHEAD = 2  # tasks for each thread of a cluster that are sent ahead
+TASKS_AHEAD = 2  # tasks sent ahead per thread of a cluster
 
 Result = TypeVar("Result")
-Shared = Mapping[Any, Any]  # objects that several tasks need, by a hashable key
+Shared = Mapping[Any, Any]  # objects that several tasks need, by key
 
 
 @dataclass(frozen=True)
 class Task:
-    """A job, the keys of what it needs of the shared objects, and what it alone needs."""
+    """A job, the keys of the shared objects that it needs, and its own objects."""
 
     job: Job
     shared: Sequence[Hashable]
@@ -37,10 +37,7 @@ Work = Callable[..., JobResult]  # (job, shared objects, own objects)
 def run_on_this_machine(
     work: Work, tasks: Iterable[Task], shared: Shared, processes: int, threads: int
 ) -> Generator[JobResult, None, None]:
-    """Yield the result of each task as it ends, from so many processes of so many threads.
-
-    Raises CesError if a process dies.
-    """
+    """Yield the result of each task as it ends; raises CesError if a process dies."""
     arguments = ((task.job, [shared[key] for key in task.shared], list(task.own)) for task in tasks)
     return run_in_processes(work, arguments, processes, threads)
 
@@ -48,18 +45,18 @@ def run_on_this_machine(
 def run_on_cluster(work: Work, tasks: Iterable[Task], shared: Shared, address: str) -> Generator[JobResult, None, None]:
     """Yield the result of each task as it ends, from the workers of the Dask scheduler at `address`.
 
-    Each shared object is sent to every worker once; tasks are taken as workers get free, so that few are held at once.
-    Raises CesError if the cluster cannot be used, or goes away.
+    Each shared object is sent to every worker once; tasks are taken from `tasks` as workers become free. Raises
+    CesError if the cluster cannot be used or is lost.
     """
     with open_cluster(address) as client:
-        held = dict(zip(shared, client.scatter(list(shared.values()), broadcast=True, hash=False), strict=True))
+        remote = dict(zip(shared, client.scatter(list(shared.values()), broadcast=True, hash=False), strict=True))
         ended = dask_distributed().as_completed(loop=client.loop, raise_errors=False)
         waiting, sent = iter(tasks), {}
 
         def send(count: int) -> None:
             for _, task in zip(range(count), waiting, strict=False):
                 own = client.scatter(list(task.own), hash=False) if task.own else []
-                future = client.submit(work, task.job, [held[key] for key in task.shared], own, pure=False)
+                future = client.submit(work, task.job, [remote[key] for key in task.shared], own, pure=False)
                 sent[future] = task.job
                 ended.add(future)
 
@@ -74,7 +71,7 @@ def run_on_cluster(work: Work, tasks: Iterable[Task], shared: Shared, address: s
 def run_in_processes(
     function: Callable[..., Result], tasks: Iterable[tuple[Any, ...]], processes: int, threads: int
 ) -> Generator[Result, None, None]:
-    """Yield what `function` makes of each task's arguments as it ends, from so many processes of so many threads.
+    """Yield the result of `function` for each task's arguments as it ends.
 
     A task is taken from `tasks`, perhaps in another thread, when a process is free. Raises CesError if a process dies.
     """
@@ -83,7 +80,7 @@ def run_in_processes(
     ordered = tuple(map(int, joblib.__version__.split(".")[:2])) < (1, 4)
     with joblib.parallel_config(backend="loky", inner_max_num_threads=threads):
         pool = joblib.Parallel(
-            n_jobs=max(2, processes),  # with 1, joblib would stay in this process, where Ctrl-C would end the search
+            n_jobs=max(2, processes),  # with 1, joblib would use this process, where Ctrl-C stops the search
             pre_dispatch=processes,
             batch_size=1,
             return_as="generator" if ordered else "generator_unordered",
@@ -95,25 +92,27 @@ def run_in_processes(
 
 
 def _reason_of_crash(future: Any, address: str) -> str | None:
-    """Return why a task that ended has no result, None if it has one; raises CesError if the cluster went away."""
+    """Return why a finished task has no result, None if it has one; raises CesError if the cluster is lost."""
     if future.status == "finished":
         return None
     if future.status != "error":
-        raise CesError(f"--dask {address}: the cluster went away; what is finished is kept: run again")
+        raise CesError(
+            f"--dask {address}: the connection to the cluster was lost; finished results are kept: run again"
+        )
     return describe_error(future.exception())
 
 
 def _explain_broken_pool(error: BrokenProcessPool) -> CesError:
-    """Return what to tell of processes that broke: one could not read its task, for the reason it gives, or died."""
+    """Return the error for a broken process: one that could not read its task, or that died."""
     if error.__cause__ is not None:
         reason = str(error.__cause__).strip(' \n"').rpartition("\n")[2]
-        return CesError(f"a worker process could not read its task or tell its result ({reason})")
+        return CesError(f"a worker process could not read its task or return its result ({reason})")
     return CesError(
-        "a worker process died, perhaps short of memory; what is finished is kept: run again with fewer --jobs"
+        "a worker process died, perhaps short of memory; finished results are kept: run again with fewer --jobs"
     )
 
 
 def _run_in_process(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Compute in a process of our own, and leave Ctrl-C, which the terminal sends to all, to the parent."""
+    """Compute in a worker process, and leave Ctrl-C, which the terminal sends to all processes, to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     return function(*arguments)

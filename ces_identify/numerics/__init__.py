@@ -1,1 +1,1 @@
-"""Numerical kernels without knowledge of files or models: arrays go in, arrays come out."""
+"""Numerical kernels without files or models: arrays in, arrays out."""

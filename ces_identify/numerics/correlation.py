@@ -1,6 +1,6 @@
-"""Correlation of sampled sequences that come in runs: no product is ever taken across a gap.
+"""Correlation of sampled sequences with gaps: no product is taken across a gap.
 
-Sequences are arrays (n,), the runs laid end to end; `runs` (r, 2) are the [start, stop) of each.
+Sequences are arrays (n,) of concatenated runs; `runs` (r, 2) are the [start, stop) of each.
 """
 
 from __future__ import annotations
@@ -8,17 +8,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
+from ces_identify.numerics.arrays import F, I, Mask
 
 INSIGNIFICANT_IN_A_ROW = 5  # lags: K_N of Politis & White
 FLAT = 0.5  # share of the flat-top window that is flat
 
 
-def find_runs(mask: NDArray[np.bool_], segments: I) -> I:
-    """Return the runs (r, 2) of the ticks `mask` (m,), numbered among the kept: a new one begins at each gap."""
+def find_runs(mask: Mask, segments: I) -> I:
+    """Return the runs (r, 2) of the ticks where `mask` (m,) is true, as indices among these ticks."""
     starts = np.zeros(len(mask), bool)
     starts[segments[:, 0]] = True
     starts[1:] |= ~mask[:-1]
@@ -26,15 +24,10 @@ def find_runs(mask: NDArray[np.bool_], segments: I) -> I:
     return np.stack([first, np.append(first[1:], int(mask.sum()))], axis=1).astype(np.int64)
 
 
-def single_run(n: int) -> I:
-    """Return the runs of a sequence without a gap."""
-    return np.array([[0, n]], np.int64)
-
-
 def covariance(x: F, y: F, runs: I, max_lag: int) -> tuple[F, F]:
-    """Return sum of x(k) y(k + lag) over the pairs inside runs, for lags 0 to `max_lag`, and the number of pairs.
+    """Return the sum of x(k) y(k + lag) over the pairs inside runs, and the number of pairs.
 
-    Both have shape (most + 1,). Take the means off first.
+    Both have shape (max_lag + 1,), for lags 0 to `max_lag`. The means must be subtracted before.
     """
     sums, pairs = np.zeros(max_lag + 1), np.zeros(max_lag + 1)
     for start, stop in runs:
@@ -49,22 +42,22 @@ def covariance(x: F, y: F, runs: I, max_lag: int) -> tuple[F, F]:
 
 
 def autocorrelation(x: F, runs: I, max_lag: int) -> F:
-    """Return the correlation (most + 1,) of x with itself at lags 0 to `max_lag`; 1 at lag 0."""
+    """Return the correlation (max_lag + 1,) of x with itself at lags 0 to `max_lag`; 1 at lag 0."""
     centred = x - x.mean()
     sums, _ = covariance(centred, centred, runs, max_lag)
     return np.asarray(sums / sums[0])
 
 
 def longest_memory(n: int, runs: I) -> int:
-    """Return the most that `memory` can find among n ticks in `runs`."""
+    """Return the largest possible result of `memory` for n ticks in `runs`."""
     return max(1, min(round(2.0 * math.sqrt(n)), int((runs[:, 1] - runs[:, 0]).max()) - 1))
 
 
 def memory(rho: F, n: int, max_lag: int) -> int:
     """Return the lag, at most `max_lag`, beyond which the autocorrelation `rho` of n ticks is insignificant.
 
-    The rule of Politis & White (2004, sec. 3.2): the smallest lag after which INSIGNIFICANT_IN_A_ROW correlations stay
-    inside 2 sqrt(log10(n) / n). `rho` must go that many lags beyond `max_lag`.
+    The rule of Politis & White (2004, sec. 3.2): the smallest lag after which INSIGNIFICANT_IN_A_ROW correlations are
+    below 2 sqrt(log10(n) / n). `rho` must have that many lags beyond `max_lag`.
     """
     small = np.abs(rho[1 : max_lag + 1 + INSIGNIFICANT_IN_A_ROW]) < 2.0 * math.sqrt(math.log10(n) / n)
     in_a_row = np.convolve(small, np.ones(INSIGNIFICANT_IN_A_ROW), "valid") >= INSIGNIFICANT_IN_A_ROW - 0.5
@@ -72,7 +65,7 @@ def memory(rho: F, n: int, max_lag: int) -> int:
 
 
 def flat_top(max_lag: int) -> F:
-    """Return the flat-top window (most + 1,) of Politis & Romano (1995): 1 up to FLAT of `max_lag`, then down to 0."""
+    """Return the window (max_lag + 1,) of Politis & Romano (1995): 1 up to FLAT of `max_lag`, then falling to 0."""
     share = np.arange(max_lag + 1) / max(max_lag, 1)
     return np.asarray(np.clip((1.0 - share) / (1.0 - FLAT), 0.0, 1.0))
 
@@ -85,9 +78,9 @@ def block_length(x: F, runs: I) -> int:
     """
     longest = longest_memory(len(x), runs)
     rho = autocorrelation(x, runs, 2 * longest + INSIGNIFICANT_IN_A_ROW)
-    most = 2 * max(memory(rho, len(x), longest), 1)
-    lags = np.arange(1, most + 1)
-    weighted = flat_top(most)[1:] * rho[1 : most + 1]
+    max_lag = 2 * max(memory(rho, len(x), longest), 1)
+    lags = np.arange(1, max_lag + 1)
+    weighted = flat_top(max_lag)[1:] * rho[1 : max_lag + 1]
     slope, level = 2.0 * float(lags @ weighted), 1.0 + 2.0 * float(weighted.sum())
     limit = math.ceil(min(3.0 * math.sqrt(len(x)), len(x) / 3.0))
     if level <= 0.0:

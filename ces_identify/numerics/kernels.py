@@ -1,26 +1,52 @@
 """The numerical kernels: plain loops over arrays, compiled by Numba, each with a slow readable twin in the tests.
 
-A set of terms reaches the kernels as arrays: `columns[t, f]` and `lags[t, f]` name factor f of term t as a row of the
-power table `powers` (shape (rows, ticks)) and a lag in ticks; `counts[t]` is the number of factors and `outputs[t]`
-the lag of the past force, 0 if there is none. `segments[s] = (start, stop)` are ticks without a gap; before a
-segment's start inputs count as its first ones and forces as zero, exactly as in `ces_observer.structures.polynomial`.
+`powers` (rows, ticks) is the power table; `segments[s] = (start, stop)` are ticks without a gap. Before a segment's
+start the inputs equal those of its first tick and the forces are zero, exactly as in
+`ces_observer.structures.polynomial`.
 """
 
 from __future__ import annotations
 
 from math import cos, exp, floor, inf, pi, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_observer.tracker import DOUBT, LARGEST_CHANGE, OVERDUE, PATIENCE, SETTLING
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741 - the index arrays of every kernel
-
-BLOCK = 1024  # ticks worked on at a time, so that they stay in the first-level cache
+BLOCK = 1024  # ticks per pass, which fit into the first-level cache
+Bounds = tuple[float, float]  # lowest and highest force of a free run [N]
 STATUS_OK, STATUS_ORDER, STATUS_OUTLIER, STATUS_RESTART, STATUS_UNSETTLED = 0, 1, 2, 3, 4
+
+
+class TermArrays(NamedTuple):
+    """A set of terms: factor f of term t is row `columns[t, f]` of the power table, `lags[t, f]` ticks back.
+
+    `counts[t]` is the number of factors, `outputs[t]` the lag of the past force, 0 if the term has none.
+    """
+
+    columns: I
+    lags: I
+    counts: I
+    outputs: I
+
+
+class ScoredRun(NamedTuple):
+    """What the cost of a free run needs besides the terms.
+
+    `weights` (ticks,) is 1 / sum (y - mean y)^2 of the tick's recording where the tick is scored, else 0;
+    `recordings[s]` is the index of segment s's recording, ascending.
+    """
+
+    powers: F
+    segments: I
+    recordings: I
+    weights: F
+    measured: F
+    bounds: Bounds
 
 
 @njit(cache=True, nogil=True)
@@ -170,9 +196,10 @@ def power_row(values: F, power: float, signed: bool) -> F:
 
 @njit(cache=True, nogil=True)
 def _add_product(
-    powers: F, columns: I, lags: I, count: int, scale: float, start: int, k0: int, k1: int, target: F
+    powers: F, terms: TermArrays, term: int, scale: float, start: int, k0: int, k1: int, target: F
 ) -> None:
     """Add scale times the product of a term's input factors over ticks k0 to k1 to target[: k1 - k0]."""
+    columns, lags, count = terms.columns[term], terms.lags[term], terms.counts[term]
     n = k1 - k0
     out = target[:n]
     deepest = 0
@@ -206,27 +233,16 @@ def _add_product(
 
 @njit(cache=True, nogil=True)
 def _run_block(
-    powers: F,
-    columns: I,
-    lags: I,
-    counts: I,
-    outputs: I,
-    coefficients: F,
-    start: int,
-    k0: int,
-    k1: int,
-    low: float,
-    high: float,
-    force: F,
-    work: F,
+    powers: F, terms: TermArrays, coefficients: F, start: int, k0: int, k1: int, bounds: Bounds, force: F, work: F
 ) -> int:
     """Free-run ticks k0 to k1 of a segment that starts at `start`; returns the first tick out of bounds, or k1.
 
-    `work` has shape (1 + most output lags in use, BLOCK): the input part, and for each distinct output lag the sum of
-    its coefficients.
+    `work` (1 + output lags, BLOCK) receives the inputs' part of the force and the gain of each distinct output lag.
     """
     n = k1 - k0
     inputs = work[0]
+    outputs = terms.outputs
+    low, high = bounds
     used = np.empty(len(outputs), np.int64)
     n_used = 0
     inputs[:n] = 0.0
@@ -240,7 +256,7 @@ def _run_block(
                 used[slot] = outputs[t]
                 n_used += 1
                 work[1 + slot, :n] = 0.0
-        _add_product(powers, columns[t], lags[t], counts[t], coefficients[t], start, k0, k1, work[1 + slot])
+        _add_product(powers, terms, t, coefficients[t], start, k0, k1, work[1 + slot])
     if n_used == 1 and k0 - used[0] >= start:
         end: int = _recursion_of_one(inputs[:n], work[1, :n], force[k0 - used[0] : k1], used[0], k0, low, high)
         return end
@@ -259,7 +275,7 @@ def _run_block(
 
 @njit(cache=True, nogil=True)
 def _recursion_of_one(inputs: F, gain: F, force: F, lag: int, k0: int, low: float, high: float) -> int:
-    """The recursion with one output lag; `force` begins `lag` ticks before the block."""
+    """Run the recursion with one output lag; `force` begins `lag` ticks before the block."""
     bounded = True
     for i in range(len(inputs)):
         y = inputs[i] + gain[i] * force[i]
@@ -274,13 +290,11 @@ def _recursion_of_one(inputs: F, gain: F, force: F, lag: int, k0: int, low: floa
 
 
 @njit(cache=True, nogil=True)
-def free_run(
-    powers: F, segments: I, columns: I, lags: I, counts: I, outputs: I, coefficients: F, low: float, high: float
-) -> tuple[F, int]:
+def free_run(powers: F, segments: I, terms: TermArrays, coefficients: F, bounds: Bounds) -> tuple[F, int]:
     """Simulate every segment from its own past forces.
 
-    Returns force (ticks,) [N], NaN from where it left [low, high] to the end of that segment, and the first such
-    tick, or -1.
+    Returns force (ticks,) [N], NaN from where it left `bounds` to the end of that segment, and the first such tick,
+    or -1.
     """
     force = np.zeros(powers.shape[1])
     work = np.empty((1 + len(coefficients), BLOCK))
@@ -290,9 +304,7 @@ def free_run(
         k0 = start
         while k0 < stop:
             k1 = min(k0 + BLOCK, stop)
-            end = _run_block(
-                powers, columns, lags, counts, outputs, coefficients, start, k0, k1, low, high, force, work
-            )
+            end = _run_block(powers, terms, coefficients, start, k0, k1, bounds, force, work)
             if end < k1:
                 force[end:stop] = np.nan
                 first = end if first < 0 else first
@@ -302,28 +314,9 @@ def free_run(
 
 
 @njit(cache=True, nogil=True)
-def free_run_cost(
-    powers: F,
-    segments: I,
-    weights: F,
-    measured: F,
-    columns: I,
-    lags: I,
-    counts: I,
-    outputs: I,
-    coefficients: F,
-    low: float,
-    high: float,
-    recordings: I,
-    best: float,
-    work: F,
-    force: F,
-) -> float:
-    """Return the mean over recordings of the free-run cost J [%], or infinity once it is sure to exceed `best`.
-
-    `weights` (ticks,) is 1 / sum (y - mean y)^2 of the tick's recording where the tick is scored, else 0;
-    `recordings[s]` is the index of segment s's recording, ascending.
-    """
+def free_run_cost(run: ScoredRun, terms: TermArrays, coefficients: F, best: float, work: F, force: F) -> float:
+    """Return the mean over recordings of the free-run cost J [%], or infinity as soon as it must exceed `best`."""
+    powers, segments, recordings, weights, measured, bounds = run
     n_recordings = recordings[-1] + 1
     done = 0.0
     share = 0.0
@@ -335,9 +328,7 @@ def free_run_cost(
         k0 = start
         while k0 < stop:
             k1 = min(k0 + BLOCK, stop)
-            end = _run_block(
-                powers, columns, lags, counts, outputs, coefficients, start, k0, k1, low, high, force, work
-            )
+            end = _run_block(powers, terms, coefficients, start, k0, k1, bounds, force, work)
             if end < k1:
                 return inf
             for k in range(k0, k1):
@@ -352,7 +343,7 @@ def free_run_cost(
 
 @njit(cache=True, nogil=True)
 def solve_normal(gram: F, chosen: I, ridge: float) -> tuple[F, bool]:
-    """Least squares of the last column of `gram` on the `chosen` ones, by a scaled Cholesky factorisation.
+    """Solve least squares of the last column of `gram` on the `chosen` ones, by a scaled Cholesky factorisation.
 
     Returns the coefficients and whether the columns were independent (pivots above `ridge` after scaling).
     """
@@ -393,15 +384,14 @@ def solve_normal(gram: F, chosen: I, ridge: float) -> tuple[F, bool]:
 
 
 @njit(cache=True, nogil=True)
-def regressor_columns(
-    powers: F, measured: F, segments: I, columns: I, lags: I, counts: I, outputs: I, k0: int, k1: int, segment: int
-) -> F:
-    """Return the regressors (terms, k1 - k0) over ticks of one segment, past forces taken from `measured`."""
+def regressor_columns(powers: F, measured: F, segments: I, terms: TermArrays, k0: int, k1: int, segment: int) -> F:
+    """Return the regressors (terms, k1 - k0) over ticks of one segment, with the past forces of `measured`."""
     n = k1 - k0
     start = segments[segment, 0]
+    outputs = terms.outputs
     out = np.zeros((len(outputs), n))
     for t in range(len(outputs)):
-        _add_product(powers, columns[t], lags[t], counts[t], 1.0, start, k0, k1, out[t])
+        _add_product(powers, terms, t, 1.0, start, k0, k1, out[t])
         if outputs[t] > 0:
             for i in range(n):
                 back = k0 + i - outputs[t]
@@ -439,63 +429,39 @@ def first_better(
     gram: F,
     chosen: I,
     trial: I,
-    powers: F,
-    segments: I,
-    weights: F,
-    measured: F,
-    columns: I,
-    lags: I,
-    counts: I,
-    outputs: I,
-    low: float,
-    high: float,
-    recordings: I,
+    run: ScoredRun,
+    terms: TermArrays,
     best: float,
     ridge: float,
     probes: F,
     max_gain: float,
     drop: bool,
 ) -> tuple[int, float, F]:
-    """Try each candidate of `trial` added to (or, with `drop`, each place of `trial` taken out of) `chosen`.
+    """Try each candidate of `trial` added to (or, with `drop`, each place of `trial` removed from) `chosen`.
 
-    Fits by least squares on `gram`, passes over what has a probed gain of `max_gain` or more, judges by free run, and
+    Fits by least squares on `gram`, skips models with a probed gain of `max_gain` or more, evaluates the free run, and
     stops at the first cost below `best`. Returns the place in `trial` (-1 if none was better), the cost and the
     coefficients.
     """
     n = len(chosen) - 1 if drop else len(chosen) + 1
-    terms = np.empty(n, np.int64)
+    subset = np.empty(n, np.int64)
     work = np.empty((1 + n, BLOCK))
-    force = np.empty(powers.shape[1])
+    force = np.empty(run.powers.shape[1])
     for place in range(len(trial)):
         if drop:
             k = 0
             for i in range(len(chosen)):
                 if i != trial[place]:
-                    terms[k] = chosen[i]
+                    subset[k] = chosen[i]
                     k += 1
         else:
-            terms[: n - 1] = chosen
-            terms[n - 1] = trial[place]
-        coefficients, independent = solve_normal(gram, terms, ridge)
-        if not independent or probed_gain(probes[terms], outputs[terms], coefficients) >= max_gain:
+            subset[: n - 1] = chosen
+            subset[n - 1] = trial[place]
+        coefficients, independent = solve_normal(gram, subset, ridge)
+        if not independent or probed_gain(probes[subset], terms.outputs[subset], coefficients) >= max_gain:
             continue
-        cost = free_run_cost(
-            powers,
-            segments,
-            weights,
-            measured,
-            columns[terms],
-            lags[terms],
-            counts[terms],
-            outputs[terms],
-            coefficients,
-            low,
-            high,
-            recordings,
-            best,
-            work,
-            force,
-        )
+        arrays = TermArrays(terms.columns[subset], terms.lags[subset], terms.counts[subset], terms.outputs[subset])
+        cost = free_run_cost(run, arrays, coefficients, best, work, force)
         if cost < best:
             return place, cost, coefficients
     return -1, best, np.empty(0)

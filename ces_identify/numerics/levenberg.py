@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt: from a start, ever better parameters, one step at a time, for as long as the caller asks."""
+"""Levenberg-Marquardt as an iterator: each step yields better parameters until the caller stops."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
-F = NDArray[np.float64]
+from ces_identify.numerics.arrays import F
+
 Evaluate = Callable[[F, float], tuple[float, F, F]]
 
 FIRST_DAMPING = 1e-2
@@ -17,10 +17,10 @@ MIN_DAMPING = 1e-9
 
 
 def descend(evaluate: Evaluate, start: F) -> Iterator[tuple[float, F]]:
-    """Yield (error, parameters) of the start and after each step that lowers the error; end when none can be found.
+    """Yield (error, parameters) of the start and after each trial step; stop when no step lowers the error.
 
-    `evaluate(parameters, most)` returns the squared error (infinite if over `most`), its Gauss-Newton matrix and the
-    gradient J^T (measured - simulated). Damping scales with the matrix's diagonal (Marquardt 1963).
+    `evaluate(parameters, max_error)` returns the squared error (infinite if above `max_error`), its Gauss-Newton matrix
+    and the gradient J^T (measured - simulated). Damping scales with the matrix's diagonal (Marquardt 1963).
     """
     params, damping = start, FIRST_DAMPING
     error, matrix, gradient = evaluate(params, inf)
@@ -40,7 +40,7 @@ def descend(evaluate: Evaluate, start: F) -> Iterator[tuple[float, F]]:
 
 
 def damped_step(matrix: F, gradient: F, damping: float) -> F:
-    """Return the step of the damped normal equations; parameters without effect stay."""
+    """Return the solution of the damped normal equations; parameters without effect are unchanged."""
     diagonal = np.diag(matrix)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = matrix * scale * scale[:, None]

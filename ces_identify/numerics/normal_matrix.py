@@ -1,4 +1,4 @@
-"""What the kernels of simulation-error fitting share: sensitivities of a free run, and the normal equations they make.
+"""Parts that the kernels of simulation-error fitting share: sensitivities of a free run, and normal equations.
 
 With y(k) = f(past forces, inputs; p), the sensitivities s = dy/dp of the free run obey
 s(k) = df/dp + sum_j (df/dy(k - j)) s(k - j), from zero at a segment's start (Ljung, System Identification, 2nd ed.,
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
-BLOCK = 256  # ticks whose sensitivities are held at a time
+BLOCK = 256  # ticks of sensitivities in memory at a time
 TILE = 8  # ticks added to the normal matrix in one pass over it
 
 
@@ -29,7 +29,7 @@ def longest_lag(lags: I) -> int:
 
 @njit(cache=True, nogil=True)
 def propagate(slopes: F, k: int, lags: I, gains: F) -> None:
-    """Add to row k of `slopes` (ticks, parameters) what its earlier rows bring through the past forces."""
+    """Add to row k of `slopes` (ticks, parameters) the contributions of its earlier rows through the past forces."""
     for j in range(len(lags)):
         if lags[j] > 0:
             gain, back = gains[j], k - lags[j]

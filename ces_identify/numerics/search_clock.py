@@ -1,6 +1,6 @@
-"""The time a search may take: its clock stands still while a kernel is compiled.
+"""The clock of a search, which stops while a kernel is compiled.
 
-The first run on a computer then finds what every later one finds, however slowly it compiles.
+The first run on a computer then gives the same result as later ones.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from numba.core import event
 
 
 class _Compiling(event.Listener):  # type: ignore[misc]  # numba has no types
-    """Adds up the seconds of compilation; one thread compiles at a time, for numba holds a lock meanwhile."""
+    """Adds up the seconds of compilation; one thread compiles at a time, under a lock of numba."""
 
     def __init__(self) -> None:
         self._depth, self._began, self._ended = 0, 0.0, 0.0
@@ -27,7 +27,7 @@ class _Compiling(event.Listener):  # type: ignore[misc]  # numba has no types
             self._ended += time.monotonic() - self._began
 
     def subtract_compilation(self, now: float) -> float:
-        """Return `now` of time.monotonic() less all compilation up to then."""
+        """Return `now`, from time.monotonic(), less all compilation before it."""
         return (self._began if self._depth else now) - self._ended
 
 
@@ -36,5 +36,5 @@ event.register("numba:compile", _COMPILING)
 
 
 def now() -> float:
-    """Return the seconds of a clock that runs on but for compilation in this process."""
+    """Return the seconds of a clock that stops during compilation in this process."""
     return _COMPILING.subtract_compilation(time.monotonic())

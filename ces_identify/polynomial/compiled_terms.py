@@ -1,15 +1,16 @@
-"""Terms as the arrays the kernels read, and the power tables they read them from."""
+"""Terms as the arrays that the kernels read, and the power tables that they index."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.kernels import TermArrays
 from ces_identify.polynomial.constructed_series import membership
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import ConstructedInput, TriangularMembership
@@ -22,38 +23,21 @@ Power = tuple[str, float, bool]  # signal, power, signed
 
 @dataclass(frozen=True)
 class CompiledTerms:
-    """Terms as arrays: `columns`, `lags` (terms, most factors), `counts`, `outputs` (terms,); see kernels.py.
-
-    `constructed` are the inputs they use besides position, speed and current.
-    """
+    """Terms as arrays, the powers in the table that they index, and the constructed inputs that they use."""
 
     powers: tuple[Power, ...]
-    columns: NDArray[np.int64]
-    lags: NDArray[np.int64]
-    counts: NDArray[np.int64]
-    outputs: NDArray[np.int64]
+    arrays: TermArrays
     constructed: tuple[ConstructedInput, ...] = ()
 
-    @property
-    def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Columns, lags, counts and outputs, in the order every kernel takes them."""
-        return self.columns, self.lags, self.counts, self.outputs
-
-    def subset(self, chosen: NDArray[np.int64]) -> CompiledTerms:
-        """Return the terms at the indices `chosen`, reading the same power table."""
-        return replace(
-            self,
-            columns=self.columns[chosen],
-            lags=self.lags[chosen],
-            counts=self.counts[chosen],
-            outputs=self.outputs[chosen],
-        )
+    def subset(self, chosen: NDArray[np.int64]) -> TermArrays:
+        """Return the arrays of the terms at the indices `chosen`."""
+        return TermArrays(*(array[chosen] for array in self.arrays))
 
     def variable(self, term: int, factor: int) -> tuple[str, int]:
-        """Return what a factor is a function of, signal and lag: a hat is one of the signal it is of."""
-        signal = self.powers[self.columns[term, factor]][0]
+        """Return the signal and lag of which a factor is a function; for a membership, the signal behind it."""
+        signal = self.powers[self.arrays.columns[term, factor]][0]
         hat = self._memberships.get(signal)
-        return (hat.of if hat else signal), int(self.lags[term, factor])
+        return (hat.of if hat else signal), int(self.arrays.lags[term, factor])
 
     def factor_values(self, column: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return row `column` of the power table at `values` (n,) of the factor's variable."""
@@ -67,7 +51,7 @@ class CompiledTerms:
         return ranges | {one.name: one.range(ranges) for one in self.constructed}
 
     def kinks(self, signal: str) -> list[float]:
-        """Return where the memberships of a signal bend."""
+        """Return the values at which the memberships of a signal change slope, ascending."""
         return sorted({at for hat in self._memberships.values() if hat.of == signal for at in hat.kinks})
 
     @property
@@ -76,7 +60,7 @@ class CompiledTerms:
 
 
 def compile_terms(terms: Sequence[Term]) -> CompiledTerms:
-    """Return the arrays of `terms`; their coefficients are left to the caller."""
+    """Return the arrays of `terms`, without their coefficients."""
     powers = sorted({_power(f) for term in terms for f in term.inputs})
     row = {power: i for i, power in enumerate(powers)}
     width = max([len(term.inputs) for term in terms] + [1])
@@ -87,7 +71,7 @@ def compile_terms(terms: Sequence[Term]) -> CompiledTerms:
             columns[t, f], lags[t, f] = row[_power(factor)], factor.lag
     counts = np.array([len(term.inputs) for term in terms], np.int64)
     outputs = np.array([term.output_lag for term in terms], np.int64)
-    return CompiledTerms(tuple(powers), columns, lags, counts, outputs, collect_constructed(terms))
+    return CompiledTerms(tuple(powers), TermArrays(columns, lags, counts, outputs), collect_constructed(terms))
 
 
 def power_table(
@@ -100,7 +84,7 @@ def power_table(
 ) -> NDArray[np.float64]:
     """Return each power of its signal, clamped to the envelope; shape (max(1, powers), ticks).
 
-    `constructed` holds the other signals (ticks,) by name, as `ces_identify.polynomial.constructed_series` makes them.
+    `constructed` holds the constructed inputs (ticks,) by name.
     """
     clamped = {
         **constructed,

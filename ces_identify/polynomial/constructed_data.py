@@ -1,4 +1,4 @@
-"""Constructed inputs against the data they are to be fitted on: what lies outside is refused, ranges are narrowed."""
+"""Checks constructed inputs against the estimation data: refuses those outside it and narrows ranges."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import replace
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_identify.polynomial.regressors import CandidateRules
 from ces_identify.preparation.series import Series
@@ -22,23 +22,21 @@ from ces_observer.structures.constructed_inputs import (
     TriangularMembership,
 )
 
-F = NDArray[np.float64]
-
 ANYTHING = Envelope((-inf, inf), (-inf, inf), (-inf, inf))
-MARGIN = 0.1  # of the range seen, by which a frequency's own range exceeds it
+MARGIN = 0.1  # of the data's range, added at both ends of a frequency's range
 
 
 def restrict_to_data(rules: CandidateRules, series: Sequence[Series]) -> CandidateRules:
-    """Return `rules` with the range of each frequency narrowed to what `series` hold.
+    """Return `rules` with the range of each frequency narrowed to that of `series`.
 
-    Raises CesError for a hat that peaks, or a hysteresis that is wider, than the data reach. A lag whose time constant
-    is open is taken to reach as far as its signal.
+    Raises CesError for a membership that peaks outside the data, or a hysteresis wider than the data. A lag with an
+    open time constant is assumed to have the range of its signal.
     """
-    made = {
+    constructed = {
         name: tuple(_fit_to_data(one, series, rules.open_lags) for one in group)
         for name, group in rules.constructed.items()
     }
-    return replace(rules, constructed=made)
+    return replace(rules, constructed=constructed)
 
 
 def _fit_to_data(one: ConstructedInput, series: Sequence[Series], open_lags: Sequence[str]) -> ConstructedInput:
@@ -67,28 +65,26 @@ def _scored_values(signal: str, definition: ConstructedInput | None, series: Seq
     return np.concatenate(values)
 
 
-def _narrow_range(one: Frequency, seen: F) -> Frequency:
+def _narrow_range(one: Frequency, data: F) -> Frequency:
     low, high = one.range_Hz
-    margin = MARGIN * float(np.ptp(seen))
-    narrow = max(low, float(seen.min()) - margin), min(high, float(seen.max()) + margin)
+    margin = MARGIN * float(np.ptp(data))
+    narrow = max(low, float(data.min()) - margin), min(high, float(data.max()) + margin)
     if not narrow[0] < narrow[1]:
-        raise CesError(
-            f"{one.name}: the data never leave {seen.min():g} Hz; expected motion within {low:g}-{high:g} Hz"
-        )
+        raise CesError(f"{one.name}: the data stay at {data.min():g} Hz; expected motion within {low:g}-{high:g} Hz")
     return replace(one, range_Hz=narrow)
 
 
-def _require_inside(hat: TriangularMembership, seen: F) -> None:
-    if not seen.min() <= hat.peak <= seen.max():
+def _require_inside(hat: TriangularMembership, data: F) -> None:
+    if not data.min() <= hat.peak <= data.max():
         raise CesError(
-            f"{hat.name}: peaks at {hat.of} {hat.peak:g}, outside the data's {seen.min():g} to {seen.max():g}; "
-            "expected places between"
+            f"{hat.name}: peaks at {hat.of} {hat.peak:g}, outside the data's {data.min():g} to {data.max():g}; "
+            "expected peaks between"
         )
 
 
-def _require_narrow(one: Hysteresis, seen: F) -> None:
-    if 2.0 * one.half_width >= np.ptp(seen):
+def _require_narrow(one: Hysteresis, data: F) -> None:
+    if 2.0 * one.half_width >= np.ptp(data):
         raise CesError(
             f"{one.name}: half width {one.half_width:g} spans all of the data's {one.of}, "
-            f"{seen.min():g} to {seen.max():g}; expected a narrower hysteresis"
+            f"{data.min():g} to {data.max():g}; expected a narrower hysteresis"
         )

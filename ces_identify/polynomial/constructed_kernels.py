@@ -1,7 +1,7 @@
 """Constructed inputs over whole arrays: twins of ces_observer.structures.constructed_runs, operation by operation.
 
-Each takes the values of its signals (ticks,), clamped to the envelope, and `segments` (s, 2), ticks without a gap at
-whose starts the past is forgotten; and returns the constructed input (ticks,).
+Each takes the values of its signals (ticks,), clamped to the envelope, and `segments` (s, 2), ticks without a gap, at
+whose starts it resets, and returns the constructed input (ticks,).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from math import pi, sqrt
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.kernels import F, I
+from ces_identify.numerics.arrays import F, I
 
 
 @njit(cache=True, nogil=True)
@@ -38,7 +38,7 @@ def play(values: F, segments: I, half: float) -> F:
 
 @njit(cache=True, nogil=True)
 def lag(values: F, segments: I, gain: float) -> F:
-    """Return the values behind a first-order lag; `gain` is the weight of a new tick."""
+    """Return the values after a first-order lag; `gain` is the weight of a new tick."""
     out = np.zeros(len(values))
     for s in range(len(segments)):
         lagged = values[segments[s, 0]]

@@ -1,4 +1,4 @@
-"""The short ways to ask for constructed inputs and blended sub-models: rules in, rules with more candidates out."""
+"""The options for constructed inputs and blended sub-models: rules in, rules with more candidates out."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import BASE, TriangularMembership
 
 HYSTERESIS, REMANENCE, LAG, FREQUENCY = "hysteresis", "remanence", "lag", "frequency"
-CURRENT, VALVE = "current", "valve"  # products that name the current take the valve's, where rules know it
-MAX_BLENDED_INPUTS = 2  # inputs a term may have beside its membership
+CURRENT, VALVE = "current", "valve"  # products with the current use the valve's if the rules have it
+MAX_BLENDED_INPUTS = 2  # inputs of a term besides its membership
 NO_LAG = SignalRule((0,))
 EXPECTED = "hysteresis:M,... or remanence:A,... or lag:S,... or frequency or frequency:S"
 
@@ -31,7 +31,7 @@ CONSTRUCTED_PRODUCTS: Mapping[str, tuple[tuple[str, ...], ...]] = {
 
 
 def add_constructed_inputs(rules: CandidateRules, spec: str) -> CandidateRules:
-    """Return `rules` with the constructed inputs `spec` for and products of them; raises CesError.
+    """Return `rules` with the constructed inputs of `spec` and their products; raises CesError.
 
     `spec` is `hysteresis:W,...` (stops of the position, half widths in m), `remanence:W,...` (plays of the current,
     half widths in A), `lag:T,...` (first-order lags of the current, time constants in s or `auto`), `frequency` or
@@ -40,7 +40,7 @@ def add_constructed_inputs(rules: CandidateRules, spec: str) -> CandidateRules:
     kind, _, text = spec.partition(":")
     if kind not in CONSTRUCTED_RULES or (kind != FREQUENCY and not text):
         raise CesError(f"'{spec}': expected {EXPECTED}")
-    settings = [AUTO if kind == LAG and one == AUTO else _number(one, spec) for one in text.split(",") if one]
+    settings = [AUTO if kind == LAG and one == AUTO else _parse_number(one, spec) for one in text.split(",") if one]
     if kind == FREQUENCY:
         window = {"time_constant_s": settings[0]} if settings else {}
         return _add_inputs(rules, {FREQUENCY: {"kind": FREQUENCY, **window}}, kind)
@@ -48,29 +48,27 @@ def add_constructed_inputs(rules: CandidateRules, spec: str) -> CandidateRules:
 
 
 def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
-    """Return `rules` with each product once more for every sub-model of a blend; raises CesError.
+    """Return `rules` with each product repeated for every sub-model of a blend; raises CesError.
 
-    `spec` is `SIGNAL:A,B,...`: sub-models that are alone at A (and below), at B, and so on (and above the last),
-    blended linearly between; SIGNAL is position, speed, current or a constructed input of `rules`. If these have the
-    valve's current only, current is that: a proof of both would take them for independent. Products as they are remain,
-    for what the sub-models share.
+    `spec` is `SIGNAL:A,B,...`: one sub-model applies at A (and below), one at B, and so on (and above the last), with
+    linear blending between; SIGNAL is position, speed, current or a constructed input of `rules`. If these use only the
+    valve's current, `current` means that, as a proof would treat the two as independent. The original products remain
+    for the part that the sub-models share.
     """
     of, _, text = spec.partition(":")
     of = VALVE if of == CURRENT and CURRENT not in rules.signals and VALVE in rules.signals else of
-    known = (
-        *BASE,
-        *(name for name, made in rules.constructed.items() if not isinstance(made[0], TriangularMembership)),
-    )
+    smooth = [name for name, group in rules.constructed.items() if not isinstance(group[0], TriangularMembership)]
+    known = (*BASE, *smooth)
     if of not in known:
         raise CesError(f"'{spec}': expected SIGNAL:A,B,... with a signal among {', '.join(known)}")
     name = f"by_{of}"
-    raw = {name: {"kind": "hats", "of": of, "at": [_number(one, spec) for one in text.split(",") if one]}}
+    raw = {name: {"kind": "hats", "of": of, "at": [_parse_number(one, spec) for one in text.split(",") if one]}}
     blended = [p for p in rules.products if len(set(p) - {"force"}) <= MAX_BLENDED_INPUTS]
     return _extend_rules(rules, raw, _membership_rule(rules, of), [(name, *p) for p in blended])
 
 
 def _membership_rule(rules: CandidateRules, of: str) -> SignalRule:
-    """Return the rule of hats over `of`: at a lag the signal stands at beside past forces, which keeps proofs short."""
+    """Return the rule of memberships over `of`, at the signal's lag beside past forces, which keeps proofs short."""
     beside = rules.beside_force.get(of, rules.signals.get(of, NO_LAG))
     return SignalRule(beside.lags[-1:], (1.0,), ("magnitude",), beside.in_ms)
 
@@ -92,10 +90,12 @@ def _add_inputs(rules: CandidateRules, raw: Mapping[str, object], kind: str) -> 
 def _extend_rules(
     rules: CandidateRules, raw: Mapping[str, object], rule: SignalRule, products: Sequence[tuple[str, ...]]
 ) -> CandidateRules:
-    """Return `rules` with the definitions `raw`, which all follow `rule`, and products of them."""
-    taken = sorted(set(raw) & {*rules.signals, *rules.constructed})
-    if taken:
-        raise CesError(f"constructed input '{taken[0]}': is defined already; give each of --construct and --blend once")
+    """Return `rules` with the definitions `raw`, all with `rule`, and `products`."""
+    repeated = sorted(set(raw) & {*rules.signals, *rules.constructed})
+    if repeated:
+        raise CesError(
+            f"constructed input '{repeated[0]}': is defined already; give each of --construct and --blend once"
+        )
     block, open_lags = replace_auto(raw)
     return replace(
         rules,
@@ -106,8 +106,8 @@ def _extend_rules(
     )
 
 
-def _number(text: str, asked: str) -> float:
+def _parse_number(text: str, spec: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise CesError(f"'{asked}': expected numbers after the colon, with commas between") from None
+        raise CesError(f"'{spec}': expected numbers after the colon, with commas between") from None

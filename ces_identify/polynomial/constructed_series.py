@@ -1,24 +1,20 @@
-"""Constructed inputs of whole series: definitions and uniform inputs in, one array for each out."""
+"""Constructed inputs of whole series: definitions and uniform inputs in, one array per constructed input out."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial import constructed_kernels as kernels
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import (
     ConstructedInput,
     Frequency,
-    Hysteresis,
     Lag,
     TriangularMembership,
 )
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 
 def constructed_values(
@@ -28,11 +24,10 @@ def constructed_values(
     segments: I,
     rate_Hz: float,
 ) -> dict[str, F]:
-    """Return each constructed input (ticks,) by name, as `ces_observer.structures.constructed_inputs.InputConstructor`
-    makes it.
+    """Return each constructed input (ticks,) by name, as the observer's `InputConstructor` computes it.
 
-    `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; they are clamped to `envelope`. Of `constructed`,
-    each comes after those it is made of.
+    `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; they are clamped to `envelope`. In `constructed`,
+    each follows those from which it is computed.
     """
     ranges = envelope.by_signal
     known = {s: np.clip(values, *ranges[s]) for s, values in zip(("position", "speed", "current"), inputs, strict=True)}
@@ -56,9 +51,5 @@ def _values(one: ConstructedInput, known: Mapping[str, F], segments: I, rate_Hz:
         return np.asarray(kernels.frequency(known["position"], known["speed"], segments, *settings))
     if isinstance(one, Lag):
         return np.asarray(kernels.lag(known[one.of], segments, one.gain(rate_Hz)))
-    return np.asarray(_hysteresis(one, known[one.of], segments))
-
-
-def _hysteresis(one: Hysteresis, values: F, segments: I) -> F:
-    found: F = (kernels.stop if one.kind == "stop" else kernels.play)(values, segments, one.half_width)
-    return found
+    hysteresis = kernels.stop if one.kind == "stop" else kernels.play
+    return np.asarray(hysteresis(known[one.of], segments, one.half_width))

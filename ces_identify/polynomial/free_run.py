@@ -1,34 +1,31 @@
-"""The free run of a polynomial in batch: a model and uniform inputs in, force out."""
+"""The free run of a polynomial over whole arrays: a model and uniform inputs in, force out."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.compiled_terms import CompiledTerms, compile_terms, power_table
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
-
 
 def run_polynomial(polynomial: Polynomial, model: Model, inputs: F, segments: I) -> tuple[F, int]:
-    """Return force (ticks,) [N] and the first tick out of the force envelope, -1 if none.
+    """Return the force (ticks,) [N] and the first tick outside the force envelope, -1 if there is none.
 
     `inputs` (3, ticks) are position [m], speed [m/s] and current [A].
     """
     terms, powers = powers_of_inputs(polynomial, model, inputs, segments)
     coefficients = np.array([term.coefficient for term in polynomial.terms])
-    force, diverged = kernels.free_run(powers, segments, *terms.arrays, coefficients, *model.force_envelope_N)
+    force, diverged = kernels.free_run(powers, segments, terms.arrays, coefficients, model.force_envelope_N)
     return force, int(diverged)
 
 
 def powers_of_inputs(polynomial: Polynomial, model: Model, inputs: F, segments: I) -> tuple[CompiledTerms, F]:
-    """Return the terms as arrays and the powers (rows, ticks) of the inputs that they read."""
+    """Return the terms as arrays and their power table (rows, ticks) for these inputs."""
     terms, (position, speed, current) = compile_terms(polynomial.terms), inputs
     rate_Hz = model.sampling.rate_Hz
-    made = constructed_values(terms.constructed, model.envelope, (position, speed, current), segments, rate_Hz)
-    return terms, power_table(terms.powers, model.envelope, position, speed, current, made)
+    values = constructed_values(terms.constructed, model.envelope, (position, speed, current), segments, rate_Hz)
+    return terms, power_table(terms.powers, model.envelope, position, speed, current, values)

@@ -1,28 +1,25 @@
-"""Levenberg-Marquardt on the free-run error, kept inside the stable models by a penalty on their probed gain."""
+"""Levenberg-Marquardt on the free-run error, with a penalty on the probed gain that keeps the model stable."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.sensitivity_kernels import normal_equations
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
-
-ROOM = 0.005  # below the most gain, where the penalty begins
+ROOM = 0.005  # the penalty begins so far below the greatest gain allowed
 PENALTY = 1e3  # of a squared excess of gain, in units of the squared error at the start
 STOP_DECREASE = 2e-4  # relative decrease at which to stop
-TRIES = 8  # dampings tried for a step
+TRIES = 8  # dampings tried per step
 
 
 @dataclass(frozen=True)
 class FreeRunFit:
-    """Coefficients (terms,), weighted squared error (infinite if the run diverges), Gauss-Newton matrix of it."""
+    """Coefficients (terms,), their weighted squared error (infinite if the run diverges) and Gauss-Newton matrix."""
 
     coefficients: F
     error: float
@@ -30,30 +27,30 @@ class FreeRunFit:
 
 
 def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, iterations: int) -> FreeRunFit:
-    """Return the coefficients after at most `iterations` steps down the weighted free-run error.
+    """Return the coefficients after at most `iterations` steps that lower the weighted free-run error.
 
-    If the problem asks for stable models, every step is one if the first is; its probed gain may come to lie halfway
-    between the most allowed and 1.
+    If the problem requires stable models and the first one is stable, so is every step; its probed gain may reach the
+    mean of the greatest gain allowed and 1.
     """
-    arrays, probes = problem.compiled.subset(chosen).arrays, problem.probes[chosen]
+    arrays, probes = problem.compiled.subset(chosen), problem.probes[chosen]
 
     def equations(c: F) -> tuple[float, F, F]:
-        if kernels.probed_gain(probes, arrays[3], c) >= 0.5 * (1.0 + problem.max_gain):
+        if kernels.probed_gain(probes, arrays.outputs, c) >= 0.5 * (1.0 + problem.max_gain):
             return np.inf, np.empty(0), np.empty(0)
-        found: tuple[float, F, F] = normal_equations(
-            problem.powers, problem.segments, weights, problem.measured, *arrays, c, *problem.force_envelope
+        result: tuple[float, F, F] = normal_equations(
+            problem.powers, problem.segments, weights, problem.measured, arrays, c, problem.force_envelope
         )
-        return found
+        return result
 
     error, matrix, gradient = equations(coefficients)
     if not np.isfinite(error):
         return FreeRunFit(coefficients, np.inf, matrix)
-    hinge = _Hinge(probes, arrays[3], problem.max_gain - ROOM, PENALTY * error)
+    hinge = _Hinge(probes, arrays.outputs, problem.max_gain - ROOM, PENALTY * error)
     value, damping = error + hinge.value(coefficients), 1e-4
     for _ in range(iterations):
-        bent, slope = hinge.bend(coefficients)
+        curvature, slope = hinge.derive(coefficients)
         for _ in range(TRIES):
-            step = _damped_step(matrix + bent, gradient - slope, damping)
+            step = _damped_step(matrix + curvature, gradient - slope, damping)
             e, h, g = equations(coefficients + step)
             trial = e + hinge.value(coefficients + step)
             if trial < value:
@@ -62,9 +59,9 @@ def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, itera
         else:
             break
         coefficients, error, matrix, gradient = coefficients + step, e, h, g
-        settled = value - trial < STOP_DECREASE * value
+        converged = value - trial < STOP_DECREASE * value
         value, damping = trial, max(damping / 8.0, 1e-9)
-        if settled:
+        if converged:
             break
     return FreeRunFit(coefficients, error, matrix)
 
@@ -81,7 +78,7 @@ class _Hinge:
         """Return the penalty."""
         return self.strength * float((self._excess(coefficients) ** 2).sum())
 
-    def bend(self, coefficients: F) -> tuple[F, F]:
+    def derive(self, coefficients: F) -> tuple[F, F]:
         """Return the penalty's Gauss-Newton matrix (terms, terms) and half its gradient (terms,)."""
         n = len(coefficients)
         excess = self._excess(coefficients)
@@ -101,7 +98,7 @@ class _Hinge:
 
 
 def _damped_step(matrix: F, gradient: F, damping: float) -> F:
-    """Return the Levenberg-Marquardt step with the diagonal as scale."""
+    """Return the Levenberg-Marquardt step, scaled by the diagonal."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix * scale[:, None] * scale + damping * np.eye(len(matrix))
     return np.asarray(scale * np.linalg.solve(scaled, scale * gradient))

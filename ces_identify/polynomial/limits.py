@@ -1,14 +1,11 @@
-"""What every way of selection shares: when to stop, and what a start has found."""
+"""Settings and results that all search methods share: when to stop, and the model that a start found."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-I = NDArray[np.int64]  # noqa: E741
+from ces_identify.numerics.arrays import F, I
 
 RANDOM, GAUSS_NEWTON, BOTH = "random", "gauss-newton", "both"
 METHODS = (BOTH, RANDOM, GAUSS_NEWTON)
@@ -16,11 +13,11 @@ METHODS = (BOTH, RANDOM, GAUSS_NEWTON)
 
 @dataclass(frozen=True)
 class Limits:
-    """When to stop: most terms, seconds, target cost [%], number of starts, first seed, threads.
+    """When to stop: maximum number of terms, seconds, target cost [%], number of starts, first seed, threads.
 
-    `method` is how terms are chosen: by random forward selection (thesis fig. 3.2), each start of which goes on for
-    `rounds`, by Gauss-Newton gain, or by both: every other start goes on by the latter from what the former found.
-    Without `exchanges`, weak terms stay once the model is full.
+    `method` chooses terms by random forward selection (thesis fig. 3.2) in `rounds`, by Gauss-Newton gain, or by both:
+    every other start then continues with the latter from the result of the former. Without `exchanges`, a full model
+    keeps its weak terms.
     """
 
     max_terms: int = 25
@@ -36,10 +33,10 @@ class Limits:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """A model found: indices of its candidates, coefficients, selection cost [%], seed and why the start ended."""
+    """A model: indices of its candidates, coefficients, selection cost [%], seed, and why the start stopped."""
 
     chosen: I
-    coefficients: NDArray[np.float64]
+    coefficients: F
     cost: float
     seed: int
     trials: int

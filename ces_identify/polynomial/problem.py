@@ -1,8 +1,7 @@
-"""A selection problem: candidates and prepared series as the arrays the search works on.
+"""A selection problem: candidates and prepared series as the arrays on which the search works.
 
-Ticks are dealt in alternating blocks to estimation (least squares on measured past forces) and selection (cost of the
-free run), so that both see every regime, such as the whole of a sweep, and neither sees the other's ticks. Every
-recording weighs the same in both.
+Alternating blocks of ticks serve estimation (least squares on measured past forces) and selection (cost of the free
+run), so that both cover every regime, such as a whole sweep, and share no tick. Every recording has the same weight.
 """
 
 from __future__ import annotations
@@ -11,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F, I, Mask
 from ces_identify.polynomial.compiled_terms import CompiledTerms, compile_terms, power_table
 from ces_identify.polynomial.constructed_series import constructed_values
 from ces_identify.preparation.cost import require_force
@@ -25,26 +24,23 @@ from ces_observer.model import Envelope
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Term
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
-
-BLOCK_S = 1.0  # [s] of estimation and selection in turn
+BLOCK_S = 1.0  # length of a block [s]
 ESTIMATION_BLOCKS, PERIOD_BLOCKS = 2, 3
 MIN_TICKS = 200
-MAX_GAIN = 0.995  # of past forces, at the probed inputs: the proof over all inputs then has room
+MAX_GAIN = 0.995  # of past forces at the probed inputs; leaves a margin for the proof over all inputs
 CHUNK = 4096  # ticks per block of regressors held in memory
 INPUT_MARGIN = 0.1  # of an input's span
-EXTENSION = 0.5  # of the measured force's span, by which the force envelope exceeds it; it holds 0, where runs start
+EXTENSION = 0.5  # of the measured force's span, on both sides; the force envelope also includes 0, the initial force
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Candidates with their Gram matrix on the estimation ticks, and what a free run on the selection ticks needs.
+    """Candidates with their Gram matrix on the estimation ticks, and the data for free runs on the selection ticks.
 
-    `gram` (n + 1, n + 1) holds the measured force as its last row and column. Weights over the ticks: `fit` of all
-    ticks least squares could use, `selection` and `everything` of the free-run cost. `probes` (n, points) are the
-    inputs' factors over the envelope, by which models of gain `max_gain` or more are passed over. See kernels.py for
-    the rest.
+    `gram` (n + 1, n + 1) holds the measured force as its last row and column. `selection` and `everything` (ticks,) are
+    the weights of the selection ticks and of all scored ticks in the free-run cost. `probes` (n, points) are the
+    inputs' factors over the envelope; the search skips models with a gain of `max_gain` or more there. For the other
+    arrays see `kernels.ScoredRun`.
     """
 
     candidates: tuple[Term, ...]
@@ -55,41 +51,48 @@ class Problem:
     measured: F
     segments: I
     recordings: I
-    fit: F
     selection: F
     everything: F
     gram: F
     probes: F
     max_gain: float
 
+    @property
+    def run(self) -> kernels.ScoredRun:
+        """The data of a free run scored on the selection ticks."""
+        data = self.powers, self.segments, self.recordings, self.selection, self.measured
+        return kernels.ScoredRun(*data, self.force_envelope)
+
+    @property
+    def estimation(self) -> F:
+        """Weights (ticks,) of the estimation ticks in the free-run error, 0 elsewhere."""
+        return np.where(self.selection > 0.0, 0.0, self.everything)
+
     def gain(self, chosen: I, coefficients: F) -> float:
         """Return the largest gain of past forces at the probed inputs of the terms at the indices `chosen`."""
-        return float(kernels.probed_gain(self.probes[chosen], self.compiled.outputs[chosen], coefficients))
+        return float(kernels.probed_gain(self.probes[chosen], self.compiled.arrays.outputs[chosen], coefficients))
 
     def selection_cost(self, chosen: I, coefficients: F) -> float:
         """Return the free-run cost J [%] of the terms at the indices `chosen` on the selection ticks."""
         room = np.empty((1 + len(chosen), kernels.BLOCK)), np.empty(self.powers.shape[1])
-        arrays = self.compiled.subset(chosen).arrays
-        run = (self.powers, self.segments, self.selection, self.measured, *arrays, coefficients, *self.force_envelope)
-        return float(kernels.free_run_cost(*run, self.recordings, np.inf, *room))
+        return float(kernels.free_run_cost(self.run, self.compiled.subset(chosen), coefficients, np.inf, *room))
 
 
 def coarsen(problem: Problem, step: int) -> Problem:
-    """Return the problem at every `step`-th tick alone, its lags to the nearest of these, for quick looks by free run.
+    """Return the problem on every `step`-th tick, lags rounded to these ticks, for fast free runs.
 
-    Past forces keep their lags in ticks, which are longer now. The Gram matrix stays that of the fine ticks.
+    Past forces keep their lags in ticks, which are now longer. The Gram matrix remains that of all ticks.
     """
-    kept = [np.arange(start, stop, step) for start, stop in problem.segments]
-    ends = np.cumsum([len(ticks) for ticks in kept])
-    ticks = np.concatenate(kept)
-    compiled = replace(problem.compiled, lags=np.rint(problem.compiled.lags / step).astype(np.int64))
+    parts = [np.arange(start, stop, step) for start, stop in problem.segments]
+    ends = np.cumsum([len(part) for part in parts])
+    ticks, arrays = np.concatenate(parts), problem.compiled.arrays
+    arrays = arrays._replace(lags=np.rint(arrays.lags / step).astype(np.int64))
     return replace(
         problem,
-        compiled=compiled,
+        compiled=replace(problem.compiled, arrays=arrays),
         powers=np.ascontiguousarray(problem.powers[:, ticks]),
         measured=problem.measured[ticks],
-        segments=np.stack([ends - [len(ticks) for ticks in kept], ends], axis=1),
-        fit=step * problem.fit[ticks],
+        segments=np.stack([ends - [len(part) for part in parts], ends], axis=1),
         selection=step * problem.selection[ticks],
         everything=step * problem.everything[ticks],
     )
@@ -98,10 +101,10 @@ def coarsen(problem: Problem, step: int) -> Problem:
 def assemble_problem(
     series: Sequence[Series], candidates: Sequence[Term], stable: bool = True, weighting: Weighting = EQUAL
 ) -> Problem:
-    """Return the problem of choosing among `candidates` on `series`; raises RecordingError if they hold too little.
+    """Return the problem of choosing among `candidates` on `series`; raises RecordingError if these hold too little.
 
-    With `stable`, only models that are contractions at the probed inputs are considered. `weighting` tells which ticks
-    matter more, in the fit and in the cost.
+    With `stable`, only models that are contractions at the probed inputs are considered. `weighting` applies to fit and
+    cost.
     """
     for one in series:
         require_force(one)
@@ -109,18 +112,16 @@ def assemble_problem(
     compiled = compile_terms(candidates)
     x, v, i = (np.concatenate([getattr(s, name) for s in series]) for name in ("position", "speed", "current"))
     segments, recordings = _stack_segments(series)
-    made = constructed_values(compiled.constructed, envelope, (x, v, i), segments, series[0].rate_Hz)
-    powers = power_table(compiled.powers, envelope, x, v, i, made)
+    constructed = constructed_values(compiled.constructed, envelope, (x, v, i), segments, series[0].rate_Hz)
+    powers = power_table(compiled.powers, envelope, x, v, i, constructed)
     measured = np.nan_to_num(np.concatenate([s.force for s in series]))
-    chosen = np.concatenate([estimation_ticks(s) for s in series])
     weighting = weighting.with_common_stroke(series)
     everything = np.concatenate([_weights(s, s.scored, weighting) for s in series])
     selection = np.concatenate([_weights(s, s.scored & ~estimation_ticks(s), weighting) for s in series])
-    fit = _fit_weights(series, compiled, weighting)
-    estimation = fit * chosen
+    estimation = _fit_weights(series, compiled, weighting)
     if np.count_nonzero(estimation) < MIN_TICKS:
         raise RecordingError(
-            f"{np.count_nonzero(estimation)} ticks to estimate from; expected at least {MIN_TICKS}: record longer"
+            f"{np.count_nonzero(estimation)} estimation ticks; expected at least {MIN_TICKS}: record longer"
         )
     gram = gram_matrix(compiled, powers, measured, segments, estimation)
     known = measured[everything > 0]
@@ -134,7 +135,6 @@ def assemble_problem(
         measured=measured,
         segments=segments,
         recordings=recordings,
-        fit=fit,
         selection=selection,
         everything=everything,
         gram=gram,
@@ -144,7 +144,7 @@ def assemble_problem(
 
 
 def compute_envelope(series: Sequence[Series]) -> Envelope:
-    """Return the range of each input over the scored ticks of all series, widened a little at both ends."""
+    """Return the range of each input over the scored ticks of all series, widened by INPUT_MARGIN at both ends."""
 
     def span(name: str) -> Range:
         values = [getattr(s, name)[s.scored] for s in series]
@@ -158,28 +158,24 @@ def compute_envelope(series: Sequence[Series]) -> Envelope:
 def probe(compiled: CompiledTerms, envelope: Envelope) -> F:
     """Return the product of each term's input factors (terms, points) at inputs spread over the envelope.
 
-    Each lagged input is a dimension of its own: a full grid of up to two, a Sobol sequence beyond.
+    Each lagged input is one dimension. Up to two make a full grid, more a Sobol sequence.
     """
-    rows = [_lagged_inputs(compiled, t) for t in range(len(compiled.outputs))]
-    dimensions = sorted({key for t, row in enumerate(rows) if compiled.outputs[t] for key in row.values()})
+    columns, _, counts, outputs = compiled.arrays
+    rows = [{f: compiled.variable(t, f) for f in range(count)} for t, count in enumerate(counts)]
+    dimensions = sorted({key for t, row in enumerate(rows) if outputs[t] for key in row.values()})
     ranges = compiled.ranges(envelope)
     inputs = _spread_points([ranges[s] for s, _ in dimensions], [compiled.kinks(s) for s, _ in dimensions])
     points = np.ones((len(rows), inputs.shape[1]))
     for t, row in enumerate(rows):
-        for f, key in row.items() if compiled.outputs[t] else ():
-            points[t] *= compiled.factor_values(compiled.columns[t, f], inputs[dimensions.index(key)])
+        for f, key in row.items() if outputs[t] else ():
+            points[t] *= compiled.factor_values(columns[t, f], inputs[dimensions.index(key)])
     return points
 
 
-def _lagged_inputs(compiled: CompiledTerms, term: int) -> dict[int, tuple[str, int]]:
-    """Return the variable, signal and lag, of each factor of a term."""
-    return {f: compiled.variable(term, f) for f in range(compiled.counts[term])}
-
-
 def _spread_points(ranges: Sequence[Range], kinks: Sequence[Sequence[float]]) -> F:
-    """Return points (ranges, n) over a box, denser towards zero, where powers below one bend most.
+    """Return points (ranges, n) over a box, denser towards zero, where powers below one have the greatest curvature.
 
-    A grid goes through the `kinks` of each range, too, where memberships bend.
+    A grid also includes the `kinks` of each range, where memberships change slope.
     """
     if not ranges:
         return np.empty((0, 1))
@@ -194,7 +190,7 @@ def _spread_points(ranges: Sequence[Range], kinks: Sequence[Sequence[float]]) ->
 
 
 def _from_zero(unit: F, one: Range) -> F:
-    """Return the numbers of `one` at shares `unit` of it, denser towards zero if it holds zero."""
+    """Return the numbers at the shares `unit` of the range `one`, denser towards zero if it contains zero."""
     low, high = one
     if not low < 0.0 < high:
         return low + (high - low) * unit
@@ -204,7 +200,7 @@ def _from_zero(unit: F, one: Range) -> F:
 
 def gram_matrix(compiled: CompiledTerms, powers: F, measured: F, segments: I, weights: F) -> F:
     """Return the weighted inner products (terms + 1, terms + 1) of the regressors and, last, the measured force."""
-    n = len(compiled.outputs)
+    n = len(compiled.arrays.outputs)
     gram = np.zeros((n + 1, n + 1))
     for s, (start, stop) in enumerate(segments):
         for k0 in range(start, stop, CHUNK):
@@ -212,7 +208,7 @@ def gram_matrix(compiled: CompiledTerms, powers: F, measured: F, segments: I, we
             if not weights[k0:k1].any():
                 continue
             rows = np.empty((n + 1, k1 - k0))
-            rows[:n] = kernels.regressor_columns(powers, measured, segments, *compiled.arrays, k0, k1, s)
+            rows[:n] = kernels.regressor_columns(powers, measured, segments, compiled.arrays, k0, k1, s)
             rows[n] = measured[k0:k1]
             rows *= np.sqrt(weights[k0:k1])
             gram += rows @ rows.T
@@ -226,25 +222,25 @@ def _stack_segments(series: Sequence[Series]) -> tuple[I, I]:
     return np.ascontiguousarray(segments, np.int64), recordings.astype(np.int64)
 
 
-def estimation_ticks(series: Series) -> NDArray[np.bool_]:
-    """Return the ticks (ticks,) that serve estimation; the others of an identified series serve selection."""
+def estimation_ticks(series: Series) -> Mask:
+    """Return a mask (ticks,) of the estimation ticks; the other ticks of an identified series serve selection."""
     block = np.arange(len(series)) // max(1, round(BLOCK_S * series.rate_Hz))
     return np.asarray(block % PERIOD_BLOCKS < ESTIMATION_BLOCKS)
 
 
-def _weights(series: Series, ticks: NDArray[np.bool_], weighting: Weighting) -> F:
+def _weights(series: Series, ticks: Mask, weighting: Weighting) -> F:
     """Return w / sum w (y - mean y)^2 on `ticks`, 0 elsewhere, so that the weighted squared error is (J / 100)^2."""
     weights, force = np.where(ticks, weighting.tick_weights(series), 0.0), np.where(ticks, series.force, 0.0)
     mean = float(weights @ force) / max(float(weights.sum()), 1e-300)
     spread = float(weights @ (force - mean) ** 2)
     if spread <= 0.0:
-        raise RecordingError(f"{series.name}: too short to share between estimation and selection; expected over 4 s")
+        raise RecordingError(f"{series.name}: too short for estimation and selection; expected more than 4 s")
     return weights / spread
 
 
 def _fit_weights(series: Sequence[Series], compiled: CompiledTerms, weighting: Weighting) -> F:
-    """Return the least-squares weights (ticks,), 0 where not all past forces were measured."""
-    depth = int(compiled.outputs.max(initial=0))
+    """Return the least-squares weights (ticks,): 0 off the estimation ticks and where a past force was not measured."""
+    depth = int(compiled.arrays.outputs.max(initial=0))
     weights = []
     for one in series:
         known = np.isfinite(one.force)
@@ -254,5 +250,5 @@ def _fit_weights(series: Sequence[Series], compiled: CompiledTerms, weighting: W
         for start, _ in one.segments:
             usable[start : start + depth] = False
         scale = _weights(one, one.scored, weighting).sum() / max(weighting.tick_weights(one)[one.scored].sum(), 1e-300)
-        weights.append(np.where(usable, scale * weighting.tick_weights(one), 0.0))
+        weights.append(np.where(usable & estimation_ticks(one), scale * weighting.tick_weights(one), 0.0))
     return np.concatenate(weights)

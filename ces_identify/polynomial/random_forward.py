@@ -1,10 +1,10 @@
-"""Random forward selection with pruning, judged by free-run cost (thesis fig. 3.2), as one seeded start of a search.
+"""Random forward selection with pruning by free-run cost (thesis fig. 3.2): one seeded start of a search.
 
-A start draws candidates in random order. A candidate stays if the model with it, fitted by least squares on the
-estimation ticks, lowers the cost of the free run on the selection ticks; after every success each term that is no
-longer needed is pruned. The gain asked for falls step by step, so that strong terms come first. When its candidates
-are exhausted, a start goes on from its best model less a random part of the terms, for a number of rounds (iterated
-local search); it ends after them, when the target cost is reached, or when time is up.
+A start tries candidates in random order. It adds a candidate if the model with it, fitted by least squares on the
+estimation ticks, lowers the cost of the free run on the selection ticks; after every success it prunes the terms that
+are no longer needed. The required gain decreases step by step, so that strong terms come first. When no candidate is
+left, the start removes a random part of its best model and searches again, for a number of rounds (iterated local
+search). It stops after the last round, at the target cost, or when time is up.
 """
 
 from __future__ import annotations
@@ -12,123 +12,106 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.limits import SearchResult
 from ces_identify.polynomial.search_start import SearchStart
 
-I = NDArray[np.int64]  # noqa: E741
-
-GAINS = (0.2, 0.05, 0.02, 0.007, 0.003)  # relative gain asked of a new term, round by round
-PRUNE_LOSS = 0.001  # relative loss at which a term is no longer worth keeping
-SHAKE_SHARE = 0.4  # share of the terms taken out at the beginning of a round
-BATCH = 32  # candidates tried between two looks at the clock
-RIDGE = 1e-9  # least pivot of the scaled Gram matrix, below which columns count as dependent
+GAINS = (0.2, 0.05, 0.02, 0.007, 0.003)  # relative gain required of a new term, one after the other
+PRUNE_LOSS = 0.001  # relative loss below which a term is pruned
+SHAKE_SHARE = 0.4  # share of the terms removed at the beginning of a round
+BATCH = 32  # candidates tried between two checks of the clock
+RIDGE = 1e-9  # smallest pivot of the scaled Gram matrix; columns with a smaller one count as dependent
 
 
 class RandomForwardStart(SearchStart):
-    """One seeded start of the search."""
+    """One start; its current model may be worse than the best one of an earlier round."""
 
     def run(self) -> SearchResult:
-        """Search, then shake and search again; return the best model."""
+        """Search, then remove random terms and search again in each round; return the best model."""
         self._climb()
         for _ in range(self.limits.rounds):
             if self._reason_to_end():
                 break
-            best = self.best
+            best = self.current
             self._shake()
             self._climb(best.cost)
-            if self.best.cost >= best.cost:
-                self.best = best
+            if self.current.cost >= best.cost:
+                self.current = best
         ended = self._reason_to_end() or "candidates exhausted"
-        self.best = replace(self.best, trials=self.trials, ended=ended)
-        self.listener(self.best)
-        return self.best
+        self.current = replace(self.current, trials=self.trials, ended=ended)
+        self.listener(self.current)
+        return self.current
 
     def _climb(self, best: float = np.inf) -> None:
-        """Add and prune terms until no candidate gives the least gain; tell what is better than `best`."""
+        """Add and prune terms until no candidate gives the least gain; report models that cost less than `best`."""
         for gain in GAINS:
             while self._add_one_term(gain):
-                if self.best.cost < best:
-                    self.listener(self.best)
+                if self.current.cost < best:
+                    self.listener(self.current)
 
     def _shake(self) -> None:
-        """Take a random part of the terms out."""
-        n = len(self.best.chosen)
+        """Remove a random part of the terms."""
+        n = len(self.current.chosen)
         keep = self.random.permutation(n)[: max(1, round((1.0 - SHAKE_SHARE) * n))]
-        less = self.best.chosen[np.sort(keep)]
+        less = self.current.chosen[np.sort(keep)]
         place, cost, coefficients = self._try(less[:-1], less[-1:], np.inf, False)
         if place < 0:
             less, cost, coefficients = np.empty(0, np.int64), np.inf, np.empty(0)
-        self.best = SearchResult(less, coefficients, cost, self.seed, self.trials, "running")
+        self.current = SearchResult(less, coefficients, cost, self.seed, self.trials, "running")
 
     def _add_one_term(self, gain: float) -> bool:
-        """Try the candidates in random order until one lowers the cost by `gain`; prune; False when exhausted."""
-        order = self.random.permutation(np.setdiff1d(np.arange(len(self.problem.candidates)), self.best.chosen))
+        """Try candidates in random order until one lowers the cost by `gain`, then prune; False if none does."""
+        order = self.random.permutation(np.setdiff1d(np.arange(len(self.problem.candidates)), self.current.chosen))
         at = 0
         while at < len(order):
             if self._reason_to_end():
                 return False
             trial = order[at : at + BATCH]
-            place, cost, coefficients = self._try(self.best.chosen, trial, self.best.cost * (1.0 - gain), False)
+            place, cost, coefficients = self._try(self.current.chosen, trial, self.current.cost * (1.0 - gain), False)
             if place < 0:
                 at += len(trial)
                 continue
             at += place + 1
             grown = SearchResult(
-                np.append(self.best.chosen, trial[place]), coefficients, cost, self.seed, self.trials, "running"
+                np.append(self.current.chosen, trial[place]), coefficients, cost, self.seed, self.trials, "running"
             )
-            pruned = self._prune(grown, ceiling=self.best.cost * (1.0 - gain))
+            pruned = self._prune(grown, ceiling=self.current.cost * (1.0 - gain))
             if pruned is not None:
-                self.best = pruned
+                self.current = pruned
                 return True
         return False
 
-    def _prune(self, found: SearchResult, ceiling: float) -> SearchResult | None:
-        """Return `found` without the terms it does not need; None if it cannot be brought under the term limit."""
-        while len(found.chosen) > 1:
-            over = len(found.chosen) > self.limits.max_terms
-            bound = ceiling if over else min(ceiling, found.cost * (1.0 + PRUNE_LOSS))
-            smaller = self._remove_weakest_term(found, bound)
+    def _prune(self, model: SearchResult, ceiling: float) -> SearchResult | None:
+        """Return `model` without the terms it does not need; None if it stays above the term limit."""
+        while len(model.chosen) > 1:
+            over = len(model.chosen) > self.limits.max_terms
+            bound = ceiling if over else min(ceiling, model.cost * (1.0 + PRUNE_LOSS))
+            smaller = self._remove_weakest_term(model, bound)
             if smaller is None:
-                return None if over else found
-            found = smaller
-        return found
+                return None if over else model
+            model = smaller
+        return model
 
-    def _remove_weakest_term(self, found: SearchResult, bound: float) -> SearchResult | None:
-        """Return `found` less the term whose loss costs least, if that keeps the cost below `bound`."""
+    def _remove_weakest_term(self, model: SearchResult, bound: float) -> SearchResult | None:
+        """Return `model` without the term whose removal costs least, if that keeps the cost below `bound`."""
         best: SearchResult | None = None
-        places = self.random.permutation(len(found.chosen))
+        places = self.random.permutation(len(model.chosen))
         at = 0
         while at < len(places):
-            place, cost, coefficients = self._try(found.chosen, places[at:], bound, True)
+            place, cost, coefficients = self._try(model.chosen, places[at:], bound, True)
             if place < 0:
                 break
-            chosen = np.delete(found.chosen, places[at + place])
+            chosen = np.delete(model.chosen, places[at + place])
             best = SearchResult(chosen, coefficients, cost, self.seed, self.trials, "running")
             bound = cost
             at += place + 1
         return best
 
-    def _try(self, chosen: I, trial: I, bound: float, drop: bool) -> tuple[int, float, NDArray[np.float64]]:
+    def _try(self, chosen: I, trial: I, bound: float, drop: bool) -> tuple[int, float, F]:
         p = self.problem
-        place, cost, coefficients = kernels.first_better(
-            p.gram,
-            chosen,
-            trial,
-            p.powers,
-            p.segments,
-            p.selection,
-            p.measured,
-            *p.compiled.arrays,
-            *p.force_envelope,
-            p.recordings,
-            bound,
-            RIDGE,
-            p.probes,
-            p.max_gain,
-            drop,
-        )
+        limits = bound, RIDGE, p.probes, p.max_gain
+        place, cost, coefficients = kernels.first_better(p.gram, chosen, trial, p.run, p.compiled.arrays, *limits, drop)
         self.trials += len(trial) if place < 0 else place + 1
         return int(place), float(cost), coefficients

@@ -1,22 +1,21 @@
-"""The last fit: the free-run error on all identification ticks, kept only if it does no harm."""
+"""The final fit to the free run on all identification ticks, rejected if it makes the model worse."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.limits import SearchResult
 from ces_identify.polynomial.problem import Problem
 
-F = NDArray[np.float64]
 ITERATIONS = 20
 
 
 def refit_coefficients(problem: Problem, result: SearchResult) -> F:
     """Return coefficients fitted to the free run on all identification ticks.
 
-    The found ones are kept if the fit makes the free run on the selection ticks worse.
+    A fit that raises the selection cost is rejected; the coefficients of `result` are then returned.
     """
     fit = fit_free_run(problem, result.chosen, result.coefficients, problem.everything, ITERATIONS)
     harmless = np.isfinite(fit.error) and problem.selection_cost(result.chosen, fit.coefficients) <= result.cost

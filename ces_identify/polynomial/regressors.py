@@ -1,6 +1,6 @@
 """Candidate regressors: rules in YAML (which signals, lags, powers, products) in, a list of terms out.
 
-The number of candidates is counted before any is built, and refused if it is more than the search can hold.
+The candidates are counted before any is built; more than the search can hold are refused.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ class SignalRule:
     in_ms: bool = False
 
     def at_rate(self, rate_Hz: float) -> SignalRule:
-        """Return the rule with its lags in ticks of that rate, each once."""
+        """Return the rule with its lags in ticks of that rate, without repetitions."""
         if not self.in_ms:
             return self
         ticks = (min(MAX_LAG, round(lag * 1e-3 * rate_Hz)) for lag in self.lags)
         return replace(self, lags=tuple(dict.fromkeys(ticks)), in_ms=False)
 
     def factors(self, signal: str) -> tuple[Factor, ...]:
-        """Return every factor this rule allows; |s|^0 is left out, as it is 1."""
+        """Return every factor that the rule allows, except |s|^0, which is 1."""
         if signal == "force":
             return tuple(Factor("force", int(lag)) for lag in self.lags)
         return tuple(
@@ -61,10 +61,10 @@ class SignalRule:
 class CandidateRules:
     """Rules by signal, and the products of signals that make a term; () is the constant term.
 
-    `beside_force` holds other rules for the signals that multiply a past force. Few different lags there keep the proof
-    of stability short (ces_observer.proof.certificate). `constructed` defines the signals that are made of others;
-    where a name stands for several (hats), each of them makes terms of its own. The time constants of `open_lags` are
-    to be found from the data (ces_identify.polynomial.time_constant).
+    `beside_force` holds other rules for signals that multiply a past force; few different lags there keep the proof of
+    stability short (ces_observer.proof.certificate). `constructed` defines the constructed inputs; if a name has
+    several (memberships), each makes its own terms. The time constants of `open_lags` are estimated from the data
+    (ces_identify.polynomial.time_constant).
     """
 
     signals: Mapping[str, SignalRule]
@@ -74,7 +74,7 @@ class CandidateRules:
     open_lags: tuple[str, ...] = ()
 
     def count(self) -> int:
-        """Return how many candidates the rules make."""
+        """Return the number of candidates."""
         return sum(prod(len(factors) for factors in self._factors(signals)) for signals in self.products)
 
     def at_rate(self, rate_Hz: float) -> CandidateRules:
@@ -85,7 +85,7 @@ class CandidateRules:
         )
 
     def with_time_constant(self, name: str, seconds: float) -> CandidateRules:
-        """Return the rules with the lag `name`'s time constant, also where hats are of that lag."""
+        """Return the rules with the time constant of the lag `name` set, also in memberships of that lag."""
 
         def set_time_constant(one: ConstructedInput) -> ConstructedInput:
             if isinstance(one, TriangularMembership) and one.base is not None:
@@ -99,13 +99,13 @@ class CandidateRules:
         )
 
     def without_signal(self, signal: str) -> CandidateRules:
-        """Return the rules with every product that holds `signal`, or what is constructed from it, left out."""
-        gone = {signal} | {name for name, made in self.constructed.items() if signal in made[0].signals}
+        """Return the rules without the products of `signal` and of inputs constructed from it."""
+        removed = {signal} | {name for name, made in self.constructed.items() if signal in made[0].signals}
         return replace(
             self,
-            products=tuple(p for p in self.products if not gone & set(p)),
-            constructed={name: made for name, made in self.constructed.items() if name not in gone},
-            open_lags=tuple(name for name in self.open_lags if name not in gone),
+            products=tuple(p for p in self.products if not removed & set(p)),
+            constructed={name: made for name, made in self.constructed.items() if name not in removed},
+            open_lags=tuple(name for name in self.open_lags if name not in removed),
         )
 
     def candidates(self) -> tuple[Term, ...]:
@@ -176,7 +176,7 @@ products:
 
 
 def load_rules(path: Path | None) -> CandidateRules:
-    """Read candidate rules, the built-in ones if `path` is None; raises CesError naming file and key."""
+    """Read candidate rules, by default the built-in ones; raises CesError naming file and key."""
     if path is not None:
         return parse_rules(read_yaml_mapping(path, EXPECTED), str(path))
     source = "built-in candidate rules"
@@ -184,22 +184,22 @@ def load_rules(path: Path | None) -> CandidateRules:
 
 
 def parse_rules(raw: Mapping[str, Any], source: str) -> CandidateRules:
-    """Check candidate rules given as nested mappings; raises CesError."""
+    """Return the candidate rules in nested mappings; raises CesError."""
     block, open_lags = replace_auto(raw.get("constructed", {}))
     constructed = constructions_from(block, f"{source}: constructed")
     names = (*SIGNALS, *constructed)
     require_known_keys(raw, (*names, "constructed", "products"), source)
     hats = {name for name, made in constructed.items() if isinstance(made[0], TriangularMembership)}
     force, beside = _split_force(raw.get("force"), names[1:], hats, source)
-    given = {**raw, "force": force} if "force" in raw else raw
-    signals = {s: _signal_rule(s, given[s], f"{source}: {s}", s in hats) for s in names if s in given}
+    rules = {**raw, "force": force} if "force" in raw else raw
+    signals = {s: _signal_rule(s, rules[s], f"{source}: {s}", s in hats) for s in names if s in rules}
     return CandidateRules(signals, _products(raw.get("products"), signals, source), beside, constructed, open_lags)
 
 
 def _split_force(
     raw: object, names: Sequence[str], hats: Set[str], source: str
 ) -> tuple[object, dict[str, SignalRule]]:
-    """Return the rule of past forces without, and with alone, the rules of the signals beside them."""
+    """Return the rule of past forces, and the rules of the signals beside them."""
     if not isinstance(raw, Mapping):
         return raw, {}
     beside = {s: _signal_rule(s, raw[s], f"{source}: force: {s}", s in hats) for s in names if s in raw}
@@ -211,15 +211,15 @@ def _signal_rule(signal: str, raw: object, where: str, hat: bool = False) -> Sig
         raise CesError(f"{where}: expected lags, powers and forms")
     keys = ("lags", "lags_ms") if hat else ("lags", "lags_ms", "powers", "forms")
     require_known_keys(raw, keys, where)
-    least = 1 if signal == "force" else 0
+    min_lag = 1 if signal == "force" else 0
     in_ms = "lags_ms" in raw
     if in_ms and (signal == "force" or "lags" in raw):
         raise CesError(f"{where}: lags_ms {raw['lags_ms']!r}; expected lags alone" + " in ticks" * (signal == "force"))
     lags = _read_list(raw, "lags_ms" if in_ms else "lags", where)
     if in_ms and not all(_is_number(x) and 0.0 <= x <= MAX_LAG_MS for x in lags):
         raise CesError(f"{where}: lags_ms {list(lags)}; expected numbers from 0 to {MAX_LAG_MS:g}")
-    if not in_ms and not all(isinstance(x, int) and not isinstance(x, bool) and least <= x <= MAX_LAG for x in lags):
-        raise CesError(f"{where}: lags {list(lags)}; expected whole numbers from {least} to {MAX_LAG}")
+    if not in_ms and not all(isinstance(x, int) and not isinstance(x, bool) and min_lag <= x <= MAX_LAG for x in lags):
+        raise CesError(f"{where}: lags {list(lags)}; expected whole numbers from {min_lag} to {MAX_LAG}")
     powers = _read_list(raw, "powers", where) if "powers" in raw else (1.0,)
     if not all(isinstance(x, int | float) and 0.0 <= x <= MAX_POWER for x in powers):
         raise CesError(f"{where}: powers {list(powers)}; expected numbers from 0 to {MAX_POWER:g}")

@@ -1,4 +1,4 @@
-"""One seeded start of a search for terms: what it works on, when it ends, and the best model so far."""
+"""One seeded start of a search for terms: its problem, its limits and its current model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ces_identify.polynomial.problem import Problem
 
 
 class SearchStart(ABC):
-    """A start from nothing or from the model `begin`; `listener` is called with each better model."""
+    """A start from nothing or from the model `begin`; `listener` receives each better model."""
 
     def __init__(
         self,
@@ -28,12 +28,12 @@ class SearchStart(ABC):
         self.problem, self.limits, self.seed = problem, limits, seed
         self.deadline, self.stop, self.listener = deadline, stop, listener
         self.random = np.random.default_rng(seed)
-        self.best = begin or self._first_model()
-        self.trials = self.best.trials
+        self.current = begin or self._first_model()
+        self.trials = self.current.trials
 
     @abstractmethod
     def run(self) -> SearchResult:
-        """Search until nothing helps, the target is reached, time is up or it is interrupted; return the best model."""
+        """Search until no candidate helps or a limit is reached or Ctrl-C; return the best model."""
 
     def _first_model(self) -> SearchResult:
         return SearchResult(np.empty(0, np.int64), np.empty(0), np.inf, self.seed, 0, "running")
@@ -41,6 +41,6 @@ class SearchStart(ABC):
     def _reason_to_end(self) -> str:
         if self.stop.is_set():
             return "interrupted"
-        if self.best.cost <= self.limits.target:
+        if self.current.cost <= self.limits.target:
             return "target cost reached"
         return "time is up" if search_clock.now() > self.deadline else ""

@@ -14,31 +14,31 @@ from ces_identify.polynomial.limits import BOTH, GAUSS_NEWTON, RANDOM, Limits, L
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.random_forward import RandomForwardStart
 
-POLL_S = 0.1  # between two looks for Ctrl-C
+POLL_S = 0.1  # between two checks for Ctrl-C
 
 
-def search(problem: Problem, limits: Limits, listener: Listener = lambda found: None) -> list[SearchResult]:
-    """Run the starts in parallel threads; return what each found, best first.
+def search(problem: Problem, limits: Limits, listener: Listener = lambda result: None) -> list[SearchResult]:
+    """Run the starts in parallel threads; return their results, best first.
 
-    Ctrl-C ends every start and returns the best so far; it raises KeyboardInterrupt if there is nothing yet. `listener`
-    hears each improvement and each end of a start, from the threads.
+    Ctrl-C stops every start and returns the best so far, or raises KeyboardInterrupt if there is none. `listener`
+    receives each improvement and each start's result, from the threads.
     """
     stop = threading.Event()
     deadline = search_clock.now() + limits.seconds
     with _stop_on_interrupt(stop), ThreadPoolExecutor(max(1, limits.threads)) as pool:
         seeds = range(limits.seed, limits.seed + limits.starts)
         starts = [pool.submit(_start, problem, limits, seed, deadline, stop, listener) for seed in seeds]
-        found = _gather(starts, stop)
-    if not found:
+        results = _gather(starts, stop)
+    if not results:
         raise KeyboardInterrupt
-    return sorted(found, key=lambda f: (f.cost, f.seed))
+    return sorted(results, key=lambda result: (result.cost, result.seed))
 
 
 @contextmanager
 def _stop_on_interrupt(stop: threading.Event) -> Iterator[None]:
-    """Let Ctrl-C set `stop`. As an exception it would strike anywhere, such as between taking a lock and minding it."""
+    """Let Ctrl-C set `stop`; as an exception it could strike anywhere, even right after a lock is taken."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # signals are the main thread's
+        yield  # only the main thread can handle signals
         return
     before = signal.signal(signal.SIGINT, lambda number, frame: stop.set())
     try:
@@ -50,17 +50,16 @@ def _stop_on_interrupt(stop: threading.Event) -> Iterator[None]:
 def _start(
     problem: Problem, limits: Limits, seed: int, deadline: float, stop: threading.Event, listener: Listener
 ) -> SearchResult:
-    """Run one start by the method asked for; with both, every other one goes on from what random selection found."""
+    """Run one start by `limits.method`; with both, every other start continues from a random selection."""
+    arguments = problem, limits, seed, deadline, stop, listener
     if limits.method == GAUSS_NEWTON or (limits.method == BOTH and (seed - limits.seed) % 2 == 0):
-        return GaussNewtonStart(problem, limits, seed, deadline, stop, listener).run()
-    found = RandomForwardStart(problem, limits, seed, deadline, stop, listener).run()
-    if limits.method == RANDOM:
-        return found
-    return GaussNewtonStart(problem, limits, seed, deadline, stop, listener, found).run()
+        return GaussNewtonStart(*arguments).run()
+    result = RandomForwardStart(*arguments).run()
+    return result if limits.method == RANDOM else GaussNewtonStart(*arguments, result).run()
 
 
 def _gather(starts: list[Future[SearchResult]], stop: threading.Event) -> list[SearchResult]:
-    """Wait for the starts; after Ctrl-C only for those that run, as thousands may wait for a thread."""
+    """Wait for the starts; after Ctrl-C only for those that are running, as thousands may be queued."""
     for start in starts:
         while not start.done():
             if stop.is_set():

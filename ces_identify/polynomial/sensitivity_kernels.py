@@ -1,7 +1,7 @@
-"""Kernels of simulation-error fitting: the free run with its sensitivities, and the normal equations they make.
+"""Kernels of simulation-error fitting: the free run with its sensitivities, and their normal equations.
 
-The free run y(k) = sum_t c_t U_t(k) y(k - j_t), without the past force for terms of the inputs alone, has the
-sensitivities s_t = dy/dc_t. They obey the same recursion, driven by the term itself:
+The free run y(k) = sum_t c_t U_t(k) y(k - j_t), without the past force in terms of inputs only, has the sensitivities
+s_t = dy/dc_t. They obey the same recursion, driven by the term itself:
 s_t(k) = U_t(k) y(k - j_t) + sum_j a_j(k) s_t(k - j), where a_j(k) sums c_r U_r(k) over the terms r with the past force
 of lag j (Ljung, System Identification, 2nd ed., sec. 10.3). Arrays are those of kernels.py.
 """
@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.kernels import F, I, _add_product
+from ces_identify.numerics.arrays import F, I
+from ces_identify.numerics.kernels import Bounds, TermArrays, _add_product
 from ces_identify.numerics.normal_matrix import BLOCK, accumulate, longest_lag, mirror
 
 LANES = 32  # candidates whose sensitivities run side by side
@@ -19,27 +20,17 @@ LANES = 32  # candidates whose sensitivities run side by side
 
 @njit(cache=True, nogil=True)
 def normal_equations(
-    powers: F,
-    segments: I,
-    weights: F,
-    measured: F,
-    columns: I,
-    lags: I,
-    counts: I,
-    outputs: I,
-    coefficients: F,
-    low: float,
-    high: float,
+    powers: F, segments: I, weights: F, measured: F, terms: TermArrays, coefficients: F, bounds: Bounds
 ) -> tuple[float, F, F]:
     """Return the weighted squared error of the free run, its Gauss-Newton matrix (terms, terms) and gradient (terms,).
 
-    The error is infinite if the force leaves [low, high]; matrix and gradient are then unfinished.
+    The error is infinite if the force leaves `bounds`; matrix and gradient are then unfinished.
     """
-    n_terms = len(coefficients)
+    n_terms, outputs = len(coefficients), terms.outputs
     output_lags = _distinct(outputs)
     depth = longest_lag(output_lags)
     matrix, gradient = np.zeros((n_terms, n_terms)), np.zeros(n_terms)
-    terms, inputs, gains = np.empty((n_terms, BLOCK)), np.empty(BLOCK), np.empty((BLOCK, len(output_lags)))
+    values, inputs, gains = np.empty((n_terms, BLOCK)), np.empty(BLOCK), np.empty((BLOCK, len(output_lags)))
     past, slopes = np.empty(depth + BLOCK), np.empty((depth + BLOCK, n_terms))
     errors = np.empty(BLOCK)
     total = 0.0
@@ -51,15 +42,15 @@ def normal_equations(
             k1 = min(k0 + BLOCK, stop)
             n = k1 - k0
             for t in range(n_terms):
-                terms[t, :n] = 0.0
-                _add_product(powers, columns[t], lags[t], counts[t], 1.0, start, k0, k1, terms[t])
-            _sums(terms, outputs, output_lags, coefficients, inputs[:n], gains[:n])
-            if not _advance(inputs[:n], gains, output_lags, past, depth, low, high):
+                values[t, :n] = 0.0
+                _add_product(powers, terms, t, 1.0, start, k0, k1, values[t])
+            _sums(values, outputs, output_lags, coefficients, inputs[:n], gains[:n])
+            if not _advance(inputs[:n], gains, output_lags, past, depth, bounds):
                 return np.inf, matrix, gradient
             for t in range(n_terms):
                 for i in range(n if outputs[t] > 0 else 0):
-                    terms[t, i] *= past[depth + i - outputs[t]]
-            _run_slopes(terms, n, output_lags, gains[:n], slopes, depth)
+                    values[t, i] *= past[depth + i - outputs[t]]
+            _run_slopes(values, n, output_lags, gains[:n], slopes, depth)
             for i in range(n):
                 errors[i] = measured[k0 + i] - past[depth + i]
             total += accumulate(matrix, gradient, slopes[depth : depth + n], errors[:n], weights[k0:k1])
@@ -72,13 +63,13 @@ def normal_equations(
 @njit(cache=True, nogil=True)
 def _distinct(outputs: I) -> I:
     """Return the output lags in use, ascending."""
-    found = np.unique(outputs)
-    return found[found > 0]
+    lags = np.unique(outputs)
+    return lags[lags > 0]
 
 
 @njit(cache=True, nogil=True)
 def _sums(terms: F, outputs: I, output_lags: I, coefficients: F, inputs: F, gains: F) -> None:
-    """Fill the part of the inputs (ticks,) and what each past force is multiplied by (ticks, output lags)."""
+    """Fill the inputs' part of the force (ticks,) and the gains of the past forces (ticks, output lags)."""
     inputs[:] = 0.0
     gains[:] = 0.0
     for t in range(len(outputs)):
@@ -92,8 +83,9 @@ def _sums(terms: F, outputs: I, output_lags: I, coefficients: F, inputs: F, gain
 
 
 @njit(cache=True, nogil=True)
-def _advance(inputs: F, gains: F, output_lags: I, past: F, depth: int, low: float, high: float) -> bool:
-    """Run the force on for some ticks after the first `depth` of `past`; False once it leaves [low, high]."""
+def _advance(inputs: F, gains: F, output_lags: I, past: F, depth: int, bounds: Bounds) -> bool:
+    """Continue the force after the first `depth` ticks of `past`; False once it leaves `bounds`."""
+    low, high = bounds
     for i in range(len(inputs)):
         y = inputs[i]
         for j in range(len(output_lags)):
@@ -106,7 +98,7 @@ def _advance(inputs: F, gains: F, output_lags: I, past: F, depth: int, low: floa
 
 @njit(cache=True, nogil=True)
 def _run_slopes(terms: F, n: int, output_lags: I, gains: F, slopes: F, depth: int) -> None:
-    """Run the sensitivities (depth + ticks, terms) on for n ticks, driven by `terms` (terms, ticks)."""
+    """Continue the sensitivities (depth + ticks, terms) for n ticks, driven by `terms` (terms, ticks)."""
     for i in range(n):
         for t in range(terms.shape[0]):
             slopes[depth + i, t] = terms[t, i]
@@ -117,22 +109,20 @@ def _run_slopes(terms: F, n: int, output_lags: I, gains: F, slopes: F, depth: in
 
 
 @njit(cache=True, nogil=True)
-def output_gains(
-    powers: F, segments: I, columns: I, lags: I, counts: I, outputs: I, coefficients: F, output_lags: I
-) -> F:
+def output_gains(powers: F, segments: I, terms: TermArrays, coefficients: F, output_lags: I) -> F:
     """Return the sum of coefficient times inputs of the terms of each output lag, shape (ticks, output lags)."""
     gains = np.zeros((powers.shape[1], len(output_lags)))
     product = np.empty(BLOCK)
     for j in range(len(output_lags)):
-        for t in range(len(outputs)):
-            if outputs[t] != output_lags[j]:
+        for t in range(len(terms.outputs)):
+            if terms.outputs[t] != output_lags[j]:
                 continue
             for s in range(len(segments)):
                 start, stop = segments[s, 0], segments[s, 1]
                 for k0 in range(start, stop, BLOCK):
                     k1 = min(k0 + BLOCK, stop)
                     product[: k1 - k0] = 0.0
-                    _add_product(powers, columns[t], lags[t], counts[t], coefficients[t], start, k0, k1, product)
+                    _add_product(powers, terms, t, coefficients[t], start, k0, k1, product)
                     for k in range(k0, k1):
                         gains[k, j] += product[k - k0]
     return gains
@@ -140,26 +130,16 @@ def output_gains(
 
 @njit(cache=True, nogil=True)
 def sensitivities(
-    powers: F,
-    segments: I,
-    force: F,
-    columns: I,
-    lags: I,
-    counts: I,
-    outputs: I,
-    which: I,
-    gains: F,
-    output_lags: I,
-    weights: F,
+    powers: F, segments: I, force: F, terms: TermArrays, which: I, gains: F, output_lags: I, weights: F
 ) -> F:
-    """Return dy/dc of the terms at `which`, in the model or not, along the free run `force` (ticks,).
+    """Return dy/dc (ticks with a weight above zero, terms) of the terms at `which`, in the model or not.
 
-    Shape (ticks of a weight above zero, terms).
+    `force` (ticks,) is the free run.
     """
     n_terms, depth = len(which), longest_lag(output_lags)
     out = np.empty((np.count_nonzero(weights > 0.0), n_terms))
-    terms, slopes = np.empty((n_terms, BLOCK)), np.empty((depth + BLOCK, n_terms))
-    kept = 0
+    values, slopes = np.empty((n_terms, BLOCK)), np.empty((depth + BLOCK, n_terms))
+    row = 0
     for s in range(len(segments)):
         start, stop = segments[s, 0], segments[s, 1]
         slopes[:depth] = 0.0
@@ -167,17 +147,17 @@ def sensitivities(
             k1 = min(k0 + BLOCK, stop)
             n = k1 - k0
             for t in range(n_terms):
-                c = which[t]
-                terms[t, :n] = 0.0
-                _add_product(powers, columns[c], lags[c], counts[c], 1.0, start, k0, k1, terms[t])
-                if outputs[c] > 0:
+                values[t, :n] = 0.0
+                _add_product(powers, terms, which[t], 1.0, start, k0, k1, values[t])
+                lag = terms.outputs[which[t]]
+                if lag > 0:
                     for k in range(k0, k1):
-                        terms[t, k - k0] *= force[k - outputs[c]] if k - outputs[c] >= start else 0.0
-            _run_slopes(terms, n, output_lags, gains[k0:k1], slopes, depth)
+                        values[t, k - k0] *= force[k - lag] if k - lag >= start else 0.0
+            _run_slopes(values, n, output_lags, gains[k0:k1], slopes, depth)
             for i in range(n):
                 if weights[k0 + i] > 0.0:
-                    out[kept] = slopes[depth + i]
-                    kept += 1
+                    out[row] = slopes[depth + i]
+                    row += 1
             slopes[:depth] = slopes[n : n + depth].copy()
     return out
 
@@ -187,10 +167,7 @@ def candidate_products(
     powers: F,
     segments: I,
     force: F,
-    columns: I,
-    lags: I,
-    counts: I,
-    outputs: I,
+    terms: TermArrays,
     chosen: I,
     candidates: I,
     gains: F,
@@ -198,7 +175,7 @@ def candidate_products(
     weights: F,
     error: F,
 ) -> tuple[F, F, F, F]:
-    """Return the weighted inner products, over the ticks of a weight above zero, that tell what candidates would gain.
+    """Return the weighted inner products, over the ticks with a weight above zero, that give each candidate's gain.
 
     Sensitivities of the chosen terms with each other (chosen, chosen) and with the error (chosen,); of each candidate
     with the chosen terms (candidates, chosen); and (candidates, 2) with itself and with the error.
@@ -206,7 +183,7 @@ def candidate_products(
     used = weights > 0.0
     w, e = weights[used], error[used]
     n = len(chosen)
-    run = (powers, segments, force, columns, lags, counts, outputs)
+    run = (powers, segments, force, terms)
     rows = sensitivities(*run, chosen, gains, output_lags, weights)
     matrix, gradient = np.zeros((n, n)), np.zeros(n)
     cross, own = np.zeros((len(candidates), n)), np.zeros((len(candidates), 2))

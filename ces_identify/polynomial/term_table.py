@@ -1,4 +1,4 @@
-"""The terms of a model: typeset for people, and how much of the force each one makes."""
+"""The terms of a model, typeset, with the contribution of each to the force."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F
 from ces_identify.polynomial.free_run import powers_of_inputs
 from ces_identify.preparation.simulated_series import SimulatedSeries
 from ces_identify.typesetting import UNITS, ModelTable, TableColumn, minus, signal_symbol, three_figures
@@ -17,9 +17,7 @@ from ces_observer.structures.constructed_inputs import Hysteresis, Lag, Triangul
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
-F = NDArray[np.float64]
-
-CHUNK = 4096  # ticks of all regressors held in memory at a time
+CHUNK = 4096  # ticks of regressors in memory at a time
 NOTE = (
     "RMS of each term along the free run over the {} recordings, and its ratio to the RMS of the simulated force; "
     "terms may cancel, so the shares need not add up to 100\N{NO-BREAK SPACE}%."
@@ -34,7 +32,7 @@ COLUMNS = (
 
 
 def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
-    """Return the terms by what they contribute along the free `runs`, most first; `role` names what these are of."""
+    """Return the terms by their contribution to the free runs, largest first; `role` names the recordings' role."""
     parts, whole = contributions(polynomial, model, runs)
     order = np.argsort(-parts, kind="stable") if whole > 0.0 else np.arange(len(parts))
     rows = []
@@ -47,7 +45,7 @@ def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSer
 
 
 def _share_cells(part: float | None, whole: float) -> tuple[Markup, Markup]:
-    """Return what a term makes of the force as RMS [N], and as a share [%] with a bar."""
+    """Return the RMS of a term [N], and its share of the force [%] with a bar."""
     if part is None:
         return Markup("\N{EN DASH}"), Markup("\N{EN DASH}")
     share = 100.0 * part / whole
@@ -59,19 +57,19 @@ def contributions(polynomial: Polynomial, model: Model, runs: Sequence[Simulated
     """Return the RMS of each term (terms,) [N] and of the simulated force [N] over all scored, finite ticks."""
     squares, total, count = np.zeros(len(polynomial.terms)), 0.0, 0
     for one in runs:
-        kept = one.series.scored & np.isfinite(one.run.force)
+        scored = one.series.scored & np.isfinite(one.run.force)
         for start, values in term_forces(polynomial, model, one):
-            chosen = kept[start : start + values.shape[1]]
-            squares += (values[:, chosen] ** 2).sum(axis=1)
-        total += float((one.run.force[kept] ** 2).sum())
-        count += int(kept.sum())
+            mask = scored[start : start + values.shape[1]]
+            squares += (values[:, mask] ** 2).sum(axis=1)
+        total += float((one.run.force[scored] ** 2).sum())
+        count += int(scored.sum())
     return np.sqrt(squares / max(count, 1)), float(np.sqrt(total / max(count, 1)))
 
 
 def term_forces(polynomial: Polynomial, model: Model, one: SimulatedSeries) -> list[tuple[int, F]]:
     """Return the force [N] of each term along the free run, in pieces: first tick and values (terms, ticks).
 
-    At every tick they add up to the simulated force.
+    At every tick the values add up to the simulated force.
     """
     series, run = one.series, one.run
     inputs = np.stack([series.position, series.speed, series.current])
@@ -81,14 +79,15 @@ def term_forces(polynomial: Polynomial, model: Model, one: SimulatedSeries) -> l
     for s, (start, stop) in enumerate(series.segments):
         for k0 in range(start, stop, CHUNK):
             k1 = min(k0 + CHUNK, stop)
-            columns = kernels.regressor_columns(powers, run.force, series.segments, *terms.arrays, k0, k1, s)
+            columns = kernels.regressor_columns(powers, run.force, series.segments, terms.arrays, k0, k1, s)
             pieces.append((int(k0), gain * columns))
     return pieces
 
 
 def format_term(term: Term, envelope: Envelope) -> Markup:
-    """Return the product of the term's factors in HTML, inputs first; bars are left out where a signal is never < 0."""
-    factors = [_factor(f, _never_negative(f, envelope)) for f in (*term.inputs, *_outputs(term))]
+    """Return the product of the term's factors in HTML, inputs first, without bars around nonnegative signals."""
+    outputs = (f for f in term.factors if f.signal == "force")
+    factors = [_factor(f, _never_negative(f, envelope)) for f in (*term.inputs, *outputs)]
     return Markup(" · ").join(factors) if factors else Markup("1")
 
 
@@ -108,20 +107,11 @@ def coefficient_unit(term: Term) -> Markup:
 
 def _unit(f: Factor) -> str:
     """Return the unit of the factor's signal; a membership has none."""
-    made = f.definition
-    if made is None:
+    if f.definition is None:
         return UNITS[f.signal]
-    return (
-        UNITS[made.of]
-        if isinstance(made, Hysteresis | Lag)
-        else ""
-        if isinstance(made, TriangularMembership)
-        else UNITS["frequency"]
-    )
-
-
-def _outputs(term: Term) -> tuple[Factor, ...]:
-    return tuple(f for f in term.factors if f.signal == "force")
+    if isinstance(f.definition, TriangularMembership):
+        return ""
+    return UNITS[f.definition.of if isinstance(f.definition, Hysteresis | Lag) else "frequency"]
 
 
 def _factor(f: Factor, never_negative: bool) -> Markup:
@@ -142,7 +132,7 @@ def _format_power(base: Markup, power: float) -> Markup:
 
 
 def _never_negative(f: Factor, envelope: Envelope) -> bool:
-    low = {"current": envelope.current_A, "position": envelope.position_m, "speed": envelope.speed_m_s}
+    ranges = envelope.by_signal
     if f.definition is not None:
-        return f.definition.range(envelope.by_signal)[0] >= 0.0
-    return f.signal in low and low[f.signal][0] >= 0.0
+        return f.definition.range(ranges)[0] >= 0.0
+    return f.signal in ranges and ranges[f.signal][0] >= 0.0

@@ -1,4 +1,4 @@
-"""From recordings to series: channels as logged go in, uniform ticks with speed and held current come out.
+"""From recordings to series: channels as logged in, uniform ticks with speed and held current out.
 
-The arithmetic is the observer's own, so that a model is identified on the speeds that the vehicle will compute.
+The arithmetic is the observer's, so that a model is identified on the same speeds as on the vehicle.
 """

@@ -1,4 +1,4 @@
-"""The cost of thesis eq. 3.5: J = 100 ||y - y^|| / ||y - mean(y)||, over the scored ticks of a free run."""
+"""The cost of thesis eq. 3.5, J = 100 ||y - y^|| / ||y - mean(y)||, on the scored ticks of a free run."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ def cost(measured: NDArray[np.float64], simulated: NDArray[np.float64]) -> float
 
 
 def weighted_cost(measured: NDArray[np.float64], simulated: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    """Return J [%] of two arrays of shape (n,) with the weight of each tick: squared errors and the spread about the
-    weighted mean are weighed alike, so that equal weights give `cost`.
+    """Return J [%] of two arrays of shape (n,) with a weight for each tick; equal weights give `cost`.
 
-    Infinite if `simulated` has a non-finite value, not a number if no tick of changing force weighs anything.
+    Infinite if `simulated` has a non-finite value, NaN if the force does not vary on the weighted ticks.
     """
     if not np.isfinite(simulated).all():
         return float("inf")
@@ -40,7 +39,7 @@ def series_cost(series: Series, simulated: NDArray[np.float64]) -> float:
 
 
 def require_force(series: Series) -> None:
-    """Raise RecordingError if `series` has too little or constant measured force to judge a model by."""
+    """Raise RecordingError if the measured force of `series` is too short or constant."""
     count = int(series.scored.sum())
     if count < 50:
         raise RecordingError(f"{series.name}: {count} ticks with a measured force past warm-up; expected at least 50")

@@ -1,6 +1,6 @@
-"""The spectrum of a recorded position, from which the differentiator is chosen.
+"""The power spectral density of a recorded position, from which the differentiator is chosen.
 
-A recording's position samples, with jitter, gaps, late and wild samples, go in; a power spectral density comes out.
+The position samples may have jitter, gaps, late samples and spikes.
 """
 
 from __future__ import annotations
@@ -8,20 +8,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import welch
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.preparation.series import usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_observer.errors import RecordingError
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
-
 WINDOW_S = 4.0  # [s] of a Welch segment
-MIN_SAMPLES = 64  # of a stretch worth a spectrum
+MIN_SAMPLES = 64  # of a stretch that enters the spectrum
 SPIKE_FACTOR = 5.0  # times the robust standard deviation of a sample's distance from its neighbours' parabola
-SPIKE_PASSES = 5  # for wild samples so close together that they hide each other
+SPIKE_PASSES = 5  # for spikes so close together that they hide each other
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class Spectrum:
 
 
 def sample_rate(recording: Recording) -> float:
-    """Return the rate of the position samples [Hz]: jitter averaged out, lost samples and repeated stamps left out."""
+    """Return the mean rate of the position samples [Hz], without lost samples and repeated stamps."""
     stamps = recording.channel("position").stamps_ns
     steps = np.diff(stamps)
     steps = steps[steps > 0]
@@ -45,9 +42,9 @@ def sample_rate(recording: Recording) -> float:
 
 
 def position_spectrum(recording: Recording, max_gap_s: float) -> Spectrum:
-    """Return the spectrum (Welch) of the position over all stretches without a gap, wild samples left out.
+    """Return the spectrum (Welch) of the position over all stretches without a gap, spikes removed.
 
-    Raises RecordingError if no stretch is long enough, or the position does not move.
+    Raises RecordingError if no stretch is long enough or the position is constant.
     """
     rate = sample_rate(recording)
     samples = usable_samples(recording, 1e6)
@@ -67,7 +64,7 @@ def position_spectrum(recording: Recording, max_gap_s: float) -> Spectrum:
 
 
 def _stretches(stamps_ns: I, position: F, max_gap_s: float) -> list[tuple[F, F]]:
-    """Return times [s] and positions of the stretches without a gap, late samples left out."""
+    """Return times [s] and positions of the stretches without a gap, without late samples."""
     breaks = np.flatnonzero(np.abs(np.diff(stamps_ns)) > max_gap_s * 1e9) + 1
     stretches = []
     for stamps, values in zip(np.split(stamps_ns, breaks), np.split(position, breaks), strict=True):
@@ -78,30 +75,30 @@ def _stretches(stamps_ns: I, position: F, max_gap_s: float) -> list[tuple[F, F]]
 
 
 def _resample_evenly(time: F, position: F, rate: float) -> F:
-    """Return positions at even times, as many as samples were taken or lost: between samples noise would fade."""
+    """Return positions at even times, one per taken or lost sample: a finer grid would attenuate the noise."""
     steps = np.maximum(np.rint(np.diff(time) * rate), 1.0)
     return np.asarray(np.interp(np.linspace(time[0], time[-1], 1 + round(steps.sum())), time, position))
 
 
 def remove_spikes(position: F) -> F:
-    """Return `position` with wild samples, up to three in a row, replaced from their neighbours.
+    """Return `position` with spikes of up to three samples replaced by interpolation.
 
-    A wild sample lies far from the parabola through the three samples before it and from that through the three after.
+    A spike is far from the parabola through the three samples before it and from that through the three after.
     """
     low, high = np.percentile(position, (1.0, 99.0))
     places, good, clean = np.arange(len(position)), np.ones(len(position), bool), position
     for _ in range(SPIKE_PASSES):
         distance = _parabola_distance(clean)
-        wild = distance > max(SPIKE_FACTOR * 1.4826 * float(np.median(distance)), 0.002 * (high - low))
-        if not wild.any():
+        spikes = distance > max(SPIKE_FACTOR * 1.4826 * float(np.median(distance)), 0.002 * (high - low))
+        if not spikes.any():
             break
-        good &= ~wild
+        good &= ~spikes
         clean = np.asarray(np.interp(places, places[good], position[good]))
     return clean
 
 
 def _parabola_distance(x: F) -> F:
-    """Distances (n,) to the nearer of the parabolas through the three samples before and the three after."""
+    """Return distances (n,) to the nearer of the parabolas through the three samples before and the three after."""
     before, after = np.full(len(x), np.inf), np.full(len(x), np.inf)
     before[3:] = abs(x[3:] - (3.0 * x[2:-1] - 3.0 * x[1:-2] + x[:-3]))
     after[:-3] = abs(x[:-3] - (3.0 * x[1:-2] - 3.0 * x[2:-1] + x[3:]))

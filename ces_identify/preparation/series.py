@@ -1,7 +1,7 @@
-"""Preparation: from a recording to uniform ticks, by the runtime's own rules.
+"""Preparation: from a recording to uniform ticks, by the rules of the observer.
 
-Position, speed and current at each tick are what the estimator would have used there; gaps and restarts split a
-series into segments and are never bridged. Measured force is interpolated to the ticks where it was logged.
+Position, speed and current at each tick are those that the estimator would have used; gaps and restarts split a series
+into segments and are never bridged. Measured force is interpolated to the ticks.
 """
 
 from __future__ import annotations
@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
+from ces_identify.numerics.arrays import F, I, Mask
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
 
 
 @dataclass(frozen=True)
@@ -26,8 +24,8 @@ class Series:
 
     Arrays over m ticks: `time_s` from the first position sample, `position` [m], `speed` [m/s], `current` [A],
     `force` [N] (NaN where none was logged). `segments` (s, 2) are [start, stop) ticks without a gap. `scored` (m,) is
-    true where a force was logged and the estimator would be past its warm-up of `warm_up` ticks. `dropped` counts the
-    position samples left out, by reason.
+    true where a force was logged after the warm-up of `warm_up` ticks. `dropped` counts the omitted position samples by
+    reason.
     """
 
     name: str
@@ -38,7 +36,7 @@ class Series:
     current: F
     force: F
     segments: I
-    scored: NDArray[np.bool_]
+    scored: Mask
     warm_up: int
     dropped: dict[str, int]
 
@@ -46,29 +44,21 @@ class Series:
         return len(self.time_s)
 
     def part(self, first: float, last: float) -> Series:
-        """Return the share [first, last) of the ticks, as if only that had been recorded: it warms up anew."""
+        """Return the share [first, last) of the ticks as a series of its own, with its own warm-up."""
         a, b = round(first * len(self)), round(last * len(self))
         segments = np.clip(self.segments, a, b) - a
         scored = self.scored[a:b].copy()
         if a > 0:
             scored[: self.warm_up] = False
-        return replace(
-            self,
-            time_s=self.time_s[a:b],
-            position=self.position[a:b],
-            speed=self.speed[a:b],
-            current=self.current[a:b],
-            force=self.force[a:b],
-            segments=segments[segments[:, 1] > segments[:, 0]],
-            scored=scored,
-        )
+        signals = {name: getattr(self, name)[a:b] for name in ("time_s", "position", "speed", "current", "force")}
+        return replace(self, **signals, segments=segments[segments[:, 1] > segments[:, 0]], scored=scored)
 
 
 @dataclass(frozen=True)
 class PositionSamples:
-    """The usable position samples of a recording, each with the current that holds there.
+    """The usable position samples of a recording with the current held at each.
 
-    `index` (n,) tells which samples of the position channel they are.
+    `index` (n,) are their indices in the position channel.
     """
 
     index: I
@@ -95,31 +85,28 @@ def hold_current(recording: Recording, stamps_ns: I, max_age_s: float) -> F:
     """Return the newest current [A] at or before each stamp, NaN where there is none or it is too old."""
     if "current" in recording.constants:
         return np.full(len(stamps_ns), float(recording.constants["current"]))
-    channel = recording.channel("current")
-    finite = np.flatnonzero(np.isfinite(channel.values))
-    order = finite[np.argsort(channel.stamps_ns[finite], kind="stable")]
+    channel = _finite(recording.channel("current"))
+    order = np.argsort(channel.stamps_ns, kind="stable")
     if not len(order):
         return np.full(len(stamps_ns), np.nan)
     stamps, values = channel.stamps_ns[order], channel.values[order]
     newest = np.searchsorted(stamps, stamps_ns, side="right") - 1
-    known = newest >= 0
-    held = np.full(len(stamps_ns), np.nan)
-    held[known] = values[newest[known]]
-    held[known & (stamps_ns - stamps[np.maximum(newest, 0)] > round(max_age_s * 1e9))] = np.nan
-    return held
+    fresh = (newest >= 0) & (stamps_ns - stamps[newest] <= round(max_age_s * 1e9))
+    return np.where(fresh, values[newest], np.nan)
 
 
 def prepare(recording: Recording, sampling: Sampling) -> Series:
-    """Return the ticks of `recording` under `sampling`; raises RecordingError if no segment outlasts the warm-up."""
+    """Return the series of `recording`; raises RecordingError if no segment is longer than the warm-up."""
     samples = usable_samples(recording, sampling.max_current_age_s)
     ticks, times, total, status, _, _ = track_samples(samples, sampling)
     starts = total[status == kernels.STATUS_RESTART] - 1
     segments = np.stack([starts, np.append(starts[1:], len(ticks))], axis=1)
     force = force_at(recording, times, sampling.max_gap_s)
     warm_up = round(sampling.warm_up_s * sampling.rate_Hz)
-    if (segments[:, 1] - segments[:, 0]).max() <= warm_up:
+    longest = np.diff(segments).max()
+    if longest <= warm_up:
         raise RecordingError(
-            f"{recording.name}: longest stretch without a gap is {(segments[:, 1] - segments[:, 0]).max()} ticks of "
+            f"{recording.name}: longest stretch without a gap is {longest} ticks of "
             f"{1 / sampling.rate_Hz:g} s; expected more than the warm-up of {sampling.warm_up_s:g} s"
         )
     dropped = samples.dropped | {
@@ -132,7 +119,7 @@ def prepare(recording: Recording, sampling: Sampling) -> Series:
         time_s=(times - samples.stamps_ns[0]) * 1e-9,
         position=np.ascontiguousarray(ticks[:, 0]),
         speed=np.ascontiguousarray(ticks[:, 1]),
-        current=tick_current(samples.current, total),
+        current=np.repeat(samples.current, np.diff(total, prepend=0)),
         force=force,
         segments=segments.astype(np.int64),
         scored=_past_warm_up(len(ticks), segments, warm_up) & np.isfinite(force),
@@ -142,7 +129,7 @@ def prepare(recording: Recording, sampling: Sampling) -> Series:
 
 
 def track_samples(samples: PositionSamples, sampling: Sampling) -> tuple[F, I, I, NDArray[np.int8], F, float]:
-    """Return what `kernels.track` makes of the samples under `sampling`."""
+    """Return the result of `kernels.track` for the samples."""
     tracked: tuple[F, I, I, NDArray[np.int8], F, float] = kernels.track(
         samples.stamps_ns,
         samples.position,
@@ -155,11 +142,6 @@ def track_samples(samples: PositionSamples, sampling: Sampling) -> tuple[F, I, I
     return tracked
 
 
-def tick_current(current: F, total: I) -> F:
-    """Return the current of the position sample that gave each tick."""
-    return np.repeat(current, np.diff(total, prepend=0))
-
-
 def force_at(recording: Recording, stamps_ns: I, max_gap_s: float, name: str = "force") -> F:
     """Return the logged force [N] interpolated at each stamp, NaN outside it and inside its gaps."""
     if name not in recording.channels:
@@ -169,18 +151,17 @@ def force_at(recording: Recording, stamps_ns: I, max_gap_s: float, name: str = "
         return np.full(len(stamps_ns), np.nan)
     origin = stamps_ns[0]
     logged = (channel.stamps_ns - origin).astype(np.float64)
-    wanted = (stamps_ns - origin).astype(np.float64)
-    after = np.clip(np.searchsorted(logged, wanted), 1, len(logged) - 1)
-    inside = (wanted >= logged[0]) & (wanted <= logged[-1]) & (np.diff(logged)[after - 1] <= max_gap_s * 1e9)
-    return np.where(inside, np.interp(wanted, logged, channel.values), np.nan)
+    ticks = (stamps_ns - origin).astype(np.float64)
+    after = np.clip(np.searchsorted(logged, ticks), 1, len(logged) - 1)
+    inside = (ticks >= logged[0]) & (ticks <= logged[-1]) & (np.diff(logged)[after - 1] <= max_gap_s * 1e9)
+    return np.where(inside, np.interp(ticks, logged, channel.values), np.nan)
 
 
 def _finite(channel: Channel) -> Channel:
-    good = np.isfinite(channel.values)
-    return Channel(channel.name, channel.unit, channel.stamps_ns[good], channel.values[good])
+    return channel.select(np.isfinite(channel.values))
 
 
-def _past_warm_up(n: int, segments: I, warm_up: int) -> NDArray[np.bool_]:
+def _past_warm_up(n: int, segments: I, warm_up: int) -> Mask:
     since = np.arange(n)
     for start, stop in segments:
         since[start:stop] -= start

@@ -1,4 +1,4 @@
-"""A prepared series beside a model's free run on it, whatever made the run."""
+"""A prepared series and a model's free run on it, for every kind of run."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Which ticks matter more: weights for costs, by region of stroke, speed and current, as the thesis proposes (ch. 6).
+"""Weights of the ticks in costs, by region of stroke, speed and current, as the thesis proposes (ch. 6).
 
 A weighting is read from words such as `zero_crossing=3`, `stroke_ends=2`, `speed:-0.1..0.1=4`, `current:0.5..0.7=2`;
-where regions overlap their weights multiply.
+the weights of overlapping regions multiply.
 """
 
 from __future__ import annotations
@@ -12,17 +12,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, Mask
 from ces_identify.preparation.series import Series
 from ces_observer.errors import CesError
 from ces_observer.structures.structure import Range
 
-F = NDArray[np.float64]
-
 ZERO_CROSSING, STROKE_ENDS = "zero_crossing", "stroke_ends"
-SLOW_M_S = 0.05  # |speed| of a zero crossing, unless given
-CENTRAL = 0.8  # share of the stroke that is not its ends, unless given
+SLOW_M_S = 0.05  # |speed| of a zero crossing, by default
+CENTRAL = 0.8  # share of the stroke between its ends, by default
 UNITS = {"speed": "m/s", "current": "A", "position": "m"}
 MAX_WEIGHT = 1e6
 FORMS = "zero_crossing[:SPEED]=W, stroke_ends[:CENTRAL_SHARE]=W, or speed|current|position:FROM..TO=W"
@@ -34,8 +32,8 @@ WORD = re.compile(rf"(?P<region>\w+)(?::(?P<low>{NUMBER})(?:\.\.(?P<high>{NUMBER
 class Region:
     """Ticks whose `signal` lies in `span` count `weight` times.
 
-    The signal is speed [m/s], current [A], position [m], or `stroke_ends`: there `span` is in shares of the stroke,
-    0 at the lower end and 1 at the upper, and the ticks outside it are meant.
+    The signal is speed [m/s], current [A], position [m], or `stroke_ends`: then `span` is in shares of the stroke, from
+    0 at the lower end to 1 at the upper, and the ticks outside it count.
     """
 
     signal: str
@@ -46,7 +44,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Weighting:
-    """Regions that weigh, and the stroke [m] whose ends are meant (None: that of each series)."""
+    """Weighted regions, and the stroke [m] to which `stroke_ends` refers (None: that of each series)."""
 
     regions: tuple[Region, ...] = ()
     stroke: Range | None = None
@@ -59,9 +57,9 @@ class Weighting:
         return weights
 
     def with_common_stroke(self, series: Sequence[Series]) -> Weighting:
-        """Return the weighting with the stroke of a whole set of series, so that its ends are the same in each."""
-        low = min(float(s.position[s.scored].min()) for s in series)
-        return replace(self, stroke=(low, max(float(s.position[s.scored].max()) for s in series)))
+        """Return the weighting with the common stroke of a set of series."""
+        lows, highs = zip(*(_stroke_of(s) for s in series), strict=True)
+        return replace(self, stroke=(min(lows), max(highs)))
 
     def __bool__(self) -> bool:
         return bool(self.regions)
@@ -74,7 +72,7 @@ EQUAL = Weighting()
 
 
 def parse_weighting(words: Sequence[str]) -> Weighting:
-    """Return the weighting that `words` describe; raises CesError for a word that is none."""
+    """Return the weighting that `words` describe; raises CesError for an unknown word."""
     return Weighting(tuple(_parse_region(word) for word in words))
 
 
@@ -100,15 +98,15 @@ def _parse_named_region(word: str, name: str, size: float | None, weight: float)
     if name == ZERO_CROSSING:
         width = SLOW_M_S if size is None else size
         if not 0.0 < width < math.inf:
-            raise CesError(f"--weight '{word}': the speed below which it crosses zero must be above 0 m/s")
+            raise CesError(f"--weight '{word}': the speed of the zero crossing is {width:g} m/s; expected more than 0")
         return Region("speed", (-width, width), weight, word)
     central = CENTRAL if size is None else size
     if not 0.0 < central < 1.0:
-        raise CesError(f"--weight '{word}': the central share of the stroke must be between 0 and 1")
+        raise CesError(f"--weight '{word}': the central share of the stroke is {central:g}; expected between 0 and 1")
     return Region(STROKE_ENDS, (0.5 - central / 2, 0.5 + central / 2), weight, word)
 
 
-def _inside(region: Region, series: Series, stroke: Range | None) -> NDArray[np.bool_]:
+def _inside(region: Region, series: Series, stroke: Range | None) -> Mask:
     if region.signal == STROKE_ENDS:
         low, high = stroke or _stroke_of(series)
         share = (series.position - low) / max(high - low, 1e-12)

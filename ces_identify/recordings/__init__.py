@@ -1,4 +1,4 @@
-"""Recordings as they were logged: bags and dyno logs go in, a `Recording` with channels and their stamps comes out.
+"""Recordings as they were logged: bags and dyno logs in, a `Recording` with channels and their stamps out.
 
-Nothing is mended here: `checks`, `consistency` and `coverage` say what cannot be used and what is missing.
+Nothing is repaired here: `checks`, `consistency` and `coverage` report what is unusable or missing.
 """

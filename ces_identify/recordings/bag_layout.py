@@ -1,7 +1,7 @@
-"""The layout of a serialised message: a walk along its bytes, guided by the type's definition.
+"""The layout of a serialised message, found by walking along its bytes with the type's definition.
 
-A raw message (CDR, either byte order) goes in; a `MessageLayout` comes out that tells where the wanted numbers are and
-which bytes fix these places. The walk is checked against what rosbags reads from the same message.
+A raw message (CDR, either byte order) goes in; a `MessageLayout` comes out, with the offsets of the requested numbers
+and the bytes that determine them. The result is checked against the values that rosbags reads from the same message.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import BaseDesc, FieldDesc, NameDesc
 from rosbags.typesys.store import Typestore
 
+from ces_identify.recordings.bag_message import JOINT_NAMES, Place
 from ces_identify.recordings.bulk_decode import MessageLayout, NumberField
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
@@ -28,19 +29,17 @@ KINDS = {
     "float64": "f8",
 }
 
-Place = tuple[str | int, ...]
-
 
 class NotWalkableError(Exception):
-    """The message has a part whose size this walk does not know."""
+    """The message has a part of unknown size."""
 
 
 def describe_layout(
     raw: bytes, typename: str, paths: Sequence[FieldPath], typestore: Typestore
 ) -> MessageLayout | None:
-    """Describe the layout of a message, or return None if this walk cannot or disagrees with rosbags.
+    """Return the layout of a message, None if it cannot be found or disagrees with rosbags.
 
-    Raises rosbags' SerdeError if the message cannot be read at all.
+    Raises rosbags' SerdeError if the message cannot be read.
     """
     message = typestore.deserialize_cdr(raw, typename)
     walk = _Walk(raw, typestore)
@@ -58,7 +57,7 @@ def describe_layout(
 
 
 class _Walk:
-    """Position in the bytes of one message, and what was passed on the way."""
+    """A position in the bytes of one message, and the numbers and strings before it."""
 
     def __init__(self, raw: bytes, typestore: Typestore) -> None:
         self.raw = raw
@@ -74,11 +73,11 @@ class _Walk:
             self._field(description, (*place, name))
 
     def find(self, message: object, path: FieldPath) -> NumberField | str:
-        """Return where the number at `path` is, or why there is none; joint names on the way become fixed bytes."""
+        """Return the number's offset, or why the message has none; joint names in `path` become fixed bytes."""
         place: Place = ()
         for name, element in path.steps:
             if isinstance(element, str):
-                for names in ("name", "joint_names"):
+                for names in JOINT_NAMES:
                     self.fixed.extend(self.texts.get((*place, names), ()))
             place = (*place, name) if element is None else (*place, name, element)
         try:
@@ -117,7 +116,7 @@ class _Walk:
             self._array(description[1][0], count, place)
 
     def _array(self, kind: str, count: int, place: Place) -> None:
-        """Pass `count` numbers; the padding before the first is there only if there is a first."""
+        """Pass `count` numbers; without any there is no padding either."""
         if kind not in KINDS:
             raise NotWalkableError(kind)
         dtype = np.dtype(self.order + KINDS[kind])
@@ -127,7 +126,7 @@ class _Walk:
             self.position += count * dtype.itemsize
 
     def _text(self, place: Place) -> None:
-        """Pass a string: its length word and terminator are fixed, its letters only where joints are told by name."""
+        """Pass a string: its length and terminator are fixed, its letters only if they name a joint in a path."""
         length = self._length_word()
         self.texts.setdefault(place, []).extend(range(self.position, self.position + length))
         self.position += length
@@ -158,9 +157,8 @@ def _place(message: object, path: FieldPath) -> Place:
 
 
 def _agrees(number: NumberField | str, raw: bytes, path: FieldPath, message: object) -> bool:
-    """Compare the number found by walking with the one rosbags reads."""
+    """Compare the number at the offset with the one that rosbags reads."""
     if isinstance(number, str):
         return True
-    walked = number.read(np.frombuffer(raw, dtype=np.uint8), np.zeros(1, dtype=np.int64))[0]
-    read = path.read(message)
-    return bool(walked == read or (np.isnan(walked) and np.isnan(read)))
+    value = number.read(np.frombuffer(raw, dtype=np.uint8), np.zeros(1, dtype=np.int64))[0]
+    return bool(np.array_equal(value, path.read(message), equal_nan=True))

@@ -1,4 +1,4 @@
-"""A blank message of any type with room for the wanted numbers: arrays long enough, joints named, all else zero."""
+"""A blank message of any type that holds the requested numbers: long enough arrays, named joints, all else zero."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Place = tuple[str | int, ...]
 def blank_message(typename: str, paths: Sequence[FieldPath], typestore: Typestore) -> object:
     """Return a message of type `typename` in which every path can be read.
 
-    Raises SignalsError if a path asks for a joint by name in a message without joint names.
+    Raises SignalsError if a path names a joint in a message without joint names.
     """
     room = _Room(typestore)
     for path in paths:
@@ -29,7 +29,7 @@ def blank_message(typename: str, paths: Sequence[FieldPath], typestore: Typestor
 
 
 class _Room:
-    """Lengths of the arrays and names of the joints that the paths ask for, by place in the message."""
+    """Lengths of the arrays and names of the joints that the paths need, by place in the message."""
 
     def __init__(self, typestore: Typestore) -> None:
         self.typestore = typestore
@@ -46,7 +46,7 @@ class _Room:
                 place = (*place, index)
 
     def _joint(self, typename: str, parent: Place, path: FieldPath, joint: str) -> int:
-        """Return the index of a joint, naming it where the message keeps its names."""
+        """Return the index of a joint, after adding its name to the message's joint names."""
         holder = self._type_at(typename, parent)
         field = next((name for name, _ in self._fields(holder) if name in JOINT_NAMES), None)
         if field is None:
@@ -69,7 +69,7 @@ class _Room:
         return self.typestore.get_msgdef(typename).fields
 
     def message(self, typename: str, place: Place) -> object:
-        """Build the message at a place."""
+        """Build the message at `place`."""
         values = {name: self._value(description, (*place, name)) for name, description in self._fields(typename)}
         return self.typestore.types[typename](**values)
 
@@ -80,12 +80,12 @@ class _Room:
             return self.message(description[1], place)
         if place in self.joints:
             return list(self.joints[place])
-        of, size = description[1]
-        return self._array(of, size if description[0] == Nodetype.ARRAY else self.lengths.get(place, 0), place)
+        element, size = description[1]
+        return self._array(element, size if description[0] == Nodetype.ARRAY else self.lengths.get(place, 0), place)
 
-    def _array(self, of: BaseDesc | NameDesc, length: int, place: Place) -> Any:
-        if of[0] == Nodetype.NAME:
-            return [self.message(of[1], (*place, i)) for i in range(length)]
-        if of[1][0] == "string":
+    def _array(self, element: BaseDesc | NameDesc, length: int, place: Place) -> Any:
+        if element[0] == Nodetype.NAME:
+            return [self.message(element[1], (*place, i)) for i in range(length)]
+        if element[1][0] == "string":
             return [""] * length
-        return np.zeros(length, dtype={"byte": "int8", "char": "uint8"}.get(of[1][0], of[1][0]))
+        return np.zeros(length, dtype={"byte": "int8", "char": "uint8"}.get(element[1][0], element[1][0]))

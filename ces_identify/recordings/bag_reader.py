@@ -1,7 +1,7 @@
-"""Bags into recordings: the signals' topics are found, their numbers read, scaled to SI and stamped.
+"""Bags into recordings: finds the signals' topics, reads their numbers, and scales them to SI units.
 
-Stamps come from the message's header where its type has one; otherwise, and where the header was never filled in, from
-the time at which the bag logged the message.
+Stamps come from the message's header if its type has one; otherwise, or if the header was never filled in, from the
+time at which the bag logged the message.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import warnings
 from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,7 +21,7 @@ from rosbags.typesys.store import Typestore
 
 from ces_identify.recordings.bag_layout import describe_layout
 from ces_identify.recordings.bag_storage import Bag, Topic, open_bag
-from ces_identify.recordings.bulk_decode import Block, BulkDecoder, Floats, Index, MessageLayout
+from ces_identify.recordings.bulk_decode import Block, BulkDecoder, Floats, Index
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Constant, FieldPath, Signal, Signals
@@ -29,13 +30,13 @@ HEADER = (Nodetype.NAME, "std_msgs/msg/Header")
 STAMP = (FieldPath.parse("header.stamp.sec"), FieldPath.parse("header.stamp.nanosec"))
 INPUTS = ("position", "current")
 MAX_TOPICS_LISTED = 20
-DAMAGED = (SerdeError, struct.error, ValueError, IndexError, AssertionError)  # rosbags before 0.11.9 lets others pass
+DAMAGED = (SerdeError, struct.error, ValueError, IndexError, AssertionError)  # rosbags before 0.11.9 raises others
 T = TypeVar("T")
 Kind = TypeVar("Kind", bound=np.generic)
 
 
 class RecordingWarning(UserWarning):
-    """Something in a recording that the user should know but that does not stop the work."""
+    """A fact about a recording that the user should know; the program continues."""
 
 
 def list_topics(path: Path) -> tuple[Topic, ...]:
@@ -45,11 +46,11 @@ def list_topics(path: Path) -> tuple[Topic, ...]:
 
 
 def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS) -> Recording:
-    """Read the described signals from a rosbag2 folder or a bare `.mcap` file.
+    """Read the described signals from a rosbag2 folder or an `.mcap` file.
 
-    The signals named in `need` must be there, as a topic or a constant; the others may be absent. Raises RecordingError
-    or SignalsError: a bag that is damaged, ends early or is empty, a topic that is not there or has another type, a
-    field that no message has. Issues a RecordingWarning for each signal stamped with the log time.
+    The signals named in `need` must be present, as a topic or a constant; the others may be absent. Raises
+    RecordingError or SignalsError if the bag is damaged, truncated or empty, if a topic is missing or has another type,
+    or if no message has a field. Issues a RecordingWarning for each signal stamped with the log time.
     """
     with open_bag(path) as bag:
         if not any(topic.count for topic in bag.topics):
@@ -59,45 +60,45 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
         readers = _readers(bag, signals, need)
         for name, block in bag.blocks(readers):
             readers[name].add(block)
-        found = {name: channel for reader in readers.values() for name, channel in reader.channels().items()}
+        by_name = {name: channel for reader in readers.values() for name, channel in reader.channels().items()}
         digest = bag.sha256()
-    channels = {name: found[name] for name in signals.by_name if name in found}
+    channels = {name: by_name[name] for name in signals.by_name if name in by_name}
     constants = {s.name: s.value for s in signals.by_name.values() if isinstance(s, Constant)}
     return Recording(path.name if path.is_dir() else path.stem, channels, constants, str(path), digest)
 
 
 def _readers(bag: Bag, signals: Signals, need: Collection[str]) -> dict[str, _TopicReader]:
     """Return a reader for each topic that carries a signal, by the topic's name."""
-    wanted: dict[Topic, list[Signal]] = {}
+    by_topic: dict[Topic, list[Signal]] = {}
     for signal in signals.list_topic_signals():
         topic = _topic(bag, signal, signals.source, signal.name in need)
         if topic is not None:
-            wanted.setdefault(topic, []).append(signal)
-    return {topic.name: _TopicReader(bag, topic, mine) for topic, mine in wanted.items()}
+            by_topic.setdefault(topic, []).append(signal)
+    return {topic.name: _TopicReader(bag, topic, mine) for topic, mine in by_topic.items()}
 
 
 def _topic(bag: Bag, signal: Signal, source: str, needed: bool) -> Topic | None:
-    """Return the topic of a signal; None if it is not in the bag and need not be."""
-    found = [topic for topic in bag.topics if signal.matches(topic.name)]
-    if not found and not needed:
+    """Return the topic of a signal; None if it is not in the bag and not `needed`."""
+    topics = [topic for topic in bag.topics if signal.matches(topic.name)]
+    if not topics and not needed:
         return None
-    if not found:
+    if not topics:
         raise RecordingError(
             f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has {_format_topics(bag.topics)}"
         )
-    for topic in found:
+    for topic in topics:
         if topic.type == signal.type:
             return topic
     raise SignalsError(
-        f"{source}: signal '{signal.name}': topic '{signal.topic}' is {found[0].type} in {bag.path}, not {signal.type};"
-        " correct type and field"
+        f"{source}: signal '{signal.name}': topic '{signal.topic}' is {topics[0].type} in {bag.path}, not"
+        f" {signal.type}; correct type and field"
     )
 
 
 def _format_topics(topics: tuple[Topic, ...]) -> str:
-    told = [f"{topic.name} ({topic.type})" for topic in topics[:MAX_TOPICS_LISTED]]
+    shown = [f"{topic.name} ({topic.type})" for topic in topics[:MAX_TOPICS_LISTED]]
     more = [f"{len(topics) - MAX_TOPICS_LISTED} more"] if len(topics) > MAX_TOPICS_LISTED else []
-    return ", ".join(told + more) or "none"
+    return ", ".join(shown + more) or "none"
 
 
 class _TopicReader:
@@ -120,12 +121,12 @@ class _TopicReader:
         if self.stamp:
             header_ns += values[:, 0].astype(np.int64) * 1_000_000_000 + values[:, 1].astype(np.int64)
         for i, signal in enumerate(self.signals, start=len(self.stamp)):
-            there = present[:, i]
-            numbers = signal.scale * values[there, i] + signal.offset
-            self.samples[signal.name].add(header_ns[there], block.log_ns[there], numbers, len(block))
+            rows = present[:, i]
+            numbers = signal.scale * values[rows, i] + signal.offset
+            self.samples[signal.name].add(header_ns[rows], block.log_ns[rows], numbers, len(block))
 
     def channels(self) -> dict[str, Channel]:
-        """Return the channels by signal; raises SignalsError if a field was in no message."""
+        """Return the channels by signal; raises SignalsError if no message has a field."""
         return {signal.name: self._channel(i, signal) for i, signal in enumerate(self.signals, start=len(self.stamp))}
 
     def _channel(self, i: int, signal: Signal) -> Channel:
@@ -135,15 +136,16 @@ class _TopicReader:
             raise SignalsError(f"{self.where}: signal '{signal.name}': {self.decoder.reasons[i]}")
         if count < samples.messages:
             missing = f"missing in {samples.messages - count} of {samples.messages} messages on {self.topic.name}"
-            _warn(f"{signal.name}: {missing}: {self.decoder.reasons[i]}")
+            warnings.warn(f"{signal.name}: {missing}: {self.decoder.reasons[i]}", RecordingWarning, stacklevel=2)
         if count and not samples.stamped:
-            why = "an empty header stamp" if self.stamp else "no header"
-            _warn(f"{signal.name}: {self.topic.type} on {self.topic.name} has {why}; stamped with the bag's log time")
+            reason = "an empty header stamp" if self.stamp else "no header"
+            text = f"{self.topic.type} on {self.topic.name} has {reason}; stamped with the bag's log time"
+            warnings.warn(f"{signal.name}: {text}", RecordingWarning, stacklevel=2)
         return Channel(signal.name, signal.unit, samples.stamps(), _concatenate(samples.values, np.float64))
 
 
 class _Samples:
-    """Growing columns of one signal; log times are dropped as soon as a header stamp is seen."""
+    """Growing columns of one signal; log times are dropped at the first nonzero header stamp."""
 
     def __init__(self) -> None:
         self.messages = 0
@@ -171,24 +173,17 @@ def _decoder(kind: str, paths: tuple[FieldPath, ...], typestore: Typestore, wher
         message = typestore.deserialize_cdr(raw, kind)
         return [_read(path, message) for path in paths]
 
-    def describe(raw: bytes) -> MessageLayout | None:
-        return describe_layout(raw, kind, paths, typestore)
+    def wrap_errors(read: Callable[[bytes], T]) -> Callable[[bytes], T]:
+        def read_or_raise(raw: bytes) -> T:
+            try:
+                return read(raw)
+            except DAMAGED as error:
+                raise RecordingError(f"{where}: a message cannot be decoded as {kind}: {error}") from None
 
-    return BulkDecoder(
-        len(paths), _wrap_decode_errors(describe, kind, where), _wrap_decode_errors(read_one, kind, where)
-    )
+        return read_or_raise
 
-
-def _wrap_decode_errors(read: Callable[[bytes], T], kind: str, where: str) -> Callable[[bytes], T]:
-    """Turn rosbags' complaint about a message into a RecordingError."""
-
-    def read_or_raise(raw: bytes) -> T:
-        try:
-            return read(raw)
-        except DAMAGED as error:
-            raise RecordingError(f"{where}: a message cannot be decoded as {kind}: {error}") from None
-
-    return read_or_raise
+    describe = partial(describe_layout, typename=kind, paths=paths, typestore=typestore)
+    return BulkDecoder(len(paths), wrap_errors(describe), wrap_errors(read_one))
 
 
 def _read(path: FieldPath, message: object) -> float | str:
@@ -200,7 +195,3 @@ def _read(path: FieldPath, message: object) -> float | str:
 
 def _concatenate(parts: list[NDArray[Kind]], kind: type[Kind]) -> NDArray[Kind]:
     return np.concatenate(parts) if parts else np.empty(0, dtype=kind)
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, RecordingWarning, stacklevel=2)

@@ -1,6 +1,6 @@
-"""A bag on disk: its topics, message definitions, data files and raw messages, whatever the storage.
+"""A bag on disk: its topics, message definitions, data files and raw messages, for every storage format.
 
-rosbags opens the bag and reads metadata and definitions; the messages themselves come in blocks, in recorded order.
+rosbags opens the bag and reads metadata and definitions; the messages come in blocks, in recorded order.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
 import zstandard
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.interfaces.typing import Typesdict
@@ -29,7 +28,7 @@ IDL_SEPARATOR = "=" * 80 + "\n"
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic of a bag, with the number of its messages."""
+    """One topic of a bag and the number of its messages."""
 
     name: str
     type: str
@@ -55,7 +54,7 @@ class Bag:
         return tuple(Topic(name, kind, count) for (name, kind), count in sorted(counts.items()))
 
     def sha256(self) -> str:
-        """Return the hash of the data files' bytes, one after the other, as they are stored."""
+        """Return the hash of the stored bytes of all data files in order."""
         digest = hashlib.sha256()
         for storage in self._storages:
             with self._find_stored_file(storage.path).open("rb") as file:
@@ -67,14 +66,16 @@ class Bag:
         """Yield the messages of these topics, block by block."""
         for storage in self._storages:
             numbers = {name: [c.id for c in storage.connections if c.topic == name] for name in topics}
-            for block in _blocks(storage.path, [i for some in numbers.values() for i in some]):
+            mcap = storage.path.suffix == ".mcap"
+            ids = [i for some in numbers.values() for i in some]
+            for block in mcap_records.blocks(storage.path) if mcap else sqlite_records.blocks(storage.path, ids):
                 for name, mine in numbers.items():
                     part = block.select_topics(mine)
                     if len(part):
                         yield name, self._unpack(part)
 
     def typestore(self, topic: Topic) -> Typestore:
-        """Return the types to read a topic with: the bag's own definitions, or those of ROS 2 Jazzy if it has none."""
+        """Return the types of a topic: the bag's own definitions, or those of ROS 2 Jazzy if it has none."""
         mine = [c for c in self.connections if c.topic == topic.name]
         self._require_cdr(mine)
         defined = [c.msgdef for c in mine if c.msgdef.format != MessageDefinitionFormat.NONE]
@@ -103,12 +104,12 @@ class Bag:
                 raise RecordingError(f"{self.path}: topic {connection.topic} is encoded as '{encoding}'; expected cdr")
 
     def _find_stored_file(self, file: Path) -> Path:
-        """Return the file as it lies in the bag; one that was compressed as a whole is read from a temporary copy."""
+        """Return the file in the bag; for a file compressed as a whole, `file` is a temporary copy."""
         packed = self.path / f"{file.name}.zstd"
         return packed if self.path.is_dir() and file.parent != self.path and packed.exists() else file
 
     def _unpack(self, block: Block) -> Block:
-        """Undo the compression of single messages, if the bag has it."""
+        """Decompress the messages of a bag with message compression."""
         if not self._packed:
             return block
         unpack = zstandard.ZstdDecompressor().decompress
@@ -116,14 +117,12 @@ class Bag:
             payloads = [unpack(block.payload(i)) for i in range(len(block))]
         except zstandard.ZstdError as error:
             raise RecordingError(f"{self.path}: a compressed message is damaged: {error}; copy it again") from None
-        lengths = np.array([len(payload) for payload in payloads], dtype=np.int64)
-        buffer = np.frombuffer(b"".join(payloads), dtype=np.uint8)
-        return Block(buffer, block.topics, block.log_ns, np.cumsum(lengths) - lengths, lengths)
+        return Block.join(payloads, block.topics, block.log_ns)
 
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a rosbag2 folder, or an `.mcap` or `.db3` file; raises RecordingError if it cannot be read in full."""
+    """Open a rosbag2 folder, or an `.mcap` or `.db3` file; raises RecordingError if it is damaged or truncated."""
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder; expected a rosbag2 folder or an .mcap file")
     if path.is_dir() and not (path / "metadata.yaml").exists():
@@ -131,26 +130,20 @@ def open_bag(path: Path) -> Iterator[Bag]:
     try:
         reader = Reader(path)
         reader.open()
-    except Exception as error:  # rosbags raises whatever a damaged file makes it trip over
-        raise _cannot_open(path, error) from None
+    except Exception as error:  # a damaged file makes rosbags raise errors of any kind
+        raise _open_error(path, error) from None
     try:
         yield Bag(path, reader)
     finally:
         reader.close()
 
 
-def _cannot_open(path: Path, error: Exception) -> RecordingError:
+def _open_error(path: Path, error: Exception) -> RecordingError:
     for file in path.glob("*.mcap") if path.is_dir() else [path]:
         if file.suffix == ".mcap":
             mcap_records.require_complete(file)
     reason = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
     return RecordingError(f"{path}: cannot be opened as a bag: {reason}")
-
-
-def _blocks(file: Path, numbers: list[int]) -> Iterator[Block]:
-    if file.suffix == ".mcap":
-        return mcap_records.blocks(file)
-    return sqlite_records.blocks(file, numbers)
 
 
 def _types(definition: MessageDefinition, name: str) -> Typesdict:

@@ -1,6 +1,6 @@
-"""Recordings and results into bags: rosbag2 folders with MCAP storage that Foxglove, PlotJuggler and ros2 bag open.
+"""Recordings and results into bags: rosbag2 folders with MCAP storage for Foxglove, PlotJuggler and ros2 bag.
 
-A bag appears under its name only when it is complete: it is written in a temporary folder beside it, then renamed.
+A bag is written to a temporary folder beside its final place and renamed when it is complete.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class TopicData:
 
 
 def recording_topics(recording: Recording, signals: Signals) -> tuple[TopicData, ...]:
-    """Return the topics that hold the channels of a recording as `signals` describes them, scale and offset undone.
+    """Return the topics of a recording's channels as `signals` describes them, with scale and offset undone.
 
     Raises RecordingError if two channels share a topic but not their stamps.
     """
@@ -85,8 +85,8 @@ def write_bag(
 ) -> None:
     """Write a bag folder with these topics, in time order; `notes` become the bag's custom metadata.
 
-    The order within a topic is kept even where its stamps run backwards. Raises RecordingError if `path` exists and is
-    not a bag to overwrite or the folder cannot be written, SignalsError if a type or field path cannot be written.
+    The order within a topic is kept even if its stamps run backwards. Raises RecordingError if `path` exists and is not
+    a bag to overwrite, or if the folder cannot be written; SignalsError if a type or field path cannot be written.
     """
     _require_free(path, overwrite)
     try:
@@ -94,7 +94,7 @@ def write_bag(
         with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
             part = Path(folder) / path.name
             _write(part, topics, notes or {})
-            _put_in_place(part, path)
+            _move_into_place(part, path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
 
@@ -108,8 +108,8 @@ def _require_free(path: Path, overwrite: bool) -> None:
         raise RecordingError(f"{path}: exists and is not a bag, so it is not overwritten; choose another name")
 
 
-def _put_in_place(part: Path, path: Path) -> None:
-    """Rename the finished bag to its name; an older one is put aside first and comes back if that fails."""
+def _move_into_place(part: Path, path: Path) -> None:
+    """Rename the finished bag to its name; an older one is moved aside first and restored if that fails."""
     aside = part.with_name(f"{path.name}.old")
     if path.exists():
         path.rename(aside)
@@ -129,10 +129,8 @@ def _write(path: Path, topics: Sequence[TopicData], notes: Mapping[str, str]) ->
     for key, value in notes.items():
         writer.set_custom_data(key, value)
     with writer:
-        names = [f"/{topic.name.lstrip('/')}" for topic in topics]
         connections = [
-            writer.add_connection(name, topic.type, typestore=typestore)
-            for name, topic in zip(names, topics, strict=True)
+            writer.add_connection(f"/{topic.name.lstrip('/')}", topic.type, typestore=typestore) for topic in topics
         ]
         streams = [encoder.messages(i) for i, encoder in enumerate(encoders)]
         for _, stamp, i, payload in heapq.merge(*streams, key=itemgetter(0)):
@@ -140,7 +138,7 @@ def _write(path: Path, topics: Sequence[TopicData], notes: Mapping[str, str]) ->
 
 
 class _Encoder:
-    """Serialises the messages of one topic: the bytes of a blank message with the numbers put in their places."""
+    """Serialises the messages of one topic: the bytes of a blank message with the numbers inserted."""
 
     def __init__(self, topic: TopicData, typestore: Typestore) -> None:
         if topic.type not in typestore.fielddefs:
@@ -152,14 +150,14 @@ class _Encoder:
         self.blank, self.numbers = _places(topic, paths, typestore)
 
     def messages(self, index: int) -> Iterator[tuple[int, int, int, bytes]]:
-        """Yield (place in time, stamp, index, payload) of each message."""
-        order = np.maximum.accumulate(self.topic.stamps_ns) if len(self.topic.stamps_ns) else self.topic.stamps_ns
+        """Yield (latest stamp so far, stamp, index, payload) of each message."""
+        order = np.maximum.accumulate(self.topic.stamps_ns)
         for begin in range(0, len(order), BATCH):
             part = slice(begin, begin + BATCH)
             rows = self._encode(part)
             times = zip(order[part].tolist(), self.topic.stamps_ns[part].tolist(), rows, strict=True)
-            for place, stamp, row in times:
-                yield place, stamp, index, row.tobytes()
+            for latest, stamp, row in times:
+                yield latest, stamp, index, row.tobytes()
 
     def _encode(self, part: slice) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
         stamps = self.topic.stamps_ns[part]
@@ -176,15 +174,15 @@ class _Encoder:
 def _places(
     topic: TopicData, paths: list[FieldPath], typestore: Typestore
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.uint8]], list[NumberField]]:
-    """Return the bytes of a blank message and where its numbers are."""
+    """Return the bytes of a blank message and the offsets of its numbers."""
     try:
         raw = bytes(typestore.serialize_cdr(blank_message(topic.type, paths, typestore), topic.type))
         layout = describe_layout(raw, topic.type, paths, typestore)
     except CesError as error:
         raise SignalsError(f"topic {topic.name}: {error}") from None
-    found = layout.numbers if layout else tuple(f"field '{path.text}' cannot be written" for path in paths)
-    numbers = [number for number in found if isinstance(number, NumberField)]
-    missing = [number for number in found if isinstance(number, str)]
+    results = layout.numbers if layout else tuple(f"field '{path.text}' cannot be written" for path in paths)
+    numbers = [number for number in results if isinstance(number, NumberField)]
+    missing = [number for number in results if isinstance(number, str)]
     if missing:
         raise SignalsError(f"topic {topic.name}: {topic.type}: {missing[0]}")
     return np.frombuffer(raw, dtype=np.uint8), numbers

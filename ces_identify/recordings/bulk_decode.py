@@ -1,8 +1,7 @@
-"""Many raw messages at a time into numbers, by NumPy, where their layout is proved equal; else one at a time.
+"""Decodes many raw messages at once with NumPy if their layout is the same, otherwise one by one.
 
-A serialised message is a row of bytes. Once the length words, string terminators and joint names of a message are
-known, so are the places of its numbers; messages in which the same bytes stand in the same places share that
-`MessageLayout`.
+The lengths, string terminators and joint names in a serialised message determine the offsets of its numbers. Messages
+with the same bytes there share a `MessageLayout`.
 """
 
 from __future__ import annotations
@@ -18,15 +17,15 @@ Index = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-LAYOUTS_PER_LENGTH = 16  # so many joint orders, say, are worth learning; a topic with more is read one by one
+LAYOUTS_PER_LENGTH = 16  # a topic with more layouts of one length, such as joint orders, is read one by one
 
 
 @dataclass(frozen=True)
 class Block:
-    """n raw messages side by side in one buffer, in the order in which they were recorded.
+    """n raw messages in one buffer, in recorded order.
 
     `buffer` uint8; `topics` (the storage's number of the topic), `log_ns` (time logged), `starts` and `lengths`
-    (bytes of the payload in the buffer), all int64 of shape (n,).
+    (of the payload in the buffer [bytes]), all int64 of shape (n,).
     """
 
     buffer: Bytes
@@ -34,6 +33,13 @@ class Block:
     log_ns: Index
     starts: Index
     lengths: Index
+
+    @classmethod
+    def join(cls, payloads: Sequence[bytes], topics: Index, log_ns: Index) -> Block:
+        """Return the block of these messages."""
+        lengths = np.array([len(payload) for payload in payloads], dtype=np.int64)
+        buffer = np.frombuffer(b"".join(payloads) or b"\0", dtype=np.uint8)
+        return cls(buffer, topics, log_ns, np.cumsum(lengths) - lengths, lengths)
 
     def select_topics(self, topics: Sequence[int]) -> Block:
         """Return the messages of these topics."""
@@ -50,7 +56,7 @@ class Block:
 
 @dataclass(frozen=True)
 class NumberField:
-    """Place and kind of one number in a message: `offset` in bytes from its start."""
+    """Offset from the message's start [bytes] and type of one number."""
 
     offset: int
     dtype: np.dtype[np.generic]
@@ -58,16 +64,15 @@ class NumberField:
     def read(self, buffer: Bytes, starts: Index) -> Floats:
         """Return the number in each of the messages at `starts`, shape (n,)."""
         places = starts[:, None] + (self.offset + np.arange(self.dtype.itemsize))
-        numbers: Floats = buffer[places].view(self.dtype)[:, 0].astype(np.float64)
-        return numbers
+        return np.asarray(buffer[places].view(self.dtype)[:, 0].astype(np.float64))
 
 
 @dataclass(frozen=True)
 class MessageLayout:
-    """What fixes the places of the wanted numbers, and these places.
+    """The offsets of the requested numbers, and the bytes that determine them.
 
-    `fixed` (k,) are the byte positions that decide on the layout, `expected` (k,) what stands there. `numbers` has an
-    entry for each number wanted: its place, or the reason (str) why messages of this layout do not have it.
+    `fixed` (k,) are the positions of these bytes, `expected` (k,) their values. `numbers` has an entry for each
+    requested number: its offset and type, or the reason (str) why messages of this layout do not have it.
     """
 
     fixed: Index
@@ -75,9 +80,8 @@ class MessageLayout:
     numbers: tuple[NumberField | str, ...]
 
     def fits(self, buffer: Bytes, starts: Index) -> Mask:
-        """Tell which of the messages at `starts`, all as long as the one described, have this layout; shape (n,)."""
-        found: Mask = (buffer[starts[:, None] + self.fixed] == self.expected).all(axis=1)
-        return found
+        """Return which of the messages at `starts`, all of the described one's length, have this layout; (n,)."""
+        return np.asarray((buffer[starts[:, None] + self.fixed] == self.expected).all(axis=1))
 
 
 Describe = Callable[[bytes], MessageLayout | None]
@@ -87,8 +91,8 @@ ReadOne = Callable[[bytes], list[float | str]]
 class BulkDecoder:
     """Reads the same few numbers from every message of a topic.
 
-    `describe` gives the layout of a raw message, or None if it cannot be told; `read_one` gives the numbers of a raw
-    message, or the reason (str) for each that it does not have. Both may raise; nothing is caught here.
+    `describe` returns the layout of a raw message, or None if it is unknown; `read_one` returns the numbers of a raw
+    message, or the reason (str) for each that it does not have. Their errors pass through.
     """
 
     def __init__(self, width: int, describe: Describe, read_one: ReadOne) -> None:
@@ -100,9 +104,9 @@ class BulkDecoder:
         self._one_by_one: set[int] = set()
 
     def decode(self, block: Block) -> tuple[Floats, Mask]:
-        """Return the numbers of the n messages of a block and which of them there are, both of shape (n, width).
+        """Return the numbers of the n messages of a block and a mask of those present, both of shape (n, width).
 
-        `reasons` tells why a number was missing, the first time it was.
+        `reasons` keeps the first reason why a number is missing.
         """
         values = np.full((len(block), self.width), np.nan)
         present = np.zeros((len(block), self.width), dtype=np.bool_)
@@ -114,7 +118,7 @@ class BulkDecoder:
         return values, present
 
     def _learn(self, length: int, block: Block, rows: Index, values: Floats, present: Mask) -> None:
-        """Describe new layouts until no row is left, or read the rest one by one."""
+        """Read the rows by new layouts, or one by one if there is none."""
         known = self._layouts[length]
         while len(rows) and len(known) < LAYOUTS_PER_LENGTH and length not in self._one_by_one:
             layout = self._describe(block.payload(rows[0]))

@@ -1,4 +1,4 @@
-"""How a channel was sampled: counts, rate, jitter, gaps and range, as they stand in the log."""
+"""Sampling statistics of a channel as logged: count, rate, jitter, gaps and range."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from ces_identify.recordings.checks import SECOND, mean_rate
 from ces_identify.recordings.recording import Channel
 
-GAP_INTERVALS = 5.0  # a gap is an interval longer than so many median intervals
+GAP_INTERVALS = 5.0  # a longer interval, in median intervals, is a gap
 
 
 @dataclass(frozen=True)
 class ChannelStats:
-    """Figures of one channel; those that its samples cannot give are NaN.
+    """Statistics of one channel; NaN where it has too few samples.
 
-    `jitter_s` is the standard deviation of the intervals that are no gaps, `longest_s` the longest interval; `low` and
-    `high` are the range of the finite values, in the channel's unit.
+    `jitter_s` is the standard deviation of the intervals without gaps, `longest_s` the longest interval; `low` and
+    `high` are the range of the finite values in the channel's unit.
     """
 
     count: int
@@ -31,7 +31,7 @@ class ChannelStats:
 
 
 def channel_stats(channel: Channel) -> ChannelStats:
-    """Look at a channel; intervals are taken between stamps in the order of time."""
+    """Return the statistics of a channel, its stamps sorted first."""
     intervals_ns = np.diff(np.sort(channel.stamps_ns))
     usual_ns = float(np.median(intervals_ns)) if len(intervals_ns) else 0.0
     gaps = intervals_ns.astype(np.float64) > GAP_INTERVALS * usual_ns

@@ -1,7 +1,7 @@
-"""Differences between recordings that are mistakes, not physics: units mixed, a sign turned round.
+"""Differences between recordings that are mistakes, not physics: mixed units or opposite signs.
 
-Recordings go in; findings in plain words come out, in the manner of `checks.py`. Everything is judged on robust spreads
-(1st to 99th percentile) and on whether force goes with speed, as it does in anything that damps.
+Recordings go in; findings come out, as in `checks.py`. The tests use robust spreads (1st to 99th percentile) and the
+correlation of force with speed, which is positive for every damper.
 """
 
 from __future__ import annotations
@@ -10,25 +10,31 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ces_identify.recordings.checks import ERROR, MAX_CURRENT_A, MAX_STROKE_M, WARNING, Finding
+from ces_identify.numerics.arrays import F, I
+from ces_identify.recordings.checks import (
+    ERROR,
+    MAX_CURRENT_A,
+    MAX_STROKE_M,
+    WARNING,
+    Finding,
+    finite_values,
+    sort_findings,
+)
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 
-F = NDArray[np.float64]
-
-UNIT_RATIO = 100.0  # ratio of spreads that no two experiments of one damper have
-MAX_SPEED_RATIO = 10.0  # ratio of speeds within which forces can be compared so
-MIN_DAMPING_CORRELATION = 0.3  # correlation of force with speed from which its sign counts
-BIN_S, MIN_BINS = 0.005, 50  # positions are averaged over bins before speeds are taken; so many tell something
+UNIT_RATIO = 100.0  # ratio of spreads beyond that of any two experiments with one damper
+MAX_SPEED_RATIO = 10.0  # largest ratio of speeds at which forces are compared
+MIN_DAMPING_CORRELATION = 0.3  # smallest correlation of force with speed whose sign counts
+BIN_S, MIN_BINS = 0.005, 50  # positions are averaged over bins to compute speeds; fewer bins give no correlation
 
 
 @dataclass(frozen=True)
 class Traits:
-    """What recordings are compared by: spreads in SI units, and the correlation of force with speed (-1 to 1).
+    """The compared quantities: spreads in SI units, and the correlation of force with speed (-1 to 1).
 
-    `current_A` is the 99th percentile of the magnitude. NaN where the recording cannot tell.
+    `current_A` is the 99th percentile of the magnitude. NaN where the recording lacks the data.
     """
 
     name: str
@@ -42,34 +48,33 @@ class Traits:
 def traits(recording: Recording) -> Traits:
     """Return the traits of a recording."""
     speed, force = _speed_and_force(recording)
-    current = np.abs(_values(recording, "current"))
+    current = np.abs(finite_values(recording, "current"))
     return Traits(
         name=recording.name,
-        stroke_m=_robust_span(_values(recording, "position")),
+        stroke_m=_robust_span(finite_values(recording, "position")),
         speed_m_s=_robust_span(speed),
         current_A=float(np.percentile(current, 99.0)) if len(current) else np.nan,
-        force_N=_robust_span(_values(recording, "force")),
+        force_N=_robust_span(finite_values(recording, "force")),
         damping=_correlation(speed, force),
     )
 
 
 def differences(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
-    """Return what is wrong between recordings, errors first; one that stands against several others is named.
+    """Return the inconsistencies between recordings, errors first; each names the recordings.
 
-    Errors: strokes, currents or forces in different units, force turned round in some. Warning: force turned round in
+    Errors: strokes, currents or forces in different units, opposite signs of the force. Warning: the same wrong sign in
     all.
     """
     all_ = [traits(recording) for recording in recordings]
-    found = [*_strokes(all_), *_currents(all_), *_forces(all_), *_signs(all_)]
-    return tuple(sorted(found, key=lambda finding: finding.severity != ERROR))
+    return sort_findings(_strokes(all_), _currents(all_), _forces(all_), _signs(all_))
 
 
 def require_consistent(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
     """Return the warnings about recordings together; raises RecordingError with the first error if there is one."""
-    found = differences(recordings)
-    if found and found[0].severity == ERROR:
-        raise RecordingError(found[0].text)
-    return found
+    results = differences(recordings)
+    if results and results[0].severity == ERROR:
+        raise RecordingError(results[0].text)
+    return results
 
 
 def _strokes(all_: Sequence[Traits]) -> Iterator[Finding]:
@@ -91,14 +96,14 @@ def _currents(all_: Sequence[Traits]) -> Iterator[Finding]:
 def _forces(all_: Sequence[Traits]) -> Iterator[Finding]:
     low, high = _extremes(all_, "force_N")
     if high.force_N > UNIT_RATIO * low.force_N and high.speed_m_s < MAX_SPEED_RATIO * low.speed_m_s:
-        told = f"spans {high.force_N:.4g} N in {high.name}, {low.force_N:.4g} N in {low.name}, at speeds of "
-        yield _unit_finding("force", f"{told}{high.speed_m_s:.2g} and {low.speed_m_s:.2g} m/s", "kN")
+        spans = f"spans {high.force_N:.4g} N in {high.name}, {low.force_N:.4g} N in {low.name}, at speeds of "
+        yield _unit_finding("force", f"{spans}{high.speed_m_s:.2g} and {low.speed_m_s:.2g} m/s", "kN")
 
 
-def _unit_finding(signal: str, told: str, unit: str) -> Finding:
+def _unit_finding(signal: str, text: str, unit: str) -> Finding:
     return Finding(
         ERROR,
-        f"{signal}: {told}; expected one unit: is one of them in {unit}? convert it, or identify on them one by one",
+        f"{signal}: {text}; expected one unit: is one of them in {unit}? convert it, or identify on them one by one",
     )
 
 
@@ -109,14 +114,14 @@ def _signs(all_: Sequence[Traits]) -> Iterator[Finding]:
         odd, rest = (against, along) if len(against) <= len(along) else (along, against)
         yield Finding(
             ERROR,
-            f"force {_sense(odd)} in {_names(odd)}, {_sense(rest)} in {_names(rest)}; expected one sign: position and "
-            "force are positive in compression; turn one round with scale: -1 for the recordings that have it wrong",
+            f"force {_sense(odd)} in {_names(odd)}, {_sense(rest)} in {_names(rest)}; expected one sign: "
+            "position and force are positive in compression; set scale: -1 in the signals file of the wrong ones",
         )
     elif against:
         yield Finding(
             WARNING,
             f"force {_sense(against)} in {_names(against)}: position and force are positive in compression; if one is "
-            "not, turn it round with scale: -1 in the signals file",
+            "not, set its scale: -1 in the signals file",
         )
 
 
@@ -130,15 +135,10 @@ def _names(some: Sequence[Traits]) -> str:
 
 
 def _extremes(all_: Sequence[Traits], trait: str) -> tuple[Traits, Traits]:
-    """Return the recordings of the least and the greatest value, twice the same one if no two can tell."""
+    """Return the recordings with the smallest and the largest value, the same one twice if fewer than two have one."""
     known = [t for t in all_ if getattr(t, trait) > 0.0] or [all_[0]]
     ordered = sorted(known, key=lambda t: float(getattr(t, trait)))
     return ordered[0], ordered[-1]
-
-
-def _values(recording: Recording, signal: str) -> F:
-    values = recording.channels[signal].values if signal in recording.channels else np.empty(0)
-    return np.asarray(values[np.isfinite(values)])
 
 
 def _robust_span(values: F) -> float:
@@ -152,7 +152,7 @@ def _correlation(speed: F, force: F) -> float:
 
 
 def _speed_and_force(recording: Recording) -> tuple[F, F]:
-    """Return speed [m/s] and force [N] bin by bin, where both are known; forces are zero if there is no channel."""
+    """Return speed [m/s] and force [N] in the bins where both are known; without a force channel it is zero."""
     position = recording.channels.get("position")
     if position is None or len(position) < 3:
         return np.empty(0), np.empty(0)
@@ -164,12 +164,12 @@ def _speed_and_force(recording: Recording) -> tuple[F, F]:
     if "force" not in recording.channels:
         return speed, np.zeros(len(speed))
     force_bins, force = _average_bins(recording.channels["force"], start, width)
-    _, mine, its = np.intersect1d(at, force_bins, assume_unique=True, return_indices=True)
-    return speed[mine], force[its]
+    _, at_speed, at_force = np.intersect1d(at, force_bins, assume_unique=True, return_indices=True)
+    return speed[at_speed], force[at_force]
 
 
-def _average_bins(channel: Channel, start_ns: int, width_ns: float) -> tuple[NDArray[np.int64], F]:
-    """Return the numbers of the bins of time that hold finite samples, and their means."""
+def _average_bins(channel: Channel, start_ns: int, width_ns: float) -> tuple[I, F]:
+    """Return the indices of the time bins with finite samples, and their means."""
     good = np.isfinite(channel.values)
     at = np.floor((channel.stamps_ns[good] - start_ns) / width_ns).astype(np.int64)
     bins, inverse, count = np.unique(at, return_inverse=True, return_counts=True)

@@ -1,7 +1,7 @@
-"""Where in speed and current recordings spend their time: what a model identified from them can know.
+"""The share of time that recordings spend in each region of speed and current, which a model can learn from.
 
-The speed here comes from a non-causal Savitzky-Golay filter, good for a look; identification and observer use the
-causal differentiator of the runtime instead.
+The speed here comes from a non-causal Savitzky-Golay filter, accurate enough for an overview; identification and
+observer use the causal differentiator.
 """
 
 from __future__ import annotations
@@ -10,26 +10,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from ces_identify.numerics.arrays import F, I
 from ces_identify.recordings.checks import SECOND
 from ces_identify.recordings.recording import Channel, Recording
 
-F = NDArray[np.float64]
-
-WINDOW_S = 0.02  # of the Savitzky-Golay filter, at least MIN_SAMPLES samples
+WINDOW_S = 0.02  # of the Savitzky-Golay filter, but at least MIN_SAMPLES samples
 MIN_SAMPLES = 7
-GAP_INTERVALS = 5.0  # longer intervals end a run; no speed is taken across them
-RANGE_QUANTILE = 0.995  # of |speed|; what is faster counts in the outermost cells, so that a spike cannot set the scale
+GAP_INTERVALS = 5.0  # longer intervals end a run; no speed is computed across them
+RANGE_QUANTILE = 0.995  # of |speed|; higher speeds count in the outermost cells, so that spikes do not set the scale
 
 
 @dataclass(frozen=True)
 class Coverage:
     """Share of time in each cell of speed and current.
 
-    `speed_edges` (m + 1,) [m/s] and `current_edges` (n + 1,) [A] bound the cells; `share` (n, m) sums to 1, or to 0 if
-    there was nothing to count. `duration_s` is the time counted.
+    `speed_edges` (m + 1,) [m/s] and `current_edges` (n + 1,) [A] bound the cells; `share` (n, m) sums to 1, or to 0
+    without samples. `duration_s` is the time counted.
     """
 
     speed_edges: F
@@ -52,15 +50,15 @@ def coverage(recordings: Sequence[Recording], speed_cells: int = 24, current_cel
 
 
 def speed_current_samples(recording: Recording) -> tuple[F, F, F]:
-    """Return speed [m/s], current [A] and the time each stands for [s], of shape (n,), where both are known."""
+    """Return speed [m/s], current [A] and duration [s] of each sample (n,) where both are known."""
     times, speed, weight = _estimate_speed(recording.channel("position"))
     current = _hold_current(recording, times)
     known = np.isfinite(current) & np.isfinite(speed)
     return speed[known], current[known], weight[known]
 
 
-def _estimate_speed(position: Channel) -> tuple[NDArray[np.int64], F, F]:
-    """Return stamps [ns], speed and weight on a regular grid within each run of position without a gap."""
+def _estimate_speed(position: Channel) -> tuple[I, F, F]:
+    """Return stamps [ns], speed and duration on a regular grid within each run of position without a gap."""
     good = np.isfinite(position.values)
     stamps, first = np.unique(position.stamps_ns[good], return_index=True)
     values = position.values[good][first]
@@ -76,14 +74,14 @@ def _estimate_speed(position: Channel) -> tuple[NDArray[np.int64], F, F]:
     return times, speed, np.full(len(times), interval / SECOND)
 
 
-def _estimate_run_speed(stamps: NDArray[np.int64], values: F, interval: int) -> tuple[NDArray[np.int64], F]:
+def _estimate_run_speed(stamps: I, values: F, interval: int) -> tuple[I, F]:
     grid = np.arange(stamps[0], stamps[-1] + 1, interval)
     even = np.interp((grid - stamps[0]).astype(np.float64), (stamps - stamps[0]).astype(np.float64), values)
     window = min(max(MIN_SAMPLES, 2 * round(WINDOW_S * SECOND / interval / 2) + 1), (len(grid) - 1) // 2 * 2 + 1)
     return grid, savgol_filter(even, window, polyorder=2, deriv=1, delta=interval / SECOND)
 
 
-def _hold_current(recording: Recording, times: NDArray[np.int64]) -> F:
+def _hold_current(recording: Recording, times: I) -> F:
     """Return the current at each time: the last one logged, NaN before the first."""
     if "current" in recording.constants:
         return np.full(len(times), recording.constants["current"])

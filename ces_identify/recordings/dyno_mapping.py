@@ -1,4 +1,4 @@
-"""How a dyno's log is laid out: a small YAML file in, a checked `DynoMapping` out."""
+"""The layout of a dyno's log: a small YAML file in, a checked `DynoMapping` out."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ces_observer.errors import CesError
 from ces_observer.signals import NAMES, UNITS
 
 FORMATS = ("csv", "json", "mat")
+SOURCES = ("column", "constant", "from_name")
 LAYOUT_KEYS = ("format", "delimiter", "decimal", "header_lines", "names", "rows", "time", "rate")
 
 TEMPLATE = """\
@@ -80,9 +81,9 @@ Source = Column | FixedValue | FileNameValue
 
 @dataclass(frozen=True)
 class DynoMapping:
-    """The layout of a log; exactly one of `time` [s] and `rate` [Hz] is given.
+    """The layout of a log, with either `time` [s] or `rate` [Hz].
 
-    `signals` says by signal where its values are; position and force are always there.
+    `signals` maps each signal to the source of its values; it always includes position, current and force.
     """
 
     source: str
@@ -123,75 +124,68 @@ class _Reader:
         self.path, self.content = path, content
 
     def source(self, name: str) -> Source:
-        given = self._mapping(name, ("column", "constant", "from_name", "scale", "offset"))
-        if sum(key in given for key in ("column", "constant", "from_name")) != 1:
-            raise self._error(name, given, f"one of column, constant and from_name, in {UNITS[name]} after scaling")
-        if "constant" in given:
-            return FixedValue(self._number(given["constant"], name, "a finite number"))
-        if "from_name" in given:
-            return FileNameValue(self._pattern(given["from_name"], name), *self._scaling(given, name))
+        content = self._mapping(name)
+        if sum(key in content for key in SOURCES) != 1:
+            raise self._error(name, content, f"one of column, constant and from_name, in {UNITS[name]} after scaling")
+        if "constant" in content:
+            return FixedValue(self._number(content["constant"], name, "a finite number"))
+        if "from_name" in content:
+            return FileNameValue(self._pattern(content["from_name"], name), *self._scaling(content, name))
         return self.column(name)
 
     def column(self, name: str) -> Column:
-        given = self._mapping(name, ("column", "constant", "from_name", "scale", "offset"))
-        key = given.get("column")
+        content = self._mapping(name)
+        key = content.get("column")
         if isinstance(key, bool) or not isinstance(key, str | int) or (isinstance(key, int) and key < 0):
             raise self._error(name, key, "column: a name, or a number from 0")
-        return Column(key, *self._scaling(given, name))
+        return Column(key, *self._scaling(content, name))
 
     def rate(self) -> float | Column:
-        given = self.content["rate"]
-        if isinstance(given, Mapping):
+        value = self.content["rate"]
+        if isinstance(value, Mapping):
             return self.column("rate")
-        rate = self._number(given, "rate", "a rate in Hz, or {column: NAME}")
+        rate = self._number(value, "rate", "a rate in Hz, or {column: NAME}")
         if rate <= 0.0:
-            raise self._error("rate", given, "a rate in Hz greater than 0")
+            raise self._error("rate", value, "a rate in Hz greater than 0")
         return rate
 
     def layout(self) -> dict[str, Any]:
-        """Return the keys that say how the file is written, those that are given."""
+        """Return the file's format settings, where the mapping has them."""
+        get = self.content.get
+        delimiter, header_lines = get("delimiter"), get("header_lines")
         rules: dict[str, tuple[bool, str]] = {
-            "format": (self._get("format") in FORMATS, f"one of {', '.join(FORMATS)}"),
-            "delimiter": (
-                isinstance(self._get("delimiter"), str) and len(self._get("delimiter")) == 1,
-                "one character",
-            ),
-            "decimal": (self._get("decimal") in (".", ","), "'.' or ','"),
-            "header_lines": (
-                isinstance(self._get("header_lines"), int) and self._get("header_lines") >= 0,
-                "0 or more",
-            ),
-            "names": (isinstance(self._get("names"), list), "a list of names"),
-            "rows": (isinstance(self._get("rows"), str), "a path such as results.data"),
+            "format": (get("format") in FORMATS, f"one of {', '.join(FORMATS)}"),
+            "delimiter": (isinstance(delimiter, str) and len(delimiter) == 1, "one character"),
+            "decimal": (get("decimal") in (".", ","), "'.' or ','"),
+            "header_lines": (isinstance(header_lines, int) and header_lines >= 0, "0 or more"),
+            "names": (isinstance(get("names"), list), "a list of names"),
+            "rows": (isinstance(get("rows"), str), "a path such as results.data"),
         }
-        for key, (good, expected) in rules.items():
-            if key in self.content and not good:
-                raise self._error(key, self.content[key], expected)
-        given = {key: self.content[key] for key in rules if key in self.content}
-        return given | ({"names": tuple(map(str, given["names"]))} if "names" in given else {})
+        layout = {key: self.content[key] for key in rules if key in self.content}
+        for key, value in layout.items():
+            if not rules[key][0]:
+                raise self._error(key, value, rules[key][1])
+        return layout | ({"names": tuple(map(str, layout["names"]))} if "names" in layout else {})
 
-    def _get(self, key: str) -> Any:
-        return self.content.get(key)
+    def _mapping(self, name: str) -> Mapping[str, Any]:
+        content, keys = self.content[name], (*SOURCES, "scale", "offset")
+        if not isinstance(content, Mapping) or not set(content) <= set(keys):
+            raise self._error(name, content, f"a mapping of {', '.join(keys)}")
+        return content
 
-    def _mapping(self, name: str, known: tuple[str, ...]) -> Mapping[str, Any]:
-        given = self.content[name]
-        if not isinstance(given, Mapping) or not set(given) <= set(known):
-            raise self._error(name, given, f"a mapping of {', '.join(known)}")
-        return given
-
-    def _scaling(self, given: Mapping[str, Any], name: str) -> tuple[float, float]:
-        scale = self._number(given.get("scale", 1.0), name, "scale: a finite number other than 0")
+    def _scaling(self, content: Mapping[str, Any], name: str) -> tuple[float, float]:
+        scale = self._number(content.get("scale", 1.0), name, "scale: a finite number other than 0")
         if scale == 0.0:
             raise self._error(name, 0, "scale: a finite number other than 0")
-        return scale, self._number(given.get("offset", 0.0), name, "offset: a finite number")
+        return scale, self._number(content.get("offset", 0.0), name, "offset: a finite number")
 
-    def _pattern(self, given: object, name: str) -> re.Pattern[str]:
+    def _pattern(self, text: object, name: str) -> re.Pattern[str]:
         try:
-            pattern = re.compile(str(given))
+            pattern = re.compile(str(text))
         except re.error as error:
-            raise self._error(name, given, f"a regular expression ({error})") from None
+            raise self._error(name, text, f"a regular expression ({error})") from None
         if pattern.groups < 1:
-            raise self._error(name, given, 'a regular expression with a group, such as "_([0-9.]+)A"')
+            raise self._error(name, text, 'a regular expression with a group, such as "_([0-9.]+)A"')
         return pattern
 
     def _number(self, value: object, name: str, expected: str) -> float:

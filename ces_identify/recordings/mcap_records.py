@@ -1,8 +1,8 @@
-"""MCAP files as blocks of raw messages: the mcap library reads and unpacks, a compiled scan splits the messages.
+"""MCAP files as blocks of raw messages: the mcap library decompresses, a compiled scan splits the messages.
 
-The library's own loop takes 2.6 to 5 microseconds a message, the scan 0.2 (bench/bench_read.py). A file without chunks,
-as `ros2 bag record --storage-preset-profile fastwrite` writes it, takes the same way. A file that ends early is an
-error, never a shorter recording. The format: https://mcap.dev/spec.
+The library's own loop takes 2.6 to 5 microseconds per message, the scan 0.2 (bench/bench_read.py). Files without
+chunks, from `ros2 bag record --storage-preset-profile fastwrite`, are read as well. A truncated file is an error, never
+a shorter recording. The format: https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ces_observer.errors import RecordingError
 
 COMPRESSIONS = ("", "zstd", "lz4")
 PREFIX = 9  # of a record: opcode u8, length u64
-MESSAGE, CHUNK = int(Opcode.MESSAGE), int(Opcode.CHUNK)  # plain numbers, which the compiled scan takes
+MESSAGE, CHUNK = int(Opcode.MESSAGE), int(Opcode.CHUNK)  # plain numbers for the compiled scan
 CLOSING = (int(Opcode.DATA_END), int(Opcode.FOOTER))
 MESSAGE_HEADER = 22  # channel u16, sequence u32, log time u64, publish time u64
 BLOCK = 4 << 20  # bytes of decompressed records decoded together
@@ -37,7 +37,7 @@ DAMAGED = (McapError, zstandard.ZstdError, struct.error, ValueError, EOFError, R
 
 
 def require_complete(path: Path) -> None:
-    """Raise RecordingError if the file is no MCAP file or lacks the footer that closes one."""
+    """Raise RecordingError if the file is not an MCAP file or lacks the footer at its end."""
     size = path.stat().st_size
     if size == 0:
         raise RecordingError(f"{path}: the file is empty; expected an MCAP recording")
@@ -51,7 +51,7 @@ def require_complete(path: Path) -> None:
 
 
 def truncation_error(path: Path, size: int) -> RecordingError:
-    """Return the error for a file that ends early, `size` bytes after its start."""
+    """Return the error for a file that ends after `size` bytes, too early."""
     return RecordingError(
         f"{path}: the file ends early, after {size} bytes and without an MCAP footer (recording interrupted or copy"
         f" incomplete?); copy it again, or save what is there: mcap recover {path.name} -o recovered.mcap"
@@ -59,7 +59,7 @@ def truncation_error(path: Path, size: int) -> RecordingError:
 
 
 def blocks(path: Path) -> Iterator[Block]:
-    """Yield the messages of a file in the order of the file; raises RecordingError if it ends early or is damaged."""
+    """Yield the messages of a file in its order; raises RecordingError if it is truncated or damaged."""
     with path.open("rb") as file:
         waiting, size = [], 0
         for records in _record_runs(file, path):
@@ -73,7 +73,7 @@ def blocks(path: Path) -> Iterator[Block]:
 
 
 def _record_runs(file: BinaryIO, path: Path) -> Iterator[bytes]:
-    """Yield runs of whole records: the content of each chunk, and each message that stands between chunks."""
+    """Yield runs of whole records: the content of each chunk, and each message between chunks."""
     size = path.stat().st_size
     file.seek(len(MCAP0_MAGIC))
     stream = ReadDataStream(file)
@@ -116,9 +116,9 @@ def _block(records: bytes, path: Path) -> Block:
 
 
 def split_messages(buffer: Bytes) -> tuple[Index, int]:
-    """Return the messages among the records in a buffer, int64 of shape (n, 4), and where the last whole record ends.
+    """Return the messages among the records in a buffer, int64 of shape (n, 4), and the end of the last whole record.
 
-    A row holds a message's channel, log time [ns], and start and length of its payload in the buffer.
+    A row holds a message's channel, log time [ns], and the start and length of its payload in the buffer.
     """
     messages = np.empty((len(buffer) // (PREFIX + MESSAGE_HEADER) + 1, 4), dtype=np.int64)
     count, end = _scan(buffer, messages)
@@ -127,7 +127,7 @@ def split_messages(buffer: Bytes) -> tuple[Index, int]:
 
 @njit(cache=True, nogil=True)
 def _scan(buffer: Bytes, messages: Index) -> tuple[int, int]:
-    """Walk along the records, each an opcode byte, a u64 length, and so many bytes; fill in a row for each message."""
+    """Fill in a row for each message; a record is an opcode byte, a u64 length, and that many bytes."""
     count, position, size = 0, 0, len(buffer)
     while position + PREFIX <= size:
         start, length = position + PREFIX, _number(buffer, position + 1, 8)

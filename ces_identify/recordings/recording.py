@@ -16,10 +16,9 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Channel:
-    """One logged signal in SI units.
+    """One logged signal in SI units: `stamps_ns` int64 and `values` float64, both of shape (n,).
 
-    `stamps_ns` int64 and `values` float64, both of shape (n,). Stamps are kept as logged: they may repeat or run
-    backwards, and values may be NaN; preparation decides what to do about it.
+    Stamps are kept as logged and may repeat or run backwards; values may be NaN. Preparation handles both.
     """
 
     name: str
@@ -34,23 +33,23 @@ class Channel:
             raise RecordingError(
                 f"channel '{self.name}': {stamps.shape} stamps and {values.shape} values; expected two equal lengths"
             )
-        object.__setattr__(self, "stamps_ns", _frozen(stamps))
-        object.__setattr__(self, "values", _frozen(values))
+        object.__setattr__(self, "stamps_ns", _read_only(stamps))
+        object.__setattr__(self, "values", _read_only(values))
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
     def select(self, mask: NDArray[np.bool_]) -> Channel:
-        """Return the samples (n,) marked."""
+        """Return the samples where `mask` (n,) is true."""
         return replace(self, stamps_ns=self.stamps_ns[mask], values=self.values[mask])
 
 
 @dataclass(frozen=True)
 class Recording:
-    """The channels of one experiment by signal name, with where they came from.
+    """The channels of one experiment by signal name, and their origin.
 
-    `source` is the path as given, `sha256` the hash of the file's (or, for a directory, its data files') bytes;
-    both empty for a recording made in memory. `constants` holds signals known without a channel.
+    `source` is the path, `sha256` the hash of the bytes of the file or of the folder's data files; both are empty for a
+    recording made in memory. `constants` holds signals that are known without a channel.
     """
 
     name: str
@@ -63,22 +62,21 @@ class Recording:
         return signal in self.channels or signal in self.constants
 
     def channel(self, signal: str) -> Channel:
-        """Return the channel of `signal`; raises RecordingError naming the channels there are."""
+        """Return the channel of `signal`; raises RecordingError naming the recording's channels."""
         if signal not in self.channels:
             raise RecordingError(f"{self.name}: no '{signal}' channel; it has {', '.join(self.channels) or 'none'}")
         return self.channels[signal]
 
     def first_part(self, share: float) -> Recording:
-        """Return what was logged up to the first `share` of the position samples."""
-        stamps = self.channel("position").stamps_ns
-        end = stamps[min(len(stamps) - 1, round(share * len(stamps)))] if share < 1.0 else None
-        if end is None:
+        """Return the recording up to the end of the first `share` of the position samples."""
+        if share >= 1.0:
             return self
-        kept = {n: c.select(c.stamps_ns < end) for n, c in self.channels.items()}
-        return replace(self, channels=kept)
+        stamps = self.channel("position").stamps_ns
+        end = stamps[min(len(stamps) - 1, round(share * len(stamps)))]
+        return replace(self, channels={n: c.select(c.stamps_ns < end) for n, c in self.channels.items()})
 
 
-def _frozen(array: NDArray[np.generic]) -> NDArray[np.generic]:
+def _read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
     view = array.view()
     view.flags.writeable = False
     return view

@@ -1,6 +1,6 @@
-"""Signals description files: YAML in ROS 2 parameter-file form in, `Signals` out; the node reads the same file.
+"""Signals files: YAML in ROS 2 parameter-file form in, `Signals` out; the node reads the same file.
 
-Aliases are refused, as the parameter parser of ROS 2 refuses them.
+Aliases are refused, as in the parameter parser of ROS 2.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ KEYS = frozenset({"topic", "type", "field", "scale", "offset", "constant"})
 
 @dataclass(frozen=True)
 class _Description:
-    """What one section of the file says about one signal, and in which line."""
+    """The description of one signal in one section of the file, and its line."""
 
     section: str
     line: int
@@ -30,22 +30,22 @@ class _Description:
 
     @property
     def exact(self) -> bool:
-        """True if the section is for one node by name, not for all that match a wildcard."""
+        """True if the section names one node instead of a wildcard."""
         return "*" not in self.section
 
 
 def load_signals(path: Path | None = None) -> Signals:
-    """Read a signals description; the defaults if `path` is None.
+    """Read a signals file; the defaults if `path` is None.
 
-    Accepted are parameter files with any node names, namespaces and wildcards (what a named node has overrides what a
-    wildcard gives it) and a plain mapping of signals. Of a file for several dampers (its parameter `dampers` lists
-    them) one is chosen by its name after the file's, `observer.yaml#front`: its own `front.position` and so on over
-    what is said for all. Raises SignalsError naming the file and, if it can, the line.
+    Accepted are parameter files with any node names, namespaces and wildcards (a named node overrides a wildcard) and a
+    plain mapping of signals. If the parameter `dampers` lists several dampers, `observer.yaml#front` selects one: its
+    own `front.position` and so on override the common signals. Raises SignalsError with the file and, if known, the
+    line.
     """
     if path is None:
         return Signals.from_mapping({}, "defaults")
     path, damper = _file_and_damper(path)
-    root = read_yaml_tree(path, "a signals description, '/**: ros__parameters: position: ...'", SignalsError)
+    root = read_yaml_tree(path, "a signals file, '/**: ros__parameters: position: ...'", SignalsError)
     sections = list(_sections(root, "")) or [("/**", root)]
     damper = _choose_damper(damper, _dampers(sections, path), path)
     common = _signals_of("", sections, path)
@@ -61,43 +61,40 @@ def load_signals(path: Path | None = None) -> Signals:
 
 
 def _file_and_damper(path: Path) -> tuple[Path, str]:
-    """Split `FILE#NAME`, unless there is a file of that very name."""
+    """Split `FILE#NAME`, unless a file of that whole name exists."""
     stem, mark, damper = path.name.rpartition("#")
     return (path, "") if not mark or path.exists() else (path.with_name(stem), damper)
 
 
 def _dampers(sections: _Sections, path: Path) -> list[str]:
-    """Return the names in the parameter `dampers`; of several sections that have it, one node's own counts."""
-    found: list[str] = []
-    for _, parameters in sections:
-        for key, value in parameters.value:
-            if key.value == "dampers":
-                given = to_python(value, path, SignalsError)
-                if not isinstance(given, list) or not all(
-                    isinstance(name, str) and name.isprintable() for name in given
-                ):
-                    raise SignalsError(
-                        f"{path}:{key.start_mark.line + 1}: 'dampers' is {quote(given)}; expected a list of names, "
-                        "such as [front, rear]"
-                    )
-                found = [name for name in given if name]
-    return found
+    """Return the names in the parameter `dampers` of the last section that has it."""
+    dampers: list[str] = []
+    for key, value in (entry for _, parameters in sections for entry in parameters.value):
+        if key.value == "dampers":
+            names = to_python(value, path, SignalsError)
+            if not isinstance(names, list) or not all(isinstance(n, str) and n.isprintable() for n in names):
+                raise SignalsError(
+                    f"{path}:{key.start_mark.line + 1}: 'dampers' is {quote(names)}; expected a list of names, "
+                    "such as [front, rear]"
+                )
+            dampers = [name for name in names if name]
+    return dampers
 
 
 def _choose_damper(damper: str, known: list[str], path: Path) -> str:
     if damper and damper not in known:
-        there = f"its dampers are {', '.join(known)}" if known else "it has no parameter 'dampers'"
-        raise SignalsError(f"{path}: has no damper '{damper}'; {there}")
+        reason = f"its dampers are {', '.join(known)}" if known else "it has no parameter 'dampers'"
+        raise SignalsError(f"{path}: has no damper '{damper}'; {reason}")
     if len(known) > 1 and not damper:
         raise SignalsError(
-            f"{path}: describes the dampers {', '.join(known)}; say which one is meant, as in {path.name}#{known[0]}"
+            f"{path}: describes the dampers {', '.join(known)}; select one, as in {path.name}#{known[0]}"
         )
     return damper or (known[0] if known else "")
 
 
 def _signals_of(damper: str, sections: _Sections, path: Path) -> dict[str, tuple[int, Any]]:
-    """Return line and description of each signal of one damper's own, or with no name of those said for all."""
-    found: dict[str, list[_Description]] = {}
+    """Return line and description of each signal of one damper, or of the common signals if `damper` is empty."""
+    parts: dict[str, list[_Description]] = {}
     for section, parameters in sorted(sections, key=lambda item: "*" not in item[0]):
         for name, key, value in _below(damper, parameters):
             signal, dot, rest = name.partition(".")
@@ -105,12 +102,12 @@ def _signals_of(damper: str, sections: _Sections, path: Path) -> dict[str, tuple
                 continue
             content = {rest: to_python(value, path, SignalsError)} if dot else to_python(value, path, SignalsError)
             if _is_signal(content, sections):
-                found.setdefault(signal, []).append(_Description(section, key.start_mark.line + 1, content))
-    return {name: _merge(name, parts, path) for name, parts in found.items()}
+                parts.setdefault(signal, []).append(_Description(section, key.start_mark.line + 1, content))
+    return {name: _merge(name, own, path) for name, own in parts.items()}
 
 
 def _below(damper: str, parameters: yaml.MappingNode) -> Iterator[tuple[str, yaml.Node, yaml.Node]]:
-    """Yield name, key and value of the parameters whose names begin with `damper` and a dot, less that beginning."""
+    """Yield name, key and value of the parameters whose names begin with `damper` and a dot, which are removed."""
     for key, value in parameters.value:
         name = str(key.value)
         if not damper:
@@ -131,12 +128,12 @@ def _sections(node: yaml.MappingNode, name: str) -> Iterator[tuple[str, yaml.Map
 
 
 def _is_signal(content: object, sections: _Sections) -> bool:
-    """Tell a signal from another node's parameter of the same name, which only a file of several sections can have."""
+    """Return False for another node's parameter of the same name, possible in a file of several sections."""
     return len(sections) == 1 or (isinstance(content, Mapping) and not KEYS.isdisjoint(content))
 
 
 def _merge(name: str, parts: list[_Description], path: Path) -> tuple[int, Any]:
-    """Return one description for the signal, and the last line that adds to it, so that an error can name it."""
+    """Return the last line that adds to a signal, for errors, and the merged description."""
     exact = {part.section: part.line for part in parts if part.exact}
     if len(exact) > 1:
         places = " and ".join(f"{quote(section)} (line {line})" for section, line in exact.items())

@@ -1,4 +1,4 @@
-"""SQLite3 storage files (`.db3`) as blocks of raw messages, in the order in which they were recorded."""
+"""SQLite3 storage files (`.db3`) as blocks of raw messages, in recorded order."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ces_observer.errors import RecordingError
 MAGIC = b"SQLite format 3\0"
 HEADER_FIELDS = (slice(16, 18), slice(24, 28), slice(28, 32), slice(92, 96))
 SELECT = "SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN"
-ROWS = 20_000  # messages held at a time
+ROWS = 20_000  # messages per block
 
 
 def require_complete(path: Path) -> None:
@@ -33,7 +33,7 @@ def require_complete(path: Path) -> None:
 
 
 def blocks(path: Path, topics: Sequence[int]) -> Iterator[Block]:
-    """Yield the messages of these topics; raises RecordingError if the database is damaged or ends early."""
+    """Yield the messages of these topics; raises RecordingError if the database is damaged or truncated."""
     require_complete(path)
     uri = f"file:{quote(str(path.resolve()))}?mode=ro"
     try:
@@ -47,7 +47,4 @@ def blocks(path: Path, topics: Sequence[int]) -> Iterator[Block]:
 
 def _block(batch: list[tuple[int, int, bytes]]) -> Block:
     topics, log_ns, payloads = zip(*batch, strict=True)
-    lengths = np.array([len(payload) for payload in payloads], dtype=np.int64)
-    buffer = np.frombuffer(b"".join(payloads) or b"\0", dtype=np.uint8)
-    starts = np.cumsum(lengths) - lengths
-    return Block(buffer, np.array(topics, np.int64), np.array(log_ns, np.int64), starts, lengths)
+    return Block.join(payloads, np.array(topics, np.int64), np.array(log_ns, np.int64))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.numerics.arrays import B, F
+from ces_identify.numerics.arrays import F, Mask
 from ces_identify.report.drawing import Panel, around_zero, axes, legend, note, panel, span_of, svg
 from ces_identify.report.marks import dots, line, shade
 from ces_identify.report.window import Window
@@ -91,7 +91,7 @@ def _outside_speeds(p: Panel, evaluation: Evaluation, model: Model) -> str:
     return below + (p.rect(max(high, p.x.low), p.x.high, "outside") if speed.max() > high else "")
 
 
-def _restarts(evaluation: Evaluation) -> B:
+def _restarts(evaluation: Evaluation) -> Mask:
     breaks = np.zeros(len(evaluation.series), bool)
     breaks[evaluation.series.segments[:, 0]] = True
     return breaks

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_identify.numerics.arrays import B, F
+from ces_identify.numerics.arrays import F, Mask
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Envelope
 
@@ -43,7 +43,7 @@ class SpeedCurrentGrid:
         enough = ticks >= MIN_TICKS
         return np.where(enough, np.sqrt(squares / np.maximum(ticks, 1.0)), np.nan)
 
-    def _sum(self, evaluation: Evaluation, mask: B, weights: F | None) -> F:
+    def _sum(self, evaluation: Evaluation, mask: Mask, weights: F | None) -> F:
         series = evaluation.series
         edges = (self.speed, self.current)
         return np.histogram2d(series.speed[mask], series.current[mask], bins=edges, weights=weights)[0]

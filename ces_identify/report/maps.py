@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.numerics.arrays import B, F
+from ces_identify.numerics.arrays import F, Mask
 from ces_identify.report.drawing import Panel, axes, legend, note, panel, svg
 from ces_identify.report.grid import SpeedCurrentGrid
 from ces_identify.report.heat_map import cells, ramp
@@ -81,7 +81,7 @@ def _cells(p: Panel, grid: SpeedCurrentGrid, values: F, shade: F, css: str, unit
     return cells(p, (grid.speed, grid.current), values, shade, css, describe)
 
 
-def _outline(p: Panel, grid: SpeedCurrentGrid, inside: B) -> str:
+def _outline(p: Panel, grid: SpeedCurrentGrid, inside: Mask) -> str:
     """Return the boundary of the cells `inside`."""
     wide = np.pad(inside, 1)
     x, y = p.x.px(grid.speed), p.y.px(grid.current)

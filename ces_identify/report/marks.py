@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from ces_identify.numerics.arrays import B, F, I
+from ces_identify.numerics.arrays import F, I, Mask
 from ces_identify.report.drawing import Panel
 
 
-def line(p: Panel, x: F, y: F, css: str, breaks: B | None = None) -> str:
+def line(p: Panel, x: F, y: F, css: str, breaks: Mask | None = None) -> str:
     """Return the curve through the finite points (n,), interrupted before each tick where `breaks` is true."""
     if len(x) > 3 * abs(p.x.stop - p.x.start):
         return band(p, x, y, css)
@@ -33,7 +33,7 @@ def band(p: Panel, x: F, y: F, css: str) -> str:
     return _path(css + " area", "".join(_loop(column[starts][c], top[c], bottom[c]) for c in filled))
 
 
-def shade(p: Panel, x: F, mask: B, css: str) -> str:
+def shade(p: Panel, x: F, mask: Mask, css: str) -> str:
     """Return full-height rectangles over the pixel columns where `mask` (n,) is true."""
     left = math.floor(p.x.start)
     touched = np.zeros(math.ceil(p.x.stop) - left + 1, bool)

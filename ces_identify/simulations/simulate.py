@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ces_identify.numerics import kernels
-from ces_identify.numerics.arrays import B, F
+from ces_identify.numerics.arrays import F, Mask
 from ces_identify.preparation.series import Series, prepare, track_samples, usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures import run_batch
@@ -25,7 +25,7 @@ class FreeRun:
     """
 
     force: F
-    clamped: B
+    clamped: Mask
     diverged: int
 
 
@@ -36,7 +36,7 @@ def simulate_series(model: Model, series: Series) -> FreeRun:
     return FreeRun(force, outside_envelope(model, series), diverged)
 
 
-def outside_envelope(model: Model, series: Series) -> B:
+def outside_envelope(model: Model, series: Series) -> Mask:
     """Return where (ticks,) an input of `series` is outside the model's envelope."""
     ranges = model.envelope.by_signal.items()
     outside = [(x < low) | (x > high) for name, (low, high) in ranges for x in (getattr(series, name),)]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_identify.numerics.arrays import B, F, I
+from ces_identify.numerics.arrays import F, I, Mask
 from ces_identify.preparation.series import Series
 
 SETTLE_S = 1.0  # [s] skipped at each segment's start, after the warm-up
@@ -62,7 +62,7 @@ def cycle_noise(series: Series) -> CycleNoise | str:
     return _noise(series, differences(np.where(series.scored, series.force, np.nan), settled, lag), same[cycle], period)
 
 
-def _noise(series: Series, difference: F, same: B, period: float) -> CycleNoise | str:
+def _noise(series: Series, difference: F, same: Mask, period: float) -> CycleNoise | str:
     """Return the noise of the force from its differences in cycles that are the `same`."""
     used = difference[same & np.isfinite(difference)]
     cycles = int(len(used) / period)

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from ces_identify.numerics.arrays import B, F, I
+from ces_identify.numerics.arrays import F, I, Mask
 from ces_identify.preparation.weighting import CENTRAL, SLOW_M_S
 from ces_identify.validation.evaluate import Evaluation
 
@@ -87,7 +87,7 @@ def _collect_scored_ticks(evaluations: Sequence[Evaluation]) -> _Scored:
     return _Scored(concatenate("speed"), concatenate("current"), stroke, np.concatenate([np.empty(0), *error]), spread)
 
 
-def _share(ticks: _Scored, axis: str, region: str, mask: B) -> ErrorShare:
+def _share(ticks: _Scored, axis: str, region: str, mask: Mask) -> ErrorShare:
     squares = ticks.error[mask] ** 2
     inside, energy = float(squares.sum()), float((ticks.error**2).sum())
     return ErrorShare(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ces_identify.numerics.arrays import B
+from ces_identify.numerics.arrays import Mask
 from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
 from ces_identify.preparation.series import Series
 
@@ -27,7 +27,7 @@ def usage(identified: Sequence[Series], held_out: Sequence[Series]) -> list[dict
     return rows + [_row(series, None) for series in held_out]
 
 
-def _row(series: Series, estimation: B | None) -> dict[str, Any]:
+def _row(series: Series, estimation: Mask | None) -> dict[str, Any]:
     scored, none = series.scored, np.zeros(len(series), bool)
     masks = (none, none, scored) if estimation is None else (scored & estimation, scored & ~estimation, none)
     seconds = [round(float(mask.sum()) * (1.0 / series.rate_Hz), 1) for mask in masks]

@@ -218,7 +218,7 @@ def test_ctrl_c_in_the_search_writes_the_best_so_far(work, tmp_path, monkeypatch
     "words", [("replay", "model.json", "one", "--out"), ("simulate", "--sim", "model.json", "one", "--out")]
 )
 def test_ctrl_c_while_a_bag_or_table_is_written(work, tmp_path, capsys, monkeypatch, words):
-    monkeypatch.setattr("ces_identify.recordings.bag_writer._put_in_place", interrupt)
+    monkeypatch.setattr("ces_identify.recordings.bag_writer._move_into_place", interrupt)
     monkeypatch.setattr("ces_observer.json_checks.os.fsync", interrupt)
     paths = [work / word if word in ("model.json", "one") else word for word in words]
     assert told(capsys, 130, *paths, tmp_path / "out") == f"ces {words[0]}: interrupted"

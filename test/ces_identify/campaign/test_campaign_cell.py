@@ -1,4 +1,4 @@
-"""One cell: its settings reach the search, its row tells what came of it, and nothing it does stops the others."""
+"""One cell: its settings reach the search, its row holds the result, and its failure does not stop the others."""
 
 from dataclasses import replace
 
@@ -28,8 +28,8 @@ def work(tmp_path_factory):
 
 
 def computed(work, bags, structure):
-    found, recordings = work
-    job = found[bags, structure]
+    jobs, recordings = work
+    job = jobs[bags, structure]
     return compute_cell(job, [recordings[p] for p in job.paths])
 
 
@@ -60,9 +60,9 @@ def test_parameters_of_a_polynomial_are_its_terms(work):
 
 
 def test_data_that_hold_too_little_fail_the_cell_in_a_line(work):
-    found, recordings = work
+    jobs, recordings = work
     short = made(1, seconds=1.0)
-    done = compute_cell(found["one", "polynomial"], [short, *list(recordings.values())[1:]])
+    done = compute_cell(jobs["one", "polynomial"], [short, *list(recordings.values())[1:]])
     assert done.row["status"] == FAILED
     assert done.row["reason"]
     assert "\n" not in done.row["reason"]

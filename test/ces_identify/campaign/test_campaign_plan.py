@@ -58,8 +58,8 @@ def test_settings_recordings_and_signals_change_the_key(keys, change):
 
 
 def test_keys_of_a_campaign_differ(keys):
-    found = keys(CAMPAIGN)
-    assert len(set(found)) == len(found) == 12
+    results = keys(CAMPAIGN)
+    assert len(set(results)) == len(results) == 12
 
 
 def test_the_same_recordings_under_two_names_are_refused(keys):

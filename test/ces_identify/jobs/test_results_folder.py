@@ -77,7 +77,7 @@ def test_what_need_not_be_computed_again(tmp_path):
     assert there == {"done": True, "lost": False, "failed": True, "crashed": False, "new": False}
 
 
-def test_a_second_run_is_told(tmp_path):
+def test_a_second_run_is_refused(tmp_path):
     pytest.importorskip("fcntl")
     with open_results(tmp_path), pytest.raises(CesError, match="another run is writing"), open_results(tmp_path):
         pass

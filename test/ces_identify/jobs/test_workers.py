@@ -33,25 +33,25 @@ def work(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def expected(work):
-    found, recordings = work
-    return told(compute_cell(job, [recordings[p] for p in job.paths]) for job in found)
+    jobs, recordings = work
+    return as_comparable(compute_cell(job, [recordings[p] for p in job.paths]) for job in jobs)
 
 
-def told(results):
-    """What each result says, but for the time it took."""
+def as_comparable(results):
+    """Return the results by key, without their duration."""
     return {r.row["key"]: ({k: v for k, v in r.row.items() if k != "seconds"}, dict(r.files)) for r in results}
 
 
-def tasks(found):
-    return [Task(job, job.paths) for job in found]
+def tasks(jobs):
+    return [Task(job, job.paths) for job in jobs]
 
 
-def on_cluster(found, recordings, address):
-    return run_on_cluster(compute_cell, tasks(found), recordings, address)
+def on_cluster(jobs, recordings, address):
+    return run_on_cluster(compute_cell, tasks(jobs), recordings, address)
 
 
 def test_processes_on_this_machine(work, expected):
-    assert told(run_on_this_machine(compute_cell, tasks(work[0]), work[1], processes=2, threads=1)) == expected
+    assert as_comparable(run_on_this_machine(compute_cell, tasks(work[0]), work[1], processes=2, threads=1)) == expected
     assert sorted({row["status"] for row, _ in expected.values()}) == ["done", "failed"]
 
 
@@ -66,12 +66,12 @@ def cluster():
 
 
 def test_two_workers_of_a_dask_scheduler(work, expected, cluster):
-    assert told(on_cluster(*work, address=cluster)) == expected
+    assert as_comparable(on_cluster(*work, address=cluster)) == expected
 
 
 def test_a_crash_on_a_worker_is_a_row(work, cluster):
-    found, recordings = work
-    broken = replace(found[0], cell=replace(found[0].cell, settings={}))
+    jobs, recordings = work
+    broken = replace(jobs[0], cell=replace(jobs[0].cell, settings={}))
     rows = [result.row for result in on_cluster([broken], recordings, address=cluster)]
     assert [row["status"] for row in rows] == ["crashed"]
     assert "KeyError" in rows[0]["reason"]

@@ -10,8 +10,11 @@ from ces_identify.numerics.correlation import (
     flat_top,
     longest_memory,
     memory,
-    single_run,
 )
+
+
+def single_run(n):
+    return np.array([[0, n]], np.int64)
 
 
 def coloured(n, pole, seed):
@@ -45,9 +48,9 @@ def test_no_product_spans_a_gap():
 
 
 def test_runs_end_at_gaps_and_at_ticks_left_out():
-    kept = np.array([0, 1, 1, 0, 1, 1, 1, 1, 0, 0, 1], bool)
+    mask = np.array([0, 1, 1, 0, 1, 1, 1, 1, 0, 0, 1], bool)
     segments = np.array([[0, 6], [6, 11]])
-    np.testing.assert_array_equal(find_runs(kept, segments), [[0, 2], [2, 4], [4, 6], [6, 7]])
+    np.testing.assert_array_equal(find_runs(mask, segments), [[0, 2], [2, 4], [4, 6], [6, 7]])
 
 
 def test_autocorrelation_of_a_first_order_process():
@@ -56,10 +59,10 @@ def test_autocorrelation_of_a_first_order_process():
 
 
 def test_memory_grows_with_the_pole_and_is_nothing_for_white_noise():
-    found = [remembered(coloured(5000, pole, 3)) for pole in (0.0, 0.5, 0.9, 0.97)]
-    assert found[0] <= 1
-    assert found == sorted(found)
-    assert 20 < found[2] < 60  # 0.9^k falls below 2 sqrt(log10(n) / n) = 0.054 at k = 28
+    lengths = [remembered(coloured(5000, pole, 3)) for pole in (0.0, 0.5, 0.9, 0.97)]
+    assert lengths[0] <= 1
+    assert lengths == sorted(lengths)
+    assert 20 < lengths[2] < 60  # 0.9^k falls below 2 sqrt(log10(n) / n) = 0.054 at k = 28
 
 
 def test_memory_of_what_never_forgets_is_bounded():
@@ -75,5 +78,5 @@ def test_block_length_near_the_best_for_a_first_order_process(pole):
     """For an AR(1), G = sum |k| R(k) and s(0) are known: b = (3/2 (2 rho / (1 - rho^2))^2 n)^(1/3)."""
     n = 20_000
     best = (1.5 * (2.0 * pole / (1.0 - pole**2)) ** 2 * n) ** (1.0 / 3.0)
-    found = np.median([block_length(coloured(n, pole, seed), single_run(n)) for seed in range(15)])
-    assert found == pytest.approx(best, rel=0.2)
+    length = np.median([block_length(coloured(n, pole, seed), single_run(n)) for seed in range(15)])
+    assert length == pytest.approx(best, rel=0.2)

@@ -58,7 +58,7 @@ def tables(terms, inputs):
 @pytest.mark.parametrize("terms", [TERMS, TERMS[:3], TERMS[:2], TERMS[-1:]])
 def test_free_run(inputs, terms):
     compiled, powers, coefficients = tables(terms, inputs)
-    force, first = kernels.free_run(powers, SEGMENTS, *compiled.arrays, coefficients, -1e6, 1e6)
+    force, first = kernels.free_run(powers, SEGMENTS, compiled.arrays, coefficients, (-1e6, 1e6))
     assert first == -1
     np.testing.assert_allclose(force, slow_free_run(terms, inputs, SEGMENTS), rtol=1e-9, atol=1e-9)
 
@@ -66,7 +66,7 @@ def test_free_run(inputs, terms):
 def test_free_run_reports_the_first_tick_out_of_bounds(inputs):
     terms = (Term(1.1, (Factor("force", 1),)), Term(1.0, ()))
     compiled, powers, coefficients = tables(terms, inputs)
-    force, first = kernels.free_run(powers, SEGMENTS, *compiled.arrays, coefficients, -100.0, 100.0)
+    force, first = kernels.free_run(powers, SEGMENTS, compiled.arrays, coefficients, (-100.0, 100.0))
     slow, expected = 0.0, 0
     while slow <= 100.0:
         slow = 1.1 * slow + 1.0
@@ -87,8 +87,8 @@ def test_free_run_cost(inputs, best):
     squared = weights * (slow - measured) ** 2
     expected = 50.0 * (np.sqrt(squared[:1503].sum()) + np.sqrt(squared[1503:].sum()))
     room = np.empty((1 + len(TERMS), kernels.BLOCK)), np.empty(4000)
-    args = (powers, SEGMENTS, weights, measured, *compiled.arrays, coefficients, -1e6, 1e6, recordings)
-    cost = kernels.free_run_cost(*args, best, *room)
+    run = kernels.ScoredRun(powers, SEGMENTS, recordings, weights, measured, (-1e6, 1e6))
+    cost = kernels.free_run_cost(run, compiled.arrays, coefficients, best, *room)
     assert cost == (pytest.approx(expected, rel=1e-9) if best == np.inf else np.inf)
 
 
@@ -96,7 +96,7 @@ def test_regressor_columns(inputs):
     compiled, powers, _ = tables(TERMS, inputs)
     measured = np.random.default_rng(7).normal(size=4000)
     for segment, k0, k1 in ((0, 0, 40), (2, 1503, 1540), (2, 3000, 3050)):
-        fast = kernels.regressor_columns(powers, measured, SEGMENTS, *compiled.arrays, k0, k1, segment)
+        fast = kernels.regressor_columns(powers, measured, SEGMENTS, compiled.arrays, k0, k1, segment)
         start = SEGMENTS[segment, 0]
         slow = [[slow_regressor(t, inputs, measured, k, start) for k in range(k0, k1)] for t in TERMS]
         np.testing.assert_allclose(fast, slow, rtol=1e-9)

@@ -1,4 +1,4 @@
-"""The clock of a search stands still while a kernel is compiled, and runs otherwise."""
+"""The clock of a search stops while a kernel is compiled, and runs otherwise."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def test_everything_else_does() -> None:
 
 def test_it_stands_while_a_compilation_goes_on() -> None:
     with event.trigger_event("numba:compile", data={}):
-        stood = search_clock.now()
+        stopped = search_clock.now()
         with event.trigger_event("numba:compile", data={}):
             time.sleep(0.01)
-        assert search_clock.now() == stood
+        assert search_clock.now() == stopped
         last = time.monotonic()
-    assert 0.0 <= search_clock.now() - stood <= time.monotonic() - last
+    assert 0.0 <= search_clock.now() - stopped <= time.monotonic() - last

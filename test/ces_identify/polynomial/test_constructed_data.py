@@ -1,4 +1,4 @@
-"""Planted hysteresis and planted sub-models are found again; what the data cannot tell is refused."""
+"""Planted hysteresis and planted sub-models are recovered; inputs outside the data are refused."""
 
 from dataclasses import replace
 
@@ -110,15 +110,15 @@ SERIES = [prepare(planted(1), SAMPLING)]
 
 def test_the_range_of_a_frequency_is_narrowed_to_the_data():
     rules = add_blend(add_constructed_inputs(load_rules(None), "frequency"), "frequency:3,5")
-    told = restrict_to_data(rules, SERIES).constructed
-    low, high = told["frequency"][0].range_Hz
+    restricted = restrict_to_data(rules, SERIES).constructed
+    low, high = restricted["frequency"][0].range_Hz
     assert 1.5 < low < 3.0
     assert 5.0 < high < 8.0
-    assert {hat.base for hat in told["by_frequency"]} == {told["frequency"][0]}
+    assert {hat.base for hat in restricted["by_frequency"]} == {restricted["frequency"][0]}
 
 
 @pytest.mark.parametrize(
-    ("make", "asked", "message"),
+    ("make", "spec", "message"),
     [
         (add_blend, "current:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
         (add_blend, "valve:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
@@ -126,9 +126,9 @@ def test_the_range_of_a_frequency_is_narrowed_to_the_data():
         (add_constructed_inputs, "remanence:0.3", "remanence_1: half width 0.3 spans all of the data's current"),
     ],
 )
-def test_what_the_data_do_not_reach_is_refused(make, asked, message):
+def test_what_the_data_do_not_reach_is_refused(make, spec, message):
     with pytest.raises(CesError, match=message):
-        restrict_to_data(make(load_rules(None), asked), SERIES)
+        restrict_to_data(make(load_rules(None), spec), SERIES)
 
 
 def test_memberships_of_a_lag_may_be_where_its_signal_goes_until_its_time_constant_is_known():

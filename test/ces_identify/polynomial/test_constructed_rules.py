@@ -131,7 +131,7 @@ def test_the_look_up_in_the_documentation_can_be_used_as_it_stands():
 
 
 @pytest.mark.parametrize(
-    ("asked", "names"),
+    ("spec", "names"),
     [
         ("hysteresis:0.0005,0.002", {"hysteresis_1", "hysteresis_2"}),
         ("remanence:0.05", {"remanence_1"}),
@@ -141,8 +141,8 @@ def test_the_look_up_in_the_documentation_can_be_used_as_it_stands():
         ("frequency:0.5", {"frequency"}),
     ],
 )
-def test_short_options_add_inputs_and_products(asked, names):
-    plain, rules = load_rules(None), add_constructed_inputs(load_rules(None), asked)
+def test_short_options_add_inputs_and_products(spec, names):
+    plain, rules = load_rules(None), add_constructed_inputs(load_rules(None), spec)
     assert set(rules.constructed) == {"valve"} | names
     assert {f.signal for f in factors(rules)} == {"force", "speed", "valve", "position"} | names
     assert set(plain.at_rate(1000.0).candidates()) < set(rules.at_rate(1000.0).candidates())
@@ -184,8 +184,8 @@ def test_remanence_is_late_by_the_same_time_at_every_rate(rate_Hz, late):
 def test_a_blend_gives_every_sub_model_the_terms_of_the_whole():
     plain = load_rules(None)
     valve = plain.constructed["valve"][0]
-    for asked, of, base in (("valve", "valve", valve), ("current", "valve", valve), ("speed", "speed", None)):
-        rules = add_blend(plain, f"{asked}:0.35,0.55")
+    for spec, of, base in (("valve", "valve", valve), ("current", "valve", valve), ("speed", "speed", None)):
+        rules = add_blend(plain, f"{spec}:0.35,0.55")
         assert rules.count() == 3 * plain.count()
         hats = {f.definition for f in factors(rules) if isinstance(f.definition, TriangularMembership)}
         assert hats == set(hats_over(f"by_{of}", of, (0.35, 0.55), base))
@@ -210,7 +210,7 @@ def test_a_blend_may_be_over_what_is_constructed():
 
 
 @pytest.mark.parametrize(
-    ("make", "asked", "message"),
+    ("make", "spec", "message"),
     [
         (add_constructed_inputs, "friction:1", "'friction:1': expected hysteresis:M"),
         (add_constructed_inputs, "hysteresis", "'hysteresis': expected hysteresis:M"),
@@ -227,9 +227,9 @@ def test_a_blend_may_be_over_what_is_constructed():
         (add_blend, "speed:1", "expected 2 to 20 ascending"),
     ],
 )
-def test_a_wrong_option_is_named(make, asked, message):
+def test_a_wrong_option_is_named(make, spec, message):
     with pytest.raises(CesError, match=message):
-        make(load_rules(None), asked)
+        make(load_rules(None), spec)
 
 
 def test_asking_twice_is_refused():

@@ -1,4 +1,4 @@
-"""Constructed inputs over whole arrays are those of the vehicle, tick by tick; so is a model made of all of them."""
+"""Constructed inputs over whole arrays are those of the vehicle, tick by tick; so is a model with all of them."""
 
 import numpy as np
 import pytest
@@ -39,12 +39,12 @@ def stepped(inputs):
 
 def test_batch_and_step_by_step_are_the_same_to_the_last_digit():
     inputs = rough()
-    made = constructed_values(ALL, ENVELOPE, inputs, SEGMENTS, 1000.0)
-    assert list(made) == [one.name for one in ALL]
+    values = constructed_values(ALL, ENVELOPE, inputs, SEGMENTS, 1000.0)
+    assert list(values) == [one.name for one in ALL]
     expected = stepped(inputs)
     inside = np.concatenate([np.arange(*segment) for segment in SEGMENTS])
     for one, row in zip(ALL, expected, strict=True):
-        np.testing.assert_array_equal(made[one.name][inside], row[inside], one.name)
+        np.testing.assert_array_equal(values[one.name][inside], row[inside], one.name)
         low, high = one.range(ENVELOPE.by_signal)
         assert low <= row[inside].min() < row[inside].max() <= high
 
@@ -59,10 +59,10 @@ def test_the_power_table_holds_their_powers():
     compiled = compile_terms(constructed_damper().body.terms)
     assert [one.name for one in compiled.constructed][:3] == ["frequency", "hysteresis", "remanence"]
     inputs = rough()
-    made = constructed_values(compiled.constructed, ENVELOPE, inputs, SEGMENTS, 1000.0)
-    table = power_table(compiled.powers, ENVELOPE, inputs[0], inputs[1], inputs[2], made)
+    values = constructed_values(compiled.constructed, ENVELOPE, inputs, SEGMENTS, 1000.0)
+    table = power_table(compiled.powers, ENVELOPE, inputs[0], inputs[1], inputs[2], values)
     row = table[compiled.powers.index(("hysteresis", 0.5, True))]
-    np.testing.assert_allclose(row, np.sign(made["hysteresis"]) * np.sqrt(np.abs(made["hysteresis"])), rtol=1e-15)
+    np.testing.assert_allclose(row, np.sign(values["hysteresis"]) * np.sqrt(np.abs(values["hysteresis"])), rtol=1e-15)
 
 
 def test_probes_take_a_membership_for_what_it_is_and_go_through_its_kinks():

@@ -18,7 +18,7 @@ from ces_identify.preparation.series import prepare
 
 
 def run(powers, compiled, coefficients):
-    return kernels.free_run(powers, SEGMENTS, *compiled.arrays, coefficients, -1e9, 1e9)[0]
+    return kernels.free_run(powers, SEGMENTS, compiled.arrays, coefficients, (-1e9, 1e9))[0]
 
 
 def slopes(powers, compiled, coefficients):
@@ -44,7 +44,7 @@ def case(inputs):  # noqa: F811
 def test_normal_equations_are_those_of_the_sensitivities(case):
     compiled, powers, coefficients, force, measured, weights = case
     error, matrix, gradient = normal_equations(
-        powers, SEGMENTS, weights, measured, *compiled.arrays, coefficients, -1e9, 1e9
+        powers, SEGMENTS, weights, measured, compiled.arrays, coefficients, (-1e9, 1e9)
     )
     s = slopes(powers, compiled, coefficients)
     assert error == pytest.approx((weights * (measured - force) ** 2).sum(), rel=1e-9)
@@ -54,27 +54,27 @@ def test_normal_equations_are_those_of_the_sensitivities(case):
 
 def test_a_run_out_of_bounds_has_an_infinite_error(case):
     compiled, powers, coefficients, _, measured, weights = case
-    args = (powers, SEGMENTS, weights, measured, *compiled.arrays, coefficients)
-    assert normal_equations(*args, -1e-3, 1e-3)[0] == np.inf
+    args = (powers, SEGMENTS, weights, measured, compiled.arrays, coefficients)
+    assert normal_equations(*args, (-1e-3, 1e-3))[0] == np.inf
 
 
 def test_a_candidate_outside_the_model_has_its_sensitivity_at_zero(case):
-    """The last terms are left out of the model, then told what adding them would do."""
+    """The last terms are left out of the model; their sensitivities are those at a coefficient of zero."""
     compiled, powers, coefficients, *_, measured, weights = case
     inside, outside = np.arange(4), np.array([4, 5])
     zero = np.where(np.arange(6) < 4, coefficients, 0.0)
     own = compiled.subset(inside)
     lags = np.unique(own.outputs[own.outputs > 0])
-    gains = output_gains(powers, SEGMENTS, *own.arrays, coefficients[:4], lags)
+    gains = output_gains(powers, SEGMENTS, own, coefficients[:4], lags)
     force = run(powers, compiled, zero)
     expected = slopes(powers, compiled, zero)
     c = compiled
     every = np.ones(len(force))
-    both = sensitivities(powers, SEGMENTS, force, *c.arrays, outside, gains, lags, every)
+    both = sensitivities(powers, SEGMENTS, force, c.arrays, outside, gains, lags, every)
     np.testing.assert_allclose(both, expected[:, 4:], rtol=1e-5, atol=1e-6)
     error = measured - force
     matrix, gradient, cross, itself = candidate_products(
-        powers, SEGMENTS, force, *c.arrays, inside, outside, gains, lags, weights, error
+        powers, SEGMENTS, force, c.arrays, inside, outside, gains, lags, weights, error
     )
     w = weights[:, None] * expected
     np.testing.assert_allclose(matrix, expected[:, :4].T @ w[:, :4], rtol=1e-5)

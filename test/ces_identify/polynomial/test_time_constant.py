@@ -1,4 +1,4 @@
-"""A time constant left open is found from data whose force follows a lagged current."""
+"""A time constant left open is estimated from data whose force follows a lagged current."""
 
 from dataclasses import replace
 
@@ -63,7 +63,7 @@ def planted(terms, seed, seconds=8.0):
     return replace(bare, channels={**channels, "force": Channel("force", "N", stamps, force)})
 
 
-def found(rules, time_constant_s):
+def estimate(rules, time_constant_s):
     rules = find_time_constants(rules, [prepare(planted(straight(time_constant_s), 1), SAMPLING)], LIMITS, stable=True)
     assert rules.open_lags == ()
     return rules.constructed["valve"][0].time_constant_s
@@ -72,12 +72,12 @@ def found(rules, time_constant_s):
 @pytest.mark.parametrize("time_constant_s", [0.003, 0.01, 0.03])
 def test_a_planted_time_constant_is_found(time_constant_s):
     assert time_constant_s in GRID_S
-    assert found(RULES, time_constant_s) == pytest.approx(time_constant_s, rel=1e-9)
+    assert estimate(RULES, time_constant_s) == pytest.approx(time_constant_s, rel=1e-9)
 
 
 @pytest.mark.parametrize("time_constant_s", [0.0035, 0.0094, 0.0155, 0.035])
-def test_what_is_found_is_near_wherever_it_was_planted(time_constant_s):
-    assert 1 / 1.3 < found(RULES, time_constant_s) / time_constant_s < 1.3
+def test_the_estimate_is_near_the_planted_time_constant(time_constant_s):
+    assert 1 / 1.3 < estimate(RULES, time_constant_s) / time_constant_s < 1.3
 
 
 def test_rules_without_an_open_lag_are_left_as_they_are():
@@ -85,7 +85,7 @@ def test_rules_without_an_open_lag_are_left_as_they_are():
     assert find_time_constants(rules, [], LIMITS, stable=True) is rules
 
 
-def test_a_model_is_identified_with_the_lag_found_and_hats_over_it_read_the_same():
+def test_a_model_is_identified_with_the_estimated_lag_and_memberships_of_it():
     raw = {
         "constructed": {
             "valve": {"kind": "lag", "of": "current", "time_constant_s": "auto"},

@@ -9,7 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 from ces_identify.numerics import kernels
 from ces_identify.preparation.position_spectrum import position_spectrum
 from ces_identify.preparation.sampling import (
-    UNSEEN_SHARE,
+    EXTRA_SHARE,
     WIDEST,
     best_differentiator,
     choose_sampling,
@@ -62,7 +62,7 @@ def test_the_pick_is_near_the_best_for_strokes_a_little_wider_than_recorded(rate
     white = np.random.default_rng(4).normal(0, noise, len(x))
     sampling = choose_sampling([recording(x + white, rate)])
     extra, extra_speed = stroke(5, rate, 20.0, 40.0)
-    share = np.sqrt(UNSEEN_SHARE) * v.std() / extra_speed.std()
+    share = np.sqrt(EXTRA_SHARE) * v.std() / extra_speed.std()
     wider, speed = recording(x + share * extra + white, rate), v + share * extra_speed
     choices = [(b, order) for order in (2, 3) for b in np.geomspace(rate / 150.0, rate * WIDEST[order], 20)]
     best = min(true_error(wider, speed, *choice) for choice in choices)
@@ -116,8 +116,8 @@ def test_gaps_jitter_and_late_stamps_do_not_disturb_the_choice():
     stamps = rec.channel("position").stamps_ns.copy()
     stamps[7000:] += 300_000_000
     stamps[9000:9003] -= 5_000_000
-    kept = np.random.default_rng(16).random(len(x)) > 0.02
-    rough = Recording("rough", {"position": Channel("position", "m", stamps[kept], x[kept])}, {"current": 0.0})
+    mask = np.random.default_rng(16).random(len(x)) > 0.02
+    rough = Recording("rough", {"position": Channel("position", "m", stamps[mask], x[mask])}, {"current": 0.0})
     sampling = choose_sampling([rough])
     assert (sampling.rate_Hz, sampling.order) == (pytest.approx(1000.0, rel=0.01), even.order)
     assert sampling.bandwidth_Hz == pytest.approx(even.bandwidth_Hz, rel=0.2)

@@ -59,7 +59,7 @@ def test_a_word_that_is_no_weight_is_named(word):
         parse_weighting([word])
 
 
-def test_a_weighting_is_told_as_it_was_given():
+def test_a_weighting_prints_as_its_words():
     assert str(parse_weighting(["zero_crossing=3", "speed:-0.1..0.1=4"])) == "zero_crossing=3 speed:-0.1..0.1=4"
     assert not EQUAL
 

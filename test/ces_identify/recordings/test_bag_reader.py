@@ -22,24 +22,25 @@ def signals(**described):
     return Signals.from_mapping(described, "signals.yaml")
 
 
-def plain_loop(path, wanted):
+def plain_loop(path, description):
     """The slow twin: one message at a time, in the order of the log times."""
-    stamps, values = {s.name: [] for s in wanted.recorded()}, {s.name: [] for s in wanted.recorded()}
+    stamps = {s.name: [] for s in description.list_topic_signals()}
+    values = {s.name: [] for s in description.list_topic_signals()}
     with AnyReader([path], default_typestore=tiny.JAZZY) as reader:
         for connection, log_ns, raw in reader.messages():
-            for signal in wanted.recorded():
+            for signal in description.list_topic_signals():
                 if signal.matches(connection.topic):
                     message = reader.deserialize(raw, connection.msgtype)
                     stamp = message.header.stamp if hasattr(message, "header") else None
                     stamps[signal.name].append(stamp.sec * tiny.SECOND + stamp.nanosec if stamp else log_ns)
-                    values[signal.name].append(signal.reader()(message))
+                    values[signal.name].append(signal.make_reader()(message))
     return stamps, values
 
 
-def same_as_plain_loop(path, wanted=DEFAULT):
-    recording = read_recording(path, wanted)
-    stamps, values = plain_loop(path, wanted)
-    assert list(recording.channels) == [s.name for s in wanted.list_topic_signals()]
+def same_as_plain_loop(path, description=DEFAULT):
+    recording = read_recording(path, description)
+    stamps, values = plain_loop(path, description)
+    assert list(recording.channels) == [s.name for s in description.list_topic_signals()]
     for name, channel in recording.channels.items():
         np.testing.assert_array_equal(channel.stamps_ns, stamps[name])
         np.testing.assert_array_equal(channel.values, values[name])
@@ -115,8 +116,8 @@ def test_custom_type_defined_in_the_bag(tmp_path):
     ]
     path = tiny.write(tmp_path / "bag", [*tiny.drive()[:1], ("/valve", tiny.VALVE, messages)], store=store)
     described = {"topic": "/valve", "type": tiny.VALVE, "field": "coils[0].amperes", "scale": 2.0, "offset": -1.0}
-    wanted = signals(current=described)
-    channel = read_recording(path, wanted).channel("current")
+    description = signals(current=described)
+    channel = read_recording(path, description).channel("current")
     np.testing.assert_allclose(channel.values, 0.2 * np.arange(30) - 1.0, rtol=1e-6)
     np.testing.assert_array_equal(channel.stamps_ns, np.arange(1, 31))
 
@@ -145,12 +146,12 @@ def test_scale_offset_and_two_signals_in_one_topic(tmp_path):
     messages = [(i, tiny.joints(i + 7, ["a", "rear"], [i, 2 * i], efforts=[0, 3 * i])) for i in range(20)]
     path = tiny.write(tmp_path / "bag", [("/js", tiny.JOINTS, messages)])
     same = {"topic": "js", "type": tiny.JOINTS}
-    wanted = signals(
+    description = signals(
         position={**same, "field": "position[rear]", "scale": 0.001, "offset": 0.5},
         current={"constant": 0.0},
         force={**same, "field": "effort[1]", "scale": -1.0},
     )
-    recording = same_as_plain_loop(path, wanted)
+    recording = same_as_plain_loop(path, description)
     assert recording.constants == {"current": 0.0}
     np.testing.assert_array_equal(recording.channel("force").values, -3.0 * np.arange(20))
 
@@ -176,7 +177,7 @@ def test_samples_without_the_joint_are_left_out_with_a_warning(tmp_path):
     assert channel.stamps_ns.tolist() == [1, 3, 5, 7, 9]
 
 
-def told_warnings(path):
+def read_with_warnings(path):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RecordingWarning)
         recording = read_recording(path, DEFAULT)
@@ -184,25 +185,27 @@ def told_warnings(path):
 
 
 def test_log_time_stands_in_for_a_missing_header_with_one_warning(tmp_path):
-    recording, told = told_warnings(tiny.write(tmp_path / "bag", tiny.drive(late_ns=300)))
+    recording, messages = read_with_warnings(tiny.write(tmp_path / "bag", tiny.drive(late_ns=300)))
     assert recording.channel("current").stamps_ns[0] == 5 * tiny.SECOND + 300
     assert recording.channel("force").stamps_ns[0] == 5 * tiny.SECOND
-    assert told == ["current: std_msgs/msg/Float64 on /valve_current has no header; stamped with the bag's log time"]
+    assert messages == [
+        "current: std_msgs/msg/Float64 on /valve_current has no header; stamped with the bag's log time"
+    ]
 
 
 def test_log_time_stands_in_for_headers_that_were_never_filled(tmp_path):
     empty = [(i + 5, tiny.joints(0, ["rear_damper"], [i])) for i in range(9)]
-    recording, told = told_warnings(
+    recording, messages = read_with_warnings(
         tiny.write(tmp_path / "a", [("/joint_states", tiny.JOINTS, empty), *tiny.drive()[1:]])
     )
     assert recording.channel("position").stamps_ns.tolist() == list(range(5, 14))
-    assert "position: sensor_msgs/msg/JointState on /joint_states has an empty header stamp" in told[0]
+    assert "position: sensor_msgs/msg/JointState on /joint_states has an empty header stamp" in messages[0]
     some = [(i + 5, tiny.joints(i, ["rear_damper"], [i])) for i in range(9)]
-    recording, told = told_warnings(
+    recording, messages = read_with_warnings(
         tiny.write(tmp_path / "b", [("/joint_states", tiny.JOINTS, some), *tiny.drive()[1:]])
     )
     assert recording.channel("position").stamps_ns.tolist() == list(range(9))
-    assert len(told) == 1
+    assert len(messages) == 1
 
 
 def test_optional_signals_may_be_absent(tmp_path):
@@ -212,9 +215,9 @@ def test_optional_signals_may_be_absent(tmp_path):
         read_recording(path, DEFAULT, need=("position", "current", "force"))
 
 
-def failure(path, wanted=DEFAULT, kind=CesError):
+def failure(path, description=DEFAULT, kind=CesError):
     with pytest.raises(kind) as caught:
-        read_recording(path, wanted)
+        read_recording(path, description)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -229,13 +232,13 @@ def test_missing_topic_names_the_topics_there_are(tmp_path):
 
 def test_other_type_than_described(tmp_path):
     path = tiny.write(tmp_path / "bag", tiny.drive())
-    told = failure(path, signals(current={"type": "std_msgs/msg/Float32"}), SignalsError)
-    assert told.startswith("signals.yaml: signal 'current': topic 'valve_current' is std_msgs/msg/Float64 in ")
-    assert "not std_msgs/msg/Float32" in told
+    message = failure(path, signals(current={"type": "std_msgs/msg/Float32"}), SignalsError)
+    assert message.startswith("signals.yaml: signal 'current': topic 'valve_current' is std_msgs/msg/Float64 in ")
+    assert "not std_msgs/msg/Float32" in message
 
 
 @pytest.mark.parametrize(
-    ("field", "told"),
+    ("field", "phrase"),
     [
         ("position[front]", "no joint 'front'; the message has ['rear_damper']"),
         ("position[1]", "index 1 is outside an array of 1"),
@@ -243,10 +246,10 @@ def test_other_type_than_described(tmp_path):
         ("name", "is a list, not a number"),
     ],
 )
-def test_field_that_is_not_there(tmp_path, field, told):
+def test_field_that_is_not_there(tmp_path, field, phrase):
     path = tiny.write(tmp_path / "bag", tiny.drive())
     message = failure(path, signals(position={"field": field}), SignalsError)
-    assert told in message
+    assert phrase in message
     assert "/joint_states: signal 'position'" in message
 
 
@@ -270,9 +273,9 @@ def test_truncated_mcap(tmp_path, share, bare):
     file = path / "bag.mcap"
     whole = file.read_bytes()
     file.write_bytes(whole[: int(share * len(whole))])
-    told = failure(file if bare else path, kind=RecordingError)
-    assert "the file ends early" in told
-    assert "mcap recover bag.mcap" in told
+    message = failure(file if bare else path, kind=RecordingError)
+    assert "the file ends early" in message
+    assert "mcap recover bag.mcap" in message
 
 
 @pytest.mark.parametrize("compression", [CompressionMode.FILE, CompressionMode.MESSAGE, CompressionMode.NONE])
@@ -302,8 +305,8 @@ def test_message_that_does_not_fit_its_type(tmp_path):
     path = tiny.write(tmp_path / "bag", tiny.drive(), SQLITE)
     with sqlite3.connect(next(path.glob("*.db3"))) as database:
         database.execute("UPDATE messages SET data = x'000100000000' WHERE id = 20")
-    told = failure(path, kind=RecordingError)
-    assert "/joint_states: a message cannot be decoded as sensor_msgs/msg/JointState" in told
+    message = failure(path, kind=RecordingError)
+    assert "/joint_states: a message cannot be decoded as sensor_msgs/msg/JointState" in message
 
 
 def test_topics_are_listed_by_name(tmp_path):

@@ -127,7 +127,7 @@ def test_empty_recording_is_a_bag_without_messages(tmp_path):
     assert [t.count for t in list_topics(tmp_path / "run")] == [0, 0]
 
 
-def test_existing_bag_is_kept_unless_told_otherwise(tmp_path):
+def test_existing_bag_is_overwritten_only_on_request(tmp_path):
     topics = recording_topics(recording_of(), DEFAULT)
     write_bag(tmp_path / "run", topics[:1])
     with pytest.raises(RecordingError, match=r"run: exists already; choose another name"):
@@ -193,7 +193,7 @@ def test_folder_that_cannot_be_written_whoever_asks(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "field", "told"),
+    ("kind", "field", "phrase"),
     [
         ("damper_msgs/msg/Valve", "data", "not a type of ROS 2 Jazzy"),
         ("std_msgs/msg/Float64", "position[rear]", "has no joint names; give the index"),
@@ -201,8 +201,8 @@ def test_folder_that_cannot_be_written_whoever_asks(tmp_path):
         ("std_msgs/msg/String", "data", "not a number"),
     ],
 )
-def test_what_cannot_be_written_is_told(tmp_path, kind, field, told):
-    with pytest.raises(SignalsError, match=told) as caught:
+def test_what_cannot_be_written_is_reported(tmp_path, kind, field, phrase):
+    with pytest.raises(SignalsError, match=phrase) as caught:
         write_bag(tmp_path / "run", [TopicData("t", kind, np.arange(3), {field: np.zeros(3)})])
     assert "topic t" in str(caught.value)
     assert list(tmp_path.iterdir()) == []

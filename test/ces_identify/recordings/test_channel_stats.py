@@ -22,10 +22,10 @@ def test_gaps_are_counted_and_kept_out_of_the_jitter():
     even = np.arange(300.0)
     even[100:] += 5.0
     even[200:] += 40.0
-    found = stats(even)
-    assert (found.gaps, found.jitter_s) == (2, 0.0)
-    assert found.longest_s == pytest.approx(0.041)
-    assert found.rate_Hz == pytest.approx(299 / 0.344)
+    result = stats(even)
+    assert (result.gaps, result.jitter_s) == (2, 0.0)
+    assert result.longest_s == pytest.approx(0.041)
+    assert result.rate_Hz == pytest.approx(299 / 0.344)
 
 
 def test_jitter_is_the_spread_of_the_intervals():
@@ -34,14 +34,14 @@ def test_jitter_is_the_spread_of_the_intervals():
 
 
 def test_range_leaves_out_what_is_not_finite():
-    found = stats([0, 1, 2, 3], [np.nan, -2.0, np.inf, 5.0])
-    assert (found.low, found.high) == (-2.0, 5.0)
+    result = stats([0, 1, 2, 3], [np.nan, -2.0, np.inf, 5.0])
+    assert (result.low, result.high) == (-2.0, 5.0)
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_channel_without_an_interval(count):
-    found = stats(np.zeros(count))
-    assert (found.count, found.duration_s, found.rate_Hz, found.gaps) == (count, 0.0, 0.0, 0)
-    assert math.isnan(found.jitter_s)
-    assert math.isnan(found.longest_s)
-    assert math.isnan(found.low) is (count == 0)
+    result = stats(np.zeros(count))
+    assert (result.count, result.duration_s, result.rate_Hz, result.gaps) == (count, 0.0, 0.0, 0)
+    assert math.isnan(result.jitter_s)
+    assert math.isnan(result.longest_s)
+    assert math.isnan(result.low) is (count == 0)

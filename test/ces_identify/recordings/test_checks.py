@@ -25,9 +25,9 @@ def with_values(n, at, value):
 
 
 def only(rec):
-    found = findings(rec)
-    assert len(found) == 1
-    return found[0]
+    result = findings(rec)
+    assert len(result) == 1
+    return result[0]
 
 
 def test_sound_recording_has_no_findings():
@@ -38,8 +38,8 @@ def test_sound_recording_has_no_findings():
 
 
 def test_constant_position():
-    found = only(recording(channel("position", values=np.full(10_000, 0.02)), channel("current")))
-    assert found == Finding("error", "position: constant at 0.02 m; expected a stroke (is it the right field?)")
+    result = only(recording(channel("position", values=np.full(10_000, 0.02)), channel("current")))
+    assert result == Finding("error", "position: constant at 0.02 m; expected a stroke (is it the right field?)")
 
 
 def test_position_given_as_a_constant():
@@ -47,8 +47,8 @@ def test_position_given_as_a_constant():
 
 
 def test_empty_channel():
-    found = only(recording(channel("position"), channel("current", 0)))
-    assert found == Finding("error", "current: the channel is empty; expected samples")
+    result = only(recording(channel("position"), channel("current", 0)))
+    assert result == Finding("error", "current: the channel is empty; expected samples")
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -67,9 +67,9 @@ def test_time_running_backwards_says_where():
     stamps = START + np.arange(10_000) * MS
     stamps[4000:] -= 250 * MS
     back = Channel("force", "N", stamps, np.zeros(10_000))
-    found = only(recording(channel("position"), channel("current"), back))
-    assert found.severity == "error"
-    assert found.text.startswith("force: time runs backwards 1 times, first at 3.999 s by 0.249000 s")
+    result = only(recording(channel("position"), channel("current"), back))
+    assert result.severity == "error"
+    assert result.text.startswith("force: time runs backwards 1 times, first at 3.999 s by 0.249000 s")
 
 
 def test_repeated_stamps_are_no_backward_time():
@@ -80,10 +80,10 @@ def test_repeated_stamps_are_no_backward_time():
 @pytest.mark.parametrize(("period_ms", "wrong"), [(99.0, False), (101.0, True)])
 def test_rates_a_hundred_times_apart(period_ms, wrong):
     n = int(10_000 / period_ms)
-    found = findings(recording(channel("position"), channel("current", n, period_ms)))
-    assert [f.severity for f in found] == ["error"] * wrong
+    result = findings(recording(channel("position"), channel("current", n, period_ms)))
+    assert [f.severity for f in result] == ["error"] * wrong
     if wrong:
-        assert found[0].text == "current at 9.901 Hz and position at 1000 Hz: rates more than 100 times apart"
+        assert result[0].text == "current at 9.901 Hz and position at 1000 Hz: rates more than 100 times apart"
 
 
 def test_temperature_may_be_slow():
@@ -98,7 +98,7 @@ def missing(*pieces, n=10_000):
 
 
 @pytest.mark.parametrize(
-    ("pieces", "told"),
+    ("pieces", "phrase"),
     [
         ([(0, 4000), (7000, 10_000)], "absent from 3.999 s to 7.000 s, 30.0% of the time"),
         ([(0, 5000)], "absent from 4.999 s to 9.999 s, 50.0% of the time"),
@@ -110,10 +110,10 @@ def missing(*pieces, n=10_000):
         ([(11_000, 12_000)], "absent from 0.000 s to 9.999 s, 100.0% of the time"),
     ],
 )
-def test_current_absent_for_part_of_the_time(pieces, told):
-    (found,) = missing(*pieces)
-    assert found.severity == "error"
-    assert told in found.text
+def test_current_absent_for_part_of_the_time(pieces, phrase):
+    (result,) = missing(*pieces)
+    assert result.severity == "error"
+    assert phrase in result.text
 
 
 def test_short_absence_is_a_warning_and_late_start_is_none():
@@ -127,8 +127,8 @@ def test_slow_current_is_not_taken_for_absent():
 
 def test_errors_come_before_warnings():
     position = channel("position", values=with_values(10_000, 7, np.nan))
-    found = findings(recording(position, channel("current", 0)))
-    assert [f.severity for f in found] == ["error", "warning"]
+    result = findings(recording(position, channel("current", 0)))
+    assert [f.severity for f in result] == ["error", "warning"]
 
 
 def test_rate():
@@ -139,14 +139,14 @@ def test_rate():
 @pytest.mark.parametrize(
     ("position", "current", "expected"),
     [
-        (1000.0, 1.0, "position: spans 39.98 m; if it is in mm, give it scale: 0.001 in the signals file"),
-        (1.0, 50_000.0, "current: reaches 999.5 A; if it is in mA, give it scale: 0.001 in the signals file"),
+        (1000.0, 1.0, "position: spans 39.98 m; if it is in mm, set scale: 0.001 in the signals file"),
+        (1.0, 50_000.0, "current: reaches 999.5 A; if it is in mA, set scale: 0.001 in the signals file"),
     ],
 )
 def test_a_stroke_or_current_beyond_any_damper_puts_its_unit_in_doubt(position, current, expected):
     both = [channel(name).values * scale for name, scale in (("position", position), ("current", current))]
-    found = only(recording(channel("position", values=both[0]), channel("current", values=both[1])))
-    assert found == Finding("warning", expected)
+    result = only(recording(channel("position", values=both[0]), channel("current", values=both[1])))
+    assert result == Finding("warning", expected)
 
 
 def test_wild_samples_put_no_unit_in_doubt():

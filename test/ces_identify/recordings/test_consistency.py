@@ -1,4 +1,4 @@
-"""Units mixed and signs turned round are told; experiments that only differ are not."""
+"""Units mixed and opposite signs are reported; experiments that only differ are not."""
 
 import numpy as np
 import pytest
@@ -36,11 +36,11 @@ def without(recording, signal, **constants):
 
 
 def test_traits_are_spreads_and_the_sign_of_damping():
-    found = traits(made(hz=4.0, stroke_m=0.04))
-    assert found.stroke_m == pytest.approx(0.04, rel=0.01)
-    assert found.speed_m_s == pytest.approx(2 * 0.02 * 2 * np.pi * 4.0, rel=0.02)
-    assert found.current_A == pytest.approx(0.6, abs=0.01)
-    assert found.damping > 0.9
+    result = traits(made(hz=4.0, stroke_m=0.04))
+    assert result.stroke_m == pytest.approx(0.04, rel=0.01)
+    assert result.speed_m_s == pytest.approx(2 * 0.02 * 2 * np.pi * 4.0, rel=0.02)
+    assert result.current_A == pytest.approx(0.6, abs=0.01)
+    assert result.damping > 0.9
     assert traits(made(force=-1.0)).damping < -0.9
 
 
@@ -77,7 +77,7 @@ def test_experiments_that_only_differ_are_no_finding(others):
             {"force": -1.0},
             r"force goes against speed \(correlation -0\.9\d\) in odd, goes with speed .* in usual, third",
         ),
-        ({"position": -1.0}, "force goes against speed .* in odd, .*turn one round with scale: -1"),
+        ({"position": -1.0}, "force goes against speed .* in odd, .*set scale: -1"),
     ],
 )
 def test_mixed_units_and_signs_are_refused_naming_the_recordings(scales, message):
@@ -87,9 +87,9 @@ def test_mixed_units_and_signs_are_refused_naming_the_recordings(scales, message
 
 
 def test_all_turned_round_is_a_warning():
-    found = require_consistent([made(f"r{k}", seed=k, force=-1.0) for k in range(5)])
-    assert [f.severity for f in found] == ["warning"]
-    assert "in r0, r1, r2 and 2 more: position and force are positive in compression" in found[0].text
+    result = require_consistent([made(f"r{k}", seed=k, force=-1.0) for k in range(5)])
+    assert [f.severity for f in result] == ["warning"]
+    assert "in r0, r1, r2 and 2 more: position and force are positive in compression" in result[0].text
 
 
 def test_position_and_force_both_turned_round_agree():
@@ -104,9 +104,9 @@ def test_gaps_jumps_and_samples_that_are_not_finite_do_not_matter():
         values[::50] = np.nan
         stamps[5000:] += 10**17  # three years
         channels[name] = Channel(name, c.unit, stamps, values)
-    found = traits(Recording("holes", channels))
-    assert found.damping > 0.9
-    assert found.speed_m_s == pytest.approx(traits(made()).speed_m_s, rel=0.05)
+    result = traits(Recording("holes", channels))
+    assert result.damping > 0.9
+    assert result.speed_m_s == pytest.approx(traits(made()).speed_m_s, rel=0.05)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5])
@@ -118,4 +118,4 @@ def test_hardly_any_samples_tell_nothing(count):
 
 
 def test_findings_are_those_of_the_checks():
-    assert all(isinstance(found, Finding) for found in differences([made(force=-1.0)]))
+    assert all(isinstance(result, Finding) for result in differences([made(force=-1.0)]))

@@ -26,11 +26,11 @@ def triangle(speed=0.2, seconds=10.0, period=1.0):
 def test_time_goes_where_speed_and_current_were():
     """Constant speed up and down with half the time at each current: four cells hold nearly a quarter each."""
     current = np.where(np.arange(10_000) < 5000, 0.3, 0.7)
-    found = coverage([recording(triangle(), current)], speed_cells=4, current_cells=2)
-    assert found.duration_s == pytest.approx(10.0, abs=0.01)
-    assert found.share.sum() == pytest.approx(1.0)
-    assert found.speed_edges[[0, -1]] == pytest.approx([-0.2, 0.2], rel=1e-6)
-    np.testing.assert_allclose(found.share[:, [0, -1]], 0.25, atol=0.02)
+    result = coverage([recording(triangle(), current)], speed_cells=4, current_cells=2)
+    assert result.duration_s == pytest.approx(10.0, abs=0.01)
+    assert result.share.sum() == pytest.approx(1.0)
+    assert result.speed_edges[[0, -1]] == pytest.approx([-0.2, 0.2], rel=1e-6)
+    np.testing.assert_allclose(result.share[:, [0, -1]], 0.25, atol=0.02)
 
 
 def test_speed_is_that_of_a_sine():
@@ -50,18 +50,18 @@ def test_no_speed_across_a_gap():
 
 def test_current_is_held_and_unknown_before_its_first_sample():
     current_times = np.array([2.0, 6.0])
-    found = speed_current_samples(recording(triangle(), np.array([0.3, 0.5]), current_times=current_times))
-    assert found[2].sum() == pytest.approx(8.0, abs=0.01)
-    assert (found[1] == 0.3).sum() == pytest.approx(4000, abs=3)
+    result = speed_current_samples(recording(triangle(), np.array([0.3, 0.5]), current_times=current_times))
+    assert result[2].sum() == pytest.approx(8.0, abs=0.01)
+    assert (result[1] == 0.3).sum() == pytest.approx(4000, abs=3)
 
 
 def test_constant_current_and_bad_samples():
     position = triangle()
     position[::50] = np.nan
-    found = coverage([Recording("run", {"position": recording(position, None).channel("position")}, {"current": 0.4})])
-    assert found.share.shape == (1, 24)
-    assert found.current_edges.mean() == pytest.approx(0.4)
-    assert found.share.sum() == pytest.approx(1.0)
+    result = coverage([Recording("run", {"position": recording(position, None).channel("position")}, {"current": 0.4})])
+    assert result.share.shape == (1, 24)
+    assert result.current_edges.mean() == pytest.approx(0.4)
+    assert result.share.sum() == pytest.approx(1.0)
 
 
 def test_one_spike_does_not_set_the_scale():
@@ -72,12 +72,12 @@ def test_one_spike_does_not_set_the_scale():
 
 def test_several_recordings_add_up_by_time():
     slow, fast = recording(triangle(0.05, 30.0), np.zeros(30_000)), recording(triangle(0.2), np.ones(10_000))
-    found = coverage([slow, fast], current_cells=2)
-    np.testing.assert_allclose(found.share.sum(axis=1), [0.75, 0.25], atol=0.01)
+    result = coverage([slow, fast], current_cells=2)
+    np.testing.assert_allclose(result.share.sum(axis=1), [0.75, 0.25], atol=0.01)
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 8])
 def test_hardly_any_samples(count):
-    found = coverage([recording(np.arange(count) * 1.0, np.ones(count))])
-    assert np.isfinite(found.share).all()
-    assert np.isfinite(found.speed_edges).all()
+    result = coverage([recording(np.arange(count) * 1.0, np.ones(count))])
+    assert np.isfinite(result.share).all()
+    assert np.isfinite(result.speed_edges).all()

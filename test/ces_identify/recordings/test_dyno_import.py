@@ -138,38 +138,42 @@ def failure(tmp_path, text, map_text=TIME + SIGNALS, name="log.csv"):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "phrase"),
     [
         ("t,x,i,F\n0,1,0,0\n\n1,--,0,0\n", "log.csv:4: column 'x' is '--'; expected a number"),
         ("t,x,i,F\n0,1,0,0\n1,,0,0\n", "log.csv:3: column 'x' is ''; expected a number"),
         ("t,x,i,F\n0,1,0,0\n1,2,0\n", "log.csv:3: column 'F' is missing; the line has 3 cells"),
-        ("t,x,i,N\n0,1,0,0\n", "log.csv: no column 'F'; the file has t, x, i, N"),
-        ("0,1,0,0\n1,1,0,0\n", "log.csv: no column 'x'; the file has 0 to 3 and no names"),
+        ("t,x,i,N\n0,1,0,0\n", "log.csv: no column 'F'; the table has t, x, i, N"),
+        ("0,1,0,0\n1,1,0,0\n", "log.csv: no column 'x'; the table has columns 0 to 3 without names"),
         ("", "log.csv: the file is empty; expected a header and rows of numbers"),
         ("\n\n", "log.csv: the file is empty; expected a header and rows of numbers"),
         ("t,x,i,F\n", "log.csv: no rows of numbers after 1 header lines"),
-        ("t;x;i;F\n0;1;0;0\n", "log.csv: no column 'x'; the file has t;x;i;F; set delimiter: ';' in map.yaml?"),
+        ("t;x;i;F\n0;1;0;0\n", "log.csv: no column 'x'; the table has t;x;i;F; set delimiter: ';' in map.yaml?"),
         ("t\tx\ti\tF\n0\t1\t0\t0\n", "set delimiter: '\\t' in map.yaml?"),
         (
             "t,x,i,F\n0,1,0,0\n2,1,0,0\n1,1,0,0\n",
-            "log.csv: line 4: time runs backwards, from 2 s to 1 s; expected rows in the order of time (or give a",
+            "log.csv: line 4: time runs backwards, from 2 s to 1 s; expected rows in the order of time (or set a",
         ),
         ("t,x,i,F\n0,1,0,0\nnan,1,0,0\n", "log.csv: line 3: the time is nan; expected seconds"),
     ],
 )
-def test_bad_csv_is_one_clear_line(tmp_path, text, told):
-    assert told in failure(tmp_path, text)
+def test_bad_csv_is_one_clear_line(tmp_path, text, phrase):
+    assert phrase in failure(tmp_path, text)
 
 
 @pytest.mark.parametrize(
-    ("content", "map_text", "told"),
+    ("content", "map_text", "phrase"),
     [
         ("{", TIME + SIGNALS, "log.json: not a json file: Expecting property name"),
         ("3", TIME + SIGNALS, "log.json: '' is a int; expected a table"),
         ("[]", TIME + SIGNALS, "log.json: 'the file' is empty"),
-        ('{"run": {"t": []}}', "rows: run.data\n" + TIME + SIGNALS, "no 'data' on the way to 'run.data'; there are t"),
-        ('{"t": [0]}', TIME + SIGNALS, "log.json: no 'x' on the way to 'x'; there are t"),
-        ("[[0, 1, 2]]", "time: {column: 0}\n" + BY_NUMBER, "no column 3; the table has 0 to 2 and no names"),
+        (
+            '{"run": {"t": []}}',
+            "rows: run.data\n" + TIME + SIGNALS,
+            "no 'data' in the path 'run.data'; expected one of t",
+        ),
+        ('{"t": [0]}', TIME + SIGNALS, "log.json: no 'x' in the path 'x'; expected one of t"),
+        ("[[0, 1, 2]]", "time: {column: 0}\n" + BY_NUMBER, "no column 3; the table has columns 0 to 2 without names"),
         (
             '[[0, 1, 0, 0], [1, 2, 0, "x"]]',
             "time: {column: 0}\n" + BY_NUMBER,
@@ -188,8 +192,8 @@ def test_bad_csv_is_one_clear_line(tmp_path, text, told):
         ),
     ],
 )
-def test_bad_json_is_one_clear_line(tmp_path, content, map_text, told):
-    assert told in failure(tmp_path, content, map_text, name="log.json")
+def test_bad_json_is_one_clear_line(tmp_path, content, map_text, phrase):
+    assert phrase in failure(tmp_path, content, map_text, name="log.json")
 
 
 def test_bad_mat_file(tmp_path):
@@ -212,7 +216,7 @@ def test_name_without_the_number(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "phrase"),
     [
         ("tme: {column: t}\n" + SIGNALS, "unknown key 'tme'; known are format, delimiter"),
         (SIGNALS, "give one of 'time' and 'rate'"),
@@ -239,9 +243,9 @@ def test_name_without_the_number(tmp_path):
         ("position: {constant: 0}\ncurrent: {constant: 0}\nforce: {constant: 0}\n" + TIME, "no signal has a column"),
     ],
 )
-def test_bad_mapping_is_one_clear_line(tmp_path, text, told):
+def test_bad_mapping_is_one_clear_line(tmp_path, text, phrase):
     message = failure(tmp_path, "t,x,i,F,T\n0,1,2,3,4\n", text)
-    assert told in message
+    assert phrase in message
     assert message.startswith("map.yaml")
     with pytest.raises(MappingError):
         log(tmp_path, "t,x,i,F,T\n0,1,2,3,4\n", text)

@@ -20,17 +20,17 @@ from ces_observer.errors import RecordingError
 
 def slow_twin(data):
     """Walk along the records one after the other, as the format's description reads."""
-    found, stream = [], BytesIO(data)
+    rows, stream = [], BytesIO(data)
     while len(head := stream.read(9)) == 9:
         opcode, length = struct.unpack("<BQ", head)
         start = stream.tell()
         body = stream.read(length)
         if len(body) < length or (opcode == 5 and length < 22):
-            return found, start - 9
+            return rows, start - 9
         if opcode == 5:
             channel, _, log_ns, _ = struct.unpack("<HIqQ", body[:22])
-            found.append((channel, log_ns, start + 22, length - 22))
-    return found, stream.tell() - len(head)
+            rows.append((channel, log_ns, start + 22, length - 22))
+    return rows, stream.tell() - len(head)
 
 
 def split(data):
@@ -90,12 +90,12 @@ def test_every_way_of_storing_gives_the_messages_in_recorded_order(tmp_path, mon
     rng = np.random.default_rng(4)
     messages = [(int(rng.integers(2)), int(rng.integers(10**15)), rng.bytes(rng.integers(0, 90))) for _ in range(400)]
     channels = write(tmp_path / "x.mcap", messages, **WAYS[way])
-    found = [
+    rows = [
         (channels.index(int(block.topics[i])), int(block.log_ns[i]), block.payload(i))
         for block in blocks(tmp_path / "x.mcap")
         for i in range(len(block))
     ]
-    assert found == messages
+    assert rows == messages
 
 
 @pytest.mark.parametrize("way", ["zstd", "no chunks"])

@@ -81,7 +81,7 @@ def test_two_nodes_signals_are_ambiguous(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "told"),
+    ("text", "line", "phrase"),
     [
         ("a: 1\nposition: {scale: 0.0}\n", 2, "scale is 0"),
         ("\n\ncurrent: {topic: }\n", 3, "'topic' is missing"),
@@ -96,14 +96,14 @@ def test_two_nodes_signals_are_ambiguous(tmp_path):
         ("a: &a {topic: x}\nforce: *a\n", 2, "alias '*a'"),
     ],
 )
-def test_mistake_is_told_with_file_and_line(tmp_path, text, line, told):
+def test_mistake_names_file_and_line(tmp_path, text, line, phrase):
     message = failure(tmp_path, text)
-    assert told in message
+    assert phrase in message
     assert f"signals.yaml:{line}:" in message
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "phrase"),
     [
         ("", "not a mapping"),
         ("- position\n", "not a mapping"),
@@ -112,8 +112,8 @@ def test_mistake_is_told_with_file_and_line(tmp_path, text, line, told):
         ("#" * (MAX_BYTES + 1), "larger than"),
     ],
 )
-def test_file_that_is_no_description(tmp_path, text, told):
-    assert told in failure(tmp_path, text)
+def test_file_that_is_no_description(tmp_path, text, phrase):
+    assert phrase in failure(tmp_path, text)
 
 
 def test_file_that_is_not_there(tmp_path):
@@ -158,19 +158,19 @@ def test_one_of_several_dampers_has_its_own_over_what_all_have(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("damper", "text", "told"),
+    ("damper", "text", "phrase"),
     [
-        ("", SEVERAL, "describes the dampers front, rear; say which one is meant, as in observer.yaml#front"),
+        ("", SEVERAL, "describes the dampers front, rear; select one, as in observer.yaml#front"),
         ("#middle", SEVERAL, "has no damper 'middle'; its dampers are front, rear"),
         ("#front", "position: {scale: 2.0}\n", "has no damper 'front'; it has no parameter 'dampers'"),
         ("", "dampers: front\nposition: {scale: 2.0}\n", "observer.yaml:1: 'dampers' is 'front'; expected a list"),
         ("#front", SEVERAL.replace("front_valve", "''"), "observer.yaml:9: signal 'current': 'topic' is missing"),
     ],
 )
-def test_which_damper_is_meant_must_be_clear(tmp_path, damper, text, told):
+def test_an_unclear_damper_is_refused(tmp_path, damper, text, phrase):
     with pytest.raises(SignalsError) as caught:
         chosen(tmp_path, damper, text)
-    assert told in str(caught.value)
+    assert phrase in str(caught.value)
 
 
 def test_a_single_named_damper_need_not_be_named_again(tmp_path):
