@@ -8,8 +8,6 @@ MIN_JUMP_NS = 100_000_000  # far above what a clock that is merely steered gains
 class ClockWatch:
     """How far the wall clock was set between two looks."""
 
-    __slots__ = ("_ahead_ns",)
-
     def __init__(self, wall_ns: int, steady_ns: int) -> None:
         self._ahead_ns = wall_ns - steady_ns
 

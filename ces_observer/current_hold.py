@@ -17,8 +17,6 @@ JUMP_NS = 1_000_000_000  # a current stamped this much earlier than the newest o
 class CurrentHold:
     """Newest current [A] at or before a stamp [ns], NaN if there is none or it is older than `max_age_s`."""
 
-    __slots__ = ("_max_age_ns", "_stamps", "_values")
-
     def __init__(self, max_age_s: float) -> None:
         self._max_age_ns = round(max_age_s * 1e9)
         self._stamps: list[int] = []
@@ -76,8 +74,6 @@ class CurrentHold:
 
 class ConstantCurrent:
     """A current that is known and not measured, such as the 0 A of a passive damper."""
-
-    __slots__ = ("_value",)
 
     def __init__(self, current_A: float) -> None:
         self._value = current_A

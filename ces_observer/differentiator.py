@@ -20,20 +20,6 @@ ORDERS = (2, 3)
 class Differentiator:
     """Filtered position [m], speed [m/s] and acceleration [m/s2, 0 in order 2] after each `step`."""
 
-    __slots__ = (
-        "_decay",
-        "_interval",
-        "_product",
-        "_second",
-        "_turn",
-        "_twice_third",
-        "acceleration",
-        "bandwidth_Hz",
-        "order",
-        "position",
-        "speed",
-    )
-
     def __init__(self, bandwidth_Hz: float, order: int = 3) -> None:
         if not (isfinite(bandwidth_Hz) and bandwidth_Hz > 0.0):
             raise ModelError(f"differentiator bandwidth is {bandwidth_Hz!r} Hz; expected a positive number")

@@ -23,20 +23,6 @@ class Estimator:
     model was identified on.
     """
 
-    __slots__ = (
-        "_limits",
-        "_newest",
-        "_predictor",
-        "_previous",
-        "_tracker",
-        "_wait",
-        "_warm_up",
-        "model",
-        "position",
-        "reason",
-        "speed",
-    )
-
     def __init__(self, model: Model) -> None:
         self.model = model
         self._tracker = Tracker(model.sampling)

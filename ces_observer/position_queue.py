@@ -16,8 +16,6 @@ MAX_POSITIONS = 10_000  # samples: several seconds at 1 kHz; beyond it the oldes
 class PositionQueue:
     """A bounded queue of positions: (stamp [ns], position [m], frame) with the node's time of arrival [ns]."""
 
-    __slots__ = ("_queue", "_wait_ns")
-
     def __init__(self, wait_s: float) -> None:
         self._queue: deque[tuple[int, float, bytes, int]] = deque()
         self.set_wait(wait_s)

@@ -46,30 +46,6 @@ LARGEST_CHANGE = 5.0  # times outlier_m * 2 pi bandwidth [m/s]: of speed, while 
 class Tracker:
     """Uniform ticks from position samples; `ticks` holds the (position, speed) pairs of the last sample."""
 
-    __slots__ = (
-        "_differentiator",
-        "_doubt_s",
-        "_doubt_ticks",
-        "_doubted_tau",
-        "_heard_s",
-        "_largest_change_m_s",
-        "_last_tick",
-        "_lost_s",
-        "_max_gap_ns",
-        "_origin_ns",
-        "_outlier_m",
-        "_overdue_s",
-        "_rejected",
-        "_scale",
-        "_settled_tau",
-        "_settling_s",
-        "_settling_ticks",
-        "_stamp_ns",
-        "_tau",
-        "ahead",
-        "ticks",
-    )
-
     def __init__(self, sampling: Sampling) -> None:
         self._differentiator = Differentiator(sampling.bandwidth_Hz, sampling.order)
         self._max_gap_ns = round(sampling.max_gap_s * 1e9)

@@ -11,8 +11,6 @@ class Lead:
     With `zero_s` at or below `filter_s` everything does: it is a lead or nothing.
     """
 
-    __slots__ = ("_filtered",)
-
     def __init__(self) -> None:
         self.reset()
 

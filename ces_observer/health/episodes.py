@@ -34,8 +34,6 @@ class Episodes:
     `last` holds the newest of them, `by_reason` number and length [s] of all, by the reason they began with.
     """
 
-    __slots__ = ("_reasons", "_start_ns", "_withheld", "by_reason", "last", "total")
-
     def __init__(self) -> None:
         self.total = 0
         self.last: deque[Episode] = deque(maxlen=MAX_EPISODES)

@@ -16,8 +16,6 @@ class ForcePairs:
     `max_gap_s` are never bridged. `unpaired` counts measured forces that no pair was made of.
     """
 
-    __slots__ = ("_estimates", "_max_gap_ns", "_on_pair", "_stamps", "_waiting", "unpaired")
-
     def __init__(self, on_pair: Callable[[int, float, float], None], max_gap_s: float) -> None:
         self._on_pair = on_pair
         self._max_gap_ns = round(max_gap_s * 1e9)

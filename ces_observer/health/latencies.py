@@ -28,8 +28,6 @@ class LatencyFigures(NamedTuple):
 class Latencies:
     """The latencies since the last `roll`."""
 
-    __slots__ = ("_counts", "_max_ns")
-
     def __init__(self) -> None:
         self._counts = [0] * CLASSES
         self._max_ns = 0

@@ -37,22 +37,6 @@ class RunningCost:
     the measured forces used, `ignored` those that are not finite, `unpaired` those that no estimates surround.
     """
 
-    __slots__ = (
-        "J",
-        "_end_ns",
-        "_good",
-        "_pairs",
-        "_second",
-        "_seconds",
-        "add_estimate",
-        "drifted",
-        "ignored",
-        "min_N",
-        "paired",
-        "spread_N",
-        "warn_J",
-    )
-
     def __init__(self, window_s: int = 10, warn_J: float = 20.0, min_N: float = 20.0, max_gap_s: float = 0.05) -> None:
         self.warn_J, self.min_N = warn_J, min_N
         self._pairs = ForcePairs(self._take, max_gap_s)
@@ -126,8 +110,6 @@ class RunningCost:
 
 class _Second:
     """Sums over the pairs of a second."""
-
-    __slots__ = ("error2", "force", "force2", "pairs")
 
     def __init__(self) -> None:
         self.pairs = 0

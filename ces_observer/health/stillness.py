@@ -13,8 +13,6 @@ class Stillness:
     `count` and `last_s` [s] tell of the rests so far, `resting` whether one is under way.
     """
 
-    __slots__ = ("_position_m", "_since_ns", "count", "last_s", "resting", "warn_s")
-
     def __init__(self, warn_s: float) -> None:
         self.warn_s = warn_s
         self._position_m: float | None = None

@@ -53,36 +53,6 @@ class Arrivals:
     message, one stamped before the newest, makes up for one that was counted as dropped when it did not come.
     """
 
-    __slots__ = (
-        "_age_sum_ns",
-        "_before",
-        "_close_ns",
-        "_deviation_ns",
-        "_deviation_ns2",
-        "_duplicates",
-        "_interruptions",
-        "_late",
-        "_long_ns",
-        "_longest_ns",
-        "_max_age_ns",
-        "_max_run",
-        "_missing",
-        "_newest_ns",
-        "_now_ns",
-        "_pending",
-        "_period_ns",
-        "_rare",
-        "_run",
-        "_short_ns",
-        "_stamped",
-        "_steps",
-        "_streak",
-        "_streak_at",
-        "_unmeasured",
-        "_usual",
-        "figures",
-    )
-
     def __init__(self, stamped: bool = True) -> None:
         self._stamped = stamped
         self._newest_ns = self._now_ns = self._period_ns = 0

@@ -81,8 +81,6 @@ class InputSubscriptions:
 class _Topic:
     """One topic's readers, each with its slow substitute, what takes the sample, and what is told if there is none."""
 
-    __slots__ = ("_inputs", "_number", "readers")
-
     def __init__(self, inputs: InputSubscriptions, number: int) -> None:
         self._inputs = inputs
         self._number = number

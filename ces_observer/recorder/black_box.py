@@ -33,27 +33,6 @@ class BlackBox:
     apart. `saved` is the newest bag, `problem` says why the last recording failed, empty if it did not.
     """
 
-    __slots__ = (
-        "_bag",
-        "_bytes",
-        "_channels",
-        "_due_ns",
-        "_ender",
-        "_error",
-        "_folder",
-        "_label",
-        "_max_bytes",
-        "_notes",
-        "_pause_ns",
-        "_ring",
-        "_saved_ns",
-        "_span_ns",
-        "_tail_ns",
-        "_writing",
-        "problem",
-        "saved",
-    )
-
     def __init__(
         self,
         channels: Sequence[BagChannel],

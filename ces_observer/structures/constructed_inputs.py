@@ -234,8 +234,6 @@ def make_memberships(
 class InputConstructor:
     """Every constructed input of a model at work."""
 
-    __slots__ = ("_arrivals", "_runs")
-
     def __init__(self, constructed: Sequence[ConstructedInput], rate_Hz: float) -> None:
         """Expect each input after those it is made of."""
         columns = {name: i for i, name in enumerate((*BASE, *(one.name for one in constructed)))}

@@ -25,8 +25,6 @@ class ConstructedRun(Protocol):
 class StopRun:
     """Clips the sum of the moves of one column of the values to +-half."""
 
-    __slots__ = ("_column", "_half", "_last", "_stop")
-
     def __init__(self, column: int, half: float) -> None:
         self._column, self._half = column, half
         self.reset()
@@ -50,8 +48,6 @@ class StopRun:
 class PlayRun:
     """Follows one column of the values at a distance of at most half."""
 
-    __slots__ = ("_column", "_half", "_play")
-
     def __init__(self, column: int, half: float) -> None:
         self._column, self._half = column, half
         self.reset()
@@ -71,8 +67,6 @@ class PlayRun:
 class LagRun:
     """One column of the values behind a first-order lag."""
 
-    __slots__ = ("_column", "_gain", "_lagged")
-
     def __init__(self, column: int, gain: float) -> None:
         self._column, self._gain = column, gain
         self.reset()
@@ -90,8 +84,6 @@ class LagRun:
 
 class FrequencyRun:
     """Mean squares of speed and position about their means, as one frequency."""
-
-    __slots__ = ("_floor", "_gain", "_high", "_low", "_started", "_v", "_vv", "_x", "_xx")
 
     def __init__(self, gain: float, floor_m: float, range_Hz: tuple[float, float]) -> None:
         self._low, self._high = range_Hz
@@ -119,8 +111,6 @@ class FrequencyRun:
 
 class MembershipRun:
     """A membership of one column of the values, which has no past."""
-
-    __slots__ = ("_at", "_column")
 
     def __init__(self, column: int, at: Callable[[float], float]) -> None:
         self._column, self._at = column, at

@@ -184,8 +184,6 @@ def _parse_rule(node: JsonObject, premises: Sequence[Premise], regressors: int) 
 class FuzzyRun(LaggedRun):
     """The free run of a neuro-fuzzy model."""
 
-    __slots__ = ("_fuzzy", "_premises")
-
     def __init__(self, fuzzy: Fuzzy, within: OperatingRange) -> None:
         super().__init__(fuzzy.max_lag, within)
         self._fuzzy = fuzzy

@@ -83,8 +83,6 @@ class LaggedRun:
     `ces_observer.structures.polynomial`.
     """
 
-    __slots__ = ("_bounds", "_depth", "_forces", "_limits", "_rows", "clamped")
-
     def __init__(self, depth: int, within: OperatingRange) -> None:
         """Keep `depth` ticks."""
         self._depth = depth + 1

@@ -140,8 +140,6 @@ def _parse_unit(node: JsonObject, regressors: int) -> SigmoidUnit:
 class NetworkRun(LaggedRun):
     """The free run of a network."""
 
-    __slots__ = ("_network",)
-
     def __init__(self, network: Network, within: OperatingRange) -> None:
         super().__init__(network.max_lag, within)
         self._network = network

@@ -100,8 +100,6 @@ class PolynomialRun:
     need and nothing more. Raises ModelError for a number that is not finite.
     """
 
-    __slots__ = ("_construction", "_forces", "_pasts", "clamped", "tick")
-
     clamped: bool
     tick: Tick
 

@@ -65,8 +65,6 @@ def tick_source(polynomial: Sequence[Term], within: OperatingRange) -> str:
 class _Product:
     """A term as the text has it: its coefficient, the lag of its past force, and names and lags of its inputs."""
 
-    __slots__ = ("coefficient", "inputs", "output_lag")
-
     def __init__(self, term: Term, signals: Mapping[str, str], names: Mapping[Power, str]) -> None:
         self.coefficient = _number(term.coefficient, "a coefficient")
         self.output_lag = index(term.output_lag)
