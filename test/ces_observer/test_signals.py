@@ -95,7 +95,7 @@ def test_optional_signals_are_there_only_if_described():
     assert [s.name for s in Signals.from_mapping({"temperature": given}, "here").list_topic_signals()][
         -1
     ] == "temperature"
-    with pytest.raises(SignalsError, match="here: no signal 'temperature'; described are position, current, force"):
+    with pytest.raises(SignalsError, match="here: no signal 'temperature'; known are position, current, force"):
         Signals.from_mapping({}, "here")["temperature"]
     assert set(DEFAULTS) < set(NAMES)
 
@@ -112,7 +112,7 @@ def test_other_parameters_of_a_node_are_ignored():
     [
         ({"position": 3}, "signal 'position' is 3; expected a mapping"),
         ({"position": {"topik": "x"}}, "unknown key 'topik'; known are constant, field, offset"),
-        ({"sim_force": {"topic": "x"}}, "signal 'sim_force': 'type' is missing; give topic, type and field"),
+        ({"sim_force": {"topic": "x"}}, "signal 'sim_force': 'type' is missing; set topic, type and field"),
         ({"force": {"topic": ""}}, "'topic' is missing"),
         ({"force": {"type": "Float64"}}, "type 'Float64' is not of the form package/msg/Type"),
         ({"force": {"scale": 0}}, "scale is 0; expected the factor"),

@@ -202,7 +202,7 @@ def test_a_repeated_stamp_changes_nothing_and_a_clock_set_back_starts_anew() -> 
     [
         ({"low_A": 2.0, "high_A": 1.0}, "lower limit first"),
         ({"safe_A": 3.0}, "within 0 to 2 A"),
-        ({"loop_gain_1_s": -1.0}, "from 0 on"),
+        ({"loop_gain_1_s": -1.0}, "expected at least 0"),
         ({"rate_A_s": 0.0}, "above 0"),
         ({"preview_s": nan}, "finite"),
     ],

@@ -45,7 +45,7 @@ def test_a_stable_model_is_accepted_and_told_once() -> None:
 def test_an_unstable_model_is_refused_with_the_reason() -> None:
     reload = ModelReload()
     reload.start(unstable(), "worn.json", [PROVE])
-    assert verdict_of(reload).error.startswith("worn.json: its past forces are not proved to count for less than one")
+    assert verdict_of(reload).error.startswith("worn.json: it is not proved to be a contraction")
 
 
 def test_without_a_check_it_is_accepted_at_once() -> None:
