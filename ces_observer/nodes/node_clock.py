@@ -12,7 +12,7 @@ from rclpy.node import Node
 from ces_observer.clock_watch import ClockWatch
 
 BACKWARD = Duration(nanoseconds=-1_000_000)
-# /clock of a fast replay advances in large steps, which are no jumps. Shorter jumps of the samples show in their stamps.
+# The steps of /clock in a fast replay are no jumps. The samples' stamps show shorter jumps.
 FORWARD = Duration(seconds=5)
 CHANGES = {
     ClockChange.ROS_TIME_ACTIVATED: "simulated time was switched on",

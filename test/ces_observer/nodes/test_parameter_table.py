@@ -38,7 +38,7 @@ def test_defaults_are_allowed_and_described(name: str) -> None:
         ("cost_window_s", 2, "'cost_window_s' is 2; expected 3 to 3600"),
         ("cost_window_s", 5.0, "'cost_window_s' is 5.0; expected a whole number"),
         ("allow_uncertified", 1, "'allow_uncertified' is 1; expected a truth value"),
-        ("model", None, "'model' is None; expected a text"),
+        ("model", None, "'model' is None; expected a string"),
     ],
 )
 def test_wrong_values_say_what_was_expected(name: str, value: object, told: str) -> None:
