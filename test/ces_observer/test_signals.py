@@ -39,7 +39,7 @@ def test_path_finds_the_number(message, path, value):
         (NESTED, "label", "is a str, not a number"),
     ],
 )
-def test_path_that_is_not_there_is_told(message, path, told):
+def test_a_missing_path_raises(message, path, told):
     with pytest.raises(SignalsError, match=told) as caught:
         FieldPath.parse(path).read(message)
     assert f"field '{path}'" in str(caught.value)
@@ -122,7 +122,7 @@ def test_other_parameters_of_a_node_are_ignored():
         ({"current": {"field": "a["}}, r"field path 'a\['"),
     ],
 )
-def test_mistake_is_told(mapping, told):
+def test_a_mistake_raises_one_line(mapping, told):
     with pytest.raises(SignalsError, match=told):
         Signals.from_mapping(mapping, "here")
 

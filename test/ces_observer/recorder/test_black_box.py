@@ -83,8 +83,8 @@ def test_the_offline_programs_open_the_recording(tmp_path: Path, capsys: pytest.
     assert set(recording.channel("current").values) == {0.5}
     assert set((position.stamps_ns - START) % MS) == {0}  # header stamps, not times of arrival
     assert main.main(["info", str(box.saved)]) == 0
-    told = capsys.readouterr().out
-    assert "/measured_force" in told and "/observer/estimate" in told
+    text = capsys.readouterr().out
+    assert "/measured_force" in text and "/observer/estimate" in text
 
 
 def test_memory_is_bounded_by_bytes_and_by_time(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_what_an_interrupted_recording_left_is_removed(tmp_path: Path) -> None:
     assert not left.exists()
 
 
-def test_a_folder_that_cannot_be_is_told_and_survived(tmp_path: Path) -> None:
+def test_an_impossible_folder_is_reported_and_survived(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     box = black_box(tmp_path / "file" / "records", pause_s=0.0)
     for _ in range(2):
@@ -181,7 +181,7 @@ def test_a_folder_that_cannot_be_is_told_and_survived(tmp_path: Path) -> None:
         assert box.saved is None
 
 
-def test_a_full_disk_is_told_and_survived(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_and_survived(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(record_folder.shutil, "disk_usage", lambda path: SimpleNamespace(free=100 << 20))
     box = black_box(tmp_path, pause_s=0.0)
     box.save("drift", START, {})
@@ -223,7 +223,7 @@ def test_older_bags_that_cannot_be_removed_do_not_hide_the_new_one(
     assert box.problem == f"{tmp_path}: an older recording cannot be removed: Permission denied"
 
 
-def test_close_completes_what_was_asked_for(tmp_path: Path) -> None:
+def test_close_completes_a_started_recording(tmp_path: Path) -> None:
     box = black_box(tmp_path)
     box.close()
     assert list(tmp_path.iterdir()) == []
