@@ -206,7 +206,7 @@ def test_a_model_without_constructed_inputs_does_not_mention_them():
 def test_two_of_a_name_are_refused():
     other = replace(STOP, half_width=0.1)
     terms = (Term(1.0, (of("hysteresis"),)), Term(1.0, (Factor("hysteresis", 0, 1.0, True, other),)))
-    with pytest.raises(ModelError, match="'hysteresis': defined twice"):
+    with pytest.raises(ModelError, match="'hysteresis': two different definitions"):
         model(*terms).to_json()
 
 
@@ -221,7 +221,7 @@ def test_two_of_a_name_are_refused():
         (1, {"name": "speed"}, "name 'speed'; expected up to 40"),
         (1, {"name": "a_p0_5"}, "name 'a_p0_5'"),
         (1, {"name": "x; #"}, "name 'x; #'"),
-        (1, {"name": "frequency"}, "name 'frequency' is taken"),
+        (1, {"name": "frequency"}, "name 'frequency' occurs twice"),
         (0, {"range_Hz": [5.0, 5.0]}, r"range_Hz is \[5, 5\]"),
         (0, {"range_Hz": [0.0, 5.0]}, r"range_Hz is \[0, 5\]"),
         (0, {"time_constant_s": 0.0}, "time_constant_s is 0.0"),
