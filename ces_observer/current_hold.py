@@ -1,8 +1,7 @@
-"""The current that holds at a position sample: the newest one stamped no later, if it is not too old.
+"""The current hold: the current at a position sample is the newest one stamped no later, if it is not too old.
 
-Stamped currents go in as they arrive; `at` gives the current for a position's stamp, by the same rule as offline
-(`ces_identify.preparation.series.hold_current`). A short history is kept because position and current come in separate
-queues, so that a current may arrive before a position that was measured earlier.
+The rule is the same offline (`ces_identify.preparation.series.hold_current`). A short history is kept because position
+and current come in separate queues, so that a current may arrive before a position that was measured earlier.
 """
 
 from __future__ import annotations
@@ -10,14 +9,12 @@ from __future__ import annotations
 from bisect import bisect_right
 from math import isfinite, nan
 
-HISTORY = 4096  # currents kept: more than a subscription's queue holds, so that a burst of them loses none
-JUMP_NS = 1_000_000_000  # a current stamped this much earlier than the newest one means that its clock was set back
+HISTORY = 4096  # currents kept: more than a subscription's queue holds, so that a burst loses none
+JUMP_NS = 1_000_000_000  # a current stamped this much before the newest one shows that its clock was set back
 
 
 class CurrentHold:
     """Newest current [A] at or before a stamp [ns], NaN if there is none or it is older than `max_age_s`."""
-
-    __slots__ = ("_max_age_ns", "_stamps", "_values")
 
     def __init__(self, max_age_s: float) -> None:
         self._max_age_ns = round(max_age_s * 1e9)
@@ -25,14 +22,14 @@ class CurrentHold:
         self._values: list[float] = []
 
     def with_max_age(self, max_age_s: float) -> CurrentHold:
-        """Return another view of the same currents, now and to come, under another age limit."""
+        """Return a view of the same currents, present and future, with another age limit."""
         view = CurrentHold(max_age_s)
         view._stamps, view._values = self._stamps, self._values
         return view
 
     @property
     def newest_ns(self) -> int | None:
-        """The latest stamp of a current that is known [ns]."""
+        """The latest stamp of a known current [ns]."""
         return self._stamps[-1] if self._stamps else None
 
     def reset(self) -> None:
@@ -41,7 +38,7 @@ class CurrentHold:
         self._values.clear()
 
     def add(self, stamp_ns: int, current_A: float) -> None:
-        """Take a current; one that is not finite counts as not received."""
+        """Add a current; one that is not finite is ignored."""
         if not isfinite(current_A):
             return
         stamps = self._stamps
@@ -61,7 +58,7 @@ class CurrentHold:
         return self._values[newest]
 
     def explain(self, stamp_ns: int) -> str:
-        """Return why `at` gives NaN at `stamp_ns`; empty if no current was received at all."""
+        """Return why `at` returns NaN at `stamp_ns`; empty if no current was received at all."""
         if not self._stamps:
             return ""
         newest = bisect_right(self._stamps, stamp_ns) - 1
@@ -69,33 +66,25 @@ class CurrentHold:
         if newest < 0:
             ahead = (self._stamps[0] - stamp_ns) * 1e-9
             question = ": are both on one clock?" if ahead > limit else ""
-            return f"the position was measured {ahead:.3g} s before the first current that is known" + question
+            return f"the position was measured {ahead:.3g} s before the first known current" + question
         age = (stamp_ns - self._stamps[newest]) * 1e-9
         return f"the newest current is {age:.3g} s older than the position; the model allows {limit:g} s"
 
 
-class ConstantCurrent:
-    """A current that is known and not measured, such as the 0 A of a passive damper."""
-
-    __slots__ = ("_value",)
+class ConstantCurrent(CurrentHold):
+    """A known current that is not measured, such as the 0 A of a passive damper; it does not age."""
 
     def __init__(self, current_A: float) -> None:
+        super().__init__(0.0)
         self._value = current_A
 
-    def with_max_age(self, max_age_s: float) -> ConstantCurrent:
-        """Return itself: it does not age."""
-        del max_age_s
+    def with_max_age(self, max_age_s: float) -> CurrentHold:
+        """Return itself."""
         return self
 
-    def reset(self) -> None:
-        """Do nothing: a constant current cannot be forgotten."""
+    def add(self, stamp_ns: int, current_A: float) -> None:
+        """Ignore a received current."""
 
     def at(self, stamp_ns: int) -> float:
         """Return the current [A]."""
-        del stamp_ns
         return self._value
-
-    def explain(self, stamp_ns: int) -> str:
-        """Return nothing: a constant current is always there."""
-        del stamp_ns
-        return ""

@@ -1,15 +1,15 @@
-"""One damper as the observer node sees it: samples in, a force or a reason why not out, and counts for its health.
+"""The observer of one damper: samples in; a force, or the reason why it is withheld, and counts for diagnostics out.
 
-It knows no ROS: stamps are integers, and the node's clock comes in as an argument. Its model can be replaced while it
-runs: the new one warms up beside the old one, on the same samples, and takes over between two of them.
+It does not use ROS: stamps are integers, and the node's time is an argument. The model can be replaced at run time: the
+new one warms up on the same samples beside the old one and takes over between two samples.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 
-from ces_observer.current_hold import ConstantCurrent, CurrentHold
+from ces_observer.current_hold import CurrentHold
 from ces_observer.estimator import UNBOUNDED, Estimator
 from ces_observer.model import Model
 from ces_observer.tracker import OK, OUT_OF_ORDER
@@ -22,29 +22,28 @@ OFF_CLOCK = "position stamps are off the node's clock"
 
 @dataclass
 class Tally:
-    """Counts since the start: position samples, forces given, of these with clamped inputs, and withheld by reason."""
+    """Counts since the start: position samples, forces, forces from clamped inputs, and withheld forces by reason."""
 
     samples: int = 0
     estimates: int = 0
     clamped: int = 0
-    unreadable: int = 0  # messages of either signal without the described field
+    unreadable: int = 0  # position or current messages without the configured field
     withheld: dict[str, int] = field(default_factory=dict)
 
     def copy(self) -> Tally:
-        """Return the counts as they are now."""
-        return Tally(self.samples, self.estimates, self.clamped, self.unreadable, dict(self.withheld))
+        """Return the present counts."""
+        return replace(self, withheld=dict(self.withheld))
 
 
 class DamperObserver:
-    """The estimator of one damper with the current that holds for it.
+    """The estimator and current hold of one damper.
 
-    After `step`: `reason` is "ok" or why the force was withheld, `position` [m] and `speed` [m/s] what was used.
-    `max_age_s` is the largest difference between a position's stamp and the node's clock, in either direction,
-    at which its force is still given; 0 switches that check off. The estimator itself runs on, so a replay gives
-    the same forces whether or not they are given.
+    After `step`: `reason` is "ok" or why the force was withheld; `position` [m] and `speed` [m/s] are the values used.
+    `max_age_s` is the largest difference between a position's stamp and the node's clock, in either direction, at
+    which its force is returned; 0 switches the check off. The estimator runs on while forces are withheld.
     """
 
-    def __init__(self, model: Model, current: CurrentHold | ConstantCurrent, max_age_s: float) -> None:
+    def __init__(self, model: Model, current: CurrentHold, max_age_s: float) -> None:
         self.model = model
         self.current = current
         self.tally = Tally()
@@ -60,11 +59,11 @@ class DamperObserver:
         self.set_max_age(max_age_s)
 
     def set_max_age(self, max_age_s: float) -> None:
-        """Set the largest difference [s] between stamp and clock; 0 for any."""
+        """Set the largest difference [s] between stamp and clock; 0: any."""
         self._max_age_ns = round(max_age_s * 1e9)
 
     def load(self, model: Model) -> None:
-        """Let `model` take over as soon as it has warmed up; one that was still warming up is dropped for it."""
+        """Let `model` take over as soon as it has warmed up, instead of any other that was still warming up."""
         self._next = Estimator(model)
         self._next_current = self.current.with_max_age(model.sampling.max_current_age_s)
 
@@ -74,7 +73,7 @@ class DamperObserver:
         return self._next.model if self._next is not None else None
 
     def reset(self) -> None:
-        """Forget every sample and current, as after a jump of time; counts and models stay."""
+        """Forget all samples and currents, as after a time jump; keep counts and models."""
         self.current.reset()
         self._estimator.reset()
         if self._next is not None:
@@ -83,10 +82,9 @@ class DamperObserver:
             self.reason = self._estimator.reason
 
     def take_current(self, stamp_ns: int, current_A: float) -> None:
-        """Take a current sample; ignored if the current is constant."""
+        """Add a current sample."""
         self.current_error = "" if isfinite(current_A) else f"the current is {current_A}"
-        if isinstance(self.current, CurrentHold):
-            self.current.add(stamp_ns, current_A)
+        self.current.add(stamp_ns, current_A)
 
     def step(self, stamp_ns: int, position_m: float, now_ns: int) -> float | None:
         """Return the force [N] at `stamp_ns`, or None with `reason` set; `now_ns` is the node's clock."""
@@ -96,11 +94,12 @@ class DamperObserver:
         current = self.current.at(stamp_ns)
         force = self._estimator.step(stamp_ns, position_m, current)
         if self._next is not None:
-            current_then = self._next_current.at(stamp_ns)
-            force_then = self._next.step(stamp_ns, position_m, current_then)
-            if force_then is not None and isfinite(force_then):
-                self._take_over(self._next)
-                force, current = force_then, current_then
+            next_current = self._next_current.at(stamp_ns)
+            next_force = self._next.step(stamp_ns, position_m, next_current)
+            if next_force is not None and isfinite(next_force):
+                force, current = next_force, next_current
+                self._estimator, self._next = self._next, None
+                self.model, self.current = self._estimator.model, self._next_current
         self.position, self.speed = self._estimator.position, self._estimator.speed
         self.reason = self._decide_reason(force, position_m, current)
         if self.reason != OK:
@@ -110,26 +109,22 @@ class DamperObserver:
         self.tally.clamped += self._estimator.clamped
         return force
 
-    def _take_over(self, estimator: Estimator) -> None:
-        self._estimator, self._next = estimator, None
-        self.model, self.current = estimator.model, self._next_current
-
     def count_unreadable_position(self, error: str) -> None:
-        """Count a position message without the described field; only silence that follows makes it a reason."""
+        """Count a position message without the configured field; it explains a later silence."""
         self.tally.unreadable += 1
         self.position_error = error
 
     def count_unreadable_current(self, error: str) -> None:
-        """Count a current message without the described field; a current that grows too old makes it a reason."""
+        """Count a current message without the configured field; it explains a later lack of current."""
         self.tally.unreadable += 1
         self.current_error = error
 
     def report_silence(self) -> None:
-        """Tell that no position sample has come for too long."""
+        """Set the reason to SILENT: no position sample has arrived for too long."""
         self.reason = SILENT
 
     def explain(self) -> str:
-        """Return what there is to add to `reason`, empty if nothing."""
+        """Return details of `reason`, empty if there are none."""
         if self.reason == SILENT:
             return self.position_error
         if self.reason == NO_CURRENT:
@@ -140,7 +135,7 @@ class DamperObserver:
 
     def _decide_reason(self, force: float | None, position: float, current: float) -> str:
         late = self._max_age_ns and abs(self.age_ns) > self._max_age_ns
-        # One sum instead of five questions: it is finite only if each of them is.
+        # One sum instead of five tests: it is finite only if all terms are.
         if force is not None and not late and isfinite(force + position + current + self.position + self.speed):
             return OK
         return self._find_reason(force, position, current)

@@ -1,11 +1,11 @@
-"""Speed from position, causally: an observer of constant acceleration (or constant speed) that tolerates jitter.
+"""The differentiator: a causal filter that computes speed from position and tolerates jitter.
 
-Position samples with their intervals go in; filtered position, speed and acceleration come out at each sample's time.
-It is the steady-state Kalman filter of a chain of `order` integrators driven by white noise, whose poles form a
-Butterworth pattern of radius `bandwidth`; see Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking
-and Navigation, sec. 6.5. Order 3 (white jerk) has no delay at low frequency; order 2 (white acceleration) lags by
-1.41 / (2 pi bandwidth) but does not amplify what lies near the bandwidth. Placing the poles anew for each interval
-keeps the bandwidth at any sampling rate. docs/differentiator.md says why this one.
+Position samples and their intervals go in; filtered position, speed and acceleration at each sample come out. It is
+the steady-state Kalman filter of a chain of `order` integrators driven by white noise; its poles form a Butterworth
+pattern of radius `bandwidth` (Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation,
+sec. 6.5). Order 3 (white jerk) has no delay at low frequency; order 2 (white acceleration) lags by
+1.41 / (2 pi bandwidth) but does not amplify signals near the bandwidth. The poles are placed again when the interval
+changes, so the bandwidth is the same at any sampling rate. docs/differentiator.md compares the alternatives.
 """
 
 from __future__ import annotations
@@ -19,20 +19,6 @@ ORDERS = (2, 3)
 
 class Differentiator:
     """Filtered position [m], speed [m/s] and acceleration [m/s2, 0 in order 2] after each `step`."""
-
-    __slots__ = (
-        "_decay",
-        "_interval",
-        "_product",
-        "_second",
-        "_turn",
-        "_twice_third",
-        "acceleration",
-        "bandwidth_Hz",
-        "order",
-        "position",
-        "speed",
-    )
 
     def __init__(self, bandwidth_Hz: float, order: int = 3) -> None:
         if not (isfinite(bandwidth_Hz) and bandwidth_Hz > 0.0):
@@ -48,7 +34,7 @@ class Differentiator:
         self.reset(0.0)
 
     def reset(self, position: float) -> None:
-        """Start anew at rest at `position` [m]."""
+        """Restart at rest at `position` [m]."""
         self.position = position
         self.speed = 0.0
         self.acceleration = 0.0
@@ -62,7 +48,7 @@ class Differentiator:
         self.correct(interval, position, position - self.predict(interval))
 
     def correct(self, interval: float, position: float, innovation: float) -> None:
-        """Take a step whose `innovation` [m], position less what was predicted, is known already."""
+        """Take a step whose `innovation` [m], the position minus its prediction, is known already."""
         if interval != self._interval:
             self._place_poles(interval)
         self.speed += interval * self.acceleration + self._second * innovation / interval
@@ -70,7 +56,7 @@ class Differentiator:
         self.position = position - self._product * innovation
 
     def _place_poles(self, interval: float) -> None:
-        """Set the gains for `interval`, kept for as long as samples come evenly."""
+        """Set the gains for `interval`; they stay while the interval does."""
         radius = exp(self._decay * interval)
         pair = 2.0 * radius * cos(self._turn * interval)
         square = radius * radius

@@ -1,8 +1,8 @@
-"""The one error family: a mistake in what the user gave, told in a line they can act on."""
+"""The common base of all errors that a user can correct."""
 
 
 class CesError(Exception):
-    """What is wrong, where, what was expected and what to do, in one line; programs print it and exit with status 2."""
+    """One line: what is wrong, where, what was expected, what to do. Programs print it and exit with status 2."""
 
 
 class SignalsError(CesError):

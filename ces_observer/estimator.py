@@ -1,7 +1,7 @@
-"""The estimator that rides on the vehicle: stamped position and current in, damping force out, or a reason why not.
+"""The estimator: stamped position and current in; damping force, or the reason why there is none, out.
 
-It is driven by position samples alone, keeps no clock of its own, and gives the same forces in real time, in
-simulated time and offline (`ces_identify.simulations.simulate.replayed_force` is its batch form).
+It is driven by position samples alone and has no clock, so its forces are the same in real time, in simulated time and
+offline (`ces_identify.simulations.simulate.replayed_force` is its batch form).
 """
 
 from __future__ import annotations
@@ -16,26 +16,11 @@ UNBOUNDED = "force left its envelope"
 
 
 class Estimator:
-    """Damping force of one damper, sample by sample.
+    """Estimates the force of one damper, sample by sample.
 
     After `step`: `reason` is "ok" or why the force was withheld; `position` [m] and `speed` [m/s] are the filtered
-    values at the last accepted sample, as the model used them; `clamped` tells whether the inputs lay outside what the
-    model was identified on.
+    values at the last accepted sample, as the model used them.
     """
-
-    __slots__ = (
-        "_limits",
-        "_newest",
-        "_predictor",
-        "_previous",
-        "_tracker",
-        "_wait",
-        "_warm_up",
-        "model",
-        "position",
-        "reason",
-        "speed",
-    )
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -48,11 +33,14 @@ class Estimator:
     def reset(self) -> None:
         """Bring the estimator back to new."""
         self._tracker.reset()
+        self._restart_model()
+        self.position = self.speed = 0.0
+        self.reason = WARMING_UP
+
+    def _restart_model(self) -> None:
         self._predictor.reset()
         self._wait = self._warm_up
         self._newest = self._previous = 0.0
-        self.position = self.speed = 0.0
-        self.reason = WARMING_UP
 
     @property
     def clamped(self) -> bool:
@@ -69,9 +57,7 @@ class Estimator:
             return None
         outcome = self._tracker.advance(stamp_ns, position_m)
         if outcome == RESTARTED:
-            self._predictor.reset()
-            self._wait = self._warm_up
-            self._newest = 0.0
+            self._restart_model()
         elif outcome not in (OK, UNSETTLED):
             self.reason = outcome
             return None
@@ -88,7 +74,8 @@ class Estimator:
             self._wait -= 1
             force = self._predictor.tick(position, speed, current)
             if force == inf:
-                self._give_up()
+                self._restart_model()
+                self.reason = UNBOUNDED
                 return None
             self._previous, self._newest = self._newest, force
         if self._wait >= 0:
@@ -98,9 +85,3 @@ class Estimator:
         force = self._newest + (self._newest - self._previous) * tracker.ahead
         low, high = self._limits
         return low if force < low else high if force > high else force
-
-    def _give_up(self) -> None:
-        self._predictor.reset()
-        self._wait = self._warm_up
-        self._newest = self._previous = 0.0
-        self.reason = UNBOUNDED

@@ -1,4 +1,4 @@
-"""Reading untrusted structured data one checked value at a time, and writing files that are never half there."""
+"""Checked reading of untrusted JSON, one value at a time, and writing of files as a whole or not at all."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ces_observer.errors import CesError, ModelError
 
 
 class JsonObject:
-    """A JSON object with the place it stands at, so that every error can say where and what was expected."""
+    """A JSON object and its place in a file, which every error names; getters raise ModelError."""
 
     def __init__(self, value: object, where: str) -> None:
         if not isinstance(value, Mapping):
-            raise ModelError(f"{where}: {_shorten(value)} found; expected an object")
+            raise ModelError(f"{where}: found {_shorten(value)}; expected an object")
         self.value = value
         self.where = where
 
     def require_only_keys(self, *keys: str) -> None:
-        """Raise ModelError if there is a key that is none of `keys`: a misspelt one would otherwise say nothing."""
+        """Raise ModelError if there is a key that is not in `keys`, such as a misspelt one."""
         unknown = next((key for key in self.value if key not in keys), None)
         if unknown is not None:
             raise ModelError(f"{self.where}: unknown key {_shorten(unknown)}; known are {', '.join(keys)}")
@@ -43,7 +43,7 @@ class JsonObject:
         """Return the string under `key`."""
         value = self._get(key)
         if not isinstance(value, str):
-            raise self._value_error(key, "a text")
+            raise self._value_error(key, "a string")
         return value
 
     def choice(self, key: str, among: Sequence[str]) -> str:
@@ -112,15 +112,15 @@ class JsonObject:
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write `content` (texts as UTF-8) to a temporary file beside `path` and rename it: `path` is whole or untouched.
+    """Write `content` (a string as UTF-8) to a temporary file beside `path` and rename that.
 
-    Raises CesError naming the path if the folder is missing, read-only or full.
+    Raises CesError naming the path if the folder is missing, read-only or full; `path` is then unchanged.
     """
     write_all_atomically({Path(path): content})
 
 
 def write_all_atomically(files: Mapping[Path, str | bytes]) -> None:
-    """Write files that belong together, as `write_atomically`: none is renamed before all are written."""
+    """Write files that belong together like `write_atomically`: none is renamed before all are written."""
     ready: dict[Path, Path] = {}
     try:
         for path, content in files.items():
@@ -134,7 +134,7 @@ def write_all_atomically(files: Mapping[Path, str | bytes]) -> None:
 
 
 def _write_temporary(path: Path, content: str | bytes, ready: dict[Path, Path]) -> None:
-    """Write a temporary file beside `path`, named in `ready` from the moment it exists."""
+    """Write a temporary file beside `path`; `ready` names it as soon as it exists."""
     with _explain_write_errors(path):
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         ready[path] = Path(temporary)
@@ -150,7 +150,7 @@ def _explain_write_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise CesError(f"{path}: cannot be written: {error.strerror}; choose a folder that can be") from None
+        raise CesError(f"{path}: cannot be written: {error.strerror}; choose a writable folder") from None
 
 
 def _is_finite(value: object) -> bool:

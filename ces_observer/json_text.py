@@ -1,6 +1,6 @@
-"""JSON from anywhere, a file or a topic: text in, plain values out that are bounded in size and can be written again.
+"""Strict parsing of JSON from a file or a topic: text in; plain values out, bounded in size.
 
-Stricter than the `json` module, which takes a key twice, NaN, infinities, and texts that no file can hold.
+Unlike the `json` module it rejects repeated keys, NaN, infinities, and strings that UTF-8 cannot encode.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ LARGEST_WHOLE = 2**63
 
 
 def read_bounded(path: Path, max_bytes: int) -> str:
-    """Return the text of a regular file, of which no more than `max_bytes` are read.
+    """Return the text of a file, reading at most `max_bytes` and one more.
 
-    Raises OSError, and ModelError naming the file if it is none, too large or not UTF-8.
+    Raises OSError, and ModelError naming the file if it is not a regular file, too large or not UTF-8.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise ModelError(f"{path}: not a regular file; expected a JSON file")
     except ValueError as error:  # a NUL in the name
-        raise ModelError(f"{str(path)!r}: not the name of a file: {error}") from None
+        raise ModelError(f"{str(path)!r}: not a file name: {error}") from None
     with path.open("rb") as file:
         raw = file.read(max_bytes + 1)
     if len(raw) > max_bytes:
@@ -56,15 +56,15 @@ def _too_deep_error(where: str) -> ModelError:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    values = dict(pairs)
+    if len(values) < len(pairs):
         twice = Counter(key for key, _ in pairs).most_common(1)[0][0]
-        raise ValueError(f"key {_shorten(twice)} is given twice; keep one")
-    return found
+        raise ValueError(f"key {_shorten(twice)} occurs twice; keep one")
+    return values
 
 
 def _check(value: object, where: str, depth: int) -> None:
-    """Raise ModelError at what is too deep, too long, too large, or cannot be written again."""
+    """Raise ModelError at a value that is too deep, too long, too large, or cannot be written again."""
     match value:
         case str():
             _check_text(value, where)
@@ -90,7 +90,7 @@ def _check_all(values: dict[str, Any] | list[Any], where: str, depth: int) -> No
 
 def _check_text(text: str, where: str) -> None:
     if len(text) > LONGEST_TEXT:
-        raise ModelError(f"{where}: a text of {len(text)} characters; expected at most {LONGEST_TEXT}")
+        raise ModelError(f"{where}: a string of {len(text)} characters; expected at most {LONGEST_TEXT}")
     if any("\ud800" <= character <= "\udfff" for character in text):
         raise ModelError(f"{where}: {_shorten(text)} has half of a surrogate pair; expected whole characters")
 

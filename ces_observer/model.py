@@ -1,7 +1,7 @@
 """The model file: `model.json` in, a checked `Model` out, and back.
 
-The file is plain JSON, holds numbers and names only, is limited in size and never executed. Everything is checked
-here or by the structure, once, so that the estimator need not: keys, types, ranges, and what a tick may cost.
+The file is plain JSON of numbers and names, limited in size and never executed. Keys, types, ranges and the cost of a
+tick are checked once, here or by the structure, so that the estimator need not check them.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ SCHEMA = "ces-model/1"
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
 KEYS = ("schema", "structure", "units", "sampling", "input_envelope", "force_envelope_N", "certificate", "provenance")
 MAX_BYTES = 1_000_000
-MAX_INPUT = 1e6  # [m, m/s, A] and [N]: beyond any damper, and far from where powers overflow
+MAX_INPUT = 1e6  # [m, m/s, A]: beyond any damper, and far from where powers overflow
 MAX_FORCE_N = 1e9
-MAX_GAP_TICKS = 20_000  # what one position sample after the longest bridged gap may cost
+MAX_GAP_TICKS = 20_000  # that one position sample may have to compute, after the longest bridged gap
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How irregular samples become the model's uniform ticks; the same numbers rule offline and on the vehicle."""
+    """How irregular samples become the model's uniform ticks, both offline and on the vehicle."""
 
     rate_Hz: float
     bandwidth_Hz: float  # [Hz] of the differentiator
     outlier_m: float  # [m] a position further than this from its prediction is dropped
     max_gap_s: float = 0.05  # [s] a longer silence restarts the estimator
-    max_current_age_s: float = 0.2  # [s] an older current is no current
-    warm_up_s: float = 0.5  # [s] withheld, and left out of costs, after each restart
+    max_current_age_s: float = 0.2  # [s] an older current is not used
+    warm_up_s: float = 0.5  # [s] after each restart: forces are withheld, and not scored
     order: int = 3  # of the differentiator: 2 (white acceleration) or 3 (white jerk)
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """Range of each input the model was identified on; inputs are clamped to it."""
+    """Range of each input in the identification data, widened a little; inputs are clamped to it."""
 
     position_m: Range
     speed_m_s: Range
@@ -58,9 +58,9 @@ class Envelope:
 
 @dataclass(frozen=True)
 class Model:
-    """A force model ready to run: force [N] from position [m], speed [m/s] and current [A] at `sampling.rate_Hz`.
+    """A force model: force [N] from position [m], speed [m/s] and current [A] at `sampling.rate_Hz`.
 
-    `body` is the structure that makes the force; all else is the same for every structure.
+    `body` is the structure that computes the force; the rest is the same for every structure.
     """
 
     sampling: Sampling
@@ -72,12 +72,12 @@ class Model:
 
     @property
     def structure(self) -> str:
-        """What the model file calls the structure."""
+        """Name of the structure in the model file."""
         return self.body.name
 
     @property
     def size(self) -> str:
-        """How large the model is, for people."""
+        """The model's size, in words."""
         return self.body.size
 
     @property
@@ -87,19 +87,19 @@ class Model:
 
     @property
     def operating_range(self) -> OperatingRange:
-        """What its structure is run and proved for."""
+        """The rate and ranges for which its structure is run and proved."""
         return OperatingRange(self.sampling.rate_Hz, self.envelope.by_signal, self.force_envelope_N)
 
     def make_predictor(self) -> Predictor:
-        """Return its free run, at its beginning."""
+        """Return a new free run."""
         return self.body.make_predictor(self.operating_range)
 
     def certify(self) -> Certificate:
-        """Return what can be proved of its stability."""
+        """Return the certificate of its stability."""
         return self.body.certify(self.operating_range)
 
     def is_stable(self) -> bool:
-        """Prove anew, and no more than needed, that it cannot lose stability: what a vehicle asks of a model."""
+        """Return whether it can be proved stable, whatever its file claims; faster than `certify`."""
         return self.body.is_stable(self.operating_range)
 
     def to_json(self) -> str:
@@ -118,16 +118,16 @@ class Model:
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
     def save(self, path: str | Path) -> None:
-        """Write the model file beside `path`, then rename it into place."""
+        """Write the model file, as a whole or not at all; raises CesError."""
         write_atomically(Path(path), self.to_json())
 
     def digest(self) -> str:
-        """Return the SHA-256 of the model file's text, by which a running observer names its model."""
+        """Return the SHA-256 of the model file's text, which diagnostics show."""
         return hashlib.sha256(self.to_json().encode()).hexdigest()
 
 
 def load_model(path: str | Path) -> Model:
-    """Read and check a model file; raises ModelError naming the file and the key that is wrong."""
+    """Read and check a model file; raises ModelError naming the file and the wrong key."""
     path = Path(path)
     try:
         text = read_bounded(path, MAX_BYTES)
@@ -145,7 +145,9 @@ def parse_model(text: str, source: str) -> Model:
     root = JsonObject(parse_json(text, source), source)
     schema = root.text("schema")
     if schema != SCHEMA:
-        raise ModelError(f"{source}: schema is {schema[:40]!r}; this version reads '{SCHEMA}': identify the model anew")
+        raise ModelError(
+            f"{source}: schema is {schema[:40]!r}; this version reads '{SCHEMA}': identify the model again"
+        )
     structure = STRUCTURES[root.choice("structure", tuple(STRUCTURES))]
     if root.value.get("units", UNITS) != UNITS:
         raise ModelError(f"{source}: units are not those of '{SCHEMA}'; expected {UNITS}")

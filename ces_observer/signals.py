@@ -1,7 +1,7 @@
-"""Where each signal is found: topic, message type and the path to a number inside the message.
+"""The signals file: it maps each signal to its topic, message type and field.
 
-A signals description (nested mapping, from the parameters of a node or from a YAML file) goes in; `Signals` comes out.
-Node and offline programs share it, so both read the same number from the same message.
+A nested mapping, from a node's parameters or a YAML file, goes in; `Signals` come out. Node and offline programs share
+it, so both read the same number from the same message.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ LARGEST = 1e30  # scale, offset or constant: beyond any unit, and far from overf
 _STEP = re.compile(r"([A-Za-z]\w*)(?:\[ *([^\[\] ][^\[\]]*)\])?\Z", re.ASCII)
 _INDEX = re.compile(r"[0-9]{1,9}", re.ASCII)
 _TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*\Z", re.ASCII)
-_PLACE = {"topic", "type", "field"}
-_KEYS = {*_PLACE, "scale", "offset", "constant"}
+_SOURCE = {"topic", "type", "field"}
+_KEYS = {*_SOURCE, "scale", "offset", "constant"}
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class FieldPath:
 
     @classmethod
     def parse(cls, text: str) -> FieldPath:
-        """Read a path; raises SignalsError if it is not dotted names with an optional [index or joint name] each."""
+        """Parse dotted field names, each with an optional [index or joint name]; raises SignalsError."""
         steps: list[tuple[str, int | str | None]] = []
         for part in str(text).split("."):
             match = _STEP.match(part.strip())
@@ -54,7 +54,7 @@ class FieldPath:
         return cls(str(text), tuple(steps))
 
     def read(self, message: object) -> float:
-        """Return the number at this path of `message`; raises SignalsError naming the part that is not there."""
+        """Return the number at this path of `message`; raises SignalsError naming the missing part."""
         value: Any = message
         for name, element in self.steps:
             parent, value = value, getattr(value, name, None)
@@ -106,7 +106,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Constant:
-    """A signal that is not recorded but known, such as the current of a passive damper (0 A)."""
+    """A signal with a known constant value, such as the current of a passive damper (0 A)."""
 
     name: str
     value: float
@@ -114,15 +114,15 @@ class Constant:
 
 @dataclass(frozen=True)
 class Signals:
-    """All described signals by name; `position` and `current` are always there."""
+    """All signals by name; `position` and `current` are always present."""
 
     by_name: Mapping[str, Signal | Constant]
     source: str = "defaults"
 
     def __getitem__(self, name: str) -> Signal | Constant:
-        """Return the signal called `name`; raises SignalsError if it is not described."""
+        """Return the signal `name`; raises SignalsError if it is missing."""
         if name not in self.by_name:
-            raise SignalsError(f"{self.source}: no signal '{name}'; described are {', '.join(self.by_name)}")
+            raise SignalsError(f"{self.source}: no signal '{name}'; known are {', '.join(self.by_name)}")
         return self.by_name[name]
 
     def list_topic_signals(self) -> tuple[Signal, ...]:
@@ -133,20 +133,20 @@ class Signals:
     def from_mapping(cls, mapping: Mapping[str, Any], source: str) -> Signals:
         """Build from `{signal: {topic, type, field, scale, offset} | {constant}}`; missing keys take the defaults.
 
-        Keys that are no signal's name are other parameters of a node and are ignored. Raises SignalsError.
+        Other keys are ignored: they are a node's other parameters. Raises SignalsError.
         """
-        described = [name for name in NAMES if name in mapping or name in DEFAULTS]
-        return cls({name: _signal(name, mapping.get(name, {}), source) for name in described}, source)
+        names = [name for name in NAMES if name in mapping or name in DEFAULTS]
+        return cls({name: _signal(name, mapping.get(name, {}), source) for name in names}, source)
 
 
 def override(common: Any, own: Any) -> Any:
-    """Return what describes one damper's signal: what is said for all dampers, and over it what is said for its own.
+    """Return one damper's signal: the `common` settings of all dampers, overridden by its `own`.
 
-    A topic of its own takes the place of a common constant, as its own constant takes that of a common topic.
+    A topic of its own replaces a common constant, and a constant of its own a common topic.
     """
     if not isinstance(common, Mapping) or not isinstance(own, Mapping):
         return common if own is None else own
-    if "constant" in common and "constant" not in own and not _PLACE.isdisjoint(own):
+    if "constant" in common and "constant" not in own and not _SOURCE.isdisjoint(own):
         common = {key: value for key, value in common.items() if key != "constant"}
     return {**common, **own}
 
@@ -165,7 +165,7 @@ def _signal(name: str, description: object, source: str) -> Signal | Constant:
     settings = {**DEFAULTS.get(name, {}), **description}
     for key in ("topic", "type", "field"):
         if not isinstance(settings.get(key), str) or not settings[key]:
-            raise SignalsError(f"{where}: '{key}' is missing; give topic, type and field")
+            raise SignalsError(f"{where}: '{key}' is missing; set topic, type and field")
         if len(settings[key]) > LONGEST or not settings[key].isprintable():
             raise SignalsError(
                 f"{where}: {key} is {quote(settings[key])}; expected at most {LONGEST} printable characters"
@@ -186,7 +186,7 @@ def _check_number(value: object, where: str) -> float:
 
 
 def quote(value: object) -> str:
-    """Return a value as an error quotes it: on one line, not too long."""
+    """Return a value as errors quote it: on one line and short."""
     try:
         text = repr(value[:60] if isinstance(value, str) else value)
     except ValueError:  # a whole number of thousands of digits

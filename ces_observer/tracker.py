@@ -1,26 +1,25 @@
-"""From irregular position samples to the model's uniform ticks, causally.
+"""The tracker: turns irregular position samples into the model's uniform ticks, causally.
 
-Stamps [ns] and positions [m] go in; zero or more ticks (position, speed at whole multiples of 1/rate) come out of
-each sample. Ticks up to half a period ahead of the newest sample are extrapolated by the differentiator's own
-acceleration, so a jittered stream at the model's rate gives one tick per sample and no delay; dropped samples and
-streams at other rates are bridged by interpolation. A silence longer than `max_gap_s` is never bridged.
-`ces_identify.numerics.kernels.track` is this class over whole arrays; a test holds the two together.
+Stamps [ns] and positions [m] go in; each sample yields zero or more ticks (position, speed at multiples of 1/rate).
+Ticks up to half a period ahead of the newest sample are extrapolated with the differentiator's acceleration, so a
+jittered stream at the model's rate gives one tick per sample without delay. Lost samples and other rates are
+interpolated. A silence longer than `max_gap_s` is never bridged. `ces_identify.numerics.kernels.track` computes the
+same over whole arrays; a test compares the two.
 
-A position is plausible within `outlier_m` of what the differentiator predicts. Where samples were lost it also is
-within what the piston can have moved meanwhile: where its last speed, with or without its last acceleration, has taken
-it, give or take `outlier_m` and what the largest change of speed makes in the time that no sample came. `outlier_m` is
-at least the RMS speed it was chosen on / (2 pi bandwidth) (`ces_identify.preparation.sampling`), so it tells that
-speed. The largest change is LARGEST_CHANGE times as much, from 2.5 times the RMS speed one way to as much the other,
-and takes as long as the differentiator takes to settle. Until it has settled after such a sample or a restart, its own
-speed may be as wrong, and the change is granted at once.
+A position is plausible within `outlier_m` of the differentiator's prediction. After lost samples it is also plausible
+if the piston can have reached it: from its last speed, with or without its last acceleration, to within `outlier_m`
+plus the effect of the largest change of speed while no sample came. `outlier_m` is at least the RMS speed of the
+identification data / (2 pi bandwidth) (`ces_identify.preparation.sampling`). The largest change is LARGEST_CHANGE
+times that speed, from 2.5 times the RMS speed in one direction to the same in the other, and takes as long as the
+differentiator settles. Until it has settled after such a sample or a restart, its speed may be as wrong, so the change
+is allowed at once.
 
-Caught, then: while samples come in time, what departs by more than `outlier_m`, be it a spike or a jump; after a gap,
-what no stroke could have reached. Not caught: a wrong position within that reach, which after some ten lost samples is
-much of a damper's stroke. It is taken for a motion, and the true positions after it are rejected until they are within
-reach, or believed as a jump.
+This rejects every spike or jump beyond `outlier_m` while no samples are lost and, after a gap, positions that no
+stroke could reach. It accepts a wrong position within reach, which after about ten lost samples is much of a damper's
+stroke; the true positions after it are then rejected until they are within reach or accepted as a jump.
 
-After a position that only a change of speed explains, or a silence longer than DOUBT settling times, the speed is a
-guess, and so is the force: samples are UNSETTLED for that long. They count, but nothing is to be published of them.
+After a position that only a change of speed explains, or a silence longer than DOUBT settling times, speed and force
+are uncertain: samples are UNSETTLED for that long. They are used, but their forces must not be published.
 """
 
 from __future__ import annotations
@@ -36,39 +35,15 @@ OUT_OF_ORDER = "stamp repeats or runs backwards"
 OUTLIER = "position is an outlier"
 RESTARTED = "started, or restarted after a gap or jump"
 UNSETTLED = "settling after lost samples"
-PATIENCE = 10  # outliers in a row after which the jump is believed
+PATIENCE = 10  # outliers in a row after which the jump is accepted
 OVERDUE = 1.5  # times 1/rate [s]: in a longer interval samples were lost, a shorter one may be jitter
 SETTLING = 3.0  # over 2 pi bandwidth [s]: the time in which the differentiator settles
-DOUBT = 5.0  # times that: until the model has settled, too, where the speed after lost samples is a guess
+DOUBT = 5.0  # times that: until the model has settled, too, if the speed after lost samples is uncertain
 LARGEST_CHANGE = 5.0  # times outlier_m * 2 pi bandwidth [m/s]: of speed, while no sample comes
 
 
 class Tracker:
     """Uniform ticks from position samples; `ticks` holds the (position, speed) pairs of the last sample."""
-
-    __slots__ = (
-        "_differentiator",
-        "_doubt_s",
-        "_doubt_ticks",
-        "_doubted_tau",
-        "_heard_s",
-        "_largest_change_m_s",
-        "_last_tick",
-        "_lost_s",
-        "_max_gap_ns",
-        "_origin_ns",
-        "_outlier_m",
-        "_overdue_s",
-        "_rejected",
-        "_scale",
-        "_settled_tau",
-        "_settling_s",
-        "_settling_ticks",
-        "_stamp_ns",
-        "_tau",
-        "ahead",
-        "ticks",
-    )
 
     def __init__(self, sampling: Sampling) -> None:
         self._differentiator = Differentiator(sampling.bandwidth_Hz, sampling.order)
@@ -90,7 +65,7 @@ class Tracker:
         self._tau = self._settled_tau = self._doubted_tau = 0.0
         self._last_tick = 0
         self._rejected = 0
-        self._heard_s = self._lost_s = 0.0  # since the last accepted sample, if any were rejected
+        self._last_interval_s = self._lost_s = 0.0  # of the samples rejected since the last accepted one
         self.ticks: list[tuple[float, float]] = []
         self.ahead = 0.0
 
@@ -105,7 +80,7 @@ class Tracker:
         return self._differentiator.speed
 
     def advance(self, stamp_ns: int, position: float) -> str:
-        """Take a sample; fills `ticks`, and `ahead` with the sample's time after the last tick [ticks]."""
+        """Process a sample; set `ticks` and `ahead`, its time after the last tick [ticks]. Return OK or a reason."""
         self.ticks.clear()
         if not isfinite(position):
             return NOT_FINITE
@@ -125,9 +100,9 @@ class Tracker:
         return OK if self._tau >= self._doubted_tau else UNSETTLED
 
     def _advance_doubtful(self, stamp_ns: int, interval: float, position: float, innovation: float) -> str:
-        """Take a sample that is late, or not where it was predicted."""
+        """Process a sample that is late or far from its prediction."""
         lost = self._count_lost(interval)
-        unsettled, guessed = lost > 0.0, lost > self._doubt_s
+        unsettled, doubted = lost > 0.0, lost > self._doubt_s
         if abs(innovation) > self._outlier_m:
             d = self._differentiator
             coasted = position - (d.position + interval * d.speed)
@@ -137,31 +112,31 @@ class Tracker:
                 self._rejected += 1
                 return OUTLIER if self._rejected <= PATIENCE else self._restart(stamp_ns, position)
             d.acceleration = 0.0 if coasts else d.acceleration
-            unsettled = guessed = True
+            unsettled = doubted = True
         self._rejected = 0
         self._accept(stamp_ns, interval, position, innovation)
         if unsettled:
             self._settled_tau = self._tau + self._settling_ticks
-        if guessed:
+        if doubted:
             self._doubted_tau = self._tau + self._doubt_ticks
         return OK if self._tau >= self._doubted_tau else UNSETTLED
 
     def _count_lost(self, interval: float) -> float:
         """Return for how long [s] of `interval`, since the last accepted sample, samples were overdue."""
         if self._rejected == 0:
-            self._heard_s = self._lost_s = 0.0
-        self._lost_s += max(interval - self._heard_s - self._overdue_s, 0.0)
-        self._heard_s = interval
+            self._last_interval_s = self._lost_s = 0.0
+        self._lost_s += max(interval - self._last_interval_s - self._overdue_s, 0.0)
+        self._last_interval_s = interval
         return self._lost_s
 
-    def _within_reach(self, interval: float, lost: float, departed: float) -> bool:
-        """True if a change of speed explains that the piston `departed` [m] from its way in `interval` [s]."""
+    def _within_reach(self, interval: float, lost: float, deviation: float) -> bool:
+        """Return whether a change of speed explains a `deviation` [m] from the prediction in `interval` [s]."""
         ramp = self._settling_s
         if self._tau < self._settled_tau:
             changed = interval
         else:
             changed = lost - 0.5 * ramp if lost > ramp else 0.5 * lost * lost / ramp
-        return changed > 0.0 and abs(departed) <= self._outlier_m + self._largest_change_m_s * changed
+        return changed > 0.0 and abs(deviation) <= self._outlier_m + self._largest_change_m_s * changed
 
     def _restart(self, stamp_ns: int, position: float) -> str:
         self._differentiator.reset(position)

@@ -3,7 +3,7 @@
 ros2 launch ces_observer closed_loop.launch.py
 ros2 launch ces_observer closed_loop.launch.py drive:=vehicle feedback:=none
 ros2 launch ces_observer closed_loop.launch.py use_sim_time:=true real_time_factor:=0.0
-With a factor of 0 each sample waits for the command that answers it: the loop runs as fast, or as slowly, as it can.
+With a factor of 0 each sample waits for the command that answers it: the loop runs in lockstep, as fast as possible.
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ ARGUMENTS = {
     "model": (SHARE / "config" / "models" / "sample.json", "model file of observer and controller"),
     "model_topic": ("", "latched topic of models that observer and controller both change to; empty: none"),
     "namespace": ("", "namespace of nodes and topics"),
-    "use_sim_time": ("false", "let the rig make time, and all take it from /clock"),
+    "use_sim_time": ("false", "let the rig publish /clock, and all nodes use it"),
     "real_time_factor": ("1.0", "with use_sim_time: simulated over real time; 0.0: in lockstep with the controller"),
     "drive": ("script", "what moves the damper: script, experiment or vehicle"),
     "stroke": ("noise", "drive script: rest, sine, sweep, noise or triangle"),
@@ -40,17 +40,17 @@ def generate_launch_description() -> LaunchDescription:
         for name, (default, meaning) in ARGUMENTS.items()
     ]
     model = {
-        "model": given("model"),
-        "model_topic": given("model_topic"),
-        "use_sim_time": given("use_sim_time", bool),
+        "model": argument_value("model"),
+        "model_topic": argument_value("model_topic"),
+        "use_sim_time": argument_value("use_sim_time", bool),
     }
     rig = {
-        "drive": given("drive"),
-        "script.kind": given("stroke"),
-        "script.amplitude_m": given("amplitude_m", float),
-        "vehicle.road_class": given("road_class"),
-        "publish_clock": given("use_sim_time", bool),
-        "real_time_factor": given("real_time_factor", float),
+        "drive": argument_value("drive"),
+        "script.kind": argument_value("stroke"),
+        "script.amplitude_m": argument_value("amplitude_m", float),
+        "vehicle.road_class": argument_value("road_class"),
+        "publish_clock": argument_value("use_sim_time", bool),
+        "real_time_factor": argument_value("real_time_factor", float),
         "answer_s": ANSWER_S,
     }
     return LaunchDescription(
@@ -58,7 +58,7 @@ def generate_launch_description() -> LaunchDescription:
             *declared,
             node("rig", rig),
             node("observer", model),
-            node("controller", {**model, "feedback": given("feedback")}),
+            node("controller", {**model, "feedback": argument_value("feedback")}),
         ]
     )
 
@@ -74,5 +74,5 @@ def node(name: str, parameters: dict[str, Any]) -> Node:
     )
 
 
-def given(argument: str, kind: type = str) -> ParameterValue:
+def argument_value(argument: str, kind: type = str) -> ParameterValue:
     return ParameterValue(LaunchConfiguration(argument), value_type=kind)

@@ -1,6 +1,6 @@
 """Start the observer node: ros2 launch ces_observer observer.launch.py model:=/path/model.json.
 
-An argument that is not given leaves the parameter file's word.
+An argument that is not set leaves the parameter file's value.
 """
 
 from ament_index_python.packages import get_package_share_path
@@ -23,8 +23,8 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument("params_file", default_value=str(shipped), description="parameter file"),
             *(
-                DeclareLaunchArgument(name, default_value="", description=told)
-                for name, (told, _) in PARAMETERS.items()
+                DeclareLaunchArgument(name, default_value="", description=meaning)
+                for name, (meaning, _) in PARAMETERS.items()
             ),
             DeclareLaunchArgument("namespace", default_value="", description="namespace of node and topics"),
             DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error or fatal"),
@@ -34,8 +34,11 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def observer(context: LaunchContext) -> list[Node]:
-    given = {name: kind for name, (_, kind) in PARAMETERS.items() if context.launch_configurations[name]}
-    own = {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in given.items()}
+    own = {
+        name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+        for name, (_, kind) in PARAMETERS.items()
+        if context.launch_configurations[name]
+    }
     node = Node(
         package="ces_observer",
         executable="observer",

@@ -1,1 +1,1 @@
-"""Serialised ROS 2 messages: bytes go in, one number and the stamp come out, and estimates the other way."""
+"""Serialised ROS 2 messages (CDR): reads one number and the stamp from bytes, and writes estimates as bytes."""

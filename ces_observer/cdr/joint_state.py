@@ -1,4 +1,4 @@
-"""The estimate as a serialised sensor_msgs/JointState of one joint: numbers in, bytes to publish out."""
+"""Writes the estimate as a serialised sensor_msgs/JointState of one joint: numbers in, bytes out."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ ONE = struct.pack("<I", 1)  # the length of a sequence
 
 
 class RawEstimate:
-    """Writer of estimates of the joint `name`; everything but the numbers is laid out once for a frame id."""
+    """Writes estimates of the joint `name`; all bytes but the numbers are prepared once for each frame id."""
 
     def __init__(self, name: str) -> None:
         self._name = name.encode()
         self._lay_out(b"")
 
     def fill(self, stamp_ns: int, frame_id: bytes, position: float, speed: float, force: float) -> bytes:
-        """Return the message: position [m], velocity [m/s], effort [N]; `frame_id` is UTF-8.
+        """Return the message with position [m], velocity [m/s] and effort [N]; `frame_id` is UTF-8.
 
-        Raises SignalsError if the stamp is not in the range of builtin_interfaces/Time (int32 seconds).
+        Raises SignalsError if the stamp is out of the range of builtin_interfaces/Time (int32 seconds).
         """
         if frame_id != self._frame_id:
             self._lay_out(frame_id)
@@ -32,7 +32,7 @@ class RawEstimate:
             raise SignalsError(f"stamp {stamp_ns} ns is out of the range of a header stamp") from None
 
     def _lay_out(self, frame_id: bytes) -> None:
-        """Prepare what lies between the numbers; offsets are from the end of the encapsulation, padding is zero."""
+        """Prepare the bytes between the numbers, aligned from the end of the encapsulation and padded with zeros."""
         names = _pad_to(_encode_text(frame_id), 4) + ONE
         names = _pad_to(names + _encode_text(self._name), 4) + ONE
         self._names = _pad_to(names, 8)
@@ -46,5 +46,5 @@ def _encode_text(text: bytes) -> bytes:
 
 
 def _pad_to(part: bytes, size: int) -> bytes:
-    """Return `part`, which begins at a multiple of 8, filled up to a multiple of `size`."""
+    """Return `part`, which begins at a multiple of 8, padded to a multiple of `size`."""
     return part + bytes(-len(part) % size)

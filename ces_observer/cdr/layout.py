@@ -1,4 +1,4 @@
-"""Where the number of a signal lies in a serialised message, and which bytes fix that place."""
+"""Finds a signal's number in a serialised message, and the bytes that determine its place."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ces_observer.signals import FieldPath
 
 @dataclass(frozen=True)
 class FieldLayout:
-    """The place of a number in messages of `length` bytes whose bytes in `fixed` are the same.
+    """The place of a number in messages of `length` bytes that have the same bytes in the spans `fixed`.
 
-    `offset` and the spans (start, end) count from the first byte of the encapsulation; `code` is the number's for the
-    module struct. `runs` are the same spans joined across the padding between them, whose bytes mean nothing.
+    `offset` and the spans (start, end) count from the first byte of the encapsulation; `code` is the number's type in
+    the module struct. `runs` are the same spans joined across the meaningless padding between them.
     """
 
     length: int
@@ -27,10 +27,10 @@ class FieldLayout:
 
 
 def find_layout(raw: bytes, record: MessagePart, path: FieldPath) -> FieldLayout:
-    """Find the number at `path` in a message of type `record`; what follows it is not looked at.
+    """Find the number at `path` in a message of type `record`; the bytes after it are not checked.
 
-    Raises SignalsError if the message is malformed up to there, or lacks the joint or element asked for, and
-    CdrUnsupportedError if this walk cannot tell.
+    Raises SignalsError if the message is malformed before it or lacks the joint or element, and CdrUnsupportedError if
+    the message has to be deserialised instead.
     """
     walk = Walk(raw, f"field '{path.text}'")
     part: Part = record
@@ -44,24 +44,27 @@ def find_layout(raw: bytes, record: MessagePart, path: FieldPath) -> FieldLayout
 
 
 def _enter(walk: Walk, record: MessagePart, name: str, element: int | str | None) -> Part:
-    """Go to the start of the field `name`, or of an element of it; returns what begins there."""
+    """Move to the start of the field `name` or of its element, and return the type of that part."""
     part = record.fields[name]
     if element is None or not isinstance(part, ArrayPart):
         _skip_fields(walk, record, name, set())
         return part
-    asked = set(JOINT_NAMES) & set(record.fields) if isinstance(element, str) else set()
-    texts = _skip_fields(walk, record, name, asked)
+    requested = set(JOINT_NAMES) & set(record.fields) if isinstance(element, str) else set()
+    texts = _skip_fields(walk, record, name, requested)
     if isinstance(element, str):
         names = next((texts[field] for field in JOINT_NAMES if texts.get(field)), [])
         if element not in names:
             raise SignalsError(f"{walk.where}: no joint '{element}'; the message has {names or 'no names'}")
         element = names.index(element)
-    _skip_elements(walk, part, element)
+    count = walk.read_count(part)
+    if element >= count:
+        raise SignalsError(f"{walk.where}: index {element} is outside an array of {count}")
+    walk.skip_elements(part.element, element)
     return part.element
 
 
 def _skip_fields(walk: Walk, record: MessagePart, name: str, requested: set[str]) -> dict[str, list[str]]:
-    """Go to the start of the field `name`; returns the strings in the fields `requested`, wherever they are."""
+    """Move to the start of the field `name`; return the strings in the fields `requested`, before or after it."""
     texts: dict[str, list[str]] = {}
     start = -1
     for field, part in record.fields.items():
@@ -76,15 +79,8 @@ def _skip_fields(walk: Walk, record: MessagePart, name: str, requested: set[str]
     return texts
 
 
-def _skip_elements(walk: Walk, many: ArrayPart, index: int) -> None:
-    count = walk.read_count(many)
-    if index >= count:
-        raise SignalsError(f"{walk.where}: index {index} is outside an array of {count}")
-    walk.skip_elements(many.element, index)
-
-
 def _join_spans(spans: Iterable[Span], padding: Mapping[int, int]) -> tuple[Span, ...]:
-    """Return the spans in order; joined where they touch or have only padding (its ends by its starts) between them."""
+    """Return the spans in order, joined where they touch or have only `padding` (start to end) between them."""
     joined: list[Span] = []
     for start, end in sorted(spans):
         before = joined[-1][1] if joined else -1

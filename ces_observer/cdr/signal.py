@@ -1,7 +1,7 @@
-"""One signal read straight from serialised messages: bytes in; stamp, SI value and frame out.
+"""Reads one signal directly from serialised messages: bytes in; stamp, SI value and frame out.
 
-The first message of a layout is walked over; it leaves a template: which bytes fix the layout, and where the stamp and
-the number are. The next messages are held against the template in one or two comparisons and read at once.
+The first message of a layout is parsed and gives a template: which bytes determine the layout, and where stamp and
+number are. The next messages are compared with the template in one or two operations and read at once.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 from ces_observer.cdr.layout import FieldLayout, find_layout
 from ces_observer.cdr.types import CdrUnsupportedError, FieldsOf, MessagePart, find_number, parse_message_type
-from ces_observer.cdr.walk import ENCAPSULATION, Span
+from ces_observer.cdr.walk import ENCAPSULATION
 from ces_observer.signals import Signal
 
 Reading = tuple[int | None, float, bytes]  # header stamp [ns], value [SI], frame id as UTF-8
@@ -24,10 +24,10 @@ MAX_TEMPLATES = 4  # layouts: publishers that differ in frame or joint order may
 
 @dataclass(frozen=True)
 class Template:
-    """A layout made ready.
+    """A layout prepared for fast reading.
 
-    `unpack` gives the encapsulation as a number, seconds and nanoseconds (these three of stamped messages only), the
-    bytes of the first run of fixed bytes, and the number; `others` are the other runs.
+    `unpack` returns the encapsulation as a number, seconds and nanoseconds (these three only if stamped), the bytes of
+    the first run of fixed bytes, and the number; `others` are the other runs.
     """
 
     length: int
@@ -41,21 +41,21 @@ class Template:
 
     @property
     def fast_path(self) -> tuple[Any, ...]:
-        """What a reading takes, in the order in which it does."""
+        """The attributes that a reading needs, in the order of use."""
         return self.length, self.unpack, self.run, self.others, self.word, self.frame_id
 
     def fits(self, raw: bytes) -> bool:
-        """Compare the fixed bytes alone: some writers leave rubbish in the padding between them."""
+        """Compare the fixed bytes alone: some writers leave arbitrary bytes in the padding between them."""
         return len(raw) == self.length and int.from_bytes(raw, "little") & self.mask == self.fixed
 
 
 class RawSignal:
     """Reader of a signal; `read(raw)` returns stamp [ns] (None if unstamped), value [SI] and frame id (empty if none).
 
-    `read` raises SignalsError if the message is malformed up to the number or lacks the joint or element, and
-    CdrUnsupportedError if the message has to be deserialised the ordinary way. What follows the number is not looked
-    at. Building it raises SignalsError if messages of this type have no number at the signal's field, and
-    CdrUnsupportedError if no message of this type can be read here; `fields_of` is as in cdr_types.
+    `read` raises SignalsError if the message is malformed before the number or lacks the joint or element, and
+    CdrUnsupportedError if the message has to be deserialised instead. The bytes after the number are not checked. The
+    constructor raises SignalsError if messages of this type have no number at the signal's field, and
+    CdrUnsupportedError if no message of this type can be read here.
     """
 
     def __init__(self, signal: Signal, fields_of: FieldsOf) -> None:
@@ -67,21 +67,21 @@ class RawSignal:
         self._scale = float(signal.scale)
         self._offset = float(signal.offset)
         self._templates: tuple[Template, ...] = ()
-        self._last: tuple[Any, ...] = (-1, *[None] * 5)  # what is needed of the last template used
+        self._last: tuple[Any, ...] = (-1, *[None] * 5)  # fast_path of the last template used
 
     def _read_stamped(self, raw: bytes) -> Reading:
         length, unpack, run, others, word, frame_id = self._last
         if len(raw) == length:
-            seen_word, sec, nanosec, seen, number = unpack(raw)
-            if seen == run and seen_word == word and (not others or _parts_match(others, raw)):
+            first_word, sec, nanosec, fixed, number = unpack(raw)
+            if fixed == run and first_word == word and (not others or _parts_match(others, raw)):
                 return sec * 1_000_000_000 + nanosec, self._scale * number + self._offset, frame_id
         return self._read_new_layout(raw)
 
     def _read_unstamped(self, raw: bytes) -> Reading:
         length, unpack, run, others, _, _ = self._last
         if len(raw) == length:
-            seen, number = unpack(raw)
-            if seen == run and (not others or _parts_match(others, raw)):
+            fixed, number = unpack(raw)
+            if fixed == run and (not others or _parts_match(others, raw)):
                 return None, self._scale * number + self._offset, b""
         return self._read_new_layout(raw)
 
@@ -99,14 +99,14 @@ class RawSignal:
 
 
 def _parts_match(parts: tuple[tuple[slice, bytes], ...], raw: bytes) -> bool:
-    for part, kept in parts:  # noqa: SIM110  # all() with a generator takes three times as long
-        if raw[part] != kept:
+    for part, expected in parts:  # noqa: SIM110  # all() with a generator takes three times as long
+        if raw[part] != expected:
             return False
     return True
 
 
 def _has_stamp(record: MessagePart, signal: Signal) -> bool:
-    """Tell whether messages begin with a header."""
+    """Return whether messages begin with a header."""
     header = record.fields.get("header")
     if header is None or header.kind != HEADER:
         return False
@@ -116,11 +116,14 @@ def _has_stamp(record: MessagePart, signal: Signal) -> bool:
 
 
 def _make_template(raw: bytes, layout: FieldLayout, stamped: bool) -> Template:
-    """Make a template of a message and its layout; the first run after the stamp begins with the frame id's length."""
+    """Return the template of a message; the first run after the stamp begins with the frame id's length."""
     first, *others = layout.runs[1:] if stamped else layout.runs
     start, end = first
+    mask = bytearray(layout.fixed[-1][1])
+    for span in layout.fixed:
+        mask[slice(*span)] = b"\xff" * (span[1] - span[0])
+    mask_number = int.from_bytes(mask, "little")
     form = f"{'<IiI' if stamped else '<'}{end - start}s{layout.offset - end}x{layout.code}"
-    mask = _make_mask(layout.fixed)
     return Template(
         length=layout.length,
         unpack=Struct(form).unpack_from,
@@ -128,16 +131,9 @@ def _make_template(raw: bytes, layout: FieldLayout, stamped: bool) -> Template:
         run=raw[start:end],
         others=tuple((slice(*span), raw[slice(*span)]) for span in others),
         frame_id=_read_frame_id(raw) if stamped else b"",
-        fixed=int.from_bytes(raw, "little") & mask,
-        mask=mask,
+        fixed=int.from_bytes(raw, "little") & mask_number,
+        mask=mask_number,
     )
-
-
-def _make_mask(spans: tuple[Span, ...]) -> int:
-    mask = bytearray(spans[-1][1])
-    for start, end in spans:
-        mask[start:end] = b"\xff" * (end - start)
-    return int.from_bytes(mask, "little")
 
 
 def _read_frame_id(raw: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""The parts messages are made of: rosidl's type strings in, a small tree out that a walk along CDR bytes can follow.
+"""The parts of messages: rosidl's type strings in, the tree that `ces_observer.cdr.walk` follows out.
 
 The strings are those of `get_fields_and_field_types()`: `double`, `string<10>`, `double[9]`, `sequence<double>`,
 `sequence<geometry_msgs/Pose, 5>`, `std_msgs/Header`.
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
 
-FieldsOf = Callable[[str], Mapping[str, str]]  # raises LookupError for a type that is not known
-JOINT_NAMES = ("name", "joint_names")  # in the order in which FieldPath asks for them
+FieldsOf = Callable[[str], Mapping[str, str]]  # raises LookupError for an unknown type
+JOINT_NAMES = ("name", "joint_names")  # in the order in which FieldPath looks for them
 CODES = {
     "boolean": "?",
     "octet": "B",
@@ -38,16 +38,16 @@ _TEXT = re.compile(r"string(<\d+>)?")
 
 
 class CdrUnsupportedError(Exception):
-    """A message that is read the ordinary way, by deserialising it: nothing is wrong with it as far as is known."""
+    """A message that cannot be read here and has to be deserialised; it need not be faulty."""
 
 
 @dataclass(frozen=True)
 class NumberPart:
-    """One number; `code` is that of the module struct."""
+    """One number; `code` is its type in the module struct."""
 
     kind: str
     code: str
-    fixed = True  # takes the same bytes in every message, but for the padding before it
+    fixed = True  # in length, apart from the padding before it
 
     @property
     def size(self) -> int:
@@ -65,7 +65,7 @@ class TextPart:
 
 @dataclass(frozen=True)
 class OpaquePart:
-    """What cannot be walked over: wstring, long double, a type that is not installed."""
+    """A part of unknown length: wstring, long double, a type that is not installed."""
 
     kind: str
     fixed = False
@@ -73,7 +73,7 @@ class OpaquePart:
 
 @dataclass(frozen=True)
 class ArrayPart:
-    """An array of `count` elements, or a sequence if that is None, of at most `max_count` if that is not None."""
+    """An array of `count` elements or, if `count` is None, a sequence of at most `max_count` (None: any number)."""
 
     kind: str
     element: Part
@@ -82,20 +82,20 @@ class ArrayPart:
 
     @property
     def fixed(self) -> bool:
-        """True if it takes the same bytes in every message."""
+        """True if its length is the same in every message."""
         return self.count is not None and self.element.fixed
 
 
 @dataclass(frozen=True)
 class MessagePart:
-    """A message within a message, or the whole one."""
+    """A message, or a message within a message."""
 
     kind: str
     fields: Mapping[str, Part]
 
     @property
     def fixed(self) -> bool:
-        """True if it takes the same bytes in every message."""
+        """True if its length is the same in every message."""
         return all(part.fixed for part in self.fields.values())
 
 
@@ -103,7 +103,7 @@ Part = NumberPart | TextPart | OpaquePart | ArrayPart | MessagePart
 
 
 def parse_message_type(type_name: str, fields_of: FieldsOf) -> MessagePart:
-    """Return the tree of a message type; raises CdrUnsupportedError if the type is not known."""
+    """Return the tree of a message type; raises CdrUnsupportedError if the type is unknown."""
     record = parse_part(type_name, fields_of)
     if not isinstance(record, MessagePart):
         raise CdrUnsupportedError(f"the fields of '{type_name}' are not known")
@@ -127,10 +127,10 @@ def parse_part(kind: str, fields_of: FieldsOf) -> Part:
 
 
 def find_number(record: MessagePart, path: FieldPath) -> NumberPart:
-    """Return the kind of number at `path`.
+    """Return the type of the number at `path`.
 
-    Raises SignalsError, as `path.read` does, if messages of this type hold no number there, and CdrUnsupportedError
-    if they may hold one that `path.read` makes of something else, such as a string.
+    Raises SignalsError, as `path.read` does, if messages of this type hold no number there, and CdrUnsupportedError if
+    they may hold something that `path.read` converts to one, such as a string.
     """
     part: Part = record
     for name, element in path.steps:

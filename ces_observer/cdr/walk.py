@@ -1,6 +1,6 @@
-"""A walk along the bytes of a serialised message (CDR, little endian), part by part, noting what fixes its layout.
+"""A walk along the bytes of a serialised message (CDR, little endian) that records which bytes determine its layout.
 
-Nothing in the bytes is trusted: every length is held against the bytes that are left, and the walk has an end.
+The bytes are not trusted: every length is compared with the bytes that are left, and the number of parts is limited.
 Source: OMG DDSI-RTPS 2.5, section 10 (encapsulation), and Common Object Request Broker Architecture 3.4, part 2,
 section 9.3 (CDR: each number aligned to its size, counted from the end of the encapsulation).
 """
@@ -20,10 +20,11 @@ Span = tuple[int, int]  # of bytes: start and end, counted from the first byte o
 
 
 class Walk:
-    """A position `at` in the bytes of one message, the spans passed that fix its layout, and the padding passed.
+    """A position `at` in the bytes of one message.
 
-    `where` begins each error. Its methods raise SignalsError if the message is malformed, and CdrUnsupportedError if it
-    cannot be walked over. `padding` has the end of each by its start.
+    `fixed` are the spans passed that determine the layout, `padding` maps start to end of the padding passed, `where`
+    begins each error. Methods raise SignalsError if the message is malformed, and CdrUnsupportedError if it has to be
+    deserialised instead.
     """
 
     def __init__(self, raw: bytes, where: str) -> None:
@@ -36,7 +37,7 @@ class Walk:
         self._read_encapsulation()
 
     def skip(self, part: Part) -> None:
-        """Pass one part."""
+        """Skip one part."""
         self._parts += 1
         if self._parts > MAX_PARTS:
             raise CdrUnsupportedError(f"{self.where}: more than {MAX_PARTS} parts before it")
@@ -52,7 +53,7 @@ class Walk:
             raise CdrUnsupportedError(f"{self.where}: a {part.kind} comes before it")
 
     def skip_numbers(self, number: NumberPart, count: int) -> int:
-        """Pass `count` numbers, at least one, and the padding before them; returns where the first is."""
+        """Skip `count` >= 1 numbers and the padding before them; return the offset of the first."""
         gap = -(self.at - ENCAPSULATION) % number.size
         if gap:
             self.padding[self.at] = self.at + gap
@@ -60,9 +61,9 @@ class Walk:
         return self._skip_bytes(count * number.size)
 
     def skip_elements(self, of: Part, count: int) -> None:
-        """Pass `count` parts of one kind."""
+        """Skip `count` parts of one type."""
         if isinstance(of, NumberPart):
-            if count:  # there is padding before the first only if there is a first
+            if count:  # without numbers there is no padding
                 self.skip_numbers(of, count)
         elif of.fixed:
             self._skip_uniform(of, count)
@@ -70,17 +71,17 @@ class Walk:
             self._skip_one_by_one(of, count)
 
     def read_count(self, many: ArrayPart) -> int:
-        """Return the number of elements, of which each takes a byte at least; passes the length of a sequence."""
+        """Return the number of elements, each at least a byte long; skip the length of a sequence."""
         if many.count is not None:
             return many.count
         count = self._read_word()
-        most = (len(self.raw) - self.at) // (many.element.size if isinstance(many.element, NumberPart) else 1)
-        if count > most or (many.max_count is not None and count > many.max_count):
+        max_count = (len(self.raw) - self.at) // (many.element.size if isinstance(many.element, NumberPart) else 1)
+        if count > max_count or (many.max_count is not None and count > many.max_count):
             raise self._malformed_error(f"{count} elements of a {many.kind} at byte {self.at}")
         return count
 
     def read_texts(self, part: Part) -> list[str]:
-        """Pass an array of strings; returns them."""
+        """Skip an array of strings and return them."""
         count = self.read_count(part) if isinstance(part, ArrayPart) else 1
         return [self._read_text().decode(errors="replace") for _ in range(count)]
 
@@ -99,8 +100,8 @@ class Walk:
             self._skip_bytes(1)  # rosidl gives a structure without members one byte
 
     def _skip_uniform(self, of: Part, count: int) -> None:
-        """Pass `count` parts without lengths in them; their padding repeats, so that most are passed at one go."""
-        passed: dict[int, Span] = {}  # by alignment of the position: parts passed until then, and the position
+        """Skip `count` parts of fixed length; their padding repeats, so most of them are skipped at once."""
+        passed: dict[int, Span] = {}  # by alignment: parts skipped so far, and the position
         for done in range(count):
             before, position = passed.setdefault(self.at % 8, (done, self.at))
             if before < done:
@@ -115,7 +116,7 @@ class Walk:
             self.skip(of)
 
     def _read_text(self) -> bytes:
-        """Pass a string, which ends in the only NUL in it; returns it without."""
+        """Skip a string, whose last byte is its only NUL, and return it without the NUL."""
         length = self._read_word()
         start = self._skip_bytes(length)
         if length and self.raw.find(0, start, self.at) != self.at - 1:

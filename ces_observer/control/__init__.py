@@ -1,1 +1,1 @@
-"""The reference controller: speed and estimated force go in, valve current comes out."""
+"""The reference force controller: speed and estimated force in, valve current out."""

@@ -1,6 +1,6 @@
-"""One control loop as the node sees it: estimates, measured forces and time in, the current to command out.
+"""One control loop: estimates, measured forces and time in, the current to command out.
 
-It knows no ROS: stamps are integers, the node's clock and a steady one come in as arguments.
+It does not use ROS: stamps are integers, and the times of the node's clock and of a steady clock are arguments.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ FEEDBACKS = (ESTIMATE, MEASURED, NONE)
 
 
 class ControlLoop:
-    """A controller with the force that is fed back to it, and a watch for estimates that stop or are old.
+    """A controller with its feedback, and a watch for estimates that stop or are stale.
 
     `feedback` is one of FEEDBACKS, `max_age_s` the largest difference between an estimate's stamp and the node's clock,
-    either way (0: any). Estimates count as stopped after `controller.tuning.max_gap_s` of steady time.
+    in either direction (0: any). Estimates have stopped after `controller.tuning.max_gap_s` of steady time.
     """
 
     def __init__(self, controller: ForceController, feedback: str, max_age_s: float) -> None:
@@ -25,12 +25,12 @@ class ControlLoop:
         self.feedback = feedback
         self.max_age_s = max_age_s
         self.estimates = 0
-        self.age_s = 0.0  # of the last estimate, when it came
+        self.age_s = 0.0  # of the last estimate, on arrival
         self._last_estimate_s = self._commanded_s = -inf
         self._measured_N, self._measured_s = nan, -inf
 
     def take_measured_force(self, force_N: float, steady_s: float) -> None:
-        """Take a measured force; it may be fed back as long as estimates may be apart."""
+        """Store a measured force; it is fed back for at most `max_gap_s`."""
         self._measured_N, self._measured_s = force_N, steady_s
 
     def take_estimate(self, stamp_ns: int, speed_m_s: float, force_N: float, now_ns: int, steady_s: float) -> float:
@@ -46,7 +46,7 @@ class ControlLoop:
         return self.controller.step(stamp_ns, speed_m_s, self._choose_feedback(force_N, steady_s))
 
     def watch(self, steady_s: float, ahead_s: float = 0.0) -> float | None:
-        """Return the current [A] to command if no estimate has come, or None; `ahead_s` to the next look."""
+        """Return the current [A] to command without an estimate, or None; the next call is `ahead_s` later."""
         if steady_s - self._last_estimate_s + ahead_s <= self.controller.tuning.max_gap_s:
             return None
         return self.controller.fail_safe(NO_ESTIMATE, self._measure_elapsed(steady_s))
@@ -58,7 +58,7 @@ class ControlLoop:
         return self._measured_N if self.feedback == MEASURED and fresh else nan
 
     def _measure_elapsed(self, steady_s: float) -> float:
-        """Return the time [s] since the last command, at most a gap: a longer one earns no larger step."""
+        """Return the time [s] since the last command, at most `max_gap_s`, which limits the step of the command."""
         elapsed_s = min(steady_s - self._commanded_s, self.controller.tuning.max_gap_s)
         self._commanded_s = steady_s
         return elapsed_s

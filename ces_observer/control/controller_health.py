@@ -1,4 +1,4 @@
-"""What the controller's status says: its counts and reason in; level, one line and key-value pairs out."""
+"""The controller's status: counts and reason in; level, message and key-value pairs out."""
 
 from __future__ import annotations
 
@@ -10,16 +10,12 @@ from ces_observer.control.force_controller import OK, ControllerCounts
 from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Status
 from ces_observer.health.latencies import Latencies
 
-SHARES = {
-    "unreachable": "of the time the desired force is outside what the damper can do",
-    "saturated": "of the commands are at a current limit",
-    "rate_limited": "of the commands are held back by the rate limit",
-    "unfed": "of the time no measured force is fed back: feed-forward alone",
-}
+SHARES = ("unreachable", "saturated", "rate_limited", "unfed")  # counts of ControllerCounts
+UNFED = "of the time no measured force is fed back: feed-forward alone"
 
 
 class ControllerHealth:
-    """Status of one loop; rates, shares and latencies are those of the last window that `roll` closed."""
+    """Status of one loop; rates, shares and latencies are of the last window that `roll` closed."""
 
     def __init__(self, loop: ControlLoop, facts: Mapping[str, str]) -> None:
         self.latency = Latencies()
@@ -31,7 +27,7 @@ class ControllerHealth:
         self._latency = self.latency.roll()
 
     def set_facts(self, facts: Mapping[str, str]) -> None:
-        """Let `facts` stand in the status as they are."""
+        """Set the key-value pairs that the status repeats."""
         self._facts = tuple(facts.items())
 
     def roll(self, elapsed_s: float) -> None:
@@ -44,17 +40,14 @@ class ControllerHealth:
         self._before, self._estimates = deepcopy(now), self._loop.estimates
 
     def status(self, detail: str = "") -> Status:
-        """Return the status now; `detail` adds to the reason."""
-        reason = self._loop.controller.reason
+        """Return the present status; `detail` is added to the reason."""
+        reason, unfed = self._loop.controller.reason, self._shares["unfed"]
+        level, message = LEVEL_OK, "controlling"
         if reason != OK:
-            told = f"safe current: {reason}" + (f": {detail}" if detail else "")
-            return Status(LEVEL_ERROR, told, tuple(self._values()))
-        if self._loop.feedback == MEASURED and self._shares["unfed"] > 0.0:
-            return Status(LEVEL_WARN, f"controlling; {self._format_share('unfed')}", tuple(self._values()))
-        return Status(LEVEL_OK, "controlling", tuple(self._values()))
-
-    def _format_share(self, share: str) -> str:
-        return f"{self._shares[share]:.1%} {SHARES[share]}"
+            level, message = LEVEL_ERROR, f"safe current: {reason}" + (f": {detail}" if detail else "")
+        elif self._loop.feedback == MEASURED and unfed > 0.0:
+            level, message = LEVEL_WARN, f"controlling; {unfed:.1%} {UNFED}"
+        return Status(level, message, tuple(self._values()))
 
     def _values(self) -> Iterator[tuple[str, str]]:
         loop, controller = self._loop, self._loop.controller

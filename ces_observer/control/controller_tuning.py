@@ -1,4 +1,4 @@
-"""What may be changed while the force controller runs: current limits, gains, times; checked at the door."""
+"""The settings of the force controller that may change while it runs: current limits, gains and times."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ces_observer.errors import CesError
 
 @dataclass(frozen=True)
 class Tuning:
-    """Settings of a ForceController, which says what each is for; raises CesError for what cannot be used."""
+    """Settings of a ForceController, which explains them; raises CesError for values that cannot be used."""
 
     low_A: float  # [A] of every command
     high_A: float  # [A] of every command
@@ -19,17 +19,17 @@ class Tuning:
     loop_gain_1_s: float = 4.0  # [1/s] of the feedback; 0: feed-forward alone
     settle_m: float = 0.003  # [m] stroke after a reversal from which the force is fed back
     valve_lag_s: float = 0.008  # [s] of the force behind the current; 0: no lead
-    preview_s: float = 0.006  # [s] by which the feed-forward looks ahead of the speed; 0: not at all
+    preview_s: float = 0.006  # [s] by which the feed-forward predicts the speed; 0: no prediction
     lead_filter_s: float = 0.003  # [s] of both leads
     recovery_s: float = 0.2  # [s] of fading in, at the start and after an interruption
-    max_gap_s: float = 0.05  # [s] between stamps; more is an interruption
+    max_gap_s: float = 0.05  # [s] between stamps; a longer gap is an interruption
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not isfinite(value):
                 raise CesError(f"{name} is {value}; expected a finite number")
             if value < 0.0 and name not in ("low_A", "high_A", "safe_A"):
-                raise CesError(f"{name} is {value:g}; expected a number from 0 on")
+                raise CesError(f"{name} is {value:g}; expected at least 0")
         if not self.low_A < self.high_A:
             raise CesError(f"low_A is {self.low_A:g} and high_A {self.high_A:g}; expected the lower limit first")
         if not self.low_A <= self.safe_A <= self.high_A:
@@ -39,9 +39,9 @@ class Tuning:
 
     @staticmethod
     def lead_s(model_lag_s: float, preview_s: float) -> float:
-        """Return the `valve_lag_s` [s] for a model whose force lags its current: what the preview leaves of the lag.
+        """Return the `valve_lag_s` [s] for a model with this lag of force behind current: the lag minus the preview.
 
-        A lead of all of it would gain little more, as the limits clip it, and unevenly: that moves the mean current.
+        A lead by the whole lag gains little: the limits clip it unevenly, which shifts the mean current.
         """
         return max(model_lag_s - preview_s, 0.0)
 

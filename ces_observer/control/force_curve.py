@@ -1,4 +1,4 @@
-"""The desired force of the damper over its speed: breakpoints in, a force for every speed out."""
+"""The desired speed-force curve: breakpoints in, a force for every speed out."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class CurveError(CesError):
 
 @dataclass(frozen=True)
 class ForceCurve:
-    """Piecewise linear force [N] over speed [m/s], both positive in compression; beyond its ends the end's force holds.
+    """Piecewise linear force [N] over speed [m/s], both positive in compression; constant beyond its ends.
 
-    A semi-active damper can only dissipate, so at no speed may the force drive the motion: it is at least 0 in
-    compression and at most 0 in rebound. Raises CurveError for points that are not finite, not in order, or that drive.
+    A semi-active damper can only dissipate, so the force is at least 0 in compression and at most 0 in rebound. Raises
+    CurveError for points that are not finite, not in order, or that would drive the motion.
     """
 
     speeds_m_s: tuple[float, ...]
@@ -37,7 +37,7 @@ class ForceCurve:
                 )
         at_rest = self.at(0.0)
         if self.speeds_m_s[0] < 0.0 < self.speeds_m_s[-1] and at_rest != 0.0:
-            raise CurveError(f"curve: {at_rest:g} N at rest; expected 0: give a point at speed 0, force 0")
+            raise CurveError(f"curve: {at_rest:g} N at rest; expected 0: add a point at speed 0, force 0")
 
     @classmethod
     def from_points(cls, speeds_m_s: Sequence[float], forces_N: Sequence[float]) -> ForceCurve:

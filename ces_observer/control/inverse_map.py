@@ -1,7 +1,7 @@
-"""The steady force of a damper on a grid, and its inverse: speed and wanted force in, current out.
+"""The inverse map: a damper's steady force on a grid, inverted; speed and desired force in, current out.
 
-Made of a model by `ces_observer.control.steady_force`. The inverse is unique, as the force is monotone over current,
-and saturates at the grid's ends.
+`ces_observer.control.steady_force` computes it from a model. The inverse is unique, because the force is monotone over
+current, and saturates at the grid's ends.
 """
 
 from __future__ import annotations
@@ -20,10 +20,9 @@ from ces_observer.errors import CesError
 class InverseMap:
     """Steady force [N] on a grid: `forces_N[n]` is over `currents_A` at `speeds_m_s[n]`, monotone.
 
-    More current means more damping everywhere, or less everywhere.
-
-    Speeds rise and leave zero out; below the smallest the force is taken as proportional to speed, beyond the largest
-    as it is there. Raises CesError for a grid of another shape or numbers that are not finite.
+    More current means more damping everywhere, or less everywhere. Speeds rise and do not include zero; below the
+    smallest the force is proportional to speed, beyond the largest it is constant. Raises CesError for a grid of
+    another shape or numbers that are not finite.
     """
 
     speeds_m_s: tuple[float, ...]
@@ -38,7 +37,7 @@ class InverseMap:
         if not all(map(isfinite, numbers)) or not (_is_rising(self.speeds_m_s) and _is_rising(self.currents_A)):
             raise CesError("inverse map: expected finite forces on rising speeds and currents")
         if not self.speeds_m_s[0] < 0.0 < self.speeds_m_s[-1] or 0.0 in self.speeds_m_s:
-            raise CesError("inverse map: expected speeds on both sides of zero, zero left out")
+            raise CesError("inverse map: expected speeds on both sides of zero, without zero")
 
     @cached_property
     def sense(self) -> float:
@@ -55,29 +54,29 @@ class InverseMap:
         if right == len(speeds):
             return list(forces[-1])
         left_speed, right_speed = speeds[right - 1], speeds[right]
-        if left_speed < 0.0 < right_speed:  # the two sides have nothing to do with each other
+        if left_speed < 0.0 < right_speed:  # rebound and compression are independent
             nearest, speed = (forces[right], right_speed) if speed_m_s >= 0.0 else (forces[right - 1], left_speed)
             return [speed_m_s / speed * force for force in nearest]
         share = (speed_m_s - left_speed) / (right_speed - left_speed)
         return [a + share * (b - a) for a, b in zip(forces[right - 1], forces[right], strict=True)]
 
     def force(self, speed_m_s: float, current_A: float) -> float:
-        """Return the steady force [N]; a current beyond the grid counts as the nearest on it."""
+        """Return the steady force [N]; a current beyond the grid is clipped to it."""
         return _interpolate(self.currents_A, self.row(speed_m_s), current_A)
 
     def current(self, speed_m_s: float, force_N: float) -> float:
-        """Return the current [A] that gives this force, or comes nearest to it; of several the lowest."""
+        """Return the current [A] of this force or the nearest possible one; of several the lowest."""
         currents, sense = self.currents_A, self.sense if speed_m_s >= 0.0 else -self.sense
         rising = [sense * force for force in self.row(speed_m_s)]
-        wanted = min(sense * force_N, rising[-1])
-        right = bisect_left(rising, wanted)
+        target = min(sense * force_N, rising[-1])
+        right = bisect_left(rising, target)
         if right == 0:
             return currents[0]
-        share = (wanted - rising[right - 1]) / (rising[right] - rising[right - 1])
+        share = (target - rising[right - 1]) / (rising[right] - rising[right - 1])
         return currents[right - 1] + share * (currents[right] - currents[right - 1])
 
     def slope(self, speed_m_s: float, current_A: float) -> float:
-        """Return dF/di [N/A] there: the secant over two cells of the grid, as a single one may be flat."""
+        """Return dF/di [N/A]: the secant over up to three cells of the grid, because one cell may be flat."""
         row, currents = self.row(speed_m_s), self.currents_A
         right = min(max(bisect_right(currents, current_A), 1), len(currents) - 1)
         low, high = max(right - 2, 0), min(right + 1, len(currents) - 1)

@@ -1,4 +1,4 @@
-"""A filtered lead: what a signal will be a little later, so that what lags behind it comes in time."""
+"""A filtered lead: it predicts a signal, to compensate a lag behind it."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ from math import exp
 
 
 class Lead:
-    """(1 + zero_s s) / (1 + filter_s s) by samples of uneven distance; the first one after `reset` passes unchanged.
+    """(1 + zero_s s) / (1 + filter_s s) for unevenly spaced samples; the first one after `reset` passes unchanged.
 
-    With `zero_s` at or below `filter_s` everything does: it is a lead or nothing.
+    With `zero_s` at or below `filter_s` all samples pass unchanged.
     """
-
-    __slots__ = ("_filtered",)
 
     def __init__(self) -> None:
         self.reset()

@@ -1,7 +1,6 @@
-"""What a controller needs of a model: the inverse of its steady force, and how far that lags behind the current.
+"""What a controller needs from a model: the inverse map of its steady force, and the lag of force behind current.
 
-Making it takes a second or two, which running estimates could not wait for: as text it passes from the process that
-makes it to the one that controls.
+Computing it takes a second or two, too long for a running controller: another process does, and passes it on as text.
 """
 
 from __future__ import annotations
@@ -23,16 +22,16 @@ class ModelInverse:
 
     @classmethod
     def from_model(cls, model: Model, source: str = "model") -> ModelInverse:
-        """Make it; raises ModelError, naming `source`, if the model's envelope is none to control in."""
+        """Compute it; raises ModelError, naming `source`, if the model's envelope does not suffice for control."""
         return cls(compute_inverse_map(model, source), current_lag_s(model))
 
     def to_json(self) -> str:
-        """Return it as text, every number exactly."""
+        """Return it as text, with exact numbers."""
         return json.dumps({"lag_s": self.lag_s, "map": vars(self.map)})
 
     @classmethod
     def from_json(cls, text: str) -> ModelInverse:
-        """Return what `to_json` made a text of."""
-        read = json.loads(text)
-        speeds, currents, forces = (read["map"][name] for name in ("speeds_m_s", "currents_A", "forces_N"))
-        return cls(InverseMap(tuple(speeds), tuple(currents), tuple(map(tuple, forces))), read["lag_s"])
+        """Return the inverse whose text `to_json` returned."""
+        values = json.loads(text)
+        speeds, currents, forces = (values["map"][name] for name in ("speeds_m_s", "currents_A", "forces_N"))
+        return cls(InverseMap(tuple(speeds), tuple(currents), tuple(map(tuple, forces))), values["lag_s"])

@@ -1,6 +1,6 @@
-"""The steady force of a model: the very model of the observer run at constant speeds and currents.
+"""The steady force of the observer's model, from runs at constant speeds and currents.
 
-A model goes in; out come the inverse map that the controller feeds forward, and the lag of force behind current.
+A model goes in; the controller's inverse map and the lag of force behind current come out.
 """
 
 from __future__ import annotations
@@ -15,27 +15,26 @@ from ces_observer.structures.structure import Predictor
 
 SPEEDS = 24  # of the grid, on each side of zero; denser towards zero, where the force is steep
 CURRENTS = 17
-SETTLING_S = 0.3  # of constant speed and current before the force is read; real valves take a tenth of it
+SETTLING_S = 0.3  # of constant speed and current before the force is read: ten times a real valve's lag
 STEP_S = 0.1
 RISE = 0.632
-STEP_SPEED_M_S = 0.15  # at which a step of current is judged
-MIN_SPEED_M_S = 0.02  # of the grid: below, oil and seals give way before the valve has a say
+STEP_SPEED_M_S = 0.15  # during a step of current
+MIN_SPEED_M_S = 0.02  # of the grid: below, oil and seals yield before the valve has an effect
 
 
 def compute_inverse_map(model: Model, source: str = "model") -> InverseMap:
-    """Return the inverse of the model's steady force, over its envelope of speeds and currents.
+    """Return the inverse of the model's steady force over its envelope of speeds and currents.
 
-    Raises ModelError, naming `source`, if the envelope does not reach to both sides of speed 0, or holds one current
-    alone.
+    Raises ModelError, naming `source`, if the envelope lacks a direction of motion or has only one current.
     """
     slowest, fastest = model.envelope.speed_m_s
-    least, most = model.envelope.current_A
+    lowest, highest = model.envelope.current_A
     if not slowest < -MIN_SPEED_M_S < MIN_SPEED_M_S < fastest:
         raise ModelError(f"{source}: speeds from {slowest:g} to {fastest:g} m/s; a controller needs both directions")
-    if not least < most:
-        raise ModelError(f"{source}: identified at {least:g} A alone; identify it from recordings of several currents")
+    if not lowest < highest:
+        raise ModelError(f"{source}: identified at {lowest:g} A only; identify it on recordings of several currents")
     speeds = (*(-v for v in reversed(_space_speeds(-slowest))), *_space_speeds(fastest))
-    currents = tuple(least + (most - least) * k / (CURRENTS - 1) for k in range(CURRENTS))
+    currents = tuple(lowest + (highest - lowest) * k / (CURRENTS - 1) for k in range(CURRENTS))
     run = model.make_predictor()
     rows = [[steady_force(model, run, speed, current) for current in currents] for speed in speeds]
     return InverseMap(speeds, currents, tuple(_make_rows_monotone(speeds, rows)))
@@ -44,8 +43,7 @@ def compute_inverse_map(model: Model, source: str = "model") -> InverseMap:
 def steady_force(model: Model, run: Predictor, speed_m_s: float, current_A: float) -> float:
     """Return the model's force [N] at mid-stroke after a long approach at constant speed and current.
 
-    A stroke longer than the model's envelope is clamped by the model. A force that leaves its envelope counts as the
-    envelope's end.
+    The model clamps a stroke beyond its envelope. A force outside the force envelope counts as that envelope's end.
     """
     rate = model.sampling.rate_Hz
     ticks = round(SETTLING_S * rate)
@@ -60,19 +58,19 @@ def steady_force(model: Model, run: Predictor, speed_m_s: float, current_A: floa
 
 
 def current_lag_s(model: Model) -> float:
-    """Return how long the model's force takes for 63 % of a step of current [s]: coil, valve and oil together.
+    """Return the time [s] in which the model's force covers 63 % of a step of current: coil, valve and oil together.
 
-    The mean over both directions of motion and steps up and down between a quarter and three quarters of the envelope.
+    It is the mean over both directions of motion and steps up and down between 25 % and 75 % of the current envelope.
     """
-    least, most = model.envelope.current_A
-    quarter, three = (least + share * (most - least) for share in (0.25, 0.75))
-    steps = ((quarter, three), (three, quarter))
+    lowest, highest = model.envelope.current_A
+    low, high = (lowest + share * (highest - lowest) for share in (0.25, 0.75))
+    steps = ((low, high), (high, low))
     times = [_measure_rise_s(model, speed, *step) for speed in (-STEP_SPEED_M_S, STEP_SPEED_M_S) for step in steps]
     return sum(times) / len(times)
 
 
 def _measure_rise_s(model: Model, speed: float, start_A: float, end_A: float) -> float:
-    """Step at mid-stroke and stay there, as the stroke's own share of the force is not asked for."""
+    """Step the current and stay at mid-stroke, so that the stroke does not change the force."""
     run, rate = model.make_predictor(), model.sampling.rate_Hz
     before = steady_force(model, run, speed, start_A)
     middle = 0.5 * sum(model.envelope.position_m)
@@ -84,7 +82,7 @@ def _measure_rise_s(model: Model, speed: float, start_A: float, end_A: float) ->
 
 
 def _make_rows_monotone(speeds: Sequence[float], rows: list[list[float]]) -> Iterator[tuple[float, ...]]:
-    """Make every row monotone in the sense that the valve has on the whole: more current, more (or less) damping."""
+    """Make every row monotone in the valve's overall sense: more current gives more (or less) damping."""
     stiffer = sum(copysign(1.0, v) * (row[-1] - row[0]) for v, row in zip(speeds, rows, strict=True))
     for speed, row in zip(speeds, rows, strict=True):
         sense = copysign(1.0, speed * stiffer)
@@ -97,8 +95,8 @@ def _make_monotone(values: Sequence[float]) -> list[float]:
     for value in values:
         mean, count = value, 1
         while pools and pools[-1][0] > mean:
-            before, many = pools.pop()
-            mean, count = (before * many + mean * count) / (many + count), many + count
+            other_mean, other = pools.pop()
+            mean, count = (other_mean * other + mean * count) / (other + count), other + count
         pools.append((mean, count))
     return [mean for mean, count in pools for _ in range(count)]
 

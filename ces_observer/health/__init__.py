@@ -1,1 +1,1 @@
-"""The health of a running observer: samples, estimates and reasons go in, values for /diagnostics come out."""
+"""The health of a running observer: samples, estimates and reasons in, values for /diagnostics out."""

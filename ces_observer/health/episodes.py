@@ -1,17 +1,17 @@
-"""Episodes of withholding: from a force withheld to the next one given, however short, with reasons and counts."""
+"""Episodes of withholding: from a withheld force to the next published one, with reasons and counts."""
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
 
-MAX_EPISODES = 10  # ended episodes that are told one by one; all are in the totals
-MAX_REASONS = 4  # of one episode that are told by name
+MAX_EPISODES = 10  # ended episodes listed one by one; the totals count all
+MAX_REASONS = 4  # of one episode listed by name
 
 
 @dataclass(frozen=True)
 class Episode:
-    """An ended episode: when it began [ns of the node's clock], its length [s], reasons in order, samples withheld."""
+    """An ended episode: its start [ns of the node's clock], length [s], reasons in order, and withheld samples."""
 
     start_ns: int
     length_s: float
@@ -24,17 +24,15 @@ class Episode:
         return ", then ".join(self.reasons)
 
     def __str__(self) -> str:
-        begun = f"{self.start_ns // 10**9}.{self.start_ns // 10**6 % 1000:03d} s"
-        return f"{begun}, for {self.length_s:.3f} s: {self.reason} ({self.withheld} samples withheld)"
+        start = f"{self.start_ns // 10**9}.{self.start_ns // 10**6 % 1000:03d} s"
+        return f"{start}, for {self.length_s:.3f} s: {self.reason} ({self.withheld} samples withheld)"
 
 
 class Episodes:
-    """Follows the reasons of one damper, "ok" or why its force is withheld; `total` counts the ended episodes.
+    """Episodes of one damper: `total` counts the ended ones, `last` holds the newest of them.
 
-    `last` holds the newest of them, `by_reason` number and length [s] of all, by the reason they began with.
+    `by_reason` maps the first reason to number and total length [s] of its episodes.
     """
-
-    __slots__ = ("_reasons", "_start_ns", "_withheld", "by_reason", "last", "total")
 
     def __init__(self) -> None:
         self.total = 0
@@ -44,14 +42,14 @@ class Episodes:
         self._start_ns = self._withheld = 0
 
     def add_withheld(self, reason: str, now_ns: int, withheld_before: int) -> None:
-        """Take a reason for withholding; `withheld_before` is how many samples were withheld before this one."""
+        """Add a reason for withholding; `withheld_before` counts the samples withheld before this one."""
         if not self._reasons:
             self._start_ns, self._withheld = now_ns, withheld_before
         if reason not in self._reasons and len(self._reasons) < MAX_REASONS:
             self._reasons.append(reason)
 
     def end_episode(self, now_ns: int, withheld: int) -> None:
-        """End the episode, if there is one; `withheld` is how many samples have been withheld up to now."""
+        """End the episode, if there is one; `withheld` counts the samples withheld so far."""
         if not self._reasons:
             return
         length_s = max(0, now_ns - self._start_ns) * 1e-9

@@ -1,4 +1,4 @@
-"""Measured forces beside the estimates at their stamps, though both come in queues of their own and in either order."""
+"""Pairs each measured force with the estimate at its stamp; both arrive in separate queues and in either order."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
 
-HISTORY = 2048  # estimates kept, and measured forces that wait for one: two seconds at 1 kHz
+HISTORY = 2048  # estimates, and measured forces that wait for one: two seconds at 1 kHz
 
 
 class ForcePairs:
-    """Calls `use(stamp_ns, measured_N, estimated_N)` for each measured force that estimates surround.
+    """Calls `on_pair(stamp_ns, measured_N, estimated_N)` for each measured force between two estimates.
 
-    The estimate at a measured stamp is interpolated linearly between its neighbours; neighbours further apart than
-    `max_gap_s` are never bridged. `unpaired` counts measured forces that no pair was made of.
+    The estimate at its stamp is interpolated linearly, unless the two are further apart than `max_gap_s`. `unpaired`
+    counts the measured forces without an estimate.
     """
-
-    __slots__ = ("_estimates", "_max_gap_ns", "_on_pair", "_stamps", "_waiting", "unpaired")
 
     def __init__(self, on_pair: Callable[[int, float, float], None], max_gap_s: float) -> None:
         self._on_pair = on_pair
@@ -27,7 +25,7 @@ class ForcePairs:
         self.unpaired = 0
 
     def add_estimate(self, stamp_ns: int, force_N: float) -> None:
-        """Take an estimate; one that is not later than the one before means that time was set back."""
+        """Add an estimate; one that is not later than the last shows that time was set back."""
         stamps = self._stamps
         if stamps and stamp_ns <= stamps[-1]:
             self.forget()
@@ -40,7 +38,7 @@ class ForcePairs:
             self._pair(*waiting.popleft())
 
     def add_measured(self, stamp_ns: int, force_N: float) -> None:
-        """Take a measured force, finite."""
+        """Add a finite measured force."""
         if self._stamps and stamp_ns <= self._stamps[-1]:
             self._pair(stamp_ns, force_N)
             return
@@ -50,14 +48,14 @@ class ForcePairs:
         self._waiting.append((stamp_ns, force_N))
 
     def forget(self) -> None:
-        """Forget every force that was taken."""
+        """Forget all forces."""
         self.unpaired += len(self._waiting)
         self._waiting.clear()
         self._stamps.clear()
         self._estimates.clear()
 
     def _pair(self, stamp_ns: int, measured_N: float) -> None:
-        """Use a measured force that is stamped no later than the newest estimate."""
+        """Pair a measured force that is stamped no later than the newest estimate."""
         stamps, estimates = self._stamps, self._estimates
         after = bisect_left(stamps, stamp_ns)
         if stamps[after] == stamp_ns:

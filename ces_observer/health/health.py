@@ -1,22 +1,8 @@
-"""What a damper's status says: arrivals, latencies, costs and reasons in; level, one line and key-value pairs out.
+"""A damper's status: arrivals, latencies, costs and reasons in; level, message and key-value pairs out.
 
-What the node calls, for each damper (times in ns of the node's own clock):
-
-    health = Health(damper, facts, cost=cost, box=box)  # RunningCost | None; BlackBox | None, dampers may share one
-    health.position.take(stamp_ns, now_ns)    # with each position message; Arrivals(stamped=False) may replace it
-    health.current.take(stamp_ns, now_ns)     # with each current message
-    health.force.take(stamp_ns, now_ns)       # with each measured force
-    health.stillness.take(stamp_ns, position_m)  # with each position
-    health.latency.take(ns)                   # from the position's stamp to just after publishing its estimate
-    health.cost.estimate(stamp_ns, force_N)   # with each published estimate, if health.cost is not None
-    health.cost.measured(stamp_ns, force_N)   # with each measured force, finite or not, if health.cost is not None
-    health.change(now_ns)                     # whenever damper.reason has become another, by step or by silence
-    health.box.keep(channel, now_ns, raw)     # with each raw message, if health.box is not None; channel: int
-    health.roll(elapsed_s, now_ns, load)      # once a second; status_values.Load; begins a recording of a drift
-    health.status(detail)                     # what to publish; once for each message published
-    health.use(damper, facts, cost)           # after a reload of the model
-    box.work(budget_s, now_ns)                # from the watch timer: a recording is written bit by bit
-    box.close()                               # when the node ends
+The node calls `take` of `position`, `current`, `force`, `stillness` and `latency` with each sample, `note_change` when
+`damper.reason` changes, `roll` once a second, and `status` for each message that it publishes. Times are those of the
+node's clock [ns].
 """
 
 from __future__ import annotations
@@ -47,14 +33,14 @@ from ces_observer.tracker import OK
 
 LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2  # as in diagnostic_msgs/msg/DiagnosticStatus
 ERRORS = frozenset({SILENT, POSITION_NOT_FINITE, NO_CURRENT, OFF_CLOCK, UNBOUNDED})
-CLAMPED_WARN = 0.01  # share of forces with inputs outside the identified envelope from which it is worth a warning
-DROPPED_WARN = 0.01  # share of positions lost on the way
-STILL_WARN_S = 1.0  # time for which a position may stay the very same
+CLAMPED_WARN = 0.01  # share of forces from clamped inputs that gives a warning
+DROPPED_WARN = 0.01  # share of lost positions that gives a warning
+STILL_WARN_S = 1.0  # time without any change of position that gives a warning
 
 
 @dataclass(frozen=True)
 class Status:
-    """One status: `level` as in DiagnosticStatus, `message` one line, `values` in the order they are shown."""
+    """One status: `level` as in DiagnosticStatus, `message` in one line, `values` in the order of display."""
 
     level: int
     message: str
@@ -62,7 +48,7 @@ class Status:
 
 
 class Health:
-    """Status of one damper; rates, shares and latencies are those of the last window that `roll` closed."""
+    """Status of one damper; rates, shares and latencies are of the last window that `roll` closed."""
 
     def __init__(
         self,
@@ -81,11 +67,11 @@ class Health:
         self._name = name
         self._latency = LatencyFigures(0, 0, 0, 0)
         self._load = Load()
-        self._reported_episodes = self._reported_rests = 0  # ended episodes and rests that a status has told
+        self._reported_episodes = self._reported_rests = 0  # in a status message
         self.set_damper(damper, facts, cost)
 
     def set_damper(self, damper: DamperObserver, facts: Mapping[str, str], cost: RunningCost | None) -> None:
-        """Tell of this damper and model from now on; `facts` stand in the status as they are."""
+        """Report this damper and model from now on, and the key-value pairs `facts`."""
         self._damper, self.cost = damper, cost
         self._facts = tuple(facts.items())
         self._before = damper.tally.copy()
@@ -94,7 +80,7 @@ class Health:
         self._rate_Hz = self._withheld = self._clamped = 0.0
 
     def note_change(self, now_ns: int) -> None:
-        """Take note of the damper's new reason; a force withheld again counts from its first sample."""
+        """Record a change of the damper's reason; an episode includes its first withheld sample."""
         tally, reason = self._damper.tally, self._damper.reason
         withheld = tally.samples - tally.estimates
         if reason == OK:
@@ -103,10 +89,7 @@ class Health:
             self.episodes.add_withheld(reason, now_ns, withheld if reason == SILENT else withheld - 1)
 
     def roll(self, elapsed_s: float, now_ns: int, load: Load | None = None) -> None:
-        """Close a window of `elapsed_s` seconds: its figures are told until the next one closes.
-
-        If the cost has drifted, the black box is asked to save the seconds around it.
-        """
+        """Close a window of `elapsed_s` seconds; if the model has drifted, start a recording."""
         now, before = self._damper.tally, self._before
         samples, estimates = now.samples - before.samples, now.estimates - before.estimates
         self._rate_Hz = samples / elapsed_s if elapsed_s > 0.0 else 0.0
@@ -129,7 +112,7 @@ class Health:
             self._recorded = self.box.save(f"{self._name}_drift", now_ns, notes)
 
     def status(self, detail: str) -> Status:
-        """Return the status now; `detail` adds to the reason. An ended episode is told of in one status' message."""
+        """Return the present status; `detail` is added to the reason. One message reports each ended episode."""
         reason = self._damper.reason
         remarks = list(self._remarks())
         self._reported_episodes, self._reported_rests = self.episodes.total, self.stillness.count
@@ -161,7 +144,7 @@ class Health:
             yield f"re-identify: {_describe_drift(self.cost)}{self._describe_recording()}"
 
     def _describe_recording(self) -> str:
-        """Return what became of the recording of a drift."""
+        """Return the state of the recording of a drift."""
         if self.box is None:
             return ""
         if self.box.problem:
@@ -195,6 +178,6 @@ class Health:
 
 
 def _describe_drift(cost: RunningCost) -> str:
-    """Return the words for a cost beyond its threshold."""
+    """Return a sentence about a cost above its threshold."""
     known = "unknown" if cost.J is None else f"{cost.J:.1f}%"
     return f"the cost J against the measured force is {known}, expected below {cost.warn_J:.1f}%"

@@ -1,6 +1,6 @@
-"""Latencies in a histogram of fixed size: whole nanoseconds in, percentiles to 1.6 % and the maximum out.
+"""A histogram of latencies: whole nanoseconds in, percentiles to 1.6 % and the maximum out.
 
-The classes are log-linear, as in G. Tene's HdrHistogram: each power of two is cut into 64 equal parts.
+The classes are log-linear as in G. Tene's HdrHistogram: each power of two has 64 equal classes.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from math import ceil
 from typing import NamedTuple
 
 PARTS_BITS = 6
-WHOLE_BITS = PARTS_BITS + 1  # numbers of so few bits have a class each
-MAX_NS = (1 << 37) - 1  # 137 s; longer ones are counted in the last class
+WHOLE_BITS = PARTS_BITS + 1  # smaller numbers have a class each
+MAX_NS = (1 << 37) - 1  # 137 s; the last class counts all longer ones
 CLASSES = (MAX_NS.bit_length() - PARTS_BITS + 1) << PARTS_BITS
 
 
 class LatencyFigures(NamedTuple):
-    """One window: median, 99th percentile and maximum [ns], 0 if it was empty, and how many there were."""
+    """One window: median, 99th percentile and maximum [ns], 0 if it was empty, and the number of latencies."""
 
     p50_ns: int
     p99_ns: int
@@ -28,15 +28,13 @@ class LatencyFigures(NamedTuple):
 class Latencies:
     """The latencies since the last `roll`."""
 
-    __slots__ = ("_counts", "_max_ns")
-
     def __init__(self) -> None:
         self._counts = [0] * CLASSES
         self._max_ns = 0
 
     def take(self, ns: int) -> None:
-        """Count a latency; one below zero, from clocks that differ, counts as zero."""
-        if ns > self._max_ns:  # noqa: PLR1730  # a call of max takes longer
+        """Count a latency; a negative one, from different clocks, counts as zero."""
+        if ns > self._max_ns:  # noqa: PLR1730  # faster than max()
             self._max_ns = ns
         if not 0 <= ns <= MAX_NS:
             ns = 0 if ns < 0 else MAX_NS

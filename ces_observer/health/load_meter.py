@@ -1,4 +1,4 @@
-"""How busy this process is: shares of one core since the last look, of the whole process and of the calling thread."""
+"""Processor load since the last measurement, as shares of one core: of the process and of the calling thread."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from ces_observer.health.status_values import Load
 
 
 class LoadMeter:
-    """The processor time taken between two looks."""
+    """Measures the processor time between two calls."""
 
     def __init__(self) -> None:
         self._before = monotonic(), process_time(), thread_time()
 
     def measure(self) -> Load:
-        """Return the shares since the last look; to be called by the thread that runs the executor."""
+        """Return the shares since the last call; to be called by the thread that runs the executor."""
         now = monotonic(), process_time(), thread_time()
         elapsed, process, thread = (b - a for a, b in zip(self._before, now, strict=True))
         self._before = now

@@ -1,9 +1,8 @@
-"""The running cost of an estimate against a measured force, and whether the model has drifted from the damper.
+"""The running cost of the estimates against a measured force, and the detection of drift.
 
 Cost of thesis eq. 3.5, J = 100 ||y - y^|| / ||y - mean(y)||, over the last whole seconds of the stamps. The window
-slides by seconds and does not fade: it forgets an episode completely and at a known time, and no sum lives long
-enough to gather rounding errors. Whether a damper was moved enough to judge anything, and whether more than a second of
-bad luck speaks against the model, is looked at before a drift is told.
+slides by seconds without fading: it forgets an episode completely at a known time, and its sums cannot accumulate
+rounding errors. Drift requires enough motion of the damper and several bad seconds.
 """
 
 from __future__ import annotations
@@ -17,48 +16,30 @@ from ces_observer.health.force_pairs import ForcePairs
 from ces_observer.model import Model
 
 SECOND_NS = 1_000_000_000
-LATE_NS = 5 * SECOND_NS  # a pair from further back is one after time was set back
-MIN_PAIRS = 100  # in the window; fewer say too little
+LATE_NS = 5 * SECOND_NS  # an older pair shows that time was set back
+MIN_PAIRS = 100  # in the window, for a cost
 MIN_FORCE_N = 20.0
-MIN_FORCE_SHARE = 0.01  # of the force envelope: a smaller standard deviation is a damper that hardly moves
+MIN_FORCE_SHARE = 0.01  # of the force envelope: with a smaller standard deviation the damper hardly moves
 MIN_WARN_J = 10.0
-BAD_SECONDS = 3  # in the window that must be bad each by itself before a drift is told, and good before it is withdrawn
-GOOD = 0.8  # share of the threshold below which a drift is withdrawn
+BAD_SECONDS = 3  # bad ones in the window that make a drift, good ones in a row that end it
+GOOD = 0.8  # share of the threshold below which a second is good
 
 
 class RunningCost:
     """Running J [%] of one damper.
 
-    `window_s` whole seconds; `warn_J` [%] the threshold of `drifted`; `min_N` the least standard deviation of the
-    measured force [N] in the window at which J is told at all; `max_gap_s` the longest gap between two estimates that a
-    measured force may lie in. After each whole second of stamps: `spread_N` is that standard deviation; `J` the cost,
-    None if the window says too little; `drifted` is True from when J exceeds the threshold and so do three seconds or
-    more of the window, each by itself, until J has stayed below 0.8 of the threshold for three seconds. `paired` counts
-    the measured forces used, `ignored` those that are not finite, `unpaired` those that no estimates surround.
+    `window_s` is in whole seconds; `warn_J` [%] is the threshold; below `min_N`, a standard deviation of the measured
+    force [N], there is no cost; `max_gap_s` is the longest interval between two estimates around a measured force.
+    After each whole second of stamps: `spread_N` is the standard deviation in the window; `J` the cost, or None;
+    `drifted` becomes True when J and the cost of at least three single seconds exceed the threshold, and False when J
+    has stayed below 0.8 of it for three seconds. `paired` counts the measured forces used, `ignored` those that are not
+    finite, `unpaired` those without estimates around them.
     """
-
-    __slots__ = (
-        "J",
-        "_end_ns",
-        "_good",
-        "_pairs",
-        "_second",
-        "_seconds",
-        "add_estimate",
-        "drifted",
-        "ignored",
-        "min_N",
-        "paired",
-        "spread_N",
-        "warn_J",
-    )
 
     def __init__(self, window_s: int = 10, warn_J: float = 20.0, min_N: float = 20.0, max_gap_s: float = 0.05) -> None:
         self.warn_J, self.min_N = warn_J, min_N
         self._pairs = ForcePairs(self._take, max_gap_s)
-        self.add_estimate = (
-            self._pairs.add_estimate
-        )  # takes (stamp_ns, force_N), at once: it is called with every estimate
+        self.add_estimate = self._pairs.add_estimate  # takes (stamp_ns, force_N); direct, as it is called often
         self.ignored = self.paired = 0
         self._seconds: deque[_Second] = deque(maxlen=window_s)
         self.drifted = False
@@ -66,19 +47,19 @@ class RunningCost:
 
     @classmethod
     def from_model(cls, model: Model, warn_J: float | None = None, window_s: int = 10) -> RunningCost:
-        """Return the running cost of a model; without `warn_J`, twice its worst cost on validation, at least 10 %."""
+        """Return the running cost of a model; `warn_J` defaults to `default_warn_J`."""
         low, high = model.force_envelope_N
-        least_N = max(MIN_FORCE_N, MIN_FORCE_SHARE * (high - low))
+        min_N = max(MIN_FORCE_N, MIN_FORCE_SHARE * (high - low))
         warn_J = default_warn_J(model.provenance) if warn_J is None else warn_J
-        return cls(window_s, warn_J, least_N, model.sampling.max_gap_s)
+        return cls(window_s, warn_J, min_N, model.sampling.max_gap_s)
 
     @property
     def unpaired(self) -> int:
-        """Measured forces that no estimates surround."""
+        """Measured forces without estimates around them."""
         return self._pairs.unpaired
 
     def add_measured(self, stamp_ns: int, force_N: float) -> None:
-        """Take a measured force."""
+        """Add a measured force."""
         if isfinite(force_N):
             self._pairs.add_measured(stamp_ns, force_N)
         else:
@@ -93,14 +74,14 @@ class RunningCost:
         self.spread_N = 0.0
 
     def _take(self, stamp_ns: int, measured_N: float, estimated_N: float) -> None:
-        """Take a pair; one that comes late counts where it comes."""
+        """Add a pair to the present second, even if its stamp is older."""
         if not -LATE_NS <= stamp_ns - self._end_ns < 0:
             self._end_second(stamp_ns)
         self.paired += 1
         self._second.add(measured_N, estimated_N - measured_N)
 
     def _end_second(self, stamp_ns: int) -> None:
-        """End a second of stamps and judge the window, or begin anew after a pause or a jump of time."""
+        """End a second of stamps and evaluate the window, or restart after a pause or a time jump."""
         if not 0 <= stamp_ns - self._end_ns < SECOND_NS:
             self._restart(stamp_ns)
             return
@@ -118,16 +99,14 @@ class RunningCost:
             return
         error_N = sqrt(sum(second.error2 for second in self._seconds) / pairs)
         self.J = 100.0 * error_N / self.spread_N
-        most_N = self.warn_J * self.spread_N / 100.0
-        bad = sum(second.error_N > most_N for second in self._seconds)
-        self._good = self._good + 1 if error_N < GOOD * most_N else 0
-        self.drifted = self._good < BAD_SECONDS if self.drifted else error_N > most_N and bad >= BAD_SECONDS
+        limit_N = self.warn_J * self.spread_N / 100.0
+        bad = sum(second.error_N > limit_N for second in self._seconds)
+        self._good = self._good + 1 if error_N < GOOD * limit_N else 0
+        self.drifted = self._good < BAD_SECONDS if self.drifted else error_N > limit_N and bad >= BAD_SECONDS
 
 
 class _Second:
     """Sums over the pairs of a second."""
-
-    __slots__ = ("error2", "force", "force2", "pairs")
 
     def __init__(self) -> None:
         self.pairs = 0
@@ -146,14 +125,14 @@ class _Second:
 
 
 def default_warn_J(provenance: Mapping[str, Any]) -> float:
-    """Return twice the worst cost on validation (else on identification) that a model's provenance tells, at least 10.
+    """Return twice the worst validation (else identification) cost in a model's provenance, at least 10.
 
-    A file's provenance is free text as far as the runtime is concerned: what is not a cost there is passed over.
+    The provenance is not checked on loading: entries that are not costs are skipped.
     """
     rows = provenance.get("cost_J_percent")
     costs: dict[object, list[float]] = {}
     for row in rows if isinstance(rows, list) else ():
         if isinstance(row, Mapping) and isinstance(row.get("J"), int | float) and isfinite(row["J"]):
             costs.setdefault(row.get("role"), []).append(float(row["J"]))
-    judged = costs.get("validation") or costs.get("identification") or [0.0]
-    return max(MIN_WARN_J, 2.0 * max(judged))
+    values = costs.get("validation") or costs.get("identification") or [0.0]
+    return max(MIN_WARN_J, 2.0 * max(values))

@@ -1,4 +1,4 @@
-"""The key-value pairs of a status, as in diagnostic_msgs/msg/KeyValue: names with units, and numbers as text."""
+"""The key-value pairs of a status, as in diagnostic_msgs/msg/KeyValue: names with units, and values as text."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Values = Iterator[tuple[str, str]]
 
 
 class Load(NamedTuple):
-    """Share of one core that the process and the executor's thread took of late; None if not known."""
+    """Recent load of the process and of the executor's thread, as shares of one core; None if unknown."""
 
     process: float | None = None
     executor: float | None = None
 
 
 def episode_values(episodes: Episodes) -> Values:
-    """Tell of the ended episodes, newest first."""
+    """Yield the values of the ended episodes, newest first."""
     yield "episodes of withholding", str(episodes.total)
     for reason, (count, length_s) in sorted(episodes.by_reason.items()):
         yield f"episodes: {reason}", f"{count}, {length_s:.3f} s in all"
@@ -32,27 +32,27 @@ def episode_values(episodes: Episodes) -> Values:
 
 
 def rest_values(stillness: Stillness) -> Values:
-    """Tell how often, and how long last, the position has not changed."""
+    """Yield number and last length of the rests of the position."""
     yield "position has not changed, times", str(stillness.count)
     if stillness.count:
         yield "position has not changed, last for [s]", f"{stillness.last_s:.3f}"
 
 
 def latency_values(latency: LatencyFigures) -> Values:
-    """Tell the latencies of the window."""
+    """Yield the latencies of the window."""
     for name, ns in (("p50", latency.p50_ns), ("p99", latency.p99_ns), ("max", latency.max_ns)):
         yield f"latency from stamp to publish, {name} [ms]", f"{ns * 1e-6:.3f}" if latency.samples else "none"
 
 
 def load_values(load: Load) -> Values:
-    """Tell how busy the process is."""
+    """Yield the processor load."""
     for name, share in (("process", load.process), ("executor", load.executor)):
         if share is not None:
             yield f"{name} load [% of a core]", f"{100.0 * share:.1f}"
 
 
 def stream_values(name: str, figures: StreamFigures) -> Values:
-    """Tell of an input once it has brought a message."""
+    """Yield the values of an input once a message has arrived."""
     if not figures.total_samples:
         return
     yield f"{name}: rate [Hz]", f"{figures.rate_Hz:.1f}"
@@ -69,7 +69,7 @@ def stream_values(name: str, figures: StreamFigures) -> Values:
 
 
 def cost_values(cost: RunningCost, evaluated: bool) -> Values:
-    """Tell the running cost; `evaluated` is whether there was anything to judge of late."""
+    """Yield the running cost; `evaluated` is True if the last window had pairs."""
     yield "running cost J [%]", f"{cost.J:.2f}" if evaluated and cost.J is not None else "none"
     yield "threshold of J [%]", f"{cost.warn_J:.2f}"
     yield "measured force, standard deviation [N]", f"{cost.spread_N:.1f}"
@@ -78,7 +78,7 @@ def cost_values(cost: RunningCost, evaluated: bool) -> Values:
 
 
 def box_values(box: BlackBox) -> Values:
-    """Tell of the recordings."""
+    """Yield the state of the recordings."""
     yield "recorded bag", str(box.saved or "none")
     if box.problem:
         yield "recording", box.problem

@@ -1,19 +1,17 @@
-"""How long the position has read the very same number: a vehicle at rest, or a sensor that is stuck.
+"""Rests: how long the position has had exactly the same value, because the vehicle rests or the sensor is stuck.
 
-The position alone cannot tell the two apart, so nothing is withheld for it. A sensor whose noise is below its
-resolution repeats itself at rest; one with more noise never does for long.
+The position alone cannot distinguish the two, so no force is withheld. At rest, a sensor whose noise is below its
+resolution repeats its value; one with more noise does not for long.
 """
 
 from __future__ import annotations
 
 
 class Stillness:
-    """Rests of at least `warn_s` [s], by the positions' stamps; 0 stands for none.
+    """Rests of at least `warn_s` [s] of the positions' stamps; with 0 there are none.
 
-    `count` and `last_s` [s] tell of the rests so far, `resting` whether one is under way.
+    `count` is the number of rests, `last_s` [s] the length of the last one, `resting` True during a rest.
     """
-
-    __slots__ = ("_position_m", "_since_ns", "count", "last_s", "resting", "warn_s")
 
     def __init__(self, warn_s: float) -> None:
         self.warn_s = warn_s
@@ -24,7 +22,7 @@ class Stillness:
         self.resting = False
 
     def take(self, stamp_ns: int, position_m: float) -> None:
-        """Take a position sample [m]; one that is not a number ends a rest."""
+        """Add a position sample [m]; NaN ends a rest."""
         if position_m != self._position_m or stamp_ns < self._since_ns:
             self._position_m, self._since_ns, self.resting = position_m, stamp_ns, False
         elif self.resting or 0.0 < self.warn_s * 1e9 <= stamp_ns - self._since_ns:

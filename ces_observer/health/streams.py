@@ -1,8 +1,8 @@
-"""How one input topic arrives: rate, age, jitter and what is missing, counted with each message, told once a second.
+"""Arrival statistics of one input topic: rate, age, jitter and lost messages.
 
-Stamps and arrival times go in one by one, `StreamFigures` come out of each `roll`; memory does not grow. The time
-between two messages is learnt from the stamps and followed: what lies between half and one and a half of it is usual
-and counted in a few additions; everything else is told apart in `_take_rare`.
+Stamps and arrival times go in one by one, each `roll` returns `StreamFigures`; memory does not grow. The period is
+learnt from the stamps and followed. An interval from 0.5 to 1.5 periods is usual and takes a few additions;
+`_take_rare` handles all others.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ from dataclasses import dataclass
 from math import sqrt
 from statistics import fmean, median_low
 
-LEARN = 11  # intervals from which the period is learnt, and unusual ones in a row after which it is learnt anew
-BACK_NS, BACK_PERIODS = 50_000_000, 20  # a stamp further back than both is a clock set back, not a late message
-SILENCE_NS, SILENCE_PERIODS = 1_000_000_000, 10  # a longer interval than both is a silence, not a row of lost messages
+LEARN = 11  # intervals to learn the period, and unusual ones in a row after which it is learnt again
+BACK_NS, BACK_PERIODS = 50_000_000, 20  # a stamp further back than both: clock set back, not late
+SILENCE_NS, SILENCE_PERIODS = 1_000_000_000, 10  # longer than both: silence, not lost messages
 MIN_AGE_NS = -(1 << 62)
-MAX_LOST_SHARE = 0.5  # a period under which more than this share would have been lost while learning is not believed
+MAX_LOST_SHARE = 0.5  # of messages while learning; a period that implies more is rejected
 
 
 @dataclass(frozen=True)
 class StreamFigures:
-    """One window of a topic; times in s. Counts named `total_` are of all time, the others of the window.
+    """One window of a topic; times in s. Counts named `total_` are since the start, the others in the window.
 
     `age` is arrival minus stamp, of the newest message and over the window. `jitter` is the standard deviation of the
-    usual intervals between stamps, `longest` the longest interval of all. `burst` is the most messages that arrived
-    within a quarter of the period of one another. `dropped` is estimated from gaps in the stamps; None if the messages
-    have no stamps, as a gap in their arrival may as well be a stalled computer. Interruptions are stamps that ran back
-    or left a silence too long to be a row of lost messages.
+    usual intervals between stamps, `longest` the longest of all intervals. `burst` is the largest number of messages,
+    each within a quarter of the period after the one before. `dropped` is estimated from gaps in the stamps; it is None
+    for messages without stamps, where a gap may be a stalled computer. Interruptions are stamps that ran back, or
+    silences too long to be lost messages.
     """
 
     samples: int = 0
@@ -49,39 +49,9 @@ class StreamFigures:
 class Arrivals:
     """Counts the messages of one topic; `figures` are those of the last window.
 
-    `stamped` is False if the messages have no stamps of their own, so that `take` is given their arrival twice. A late
-    message, one stamped before the newest, makes up for one that was counted as dropped when it did not come.
+    `stamped` is False if the messages have no stamps, so that `take` gets their arrival twice. A late message, stamped
+    before the newest, cancels one counted as dropped.
     """
-
-    __slots__ = (
-        "_age_sum_ns",
-        "_before",
-        "_close_ns",
-        "_deviation_ns",
-        "_deviation_ns2",
-        "_duplicates",
-        "_interruptions",
-        "_late",
-        "_long_ns",
-        "_longest_ns",
-        "_max_age_ns",
-        "_max_run",
-        "_missing",
-        "_newest_ns",
-        "_now_ns",
-        "_pending",
-        "_period_ns",
-        "_rare",
-        "_run",
-        "_short_ns",
-        "_stamped",
-        "_steps",
-        "_streak",
-        "_streak_at",
-        "_unmeasured",
-        "_usual",
-        "figures",
-    )
 
     def __init__(self, stamped: bool = True) -> None:
         self._stamped = stamped
@@ -96,10 +66,10 @@ class Arrivals:
         self.figures = StreamFigures(dropped=0, total_dropped=0) if stamped else StreamFigures()
 
     def take(self, stamp_ns: int, now_ns: int) -> None:
-        """Take a message stamped `stamp_ns` that arrived at `now_ns` of the node's clock."""
+        """Count a message stamped `stamp_ns` that arrived at `now_ns` of the node's clock."""
         age = now_ns - stamp_ns
         self._age_sum_ns += age
-        if age > self._max_age_ns:  # noqa: PLR1730  # a call of max takes longer
+        if age > self._max_age_ns:  # noqa: PLR1730  # faster than max()
             self._max_age_ns = age
         step = stamp_ns - self._newest_ns
         if self._short_ns < step < self._long_ns:
@@ -147,12 +117,9 @@ class Arrivals:
         if self._period_ns:
             self._set_period(self._period_ns + mean_ns)
         self._before += samples
-        self._begin_window()
-        return self.figures
-
-    def _begin_window(self) -> None:
         self._age_sum_ns = self._longest_ns = self._max_run = 0
         self._max_age_ns = MIN_AGE_NS
+        return self.figures
 
     def _spread(self) -> tuple[float, float]:
         """Return mean deviation from the period and standard deviation of the usual intervals [ns]."""
@@ -167,7 +134,7 @@ class Arrivals:
         self._run = 0
 
     def _take_rare(self, stamp_ns: int, step_ns: int) -> None:
-        """Take a message whose stamp is not about one period after the newest."""
+        """Count a message whose stamp is not about one period after the newest."""
         self._rare += 1
         period_ns = self._period_ns
         if self._usual + self._rare == 1:
@@ -185,7 +152,7 @@ class Arrivals:
                 self._interruptions += 1
 
     def _take_unusual(self, step_ns: int) -> None:
-        """Learn from an interval, or count how many messages are missing in it; a short one makes up for a long one."""
+        """Learn from an interval, or count the messages missing in it; a short one cancels a long one."""
         if not self._period_ns:
             self._learn(step_ns)
             return
@@ -195,13 +162,15 @@ class Arrivals:
         self._streak += 1
         if self._streak < LEARN:
             return
-        if abs(self._pending) > LEARN // 2:  # nothing was lost: the rate is another one
-            self._forget_period()
+        if abs(self._pending) > LEARN // 2:  # nothing was lost: the rate has changed
+            self._steps.clear()
+            self._pending = self._streak = 0
+            self._set_period(0.0)
         else:
             self._count_pending()
 
     def _count_pending(self) -> None:
-        """Count what was pending: usual intervals have ended the row of unusual ones."""
+        """Count the pending messages: usual intervals have ended the row of unusual ones."""
         self._missing += self._pending
         self._pending = self._streak = 0
         self._streak_at = self._usual
@@ -217,13 +186,8 @@ class Arrivals:
         self._missing += max(0, lost)
         self._set_period(period_ns)
 
-    def _forget_period(self) -> None:
-        self._steps.clear()
-        self._pending = self._streak = 0
-        self._set_period(0.0)
-
     def _set_period(self, period_ns: float) -> None:
-        """Count from now on against this period, 0 while it is unknown."""
+        """Count relative to this period from now on; 0 while it is unknown."""
         self._period_ns = round(period_ns)
         self._short_ns, self._long_ns = round(0.5 * period_ns), round(1.5 * period_ns)
         self._close_ns = round(0.25 * period_ns)

@@ -1,1 +1,1 @@
-"""The ROS 2 nodes observer and controller: the one room of this package that imports rclpy."""
+"""The ROS 2 nodes observer and controller: the only part of this package that imports rclpy."""

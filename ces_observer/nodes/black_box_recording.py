@@ -1,4 +1,4 @@
-"""The node's black box: which topics it keeps and where its bags go; only if a measured force comes is it kept."""
+"""The node's black box: its topics, and the folder of its bags. It starts with the first measured force."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from ces_observer.nodes.message_definitions import bag_channel
 from ces_observer.recorder.black_box import BlackBox
 from ces_observer.recorder.mcap_file import require_mcap
 
-TAIL = 1.0 / 3.0  # of the time before the drift that is recorded after it
-WORK_S = 0.001  # what writing may take of each look of the watch
+TAIL = 1.0 / 3.0  # recorded time after the drift over that before it
+WORK_S = 0.001  # for writing in each call of the watch timer
 
 
 class BlackBoxRecording:
-    """The black box of all dampers; `box` is None until the first measured force comes, or if there is to be none."""
+    """The black box of all dampers; `box` is None before the first measured force and if `record_dir` is empty."""
 
     def __init__(self, node: Node, inputs: InputSubscriptions, values: dict[str, Any]) -> None:
         self._node, self._inputs = node, inputs
         self._folder, self._seconds = values["record_dir"], values["record_s"]
-        self._most_bags = values["record_max_bags"]
+        self._max_bags = values["record_max_bags"]
         self.box: BlackBox | None = None
         if self._folder:
-            with suppress(RecordingError):  # `begin` says so, if it comes to that
-                require_mcap()  # takes a while the first time, which would hold up the samples later
+            with suppress(RecordingError):  # `begin` reports it
+                require_mcap()  # slow the first time, which would delay samples later
 
     def begin(self, dampers: Sequence[DamperTopics]) -> None:
-        """Keep the last seconds of all inputs, and of these dampers' estimates, from now on."""
+        """Start keeping the last seconds of all inputs and of these dampers' estimates."""
         if self.box is not None or not self._folder:
             return
         topics = [*self._inputs.topics, *(damper.estimate_topic for damper in dampers)]
@@ -42,28 +42,27 @@ class BlackBoxRecording:
             require_mcap()
             channels = [bag_channel(topic, kind) for topic, kind in topics]
         except RecordingError as error:
-            self._give_up(str(error))
+            self._disable(str(error))
             return
         except (CesError, LookupError, OSError) as error:
-            self._give_up(f"no definition of a message type: {error}")
+            self._disable(f"no definition of a message type: {error}")
             return
-        folder = Path(self._folder).expanduser()
-        tail_s = TAIL * self._seconds
-        self.box = BlackBox(channels, folder, seconds=self._seconds, tail_s=tail_s, max_bags=self._most_bags)
+        folder, tail_s = Path(self._folder).expanduser(), TAIL * self._seconds
+        self.box = BlackBox(channels, folder, seconds=self._seconds, tail_s=tail_s, max_bags=self._max_bags)
         self._inputs.on_message = self.box.add
         for channel, damper in enumerate(dampers, start=len(self._inputs.topics)):
-            damper.kept = partial(self.box.add, channel)
+            damper.on_estimate = partial(self.box.add, channel)
 
     def work(self, now_ns: int) -> None:
-        """Go on with what is being written, a little at a time."""
+        """Continue writing for a short time."""
         if self.box is not None:
             self.box.work(WORK_S, now_ns)
 
     def close(self) -> None:
-        """Complete what is being written."""
+        """Complete the bag that is being written."""
         if self.box is not None:
             self.box.close()
 
-    def _give_up(self, reason: str) -> None:
-        self._node.get_logger().warning(f"nothing will be recorded: {reason}")
+    def _disable(self, reason: str) -> None:
+        self._node.get_logger().warning(f"drifts will not be recorded: {reason}")
         self._folder = ""

@@ -1,8 +1,7 @@
-"""The controller node: estimates of speed and force in, valve current out on `valve_command`, so that the damper's
-force follows a desired speed-force curve.
+"""The controller node: estimates of speed and force in, valve current on `valve_command` out.
 
-It is driven by the estimates; its timer watches for their silence, commands the safe current then, and publishes
-`/diagnostics`. What it cannot stand for it answers with the safe current, saying why, and resumes by itself.
+The estimates drive it, so that the damper's force follows a desired speed-force curve. A timer commands the safe
+current when they stop, and publishes `/diagnostics`, which name the reason. The node resumes by itself.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.nodes.node_parameters import TableNode
 
 WATCH_S = 0.01  # period of the watch for silence
-REPORT_S = 0.1  # least time between two diagnostics
+REPORT_S = 0.1  # minimum time between two diagnostics
 DIAGNOSTICS_S = 1.0
 
 
@@ -64,13 +63,13 @@ class Controller(TableNode):
         self.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
-        """End what is under way besides the estimates, then the node."""
+        """End model changes and clock callbacks, then the node."""
         self._model.changes.close()
         self._time.close()
         super().destroy_node()
 
     def _subscribe(self, settings: ControllerSettings) -> None:
-        """Of the two numbers in an estimate the speed comes first."""
+        """Subscribe to the speed before the force: of the two numbers in an estimate it is delivered first."""
         inputs = InputSubscriptions(self, self._time, self._on_error)
         speed, force = estimate_signals(settings.values["estimate_topic"], settings.values["joint"])
         inputs.subscribe(speed, self._on_speed, self._on_unreadable_speed)
@@ -102,11 +101,11 @@ class Controller(TableNode):
         self._unreadable = error
 
     def _on_error(self, error: Exception) -> None:
-        """Keep for the next diagnostics what no reader accounts for; estimates that cannot be taken end in silence."""
+        """Keep an unexpected error for the next diagnostics."""
         self._failure = f"{type(error).__name__}: {error}"
 
     def _on_time_jump(self, what: str) -> None:
-        self.get_logger().warning(f"{what}: the controller takes over anew")
+        self.get_logger().warning(f"{what}: the controller restarts")
         self._loop.controller.reset()
 
     def _watch(self) -> None:
@@ -124,7 +123,7 @@ class Controller(TableNode):
         try:
             if self._model.changes.poll():
                 self._health.set_facts(self._model.facts())
-        except Exception as error:  # the model before runs on; the estimates need the node
+        except Exception as error:  # the old model runs on; the estimates need the node
             self._on_error(error)
 
     def _roll(self, now: float) -> None:
@@ -136,7 +135,7 @@ class Controller(TableNode):
         self._publish_status()
 
     def _publish_change(self) -> None:
-        """Tell of a new reason at once, unless the last telling was just now: then the watch does."""
+        """Report a new reason at once, or by the watch timer if the last report was just now."""
         if self._loop.controller.reason != self._reported_reason and monotonic() - self._reported_s >= REPORT_S:
             self._publish_status()
 
@@ -150,7 +149,7 @@ class Controller(TableNode):
         self._diagnostics.publish([DamperReport(damper, damper, self._reported_reason, status)])
 
     def _detail(self) -> str:
-        """Return what there is to add to the reason."""
+        """Return details of the reason."""
         if self._loop.controller.reason != NO_ESTIMATE:
             return ""
         topic = self.resolve_topic_name(self._settings.values["estimate_topic"])

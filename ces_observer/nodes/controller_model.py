@@ -1,4 +1,4 @@
-"""The model whose inverse the controller feeds forward, and how another takes its place while the loop runs."""
+"""The model whose inverse map the controller uses, and its replacement while the loop runs."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ces_observer.nodes.model_reload import Verdict
 
 
 class ControllerModel:
-    """The model of a running `controller`; `lag_s` is that of its force behind the current [s].
+    """The model of a running `controller`; `lag_s` [s] is the lag of its force behind the current.
 
-    `changes` are the models on their way to it.
+    `changes` handles the models that shall replace it.
     """
 
     def __init__(self, node: Node, settings: ControllerSettings, controller: ForceController) -> None:
@@ -32,7 +32,7 @@ class ControllerModel:
         self.changes = ModelChanges(node, user, settings.model_path)
 
     def facts(self) -> dict[str, str]:
-        """Return what diagnostics tell of the model."""
+        """Return the model's key-value pairs for diagnostics."""
         return {
             "model": self.changes.source,
             "model sha256": self._model.digest(),
@@ -40,7 +40,7 @@ class ControllerModel:
         }
 
     def _adopt(self, verdict: Verdict) -> str:
-        """Change to a model that was checked, with the inverse that was made of it."""
+        """Change to a checked model and its inverse."""
         inverse = ModelInverse.from_json(verdict.output)
         tuning = read_live_settings(self._node, (), inverse.lag_s).tuning
         self._model, self.lag_s = verdict.model, inverse.lag_s

@@ -1,4 +1,4 @@
-"""The controller node's parameters: declared once, read into checked settings, and what of them may change live."""
+"""The controller node's parameters, declared and read into checked settings; some may change at run time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LIVE = tuple(spec.name for spec in (*LOOP, *TUNING, *CURVE) if spec.live)
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """What may change while the node runs, checked."""
+    """The checked settings that may change while the node runs."""
 
     curve: ForceCurve
     tuning: Tuning
@@ -33,7 +33,7 @@ class LiveSettings:
 
 @dataclass(frozen=True)
 class ControllerSettings:
-    """What the node is started with; the inverse's lag stands in for a `valve_lag_s` that is left to the model."""
+    """The settings at the start; a negative `valve_lag_s` is replaced by that of the model's inverse."""
 
     values: Mapping[str, Any]  # by the names in FIXED
     model: Model
@@ -56,7 +56,7 @@ def declare_settings(node: Node) -> ControllerSettings:
 def read_live_settings(node: Node, parameters: Sequence[Parameter], model_lag_s: float) -> LiveSettings:
     """Return the live settings with `parameters` changed; raises CesError if together they cannot be used.
 
-    Of a model among them only the file is looked at: changing to it takes longer than a parameter's setting may.
+    Only the file of a new model is checked: changing to the model takes too long for a parameter callback.
     """
     for parameter in parameters:
         if parameter.name == "model":
@@ -70,8 +70,8 @@ def build_live_settings(values: Mapping[str, Any], model_lag_s: float) -> LiveSe
     """Return the settings in `values`, by parameter name; raises CesError if they cannot be used."""
     for spec in LOOP:
         spec.check_value(values[spec.name])
-    own = {"timeout_s": "max_gap_s"}
-    tuning = {own.get(spec.name, spec.name): values[spec.name] for spec in TUNING}
+    field_names = {"timeout_s": "max_gap_s"}
+    tuning = {field_names.get(spec.name, spec.name): values[spec.name] for spec in TUNING}
     if tuning["valve_lag_s"] < 0.0:
         tuning["valve_lag_s"] = Tuning.lead_s(model_lag_s, tuning["preview_s"])
     curve = ForceCurve.from_points(values[SPEEDS], values[FORCES])

@@ -9,14 +9,14 @@ from ces_observer.nodes.parameter_table import ALLOW_UNCERTIFIED, EXECUTOR, MODE
 
 tunable = partial(ParameterSpec, live=True)
 MAX_CURRENT_A = 100.0
-AS_THE_MODEL = -1.0
+FROM_THE_MODEL = -1.0
 SPEEDS, FORCES = "curve.speeds_m_s", "curve.forces_N"
 CURVE = (
     tunable(SPEEDS, [-1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0], "desired curve: rising speeds [m/s]"),
     tunable(
         FORCES,
         [-2900.0, -2300.0, -1500.0, -700.0, 0.0, 380.0, 750.0, 1100.0, 1500.0],
-        "desired curve: the force at each of its speeds [N], of the speed's sign",
+        "desired curve: the force at each speed [N], with the sign of the speed",
     ),
 )
 FIXED = (
@@ -24,8 +24,8 @@ FIXED = (
     tunable(
         "model",
         "",
-        "path of the model file (model.json), the observer's own, whose inverse is fed forward; set anew, it is "
-        "checked and adopted while running",
+        "path of the model file (model.json) that the observer uses, too; its inverse is fed forward. If it is changed "
+        "while running, the new model is checked and adopted",
     ),
     MODEL_TOPIC,
     ALLOW_UNCERTIFIED,
@@ -38,7 +38,7 @@ LOOP = (
     tunable(
         "max_age_s",
         0.05,
-        "largest difference between an estimate's stamp and the clock at which it is followed [s]; 0: any",
+        "largest difference between an estimate's stamp and the clock at which the estimate is used [s]; 0: any",
         lowest=0.0,
         highest=3600.0,
     ),
@@ -48,18 +48,18 @@ TUNING = (
     tunable("high_A", 0.70, "highest current to command [A]", 0.0, MAX_CURRENT_A),
     tunable("safe_A", 0.40, "current without a usable estimate [A], within the limits", 0.0, MAX_CURRENT_A),
     tunable("rate_A_s", 100.0, "fastest change of the command [A/s]", 0.01, 1e6),
-    tunable("timeout_s", 0.05, "time without estimates after which the current is the safe one [s]", 0.005, 10.0),
+    tunable("timeout_s", 0.05, "time without estimates after which the safe current is commanded [s]", 0.005, 10.0),
     tunable("loop_gain_1_s", 4.0, "gain of the feedback [1/s]; 0: feed-forward alone", 0.0, 100.0),
     tunable("settle_m", 0.003, "stroke after a reversal from which the force is fed back [m]", 0.0, 1.0),
     tunable(
         "valve_lag_s",
-        AS_THE_MODEL,
-        "lag of the force behind the current, against which the command leads [s]; 0: no lead, below: what preview_s "
-        "leaves of the model's",
-        lowest=AS_THE_MODEL,
+        FROM_THE_MODEL,
+        "lag of the force behind the current that the command's lead compensates [s]; 0: no lead; negative: the "
+        "model's lag minus preview_s",
+        lowest=FROM_THE_MODEL,
         highest=0.2,
     ),
-    tunable("preview_s", 0.006, "time by which the feed-forward looks ahead of the speed [s]", 0.0, 0.05),
+    tunable("preview_s", 0.006, "time by which the feed-forward predicts the speed [s]", 0.0, 0.05),
     tunable("lead_filter_s", 0.003, "time constant of the filters of lead and preview [s]", 0.0, 0.1),
     tunable("recovery_s", 0.2, "time of fading in after an interruption [s]", 0.0, 60.0),
 )

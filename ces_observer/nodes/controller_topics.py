@@ -19,7 +19,7 @@ PROBE = -1234.5678
 
 
 def estimate_signals(topic: str, joint: str) -> tuple[Signal, Signal]:
-    """Return speed and force as signals of the estimates' topic; `joint` empty is the first in the message."""
+    """Return speed and force as signals of the estimates' topic; an empty `joint` means the first in the message."""
     kind, place = "sensor_msgs/msg/JointState", joint or "0"
     speed, force = (FieldPath.parse(f"{field}[{place}]") for field in ("velocity", "effort"))
     return Signal("estimate_topic", topic, kind, speed), Signal("estimate_topic", topic, kind, force)
@@ -31,30 +31,26 @@ def force_signal(topic: str) -> Signal:
 
 
 class CommandOutput:
-    """Publisher of currents on `valve_command`, written as bytes; the newest alone counts, so the queue holds one."""
+    """Publisher of currents on `valve_command`, written as bytes; only the newest counts, so the queue holds one."""
 
     def __init__(self, node: Node) -> None:
         self._publisher = _publisher(node, Float64, "valve_command", 1)
         self._pack = Struct("<4sd").pack
         if self._pack(LITTLE_CDR, PROBE) != serialize_message(Float64(data=PROBE)):
-            node.get_logger().info("this ROS serialises messages in another way: commands are published the slow way")
-            self._write = self._publish_slowly
+            node.get_logger().info("this ROS serialises messages in another way: rclpy serialises the commands")
+            self.publish = self._publish_message
         else:
-            self._write = self._publish_bytes
-
-    def publish(self, current_A: float) -> None:
-        """Publish the current [A]."""
-        self._write(current_A)
+            self.publish = self._publish_bytes
 
     def _publish_bytes(self, current_A: float) -> None:
         self._publisher.publish(self._pack(LITTLE_CDR, current_A))
 
-    def _publish_slowly(self, current_A: float) -> None:
+    def _publish_message(self, current_A: float) -> None:
         self._publisher.publish(Float64(data=current_A))
 
 
 class DesiredOutput:
-    """Publisher of the desired force on `~/desired_force`, as reachable; costs nothing while nobody listens."""
+    """Publisher of the reachable desired force on `~/desired_force`; costs nothing without subscribers."""
 
     def __init__(self, node: Node) -> None:
         self._publisher = _publisher(node, WrenchStamped, "~/desired_force", 10)
@@ -62,7 +58,7 @@ class DesiredOutput:
         self.has_listeners = False
 
     def check_listeners(self) -> None:
-        """Look whether anybody listens."""
+        """Update `has_listeners`."""
         self.has_listeners = self._publisher.get_subscription_count() > 0
 
     def publish(self, stamp_ns: int, frame: bytes, force_N: float) -> None:

@@ -1,4 +1,4 @@
-"""One damper in the graph: its position, current and measured force come in, its estimates go out."""
+"""The topics of one damper: position, current and measured force in, estimates out."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ MIN_SILENCE_S = 0.2
 class DamperTopics:
     """Inputs, output, estimator and health of one damper.
 
-    `on_change` is called when the reason why its force is withheld becomes another, `on_first_force` when a measured
-    force comes and there is no running cost to compare it with yet. `kept`, if set, is called with the time [ns] at
-    which an estimate has gone out on `estimate_topic`, and with its bytes.
+    `on_change` is called when the damper's reason changes, `on_first_force` when a measured force arrives and there is
+    no running cost yet. `on_estimate`, if set, is called with the time [ns] at which an estimate was published on
+    `estimate_topic`, and with its bytes.
     """
 
     def __init__(
@@ -51,20 +51,20 @@ class DamperTopics:
         self._last_samples, self._quiet_s = 0, 0.0
         output = EstimateOutput(node, f"{settings.topics}estimate", settings.name)
         self.estimate_topic, self._publish = output.topic, output.publish
-        self.kept: Callable[[int, bytes], None] | None = None
+        self.on_estimate: Callable[[int, bytes], None] | None = None
         self._subscribe(inputs)
 
     def use_model(self, source: str) -> None:
-        """Let health tell of the damper's model, which comes from `source`."""
+        """Let health report the damper's model, which comes from `source`."""
         facts = {"model": source, "model sha256": self.damper.model.digest()}
         self.health.set_damper(self.damper, facts, None if self.health.cost is None else self._make_cost())
 
     def compare(self) -> None:
-        """Compare the estimates with the measured force from now on."""
+        """Start comparing the estimates with the measured force."""
         self.health.cost = self._make_cost()
 
     def set_live_values(self) -> None:
-        """Take over the parameters that can change while the node runs, but for the model."""
+        """Apply the parameters that can change while the node runs, except the model."""
         value = partial(live_value, self._node, self.settings)
         self.damper.set_max_age(value("max_age_s"))
         self._wait_for_current(value("wait_for_current_s"))
@@ -73,7 +73,7 @@ class DamperTopics:
             self.health.cost.warn_J = value("cost_warn_J") or default_warn_J(self.damper.model.provenance)
 
     def watch(self, elapsed_s: float) -> None:
-        """Look, `elapsed_s` after the last look, whether samples still arrive, and let go those that waited."""
+        """Release positions that have waited, and check for silence, `elapsed_s` after the last call."""
         self._release_positions(self._clock.now())
         samples = self.damper.tally.samples
         self._quiet_s = 0.0 if samples != self._last_samples else self._quiet_s + elapsed_s
@@ -83,30 +83,30 @@ class DamperTopics:
             self._report_change()
 
     def reset(self) -> None:
-        """Begin anew after a jump of time; what was held back belongs to the time before it."""
+        """Restart after a time jump; positions held back belong to the time before it."""
         for stamp_ns, position_m, frame in self._positions.pop_all():
             self._estimate(stamp_ns, position_m, frame, self._clock.now())
         self.damper.reset()
         self._report_change()
 
     def detail(self) -> str:
-        """Return what there is to add to the damper's reason, the state of a silent topic included."""
-        known = self.damper.explain()
-        if known or self.damper.reason not in (SILENT, NO_CURRENT):
-            return known
+        """Return details of the damper's reason, including the state of a silent topic."""
+        detail = self.damper.explain()
+        if detail or self.damper.reason not in (SILENT, NO_CURRENT):
+            return detail
         silent = self.settings.signals["position" if self.damper.reason == SILENT else "current"]
         return self._topic_state(silent) if isinstance(silent, Signal) else ""
 
     def _wait_for_current(self, wait_s: float) -> None:
-        """Hold positions back for at most `wait_s` [s] until their current is known; a constant one always is."""
-        self._positions.set_wait(wait_s if isinstance(self.damper.current, CurrentHold) else 0.0)
+        """Hold positions back for at most `wait_s` [s] until their current is known; a constant current always is."""
+        self._positions.set_wait(0.0 if isinstance(self.damper.current, ConstantCurrent) else wait_s)
 
     def _make_cost(self) -> RunningCost:
         warn_J = live_value(self._node, self.settings, "cost_warn_J")
         return RunningCost.from_model(self.damper.model, warn_J or None, self.settings.values["cost_window_s"])
 
     def _subscribe(self, inputs: InputSubscriptions) -> None:
-        """Subscribe, to current first: if one message brings both, its current holds for its position."""
+        """Subscribe, to the current first: if one message carries both, its current holds for its position."""
         health, damper = self.health, self.damper
         health.current = self._subscribe_signal(inputs, "current", self._on_current, damper.count_unreadable_current)
         health.position = self._subscribe_signal(
@@ -123,8 +123,8 @@ class DamperTopics:
             return Arrivals()
         stamped = inputs.subscribe(signal, deliver, unreadable)
         if not stamped:
-            known = f"signal '{self.settings.prefix}{name}': {signal.type} has no header"
-            self._node.get_logger().warning(f"{known}, so its samples are stamped when they arrive")
+            label = f"signal '{self.settings.prefix}{name}'"
+            self._node.get_logger().warning(f"{label}: {signal.type} has no header; samples are stamped on arrival")
         return Arrivals(stamped)
 
     def _on_current(self, stamp_ns: int, current_A: float, frame: bytes, now_ns: int) -> None:
@@ -153,10 +153,8 @@ class DamperTopics:
             health.cost.add_measured(stamp_ns, force_N)
 
     def _release_positions(self, now_ns: int) -> None:
-        """Estimate from the positions that have waited for their current."""
-        current = self.damper.current
-        newest_ns = current.newest_ns if isinstance(current, CurrentHold) else None
-        for stamp_ns, position_m, frame in self._positions.pop_ready(newest_ns, now_ns):
+        """Estimate from the positions whose wait for their current is over."""
+        for stamp_ns, position_m, frame in self._positions.pop_ready(self.damper.current.newest_ns, now_ns):
             self._estimate(stamp_ns, position_m, frame, now_ns)
 
     def _estimate(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
@@ -166,8 +164,8 @@ class DamperTopics:
             raw = self._publish(stamp_ns, frame, damper.position, damper.speed, force)
             health, sent_ns = self.health, self._clock.now()
             health.latency.take(sent_ns - stamp_ns)
-            if self.kept is not None:
-                self.kept(sent_ns, raw)
+            if self.on_estimate is not None:
+                self.on_estimate(sent_ns, raw)
             if health.cost is not None:
                 health.cost.add_estimate(stamp_ns, force)
         if damper.reason != self._reported_reason:
@@ -189,7 +187,7 @@ class DamperTopics:
         return f"{topic} has a publisher that is silent"
 
 
-def _make_current(settings: DamperSettings) -> CurrentHold | ConstantCurrent:
+def _make_current(settings: DamperSettings) -> CurrentHold:
     current = settings.signals["current"]
     if isinstance(current, Signal):
         return CurrentHold(settings.model.sampling.max_current_age_s)
@@ -197,5 +195,4 @@ def _make_current(settings: DamperSettings) -> CurrentHold | ConstantCurrent:
 
 
 def _ignore(error: str) -> None:
-    """Do nothing about a measured force that cannot be read: none is compared."""
-    del error
+    """Ignore a measured force that cannot be read."""

@@ -1,4 +1,4 @@
-"""The topic /diagnostics: statuses of dampers in, one DiagnosticArray out; and the log of reasons that are new."""
+"""The topic /diagnostics: statuses of dampers in, one DiagnosticArray out; new reasons are logged."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from rclpy.node import Node
 
 from ces_observer.health.health import LEVEL_OK, LEVEL_WARN, Status
 
-LOG_S = 1.0  # least time between two lines on one damper, so that a flickering reason does not flood the console
+LOG_S = 1.0  # minimum time between two lines on one damper, against floods by a flickering reason
 
 
 class DamperReport(NamedTuple):
-    """The status of a damper: its name in diagnostics, its joint, and why its force is withheld, "ok" if it is not."""
+    """The status of a damper, with its name in diagnostics, its joint, and "ok" or why its force is withheld."""
 
     damper: str
     joint: str
@@ -25,7 +25,7 @@ class DamperReport(NamedTuple):
 
 
 def add_remark(status: Status, remark: str) -> Status:
-    """Return the status with a remark in its message that is worth a warning."""
+    """Return the status as a warning with `remark` added to its message."""
     return Status(max(status.level, LEVEL_WARN), f"{status.message}; {remark}", status.values)
 
 
@@ -38,7 +38,7 @@ class DiagnosticsOutput:
         self._logged: dict[str, tuple[str, float]] = {}
 
     def publish(self, reports: Sequence[DamperReport]) -> None:
-        """Publish the status of each damper in one message, and log the reasons that are new."""
+        """Publish the status of each damper in one message, and log new reasons."""
         message = DiagnosticArray(status=[self._diagnostic(report) for report in reports])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)

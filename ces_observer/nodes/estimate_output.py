@@ -1,4 +1,4 @@
-"""The estimate's topic: numbers in, a sensor_msgs/JointState of one joint out, written as bytes."""
+"""The topic of the estimates: numbers in, a sensor_msgs/JointState of one joint out, written as bytes."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from ces_observer.cdr.joint_state import RawEstimate
 
 Publish = Callable[[int, bytes, float, float, float], bytes]
 TYPE = "sensor_msgs/msg/JointState"
-OUTPUT_DEPTH = 1000  # as the inputs: a burst after a stall goes out whole
+OUTPUT_DEPTH = 1000  # as of the inputs: a burst after a stall is published completely
 PROBE = (1_234_567_890_987_654_321, "piston_rod", 0.0123, -0.456, 789.1)
 
 
 class EstimateOutput:
-    """Publisher of estimates of the joint `name` on `topic`; reliable unless it is overridden.
+    """Publisher of estimates of the joint `name` on `topic`; reliable unless overridden.
 
     `publish(stamp_ns, frame, position, speed, force)` takes the stamp [ns], the frame id as UTF-8, m, m/s and N, and
-    returns the bytes it has published: its own, or rclpy's if this ROS makes other bytes of the same estimate.
+    returns the published bytes. rclpy serialises the message if its bytes differ from those written here.
     """
 
     def __init__(self, node: Node, topic: str, name: str) -> None:
@@ -35,7 +35,7 @@ class EstimateOutput:
         )
         self._message = JointState(name=[name])
         self._fill = RawEstimate(name).fill
-        self.publish: Publish = self._publish_bytes if self._bytes_are_right() else self._publish_slowly
+        self.publish: Publish = self._publish_bytes if self._bytes_are_right() else self._publish_message
 
     @property
     def topic(self) -> tuple[str, str]:
@@ -43,7 +43,7 @@ class EstimateOutput:
         return self._publisher.topic_name, TYPE
 
     def _bytes_are_right(self) -> bool:
-        """Compare the bytes written here with those rclpy makes of the same estimate."""
+        """Return whether rclpy serialises an estimate to the bytes written here."""
         stamp_ns, frame, *numbers = PROBE
         own = self._fill(stamp_ns, frame.encode(), *numbers)
         return own == bytes(serialize_message(self._fill_message(stamp_ns, frame, *numbers)))
@@ -53,14 +53,14 @@ class EstimateOutput:
         self._publisher.publish(raw)
         return raw
 
-    def _publish_slowly(self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float) -> bytes:
+    def _publish_message(self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float) -> bytes:
         message = self._fill_message(stamp_ns, frame.decode("utf-8", "replace"), position, speed, force)
         raw = bytes(serialize_message(message))
         self._publisher.publish(raw)
         return raw
 
     def _fill_message(self, stamp_ns: int, frame: str, position: float, speed: float, force: float) -> JointState:
-        """Return the one message that is kept, filled in."""
+        """Fill in the one message and return it."""
         header = self._message.header
         header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
         header.frame_id = frame

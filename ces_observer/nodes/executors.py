@@ -1,7 +1,7 @@
-"""How the nodes are run: one executor, one thread, an end in order, and a garbage collector that does not interrupt.
+"""Runs the nodes: one executor, one thread, an orderly shutdown, and garbage collection at chosen times.
 
-Every node program is `run(make, argv)` around a function that builds its node. Never a multi-threaded executor: the
-callbacks of one node then need no locks, and a sample is never overtaken by the next one.
+Every node program calls `run` with a function that builds its node. The executor has a single thread, so that callbacks
+need no locks and samples stay in order.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from ces_observer.nodes.parameter_table import EXECUTOR
 
 try:
     from rclpy.experimental import EventsExecutor
-except ImportError:  # an rclpy before 7.1, or one that gave it another place
+except ImportError:  # rclpy before 7.1, or one that has moved it
     EventsExecutor = None
 
 AUTO, EVENTS, SINGLE = EXECUTOR.one_of
 USER_ERROR = 2
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-# What a wrong parameter, name or QoS raises while a node is built; rcl's own errors are RuntimeErrors.
+# Raised by a wrong parameter, name or QoS while a node is built; rcl's own errors are RuntimeErrors.
 START_ERRORS = (CesError, ParameterException, NameValidationException, InvalidQosOverridesError, RuntimeError)
 
 
 def run(name: str, make: Callable[[], Node], argv: Sequence[str] | None = None) -> int:
     """Build the node `name` with `make` and run it; returns the program's exit status.
 
-    0 when a signal ended it, 2 with one FATAL line if what START_ERRORS lists was raised. The node says by its
-    attribute `executor_choice`, a word of EXECUTOR, how it wants to be run; without it, `auto` holds.
+    That is 0 after a signal, or 2 with one FATAL line after one of START_ERRORS. The node's attribute
+    `executor_choice`, a value of EXECUTOR, selects the executor; the default is `auto`.
     """
     ends: list[int] = []
     for number in END_SIGNALS:
-        # rclpy shuts down on these by itself; Python's KeyboardInterrupt besides would strike in the middle of
-        # anything, and a second SIGINT, as ros2 launch sends, would end the interpreter on its way out.
+        # rclpy shuts down on these by itself. Python's KeyboardInterrupt could interrupt any statement, and a second
+        # SIGINT, as ros2 launch sends, would kill the interpreter during shutdown.
         signal.signal(number, lambda number, frame: ends.append(number))
     try:
         built = _build(name, make, argv, ends)
@@ -64,27 +64,27 @@ def make_executor(choice: str) -> Executor:
 
 
 def freeze_garbage() -> None:
-    """Keep what was built so far out of the collector's sight and let it run by `collect_garbage` alone."""
+    """Exclude all present objects from garbage collection, and leave the rest to `collect_garbage`."""
     gc.collect()
     gc.freeze()
     gc.disable()
 
 
 def collect_garbage() -> None:
-    """Collect what became garbage in cycles since the last time: well under a millisecond, as all else is frozen."""
+    """Collect new cyclic garbage: well under a millisecond, because all else is frozen."""
     gc.collect()
 
 
 def _build(
     name: str, make: Callable[[], Node], argv: Sequence[str] | None, ends: Sequence[int]
 ) -> tuple[Node, Executor] | None:
-    """Return node and executor; None if there is a mistake, which is told, or a signal came meanwhile."""
+    """Return node and executor; None after an error, which is logged, or a signal."""
     try:
         rclpy.init(args=None if argv is None else list(argv))
         node = make()
         executor = make_executor(getattr(node, "executor_choice", AUTO))
     except START_ERRORS as error:
-        if not ends:  # otherwise the signal has pulled the context away from under the node
+        if not ends:  # otherwise the signal has shut down the context during the start
             get_logger(name).fatal(str(error).splitlines()[0])
         return None
     return None if ends else (node, executor)
@@ -98,7 +98,7 @@ def _spin(node: Node, executor: Executor) -> None:
     except ExternalShutdownException:
         pass
     except RuntimeError:
-        if rclpy.ok():  # otherwise the signal came before a publish, which then found no context
+        if rclpy.ok():  # otherwise the signal has shut down the context before a publish
             raise
     finally:
         executor.shutdown()

@@ -1,7 +1,7 @@
-"""The node's subscriptions: one for each topic and type, however many signals of however many dampers it carries.
+"""The node's subscriptions: one for each topic and type, with any number of signals and dampers.
 
-Messages come in as bytes, numbers with their stamps go out to whoever asked for them. What cannot be read from the
-bytes is deserialised the ordinary way, message by message. Nothing that a message does raises out of a callback.
+Messages come in as bytes; stamped numbers go to the subscribers of their signals. Messages that cannot be read from the
+bytes are deserialised by rclpy. No message can raise out of a callback.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ Read = Callable[[bytes], Reading]
 class InputSubscriptions:
     """All subscriptions of the node.
 
-    `unexpected` is told of errors that no reader accounts for. `on_message`, if set, is called with topic number,
-    arrival [ns] and bytes of each message; `topics` lists (name, type) by these numbers.
+    `on_error` is called with unexpected errors. `on_message`, if set, is called with topic number, arrival [ns] and
+    bytes of each message; `topics` lists (name, type) by these numbers.
     """
 
     def __init__(self, node: Node, clock: NodeClock, on_error: Callable[[Exception], None]) -> None:
@@ -47,10 +47,10 @@ class InputSubscriptions:
         return list(self._topics)
 
     def subscribe(self, signal: Signal, deliver: Deliver, on_unreadable: Callable[[str], None]) -> bool:
-        """Have each sample of `signal` delivered, or why a message has none; returns whether its messages are stamped.
+        """Deliver each sample of `signal`, or the error that makes a message unreadable; return whether it is stamped.
 
-        A sample without a stamp of its own is stamped on arrival. Of signals in one message, the one that was
-        subscribed to first is delivered first. Raises SignalsError if topic, type or field cannot be.
+        A sample without a stamp is stamped on arrival. Signals in one message are delivered in the order of their
+        subscriptions. Raises SignalsError if topic, type or field is wrong.
         """
         kind = message_class(signal)
         key = (self._resolve_topic(signal), signal.type)
@@ -74,14 +74,12 @@ class InputSubscriptions:
             return str(self._node.resolve_topic_name(signal.topic))
         except (RuntimeError, ValueError):
             raise SignalsError(
-                f"signal '{signal.name}': '{signal.topic}' is no topic name; expected letters, digits, '_' and '/'"
+                f"signal '{signal.name}': '{signal.topic}' is not a topic name; expected letters, digits, '_' and '/'"
             ) from None
 
 
 class _Topic:
-    """One topic's readers, each with its slow substitute, what takes the sample, and what is told if there is none."""
-
-    __slots__ = ("_inputs", "_number", "readers")
+    """One topic's readers, each with its slow substitute and the callbacks for samples and for unreadable messages."""
 
     def __init__(self, inputs: InputSubscriptions, number: int) -> None:
         self._inputs = inputs
@@ -89,7 +87,7 @@ class _Topic:
         self.readers: list[tuple[Read, Read, Deliver, Callable[[str], None]]] = []
 
     def take(self, raw: bytes) -> None:
-        """Take a message; the callback of the subscription."""
+        """Read a message; the callback of the subscription."""
         inputs = self._inputs
         try:
             now_ns = inputs._clock.now()
@@ -105,7 +103,7 @@ class _Topic:
                     unreadable(str(error))
                     continue
                 deliver(now_ns if stamp_ns is None else stamp_ns, value, frame, now_ns)
-        except Exception as error:  # whatever a message does, the next one is served
+        except Exception as error:  # no message may stop the next ones
             inputs._on_error(error)
 
 
@@ -117,7 +115,7 @@ def _make_raw_reader(signal: Signal) -> Read | None:
 
 
 def _make_slow_reader(signal: Signal, kind: Any) -> Read:
-    """Return a reader that has rclpy make the whole message."""
+    """Return a reader that lets rclpy deserialise the whole message."""
     value_of, stamped = signal.make_reader(), is_stamped(kind)
 
     def read(raw: bytes) -> Reading:

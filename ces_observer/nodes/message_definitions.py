@@ -1,4 +1,4 @@
-"""The channel of a bag for a topic: its type's text and hash, read from what is installed."""
+"""The channel of a bag for a topic, with its message type's definition and hash from the installation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ces_observer.recorder.message_definition import message_definition
 
 
 def bag_channel(topic: str, type_name: str) -> BagChannel:
-    """Return the channel of a bag for `topic`; raises LookupError or OSError if the type is not installed as text."""
+    """Return the channel of a bag for `topic`; raises LookupError or OSError if the type's text is not installed."""
     return BagChannel(topic, type_name, message_definition(type_name, _text), _hash(type_name))
 
 
@@ -21,7 +21,7 @@ def _text(type_name: str) -> str:
 
 
 def _hash(type_name: str) -> str:
-    """Return the type's RIHS01 hash, empty if this installation has none."""
+    """Return the type's RIHS01 hash, empty if it is not installed."""
     try:
         described = json.loads(Path(get_interface_path(type_name)).with_suffix(".json").read_text(encoding="utf-8"))
         return next(str(one["hash_string"]) for one in described["type_hashes"] if one["type_name"] == type_name)

@@ -1,4 +1,4 @@
-"""Message types by name: a described signal in, its message class out, checked to hold the described field."""
+"""Message types by name: a signal in, its message class, checked to have the signal's field, out."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from ces_observer.signals import Signal
 
 
 def message_class(signal: Signal) -> Any:
-    """Return the class of the signal's message type; raises SignalsError if it or the field is not there."""
+    """Return the class of the signal's message type; raises SignalsError if it or the field is missing."""
     try:
         kind = get_message(signal.type)
         _check_field(signal, kind())
     except (ImportError, AttributeError, ValueError):
         raise SignalsError(
             f"signal '{signal.name}': message type '{signal.type}' is not installed; check {signal.name}.type, or "
-            "source the workspace that holds it"
+            "source the workspace that has it"
         ) from None
     return kind
 
 
 def fields_of(type_name: str) -> Mapping[str, str]:
-    """Return the fields of a type (`package/Type` or `package/msg/Type`) and rosidl's notation of their types.
+    """Return the fields of a type (`package/Type` or `package/msg/Type`) with their types in rosidl's notation.
 
     Raises LookupError if the type is not installed.
     """
@@ -38,7 +38,7 @@ def fields_of(type_name: str) -> Mapping[str, str]:
 
 
 def is_stamped(kind: Any) -> bool:
-    """Tell whether messages of this class carry a std_msgs/Header."""
+    """Return whether messages of this class have a std_msgs/Header."""
     return bool(kind.get_fields_and_field_types().get("header") == "std_msgs/Header")
 
 
@@ -49,17 +49,17 @@ def header_stamp_ns(message: Any) -> int:
 
 
 def _check_field(signal: Signal, message: Any) -> None:
-    """Walk the field path of an empty message as far as an empty message goes."""
+    """Check the field path in an empty message, up to the first array."""
     where = f"signal '{signal.name}': field '{signal.field.text}' of {signal.type}"
     value = message
     for name, element in signal.field.steps:
         fields = value.get_fields_and_field_types() if hasattr(value, "get_fields_and_field_types") else {}
         if name not in fields:
-            raise SignalsError(f"{where}: there is no '{name}'; there are {', '.join(fields) or 'no fields'}")
+            raise SignalsError(f"{where}: no '{name}'; known are {', '.join(fields) or 'no fields'}")
         value = getattr(value, name)
         if element is not None:
             if isinstance(value, str) or not hasattr(value, "__len__"):
-                raise SignalsError(f"{where}: '{name}' is no array; leave [{element}] out")
+                raise SignalsError(f"{where}: '{name}' is not an array; omit [{element}]")
             return
     if not isinstance(value, int | float):
         raise SignalsError(f"{where} is a {type(value).__name__}; expected the path to a number")

@@ -1,9 +1,8 @@
-"""How a running node gets another model: by its parameter `model`, its service `reload_model`, or a latched topic.
+"""Changes the model of a running node: by its parameter `model`, its service `reload_model`, or a latched topic.
 
-The file or text is read and its structure checked at once: a parameter that names a wrong one is refused with the
-reason. The rest, such as the proof of stability, may take longer than samples can wait, so a child process does it.
-Until it has, the old model runs; if it fails, the old model runs on and the parameter goes back to it. The service
-answers when it is done.
+The file or text is parsed at once; a parameter that names an invalid file is refused with the reason. The rest, such as
+the proof of stability, may take longer than samples can wait, so a child process does it while the old model runs. If
+it fails, the old model stays and the parameter is set back. The service answers at the end.
 """
 
 from __future__ import annotations
@@ -29,10 +28,10 @@ from ces_observer.nodes.qos import LATCHED
 
 @dataclass(frozen=True)
 class ModelUser:
-    """Who runs a model, and how another is asked for.
+    """The user of a model, and its interfaces for changes.
 
-    `running` returns the model that runs. `adopt` has a checked one take over, now or when it can, and returns a few
-    words on when. `parameter` returns the name of the parameter that now names the file.
+    `running` returns the running model. `adopt` lets a checked one take over, now or later, and returns in words when.
+    `parameter` returns the name of the parameter that holds the file's path.
     """
 
     running: Callable[[], Model]
@@ -44,9 +43,9 @@ class ModelUser:
 
 
 class ModelChanges:
-    """The models on their way to one user.
+    """The changes of one user's model.
 
-    `source` is where the model that runs comes from; `state` a line on the last change, `refused` how many were none.
+    `source` is the origin of the running model, `state` a line on the last change, `refused` the number of refusals.
     """
 
     def __init__(self, node: Node, user: ModelUser, path: Path) -> None:
@@ -64,14 +63,14 @@ class ModelChanges:
             node.create_subscription(String, user.topic, self._on_topic, LATCHED, qos_overriding_options=options)
 
     def values(self) -> tuple[tuple[str, str], ...]:
-        """Return what diagnostics tell of the changes."""
+        """Return the key-value pairs for diagnostics."""
         return ("last change of the model", self.state), ("models refused", str(self.refused))
 
     def begin_from_parameter(self) -> None:
-        """Begin to change to the model that the parameter names, if it names another."""
+        """Start a change to the file that the parameter names, if that is another."""
         text = self._read_parameter()
         if text == self._good_path:
-            self._forget_parameter()
+            self._cancel_parameter_change()
             return
         self._to_set_back = True
         try:
@@ -80,7 +79,7 @@ class ModelChanges:
             self._refuse(str(error))
 
     def poll(self) -> bool:
-        """Act upon a check that is done; returns whether another model has taken over since the last call."""
+        """Handle a finished check; return whether another model has taken over since the last call."""
         verdict = self._reload.poll()
         if verdict is not None and verdict.error:
             self._refuse(verdict.error)
@@ -93,11 +92,11 @@ class ModelChanges:
         return True
 
     def close(self) -> None:
-        """Give up what is under way."""
+        """Cancel a change in progress."""
         self._reload.cancel()
 
     def _read_parameter(self) -> str:
-        """Return the path that the parameter holds now."""
+        """Return the present path in the parameter."""
         return str(value_of(self._node, self._user.parameter()))
 
     def _begin_file(self, text: str) -> None:
@@ -119,26 +118,25 @@ class ModelChanges:
 
     def _refuse(self, reason: str) -> None:
         self.refused += 1
-        self.state = f"refused, the model before runs on: {reason}"
+        self.state = f"refused, the old model runs on: {reason}"
         self._node.get_logger().error(self.state)
         self._answer(False, reason)
         self._restore_parameter()
 
     def _restore_parameter(self) -> None:
-        """Let the parameter name the model that runs, if it names one that was not accepted."""
+        """Set the parameter back to the running model, if it names one that was not accepted."""
         if self._to_set_back:
             self._to_set_back = False
             self._node.set_parameters([Parameter(self._user.parameter(), value=self._good_path)])
 
-    def _forget_parameter(self) -> None:
-        """Give up a change that was asked for by the parameter, as it was set back meanwhile."""
+    def _cancel_parameter_change(self) -> None:
+        """Cancel a change that the parameter requested, because it was set back."""
         if self._to_set_back:
             self._to_set_back, self.state = False, "none"
             self._reload.cancel()
 
     async def _on_service(self, request: Any, response: Any) -> Any:
         """Answer when the model in the parameter's file is accepted or refused."""
-        del request
         try:
             self._begin_file(self._read_parameter())
         except (CesError, OSError) as error:
@@ -160,7 +158,7 @@ class ModelChanges:
             self._refuse(str(error))
 
     def _answer(self, success: bool, message: str) -> None:
-        """Answer whoever waits at the service."""
+        """Answer the pending service calls."""
         waiting, self._waiting = self._waiting, []
         for done in waiting:
             done.set_result((success, message))

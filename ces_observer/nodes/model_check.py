@@ -1,8 +1,7 @@
-"""A program of its own: a model file's text on standard input, why it cannot be used on standard output.
+"""A program that checks a model file on standard input, for a node that shall change to the model.
 
-A node has it run on a model that is to replace the one it runs with, because proving its stability, and inverting it
-for a controller, may take seconds and would hold up the samples that arrive meanwhile. Exit status 0: use it, by its
-inverse on standard output if that was asked for; 2: the reason is on standard output.
+The proof of stability and the inverse map for a controller may take seconds, too long for the node itself. Exit status
+0: the model can be used, and its inverse, if requested, is on standard output; 2: the reason why not is there.
 """
 
 from __future__ import annotations
@@ -15,25 +14,25 @@ from ces_observer.control.model_inverse import ModelInverse
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import MAX_BYTES, Model, parse_model
 
-PROVE, INVERT = "prove", "invert"  # what is to be done with the model
+PROVE, INVERT = "prove", "invert"  # the tasks
 USER_ERROR = 2
 MAX_CPU_S = 300
-MAX_MEMORY_BYTES = 1 << 30  # bytes of address space: a model is small, whatever it claims
+MAX_MEMORY_BYTES = 1 << 30  # bytes of address space: models are small
 NICENESS = 15
 MAX_REASON_LENGTH = 2000  # characters
 
 
 def require_stable(model: Model, source: str) -> None:
-    """Prove the model's stability anew, whatever its file claims; raises ModelError naming `source`."""
+    """Prove the model's stability, whatever its file claims; raises ModelError naming `source`."""
     if not model.is_stable():
         raise ModelError(
-            f"{source}: {model.body.unproved}; identify it anew with a certificate, or set allow_uncertified: true to "
-            "run it all the same"
+            f"{source}: {model.body.unproved}; identify it again with a certificate, or set allow_uncertified: true to "
+            "run it without"
         )
 
 
 def main() -> int:
-    """Check the model on standard input: the first argument names it in errors, the others say what is to be done."""
+    """Check the model on standard input; the first argument names it in errors, the others are the tasks."""
     os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S))
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))

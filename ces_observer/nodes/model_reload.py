@@ -1,7 +1,7 @@
-"""A model on its way into a running node: proved to be stable and inverted in a child process, then a verdict.
+"""Checks a model for a running node in a child process: proof of stability and inverse map, then a verdict.
 
-Nothing here waits: `start` hands the model over and returns, `poll` looks whether the child is done. That takes
-anything from milliseconds to seconds of one core, which the samples that arrive meanwhile could not wait for.
+Nothing here waits: `start` starts the child and returns, `poll` returns the verdict when the child has ended. That may
+take seconds of one core, too long for the node itself.
 """
 
 from __future__ import annotations
@@ -18,16 +18,13 @@ from typing import BinaryIO
 
 from ces_observer.model import Model
 
-LONGEST_S = 600.0  # a check that takes longer is ended: the computer has no time for it
+LONGEST_S = 600.0  # a longer check is ended
 PARENT = str(Path(__file__).resolve().parent.parent.parent)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The end of a check: a model, where it came from, and in `error` why it cannot be used; empty if it can.
-
-    `output` is what the check was asked to make of the model, as text.
-    """
+    """The result of a check: the model, its origin, `error` if it cannot be used, and the `output` of the tasks."""
 
     model: Model
     source: str
@@ -36,7 +33,7 @@ class Verdict:
 
 
 class ModelReload:
-    """At most one model being checked; a newer one takes its place."""
+    """Checks one model at a time; a newer one replaces it."""
 
     def __init__(self) -> None:
         self._checked: tuple[Model, str] | None = None
@@ -45,32 +42,32 @@ class ModelReload:
         self._began_s = 0.0
 
     def start(self, model: Model, source: str, tasks: Sequence[str]) -> None:
-        """Begin to do `tasks` of model_check with `model`, called `source` in errors; with none there is no check.
+        """Start the `tasks` of model_check on `model`, named `source` in errors; without tasks there is no check.
 
         Raises OSError if no process can be started.
         """
         self.cancel()
         if tasks:
-            self._output = tempfile.TemporaryFile()  # noqa: SIM115  # read when the child is done; it never waits for that
+            self._output = tempfile.TemporaryFile()  # noqa: SIM115  # read after the child's end
             self._child = _start_check(model.to_json(), (source, *tasks), self._output)
         self._checked, self._began_s = (model, source), monotonic()
 
     def poll(self) -> Verdict | None:
-        """Return the verdict once, when there is one."""
+        """Return the verdict once; None before the end of the check."""
         if self._checked is None:
             return None
         status = 0 if self._child is None else self._child.poll()
         if status is None and monotonic() - self._began_s < LONGEST_S:
             return None
         model, source = self._checked
-        told = self._read_output()
+        output = self._read_output()
         self.cancel()
         if status == 0:
-            return Verdict(model, source, "", told)
-        return Verdict(model, source, _reason(source, status, told))
+            return Verdict(model, source, "", output)
+        return Verdict(model, source, _reason(source, status, output))
 
     def cancel(self) -> None:
-        """End a check that is under way."""
+        """Cancel a check in progress."""
         self._checked = None
         if self._child is not None:
             self._child.kill()
@@ -81,7 +78,7 @@ class ModelReload:
             self._output = None
 
     def _read_output(self) -> str:
-        """Return what the child has told."""
+        """Return the child's output."""
         if self._output is None:
             return ""
         self._output.seek(0)
@@ -91,18 +88,18 @@ class ModelReload:
 def _reason(source: str, status: int | None, output: str) -> str:
     if status is None:
         return f"{source}: not checked within {LONGEST_S:g} s; expected a model this computer can prove stable"
-    return output or f"{source}: its check ended with status {status}; see what `ces info` says"
+    return output or f"{source}: its check ended with status {status}; check the file with `ces info`"
 
 
 def _start_check(text: str, words: Sequence[str], output: BinaryIO) -> subprocess.Popen[bytes]:
-    """Start the child; it finds this very package, and files stand in for pipes, which might make one side wait."""
+    """Start the child with this very package; files replace pipes, at which one side might wait."""
     paths = [PARENT, *filter(None, [os.environ.get("PYTHONPATH")])]
-    with tempfile.TemporaryFile() as given:
-        given.write(text.encode())
-        given.seek(0)
+    with tempfile.TemporaryFile() as model_file:
+        model_file.write(text.encode())
+        model_file.seek(0)
         return subprocess.Popen(
             [sys.executable, "-m", "ces_observer.nodes.model_check", *words],
-            stdin=given,
+            stdin=model_file,
             stdout=output,
             stderr=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},

@@ -1,4 +1,4 @@
-"""The node's time in nanoseconds, cheap to read, and the news that it was set: simulated time or the wall clock."""
+"""The node's time in nanoseconds, fast to read, and callbacks on jumps of simulated time or the wall clock."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from rclpy.node import Node
 from ces_observer.clock_watch import ClockWatch
 
 BACKWARD = Duration(nanoseconds=-1_000_000)
-# A recording is replayed with /clock in steps, large ones if it is played fast: they are no jumps. A shorter leap of
-# the samples themselves is seen in their stamps.
+# The steps of /clock in a fast replay are no jumps. The samples' stamps show shorter jumps.
 FORWARD = Duration(seconds=5)
 CHANGES = {
     ClockChange.ROS_TIME_ACTIVATED: "simulated time was switched on",
@@ -22,7 +21,7 @@ CHANGES = {
 
 
 class NodeClock:
-    """`now()` is the node's time [ns]; `on_jump` is called with one line that tells of a jump after it happened."""
+    """`now()` is the node's time [ns]; `on_jump` is called with a line of text after each time jump."""
 
     def __init__(self, node: Node, on_jump: Callable[[str], None]) -> None:
         self._clock = node.get_clock()
@@ -33,13 +32,13 @@ class NodeClock:
         self._jumps = self._clock.create_jump_callback(threshold, post_callback=self._on_ros_jump)
 
     def watch(self) -> None:
-        """Look whether the wall clock was set: rclpy tells of jumps of simulated time only."""
+        """Check whether the wall clock was set: rclpy reports only jumps of simulated time."""
         jump_ns = self._wall.measure_jump(time.time_ns(), time.monotonic_ns())
         if jump_ns and not self._clock.ros_time_is_active:
             self._on_jump(f"the wall clock was set by {jump_ns * 1e-9:+.3f} s")
 
     def close(self) -> None:
-        """Ask for no more news."""
+        """Remove the callback."""
         self._jumps.unregister()
 
     def _choose_clock(self) -> None:

@@ -1,7 +1,7 @@
-"""Declaring parameters from a table: each once, with its description and range, whatever was given for it.
+"""Declares parameters from a table, with description and range.
 
-What was given was declared by rclpy already, without either (automatically_declare_parameters_from_overrides), which
-is how a parameter that nobody knows is found.
+rclpy has already declared those that were set at the start (automatically_declare_parameters_from_overrides), without
+description; so unknown parameters can be reported.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from ces_observer.nodes.parameter_table import ParameterSpec, find_unknown
 
 
 class TableNode(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
-    """A node whose parameters are declared from a table; raises CesError for one given without a type.
+    """A node whose parameters are declared from a table; raises CesError for a parameter without a type.
 
-    `MAY_BE_EMPTY` names the lists that may be given as an empty one, to which ROS 2 gives no type.
+    `MAY_BE_EMPTY` names the lists that may be empty; ROS 2 has no type for an empty list.
     """
 
     MAY_BE_EMPTY: ClassVar[frozenset[str]] = frozenset()
@@ -29,19 +29,19 @@ class TableNode(Node):  # type: ignore[misc]  # rclpy is not there where types a
         try:
             super().__init__(name, automatically_declare_parameters_from_overrides=True)
         except ValueError:
-            raise CesError("a parameter is given without a value or as an empty list; leave it out instead") from None
+            raise CesError("a parameter has no value or is an empty list; remove it") from None
 
     def declare_parameters(self, namespace: str, parameters: list[Any], ignore_override: bool = False) -> list[Any]:
-        """Do what rclpy does, but leave an empty list that may be one to `declare`."""
+        """Do the same as rclpy, but leave empty lists in MAY_BE_EMPTY to `declare`."""
         typed = [one for one in parameters if not (ignore_override and one[0] in self.MAY_BE_EMPTY and one[1] is None)]
         declared: list[Any] = super().declare_parameters(namespace, typed, ignore_override)
         return declared
 
 
 def declare_table(node: Node, table: Iterable[ParameterSpec], groups: Collection[str] = ()) -> dict[str, Any]:
-    """Declare all of `table`, warn of other parameters that were given, and return the values by name.
+    """Declare all of `table`, warn of unknown parameters, and return the values by name.
 
-    Names below one of `groups` belong to others. Raises CesError or rclpy's ParameterException if a value is wrong.
+    Names below one of `groups` are not unknown. Raises CesError or rclpy's ParameterException if a value is wrong.
     """
     values = {spec.name: declare(node, spec) for spec in table}
     warn_of_unknown(node, values, groups)
@@ -51,21 +51,21 @@ def declare_table(node: Node, table: Iterable[ParameterSpec], groups: Collection
 def warn_of_unknown(
     node: Node, known: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
 ) -> None:
-    """Log a warning for each parameter that was given and that `find_unknown` does not know."""
+    """Log a warning for each parameter that `find_unknown` returns."""
     for name in find_unknown(node.get_parameters_by_prefix(""), known, groups, owners):
         node.get_logger().warning(f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known))}")
 
 
 def declare(node: Node, spec: ParameterSpec) -> Any:
-    """Declare `spec` and return its value; raises CesError or rclpy's ParameterException if what was given is wrong."""
+    """Declare `spec` and return its value; raises CesError or rclpy's ParameterException if the value is wrong."""
     value = declare_anew(node, spec.name, spec.default, descriptor_of(spec))
     return spec.check_value([] if value is None and isinstance(spec.default, list) else value)
 
 
 def declare_unset(node: Node, spec: ParameterSpec, name: str) -> None:
-    """Declare `spec` as `name` without a default: not set if it was not given. Raises CesError if what was is wrong.
+    """Declare `spec` as `name` without a default, so that it may stay unset. Raises CesError if the value is wrong.
 
-    It is typed dynamically, as rclpy answers no question about several parameters if one of a known type is not set.
+    It is typed dynamically, because rclpy cannot return several parameters if one of a fixed type is not set.
     """
     descriptor = descriptor_of(spec)
     descriptor.dynamic_typing = True
@@ -76,7 +76,7 @@ def declare_unset(node: Node, spec: ParameterSpec, name: str) -> None:
 
 
 def descriptor_of(spec: ParameterSpec) -> ParameterDescriptor:
-    """Return description, range and whether it is read-only."""
+    """Return the ROS descriptor of `spec`."""
     constraints = f"one of {', '.join(spec.one_of)}" if spec.one_of else ""
     descriptor = ParameterDescriptor(
         description=spec.meaning, read_only=not spec.live, additional_constraints=constraints
@@ -91,7 +91,7 @@ def descriptor_of(spec: ParameterSpec) -> ParameterDescriptor:
 
 
 def declare_anew(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
-    """Declare a parameter that was declared without description because it was given, or was not, and return it."""
+    """Declare a parameter, again if it was declared without description, and return its value."""
     if node.has_parameter(name):
         node.undeclare_parameter(name)
     return node.declare_parameter(name, default, descriptor).value
@@ -103,7 +103,7 @@ def value_of(node: Node, name: str) -> Any:
 
 
 def model_path(text: str) -> Path:
-    """Return the path that a parameter `model` holds; raises ModelError if it is empty."""
+    """Return the path in a parameter `model`; raises ModelError if it is empty."""
     if not text:
-        raise ModelError("parameter 'model' is not set; give the path of a model file: -p model:=/path/model.json")
+        raise ModelError("parameter 'model' is not set; set the path of a model file: -p model:=/path/model.json")
     return Path(text).expanduser()

@@ -1,7 +1,7 @@
 """The observer node: piston position and valve current in, estimated damping force out on `~/estimate`.
 
-It is driven by the position samples; its timer watches for silence, for what is under way beside the samples, and
-publishes `/diagnostics`. What it cannot stand for it withholds, saying why, and resumes by itself.
+The position samples drive it. A timer checks for silence, continues model changes and recordings, and publishes
+`/diagnostics`, which name the reason for each withheld force. The node resumes by itself.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.nodes.node_parameters import TableNode
 from ces_observer.nodes.observer_parameters import DamperSettings, declare_settings, find_refusal, governing_parameter
 
-WATCH_S = 0.1  # period of the watch, and least time between two diagnostics
+WATCH_S = 0.1  # period of the watch timer, and minimum time between two diagnostics
 DIAGNOSTICS_S = 1.0
 
 
@@ -56,7 +56,7 @@ class Observer(TableNode):
         self.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
-        """End what is under way besides the samples, then the node."""
+        """End model changes, recording and clock callbacks, then the node."""
         for _, changes in self._dampers:
             changes.close()
         self._recording.close()
@@ -80,7 +80,7 @@ class Observer(TableNode):
     def _watch(self) -> None:
         try:
             self._poll()
-        except Exception as error:  # the next look may be better; the samples need the node
+        except Exception as error:  # the next call may succeed; the samples need the node
             self._on_error(error)
 
     def _poll(self) -> None:
@@ -106,7 +106,7 @@ class Observer(TableNode):
             topics.health.roll(elapsed_s, now_ns, load)
 
     def _on_change(self) -> None:
-        """Tell of a new reason at once, unless the last telling was just now: then the watch does."""
+        """Report a new reason at once, or by the watch timer if the last report was just now."""
         self._pending = True
         if monotonic() - self._reported_s >= WATCH_S:
             self._publish_status()
@@ -130,23 +130,23 @@ class Observer(TableNode):
         return DamperReport(damper, topics.settings.name, topics.damper.reason, replace(status, values=values))
 
     def _on_first_force(self, topics: DamperTopics) -> None:
-        """Compare with the measured force, and record for the case that the comparison fails, once there is one."""
+        """Start the comparison with the measured force, and the black box for a drift."""
         topics.compare()
-        self._recording.begin([each for each, _ in self._dampers])
+        self._recording.begin([damper for damper, _ in self._dampers])
         topics.health.box = self._recording.box
 
     def _on_time_jump(self, what: str) -> None:
-        """Begin anew after a jump of time."""
+        """Restart after a time jump."""
         try:
             self._jumps, self._jump = self._jumps + 1, what
-            self.get_logger().warning(f"{what}: the estimates begin anew")
+            self.get_logger().warning(f"{what}: the estimates restart")
             for topics, _ in self._dampers:
                 topics.reset()
         except Exception as error:  # rcl calls this in the middle of setting its clock
             self._on_error(error)
 
     def _on_error(self, error: Exception) -> None:
-        """Count what should not happen, for the next telling; no message may end the node."""
+        """Count an unexpected error for the next diagnostics; no message may end the node."""
         self._failures += 1
         self._failure = f"{type(error).__name__}: {error}"
 

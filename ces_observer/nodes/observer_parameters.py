@@ -1,7 +1,7 @@
-"""The observer node's parameters read into checked settings: those of the node, and those of each damper.
+"""The observer node's parameters, read into checked settings of the node and of each damper.
 
-With names in `dampers`, each damper has the parameters NAME.model, NAME.position.topic and so on; what is not set for
-it is as for all dampers, in the parameter without the name.
+With names in `dampers`, each damper has parameters NAME.model, NAME.position.topic and so on; one that is not set has
+the value of the parameter without the name.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _PLAIN_NAME = "expected letters, digits and underscores that do not begin with a
 
 @dataclass(frozen=True)
 class DamperSettings:
-    """What one damper is observed with; `key` is its name in `dampers`, empty if it is the only one."""
+    """The settings of one damper; `key` is its name in `dampers`, empty if it is the only one."""
 
     key: str
     name: str
@@ -48,18 +48,18 @@ class DamperSettings:
 
     @property
     def prefix(self) -> str:
-        """What the names of its own parameters begin with."""
+        """Prefix of its own parameters."""
         return f"{self.key}." if self.key else ""
 
     @property
     def topics(self) -> str:
-        """What the names of its topics and services begin with."""
+        """Prefix of its topics and services."""
         return f"~/{self.key}/" if self.key else "~/"
 
 
 @dataclass(frozen=True)
 class ObserverNodeSettings:
-    """What the node is run with: `values` by the names in OF_THE_NODE."""
+    """The node's settings: `values` by the names in OF_THE_NODE."""
 
     values: dict[str, Any]
     dampers: tuple[DamperSettings, ...]
@@ -81,19 +81,19 @@ def declare_settings(node: Node) -> ObserverNodeSettings:
 
 
 def live_value(node: Node, settings: DamperSettings, name: str) -> Any:
-    """Return what holds for a damper now: its own value, or else that for all."""
+    """Return the present value for a damper: its own, or else the common one."""
     own = value_of(node, settings.prefix + name) if settings.key else None
     return value_of(node, name) if own is None else own
 
 
 def governing_parameter(node: Node, settings: DamperSettings, name: str) -> str:
-    """Return the name of the parameter whose value holds for a damper now."""
+    """Return the name of the parameter whose value now applies to a damper."""
     own = settings.prefix + name
     return name if value_of(node, own) is None else own
 
 
 def find_refusal(node: Node, parameters: Sequence[Parameter]) -> str:
-    """Return why one of these parameters cannot be set to its value, empty if all can."""
+    """Return why one of these parameters cannot be set, empty if all can."""
     try:
         for parameter in parameters:
             spec = LIVE.get(parameter.name.rpartition(".")[2])
@@ -134,7 +134,7 @@ def _declare_dampers(node: Node) -> tuple[str, ...]:
         raise CesError(f"parameter '{DAMPERS}' is {keys!r}; expected a list of names, such as [front, rear]")
     for key in keys:
         if not key.isidentifier() or not key.isascii() or key in NAMES:
-            raise CesError(f"parameter '{DAMPERS}' has '{key}'; {_PLAIN_NAME}, and no name of a signal")
+            raise CesError(f"parameter '{DAMPERS}' has '{key}'; {_PLAIN_NAME}, and not the name of a signal")
     if len(set(keys)) < len(keys):
         raise CesError(f"parameter '{DAMPERS}' is {list(keys)}; expected each name once")
     return tuple(keys)

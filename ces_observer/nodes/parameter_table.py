@@ -1,6 +1,6 @@
 """Parameters of nodes as tables: name, default, meaning, range, and whether they can change while the node runs.
 
-Knows no ROS: a node declares its table by `node_parameters.declare_table`; documentation and tests read the same table.
+It does not use ROS: `node_parameters.declare_table` declares a table; documentation and tests read the same table.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import Any
 from ces_observer.errors import CesError
 
 Value = bool | int | float | str | list[str] | list[float]
-KINDS = {bool: "truth value (true or false)", int: "whole number", float: "number", str: "text", list: "list"}
-NO_WORDS = [""]  # ROS 2 has no empty list of texts; empty texts are left out
+KINDS = {bool: "truth value (true or false)", int: "whole number", float: "number", str: "string", list: "list"}
+NO_WORDS = [""]  # ROS 2 has no empty list of strings; empty strings are ignored
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """One parameter; `lowest` and `highest` bound numbers, both included, `one_of` lists what a text may be."""
+    """One parameter; `lowest` and `highest` bound numbers, both included, `one_of` lists the allowed strings."""
 
     name: str
     default: Value
@@ -35,9 +35,9 @@ class ParameterSpec:
         return None if self.lowest is None or self.highest is None else (self.lowest, self.highest)
 
     def check_value(self, value: Any, name: str = "") -> Any:
-        """Return `value` as it is to be used for the parameter `name` (its own); raises CesError if it is not allowed.
+        """Return the value for the parameter `name` (default: its own); raises CesError if it is not allowed.
 
-        A whole number will do for a number, any sequence for a list.
+        Whole numbers are converted to numbers, sequences to lists.
         """
         name = name or self.name
         if isinstance(self.default, float) and type(value) is int:
@@ -57,9 +57,9 @@ class ParameterSpec:
 def find_unknown(
     names: Iterable[str], known: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
 ) -> list[str]:
-    """Return the `names` that are neither in `known`, nor ROS's own, nor of a group (`GROUP.…`).
+    """Return the `names` that are neither `known`, nor ROS's own, nor in one of the `groups` (`GROUP.…`).
 
-    Each of the `owners` has parameters of its own, `OWNER.NAME`, with the names of the others.
+    Each of the `owners` has its own parameters with the same names, `OWNER.NAME`.
     """
     unknown = []
     for name in names:
@@ -74,10 +74,10 @@ EXECUTOR = ParameterSpec(
     "executor",
     "auto",
     "what runs the callbacks: 'events' is rclpy's EventsExecutor, 'single' its SingleThreadedExecutor, 'auto' "
-    "events where this rclpy has it",
+    "events if this rclpy has it",
     one_of=("auto", "events", "single"),
 )
 MODEL_TOPIC = ParameterSpec(
-    "model_topic", "", "latched topic (std_msgs/msg/String) that carries the text of models to load; empty: none"
+    "model_topic", "", "latched topic (std_msgs/msg/String) with the text of models to load; empty: none"
 )
 ALLOW_UNCERTIFIED = ParameterSpec("allow_uncertified", False, "run a model whose stability cannot be proved (unsafe)")

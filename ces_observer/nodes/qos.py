@@ -4,4 +4,4 @@ from __future__ import annotations
 
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)  # reliable; late ears get the newest
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers get the newest

@@ -1,4 +1,4 @@
-"""Where each signal is, as parameters of the node: declared with their meanings, read into `Signals`."""
+"""The parameters that map each signal to its topic and field: declared, and read into `Signals`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ SIGNALS = ("position", "current", "force")
 
 
 def declare_signals(node: Node, prefix: str) -> None:
-    """Declare where each signal is; with a `prefix`, that of one damper, nothing is set that was not given."""
+    """Declare the parameters of all signals; with the `prefix` of one damper they have no defaults."""
     for signal in SIGNALS:
         defaults = {**DEFAULTS[signal], "scale": 1.0, "offset": 0.0}
         for key, meaning in SIGNAL_KEYS.items():
-            free = bool(prefix) or key in ("scale", "offset")  # not set, or perhaps given as a whole number
+            free = bool(prefix) or key in ("scale", "offset")  # not set, or perhaps set to a whole number
             descriptor = ParameterDescriptor(description=f"{signal}: {meaning}", read_only=True, dynamic_typing=free)
             declare_anew(node, f"{prefix}{signal}.{key}", None if prefix else defaults[key], descriptor)
     descriptor = ParameterDescriptor(
@@ -29,12 +29,12 @@ def declare_signals(node: Node, prefix: str) -> None:
 
 
 def read_signals(node: Node, prefix: str) -> Signals:
-    """Return where each signal of a damper is, its own over what is said for all; raises SignalsError."""
-    described = {
+    """Return the signals of a damper, its own settings over the common ones; raises SignalsError."""
+    mapping = {
         signal: override(_read_parameters(node, signal), _read_parameters(node, prefix + signal) if prefix else None)
         for signal in SIGNALS
     }
-    return Signals.from_mapping(described, f"parameters of '{prefix[:-1]}'" if prefix else "parameters")
+    return Signals.from_mapping(mapping, f"parameters of '{prefix[:-1]}'" if prefix else "parameters")
 
 
 def _read_parameters(node: Node, signal: str) -> dict[str, Any]:

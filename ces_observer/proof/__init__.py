@@ -1,1 +1,1 @@
-"""Stability: interval arithmetic and the certificate that a model is a contraction over its whole envelope."""
+"""Proofs of stability: interval arithmetic, and the certificate that a model is a contraction over its envelope."""

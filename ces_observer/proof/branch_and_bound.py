@@ -1,7 +1,6 @@
 """The maximum of a sum of terms over a box of inputs: branch and bound with outward rounding.
 
-Boxes are halved, the worst first, until bound and an actual value meet. Nothing is sampled; every input is free to be
-anything in its range.
+Boxes are halved, the worst first, until the bound meets an actual value. Every input may take any value in its range.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from ces_observer.proof.interval_sums import Box, Product, Sums
 from ces_observer.proof.intervals import Interval
 
 MAX_BOXES = 40_000
-MAX_WORK = 4_000_000  # interval products: a few seconds, whatever a file asks for
+MAX_WORK = 4_000_000  # interval products: a few seconds at most, for any file
 GAIN_GAP = 0.002  # relative distance of bound and actual value at which halving stops
 
 
@@ -26,8 +25,8 @@ def bound_maximum(
 ) -> tuple[float, int]:
     """Return an upper bound on the maximum over the `ranges` of the sum over groups of |sum of the group's terms|.
 
-    Past forces in the terms are left out. The second number is how many boxes it took. A bound of at most `enough`, or
-    an actual value above it where it is not zero, ends the search early; so does MOST_WORK.
+    Past forces in the terms are left out. The second number is the count of boxes. The search ends early at a bound of
+    at most `enough`, at an actual value above `enough` unless that is zero, and at MAX_WORK.
     """
     sums = Sums(groups)
     root, kinks = sums.root(ranges), sums.kinks()
@@ -36,8 +35,8 @@ def bound_maximum(
     count, max_boxes = 1, min(max_boxes, MAX_WORK // max(sums.work, 1))
     while True:
         bound, _, box = heap[0]
-        settled = -bound <= enough or (enough and reached > enough)
-        if settled or -bound <= reached + gap * max(abs(reached), 1e-3) or count >= max_boxes or not box:
+        decided = -bound <= enough or (enough and reached > enough)
+        if decided or -bound <= reached + gap * max(abs(reached), 1e-3) or count >= max_boxes or not box:
             return -bound, count
         heapq.heappop(heap)
         for half in _split_box(box, root, kinks):
@@ -48,7 +47,7 @@ def bound_maximum(
 
 
 def _split_box(box: Box, root: Box, kinks: Sequence[Sequence[float]]) -> tuple[Box, Box]:
-    """Return `box` cut in two across its widest side relative to the whole envelope, at one of its `kinks` if any."""
+    """Return `box` cut in two across its widest side relative to `root`, at one of the side's `kinks` if any."""
     shares = [(high - low) / max(r[1] - r[0], 1e-300) for (low, high), r in zip(box, root, strict=True)]
     side = shares.index(max(shares))
     low, high = box[side]

@@ -1,7 +1,6 @@
-"""What a proof of stability says of a model: what is claimed, how it was proved, and what bounds the force.
+"""Certificates of stability: the claim, the method of proof, and the bound on the force.
 
-Each structure proves in its own way and returns a `Certificate`; `Contraction` is the one of models whose past forces
-count for less than one.
+Each structure has its own proof and returns a `Certificate`; `Contraction` is that of contractions.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from ces_observer.proof.intervals import up
 
 
 class Certificate(ABC):
-    """The outcome of a proof: `claim` says what holds for every input, `method` how it was proved."""
+    """The result of a proof: `claim` holds for every input, `method` is how it was proved."""
 
     claim: str
     method: str
@@ -39,36 +38,36 @@ class Certificate(ABC):
     @property
     @abstractmethod
     def doubt(self) -> str:
-        """What stands against stability where it is not proved, in words."""
+        """Why stability is not proved, in words."""
 
     @property
     @abstractmethod
     def rows(self) -> tuple[tuple[str, str], ...]:
-        """The proved numbers for people: names and values with units."""
+        """The proved numbers for display: names, and values with units."""
 
     @property
     def effort(self) -> str:
-        """How it was proved and what that took, for people."""
+        """The method and effort of the proof, in words."""
         return self.method
 
     def to_mapping(self) -> dict[str, object]:
-        """Return what the model file keeps of the proof."""
+        """Return the certificate as in a model file."""
         return {"claim": self.claim, "method": self.method, **self.bounds}
 
 
 def summarize(stored: Mapping[str, Any]) -> str:
-    """Return in a sentence what a certificate says, as the model file keeps it."""
+    """Return a model file's stored certificate as a sentence."""
     gain = stored.get("gain")
     if gain is None:
         return str(stored.get("claim"))
-    return f"past forces count for at most {gain:.3f} < 1 for any input in the envelope"
+    return f"contraction: the gains of the past forces sum to at most {gain:.3f} < 1 for any input in the envelope"
 
 
 @dataclass(frozen=True)
 class Contraction(Certificate):
     """Proved bounds on y(k) = sum_j a_j y(k - j) + b: `gain` on sum |a_j|, `drive_N` on |b| [N].
 
-    With gain < 1, |y| <= drive_N / (1 - gain) for ever. `boxes` counts the boxes of inputs that the proof looked at.
+    With gain < 1, |y| <= drive_N / (1 - gain) at all times. `boxes` counts the boxes of inputs in the proof.
     """
 
     gain: float
@@ -94,12 +93,12 @@ class Contraction(Certificate):
 
     @property
     def doubt(self) -> str:
-        """What stands against stability."""
-        return f"past forces may count for {self.gain:.6g}; expected less than 1"
+        """Why it is not proved to be a contraction."""
+        return f"the gains of the past forces may sum to {self.gain:.6g}; expected less than 1"
 
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:
-        """The proved numbers for people."""
+        """The proved numbers for display."""
         return (
             ("gain", f"{self.gain:.6g} < 1"),
             ("drive", f"{self.drive_N:.6g} N"),
@@ -108,9 +107,9 @@ class Contraction(Certificate):
 
     @property
     def effort(self) -> str:
-        """How it was proved, and how many boxes of inputs that took."""
+        """The method of the proof and its number of boxes."""
         return f"{self.method}, {self.boxes} boxes"
 
     def to_mapping(self) -> dict[str, object]:
-        """Return what the model file keeps of the proof."""
+        """Return the certificate as in a model file."""
         return {**super().to_mapping(), "boxes": self.boxes}

@@ -1,9 +1,8 @@
 """Sums of terms over boxes of their inputs, bounded by interval arithmetic with outward rounding.
 
-Groups of terms go in, compiled once; bounds on the sum over groups of |sum of the group's terms| come out, box by box.
-A factor that many terms share is bounded once for a box. Each box is bounded by the tighter of the natural and the
-centred form, which shrinks with the square of the box (Moore, Kearfott & Cloud, Introduction to Interval Analysis,
-2009, ch. 5-6).
+Groups of terms go in once; bounds on the sum over groups of |sum of the group's terms| come out for each box. Each box
+has the tighter bound of the natural and the centred form, whose excess shrinks with the square of the box (Moore,
+Kearfott & Cloud, Introduction to Interval Analysis, 2009, ch. 5-6).
 """
 
 from __future__ import annotations
@@ -17,34 +16,31 @@ from ces_observer.proof.intervals import Interval, down, product, up
 Box = tuple[Interval, ...]  # a range of each variable
 Row = tuple[float, tuple[int, ...]]  # coefficient and factors of a term
 Slope = tuple[int, float, int, tuple[int, ...]]  # variable, coefficient, factor differentiated by it, the others
-MIN_SHARE = 1.0 - 1e-12  # of a value computed without outward rounding that is surely reached
+MIN_SHARE = 1.0 - 1e-12  # of a value computed without outward rounding that is certainly reached
 
 
 class BoundedFactor(Protocol):
-    """A function of one variable, with its bounds."""
-
-    def __hash__(self) -> int:
-        """Factors that are equal are bounded once."""
+    """A function of one variable, with its bounds; equal ones have equal hashes and are bounded once."""
 
     @property
     def variable(self) -> tuple[str, int]:
-        """What it is a function of: a signal and its lag."""
+        """The variable: a signal and its lag."""
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Where it bends, besides zero."""
+        """The values, besides zero, at which its slope jumps."""
 
     def at(self, value: float) -> float:
-        """Return the factor where its variable is `value`."""
+        """Return the factor at `value` of its variable."""
 
     def variable_range(self, ranges: Mapping[str, Interval]) -> Interval:
-        """Return the range of the variable, given those of the inputs."""
+        """Return the range of the variable from those of the inputs."""
 
     def interval(self, at: Interval) -> Interval:
         """Return an interval that holds the factor for every value of the variable in `at`."""
 
     def slope_interval(self, at: Interval) -> Interval | None:
-        """Return an interval that holds the factor's derivative over `at`, None if there is no bound."""
+        """Return an interval that holds the derivative over `at`, None if there is no bound."""
 
 
 class Product(Protocol):
@@ -77,22 +73,22 @@ class Sums:
 
     @property
     def work(self) -> int:
-        """Return how many interval products, about, a box takes."""
+        """The approximate number of interval products per box."""
         terms = sum(len(factors) + 1 for rows in self._groups for _, factors in rows)
         slopes = sum(len(others) + 3 for group in self._slopes for *_, others in group)
         return 2 * terms + slopes + 3 * len(self.factors)
 
     def root(self, ranges: Mapping[str, Interval]) -> Box:
-        """Return the whole box: the range of each variable, given those of the inputs."""
+        """Return the whole box: the range of each variable, from those of the inputs."""
         sides = {place: f.variable_range(ranges) for place, f in zip(self._places, self.factors, strict=True)}
         return tuple(sides[place] for place in range(len(self.variables)))
 
     def kinks(self) -> list[list[float]]:
-        """Return where a factor of each variable bends, zero first."""
-        found: list[set[float]] = [{0.0} for _ in self.variables]
+        """Return for each variable the values at which a factor's slope jumps, zero first."""
+        kinks: list[set[float]] = [{0.0} for _ in self.variables]
         for place, f in zip(self._places, self.factors, strict=True):
-            found[place] |= set(f.kinks)
-        return [sorted(one, key=lambda at: (at != 0.0, at)) for one in found]
+            kinks[place] |= set(f.kinks)
+        return [sorted(values, key=lambda at: (at != 0.0, at)) for values in kinks]
 
     def bound(self, box: Box) -> float:
         """Return an upper bound over `box`."""
@@ -114,7 +110,7 @@ class Sums:
         return _total(tight)
 
     def value(self, box: Box) -> float:
-        """Return what is surely reached in `box`: the largest value in its middle and two corners."""
+        """Return a value certainly reached in `box`: the largest of its middle and two corners."""
         points = ([0.5 * (low + high) for low, high in box], [low for low, _ in box], [high for _, high in box])
         return max(self._at(point) for point in points) * MIN_SHARE
 
@@ -136,7 +132,7 @@ class Sums:
 
 
 def _sum(rows: Sequence[Row], powers: Sequence[Interval]) -> Interval:
-    """Return an interval that holds the sum of the terms: each factor's range, multiplied and added."""
+    """Return the natural form: an interval that holds the sum of the terms."""
     low = high = 0.0
     for coefficient, factors in rows:
         value = _multiply((coefficient, coefficient), factors, powers)
@@ -151,7 +147,7 @@ def _centred_form(
     steep: Sequence[Interval | None],
     away: Sequence[Interval],
 ) -> Interval:
-    """Return an interval that holds the group's sum: its value in the `middle`, plus slopes times distances."""
+    """Return the centred form: the value in the `middle` plus slopes times distances."""
     low, high = middle
     by_variable: dict[int, Interval] = {}
     for variable, coefficient, differentiated, others in slopes:

@@ -1,4 +1,4 @@
-"""Interval arithmetic with outward rounding: what a proof over all inputs is made of (Moore, Kearfott & Cloud 2009)."""
+"""Interval arithmetic with outward rounding (Moore, Kearfott & Cloud, Introduction to Interval Analysis, 2009)."""
 
 from __future__ import annotations
 

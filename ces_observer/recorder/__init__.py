@@ -1,1 +1,1 @@
-"""The black box: the last seconds of raw messages go in, a rosbag2 folder comes out when something went wrong."""
+"""The black box: keeps the last seconds of raw messages and writes them as a rosbag2 folder when the model drifts."""

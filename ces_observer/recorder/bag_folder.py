@@ -1,4 +1,4 @@
-"""A rosbag2 folder written message by message: an MCAP file and metadata.yaml, under its name only when complete."""
+"""Writes a rosbag2 folder, an MCAP file and metadata.yaml, which gets its name only when it is complete."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PART = ".part"
 
 
 class BagFolder:
-    """Writes the bag `path`, in a hidden folder beside it that `place` renames; raises OSError where that cannot be.
+    """Writes the bag `path` in a hidden folder beside it, which `place` renames; raises OSError.
 
     `notes` become the bag's custom data. Call `write` for each message, then `end` and `place`.
     """
@@ -27,7 +27,7 @@ class BagFolder:
         self._part = part_path(path)
         self._part.mkdir(parents=True)
         self._file = McapFile(self._part / f"{path.name}.mcap", channels)
-        self.write = self._file.write  # takes (channel, log_ns, raw), at once: it is called with every message
+        self.write = self._file.write  # takes (channel, log_ns, raw); direct, as it is called with every message
 
     def end(self) -> None:
         """Complete the files."""
@@ -36,7 +36,7 @@ class BagFolder:
         (self._part / METADATA).write_text(text, encoding="utf-8")
 
     def place(self) -> None:
-        """Put the bag under its name once it is on the disk; takes as long as the disk does."""
+        """Rename the bag once it is on the disk; waits for the disk."""
         for path in (*self._part.iterdir(), self._part):
             handle = os.open(path, os.O_RDONLY)
             try:
@@ -57,14 +57,14 @@ def part_path(path: Path) -> Path:
 
 
 def remove_bag(path: Path) -> None:
-    """Remove a bag's folder with the files a bag has, and no other; raises OSError."""
+    """Remove a bag's folder and files; raises OSError if it holds other files."""
     for file in (*path.glob("*.mcap"), path / METADATA):
         file.unlink(missing_ok=True)
     path.rmdir()
 
 
 def metadata_text(name: str, channels: Sequence[BagChannel], file: McapFile, notes: Mapping[str, str]) -> str:
-    """Return the text of metadata.yaml; times are those of receipt."""
+    """Return the text of metadata.yaml, with times of receipt."""
     total, start_ns, length_ns = sum(file.counts), file.start_ns, file.end_ns - file.start_ns
     topics = "".join(_format_topic(channel, count) for channel, count in zip(channels, file.counts, strict=True))
     custom = "".join(f"\n    {_quote(key)}: {_quote(value)}" for key, value in notes.items()) or " {}"
@@ -105,5 +105,5 @@ def _format_topic(channel: BagChannel, count: int) -> str:
 
 
 def _quote(text: str) -> str:
-    """Return a text as a YAML double-quoted scalar, which a JSON string is."""
+    """Return a YAML double-quoted scalar, which is a JSON string."""
     return json.dumps(text, ensure_ascii=False)

@@ -1,8 +1,8 @@
-"""The last seconds of raw messages, kept in memory and written as a bag when something is worth it.
+"""The black box: the last seconds of raw messages, kept in memory and written as a bag on request.
 
-The node keeps every message as it came in. `save` has the seconds before it and a few after it written to a folder, bit
-by bit in `work`, so that no callback waits; to wait for the disk is a thread's part. Nothing here raises on a full disk
-or a folder that cannot be written: `problem` says so, and that recording is given up.
+`save` starts a recording of the seconds before it and a few after it. `work` writes it in small steps, so that no
+callback waits; only a thread waits for the disk. If the disk is full or the folder is not writable, nothing raises: the
+recording is dropped and `problem` says why.
 """
 
 from __future__ import annotations
@@ -19,40 +19,19 @@ from ces_observer.recorder.bag_folder import BagFolder
 from ces_observer.recorder.mcap_file import BagChannel
 from ces_observer.recorder.record_folder import SECOND_NS, RecordFolder
 
-OVERHEAD_BYTES = 250  # what Python needs for a kept message besides its bytes
-MAX_DROPPED = 1500  # messages too old that are dropped in one call of `work`
-BATCH = 10  # messages written between two looks at the clock
+OVERHEAD_BYTES = 250  # that Python needs for a message besides its bytes
+MAX_DROPPED = 1500  # old messages dropped in one call of `work`
+BATCH = 10  # messages written between two readings of the clock
 
 
 class BlackBox:
     """Keeps the messages of `channels` over `seconds` + `tail_s`, and saves them as bags in `folder`.
 
-    At most `most_bytes` are kept, Python's own overhead included, the oldest messages giving way; while a recording is
-    written there may be twice as much. Bags are named LABEL_UTC. At most `most_bags` of a label are left in the folder:
-    the oldest are removed, but never one that holds more than a bag's own files. Two recordings are at least `pause_s`
-    apart. `saved` is the newest bag, `problem` says why the last recording failed, empty if it did not.
+    It keeps the newest messages up to `max_bytes`, including Python's overhead, and up to twice as much while it writes
+    a recording. Bags are named LABEL_UTC; of each label the newest `max_bags` stay in the folder, as do all that hold
+    more than a bag's own files. Recordings start at least `pause_s` apart. `saved` is the newest bag, `problem` why the
+    last recording failed, empty if it did not.
     """
-
-    __slots__ = (
-        "_bag",
-        "_bytes",
-        "_channels",
-        "_due_ns",
-        "_ender",
-        "_error",
-        "_folder",
-        "_label",
-        "_max_bytes",
-        "_notes",
-        "_pause_ns",
-        "_ring",
-        "_saved_ns",
-        "_span_ns",
-        "_tail_ns",
-        "_writing",
-        "problem",
-        "saved",
-    )
 
     def __init__(
         self,
@@ -80,16 +59,16 @@ class BlackBox:
         self.problem = ""
 
     def add(self, channel: int, now_ns: int, raw: bytes) -> None:
-        """Keep a message of a channel, given by its place among `channels`, that arrived at `now_ns`."""
+        """Keep a message of the channel with this index, which arrived at `now_ns`."""
         self._ring.append((channel, now_ns, raw))
         self._bytes += len(raw) + OVERHEAD_BYTES
         if self._bytes > self._max_bytes:
             self._make_room()
 
     def save(self, label: str, now_ns: int, notes: Mapping[str, str]) -> bool:
-        """Have a bag written that holds the messages before `now_ns` and `tail_s` after it; `notes` go with it.
+        """Start a bag of the messages before `now_ns` and `tail_s` after it, with `notes` as its custom data.
 
-        Returns False, having done nothing, while another one is written or the last was less than `pause_s` ago.
+        Returns False and does nothing while another bag is written or if the last was less than `pause_s` ago.
         """
         if self.busy or abs(now_ns - self._saved_ns) < self._pause_ns:
             return False
@@ -100,11 +79,11 @@ class BlackBox:
 
     @property
     def busy(self) -> bool:
-        """True from `save` until the bag is there or given up."""
+        """True from `save` until the bag is complete or dropped."""
         return self._due_ns is not None or self._bag is not None
 
     def work(self, budget_s: float, now_ns: int) -> None:
-        """Drop what is too old and write on at a recording, for about `budget_s`; call it about ten times a second."""
+        """Drop old messages or continue a recording, for about `budget_s`; call it about ten times a second."""
         due = self._due_ns
         try:
             if due is not None and not due - self._tail_ns <= now_ns < due:
@@ -118,10 +97,10 @@ class BlackBox:
             else:
                 self._drop_old(now_ns)
         except OSError as error:
-            self._give_up(error)
+            self._drop_recording(error)
 
     def close(self) -> None:
-        """Complete a recording that was asked for, without waiting for its tail; for the end of the program."""
+        """Complete a started recording without waiting for its tail; for the end of the program."""
         try:
             if self._due_ns is not None:
                 self._begin()
@@ -132,20 +111,20 @@ class BlackBox:
                 self._ender.join()
                 self._check_end()
         except OSError as error:
-            self._give_up(error)
+            self._drop_recording(error)
 
     def _empty_ring(self) -> None:
         self._ring: deque[tuple[int, int, bytes]] = deque()
         self._bytes = 0
 
     def _make_room(self) -> None:
-        """Drop the oldest messages, some more than must be, so that the next `add` need not."""
+        """Drop the oldest messages, and a few more, so that the next `add` need not."""
         enough = self._max_bytes - self._max_bytes // 1024
         while self._bytes > enough:
             self._bytes -= len(self._ring.popleft()[2]) + OVERHEAD_BYTES
 
     def _drop_old(self, now_ns: int) -> None:
-        """Drop messages that are too old, or from before time was set back; a bounded number of them."""
+        """Drop a limited number of messages that are too old or from before the clock was set back."""
         ring, oldest = self._ring, now_ns - self._span_ns
         for _ in range(min(MAX_DROPPED, len(ring))):
             if oldest <= ring[0][1] <= now_ns:
@@ -153,7 +132,7 @@ class BlackBox:
             self._bytes -= len(ring.popleft()[2]) + OVERHEAD_BYTES
 
     def _begin(self) -> None:
-        """Take what is kept for a new bag and go on with an empty ring."""
+        """Move the kept messages to a new bag and continue with an empty ring."""
         self._due_ns = None
         self._writing, size = self._ring, self._bytes
         self._empty_ring()
@@ -174,7 +153,7 @@ class BlackBox:
         self._ender.start()
 
     def _place(self, bag: BagFolder) -> None:
-        """Wait for the disk; runs in a thread, and does nothing there that holds up the others."""
+        """Wait for the disk, in a thread of its own."""
         try:
             bag.place()
             self._folder.prune(self._label)
@@ -182,7 +161,7 @@ class BlackBox:
             self._error = error
 
     def _check_end(self) -> None:
-        """Tell the outcome once the thread is done."""
+        """Set `saved` and `problem` once the thread has ended."""
         if self._ender is None or self._bag is None or self._ender.is_alive():
             return
         bag, error, self._ender = self._bag, self._error, None
@@ -192,7 +171,7 @@ class BlackBox:
         if error is not None:
             self.problem = f"{self._folder.path}: an older recording cannot be removed: {error.strerror or error}"
 
-    def _give_up(self, error: OSError) -> None:
+    def _drop_recording(self, error: OSError) -> None:
         self.problem = f"{self._folder.path}: a recording cannot be written: {error.strerror or error}"
         bag, self._bag, self._ender = self._bag, None, None
         self._writing.clear()

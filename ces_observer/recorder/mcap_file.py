@@ -1,7 +1,7 @@
-"""An MCAP file written message by message, by the mcap library: the one part of the vehicle that is not Python's own.
+"""Writes an MCAP file message by message with the mcap library, the observer's only third-party library beside ROS 2.
 
-The library is imported here alone, and only once there is a black box. Profile `ros2`, chunks without compression:
-Foxglove, PlotJuggler, rosbags, rosbag2 and `mcap info` read it.
+Only this module imports it, and only if there is a black box. The file has the profile `ros2` and chunks without
+compression; Foxglove, PlotJuggler, rosbags, rosbag2 and `mcap info` read it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from ces_observer import __version__
 from ces_observer.errors import RecordingError
 
-CHUNK_BYTES = 1 << 16  # smaller chunks take less time to end, but more to list in the summary: bench/bench_write.py
+CHUNK_BYTES = 1 << 16  # smaller chunks end faster but make a longer summary: bench/bench_write.py
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class BagChannel:
 
 
 def require_mcap() -> None:
-    """Import the mcap library, so that nothing waits for it later; raises RecordingError if it is not installed."""
+    """Import the mcap library ahead of its use; raises RecordingError if it is not installed."""
     try:
         import mcap.writer  # noqa: F401
     except ImportError:
@@ -36,7 +36,7 @@ def require_mcap() -> None:
 
 
 class McapFile:
-    """Writes one file; raises OSError where the file system does. `close` makes it complete.
+    """Writes one file, complete after `close`; raises OSError.
 
     `counts` holds the number of messages of each channel, `start_ns` and `end_ns` their earliest and latest time.
     """
@@ -62,19 +62,19 @@ class McapFile:
         ]
 
     def write(self, channel: int, log_ns: int, raw: bytes) -> None:
-        """Write a message of a channel, given by its place among `channels`, that was received at `log_ns` >= 0."""
+        """Write a message of the channel with this index, received at `log_ns` >= 0."""
         self.start_ns = min(self.start_ns, log_ns) if any(self.counts) else log_ns
         self.end_ns = max(self.end_ns, log_ns)
         self._writer.add_message(self._ids[channel], log_ns, raw, log_ns, self.counts[channel])
         self.counts[channel] += 1
 
     def close(self) -> None:
-        """Write what is left and the summary, and close the file; further calls do nothing."""
+        """Write the rest and the summary, and close the file; further calls do nothing."""
         if not self._file.closed:
             with self._file:
                 self._writer.finish()  # type: ignore[no-untyped-call]
 
     def abandon(self) -> None:
-        """Close the file as it is."""
+        """Close the file without completing it."""
         with suppress(OSError):
             self._file.close()

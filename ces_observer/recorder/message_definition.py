@@ -1,7 +1,7 @@
-"""The text by which a bag explains a message type to readers that do not know it: its .msg file and those it needs.
+"""The definition of a message type for readers of a bag: its .msg file and those of all types that it contains.
 
-The form is that of MCAP's schema encoding `ros2msg`: the type's own text, then each type it contains after a line of
-80 equals signs and a line `MSG: package/Name`.
+The format is MCAP's schema encoding `ros2msg`: the type's own text, then each contained type after a line of 80 equals
+signs and a line `MSG: package/Name`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ FIELD = re.compile(r"\s*([A-Za-z]\w*(?:/\w+)*)\S*\s+\w")  # the type, without bo
 def message_definition(type_name: str, read_msg_file: Callable[[str], str]) -> str:
     """Return the definition of `type_name`, such as sensor_msgs/msg/JointState, with all types it contains.
 
-    `read_msg_file` returns the text of a type's .msg file. Raises SignalsError if a name is no message type; what
-    `read_msg_file` raises is passed on.
+    `read_msg_file` returns the text of a type's .msg file; its exceptions are passed on. Raises SignalsError if a name
+    is not a message type.
     """
     texts: dict[str, str] = {}
     waiting = [_full_name(type_name, "")]
@@ -43,10 +43,10 @@ def _find_contained_types(text: str, package: str) -> Iterator[str]:
 
 
 def _full_name(name: str, package: str) -> str:
-    """Return a type's name as package/msg/Name; a name alone is of the same package."""
+    """Return a type's name as package/msg/Name; a name without a package belongs to `package`."""
     parts = name.split("/")
     if len(parts) == 1 and package:
         return f"{package}/msg/{name}"
     if len(parts) not in (2, 3) or (len(parts) == 3 and parts[1] != "msg") or not all(parts):
-        raise SignalsError(f"'{name}' is no message type; expected package/msg/Name")
+        raise SignalsError(f"'{name}' is not a message type; expected package/msg/Name")
     return f"{parts[0]}/msg/{parts[-1]}"

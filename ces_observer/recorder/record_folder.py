@@ -1,4 +1,4 @@
-"""The folder of recorded bags: names for new ones, room on the disk, and only so many of a kind."""
+"""The folder of recorded bags: it names new bags, checks the free disk space and removes old bags."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from pathlib import Path
 
 from ces_observer.recorder.bag_folder import METADATA, part_path, remove_bag
 
-MIN_FREE_BYTES = 200 << 20  # a recording leaves so much of the disk to others
-INTERRUPTED_S = 3600.0  # a younger unfinished bag may be one that another observer is writing
+MIN_FREE_BYTES = 200 << 20  # that a recording leaves free
+INTERRUPTED_S = 3600.0  # another observer may still be writing a younger unfinished bag
 STAMP = "%Y-%m-%d-%H-%M-%S"
 STAMP_PATTERN = r"\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d(_\d+)?"
 SECOND_NS = 1_000_000_000
 
 
 class RecordFolder:
-    """Bags named `label_UTC` in `path`; all that it does raises OSError where the file system does."""
+    """Bags named `label_UTC` in `path`; all methods raise OSError."""
 
     def __init__(self, path: Path, max_bags: int) -> None:
         self.path = path
         self.max_bags = max_bags
 
     def new_bag(self, label: str, time_ns: int, size: int) -> Path:
-        """Return a free path for a bag of about `size` bytes; raises OSError also if the disk is nearly full.
+        """Return a free path for a bag of about `size` bytes; raises OSError, also if the disk is nearly full.
 
-        What a recording of the same label left behind that was interrupted long ago is removed.
+        Removes old remains of interrupted recordings of the same label.
         """
         self.path.mkdir(parents=True, exist_ok=True)
         if shutil.disk_usage(self.path).free < size + MIN_FREE_BYTES:
             raise OSError(ENOSPC, f"the disk is nearly full; a recording leaves {MIN_FREE_BYTES >> 20} MiB free")
-        for left in self.path.glob(part_path(self.path / f"{label}_*").name):
-            if time.time() - left.stat().st_mtime > INTERRUPTED_S:
-                remove_bag(left)
+        for part in self.path.glob(part_path(self.path / f"{label}_*").name):
+            if time.time() - part.stat().st_mtime > INTERRUPTED_S:
+                remove_bag(part)
         stem = f"{label}_{time.strftime(STAMP, time.gmtime(time_ns // SECOND_NS))}"
         path, count = self.path / stem, 1
         while path.exists():
@@ -44,7 +44,7 @@ class RecordFolder:
         return path
 
     def prune(self, label: str) -> None:
-        """Remove the oldest bags of a label beyond `max_bags`, but never one with more in it than a bag's files."""
+        """Remove the oldest bags of a label beyond `max_bags`, except those that hold more than a bag's own files."""
         bags = sorted(self._bags(label), key=lambda path: path.stat().st_mtime_ns)
         for path in bags[: -self.max_bags]:
             remove_bag(path)

@@ -1,4 +1,4 @@
-"""Model structures: one file each, registered here by the name that model files call them."""
+"""Model structures: one file each, registered here by their names in model files."""
 
 from ces_observer.structures.fuzzy import Fuzzy
 from ces_observer.structures.network import Network

@@ -1,4 +1,4 @@
-"""The block `constructed` of a model file: definitions in, checked constructed inputs by name out."""
+"""The list `constructed` of a model file: definitions in, checked constructed inputs by name out."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ def parse_constructed(nodes: Iterable[JsonObject]) -> dict[str, ConstructedInput
     for node in nodes:
         one = _parse_one(node, known)
         if one.name in known:
-            raise ModelError(f"{node.where}: name '{one.name}' is taken; expected a name for each constructed input")
+            raise ModelError(f"{node.where}: name '{one.name}' occurs twice; expected a name for each input")
         known[one.name] = one
     return known
 
 
 def require_name(name: str, where: str) -> str:
-    """Return `name`; raises ModelError if a constructed input cannot be called so."""
+    """Return `name`; raises ModelError if it cannot be the name of a constructed input."""
     if name in RESERVED or not NAME.fullmatch(name):
         raise ModelError(
-            f"{where}: name {name[:60]!r}; expected up to 40 small letters, digits and _, not a signal's own name, and "
-            "without what powers are named by (_abs, _p2, _lag1)"
+            f"{where}: name {name[:60]!r}; expected up to 40 lower-case letters, digits and _, not a signal's name, "
+            "and without the suffixes of powers and lags (_abs, _p2, _lag1)"
         )
     return name
 

@@ -1,13 +1,13 @@
 """A neuro-fuzzy model (ANFIS: first-order Takagi-Sugeno rules, generalised-bell memberships; Jang 1993): run and proof.
 
 force = scale_N * sum over rules of share * (constant + linear . phi), with phi the scaled regressors. A rule's share is
-the product of its memberships over the sum of all rules' products; memberships are of inputs only, never of past
-forces, so the model is a blend of affine recursions whose shares the damper's motion and current alone decide.
+the product of its memberships over the sum of all rules' products. Memberships depend on inputs, never on past forces,
+so the model is a blend of affine recursions whose shares depend only on the damper's motion and current.
 
 The shares are never negative and sum to one, so sum_j |sum_r share_r a_rj| <= max_r sum_j |a_rj|. If every rule's sum
-is below one, the blend is a contraction whatever the inputs, and from a past of zeros |y| <= max |b| / (1 - max sum)
-for ever, b being the largest that any rule makes of the inputs alone: bounded over the input envelope by interval
-arithmetic, outward rounded.
+is below one, the blend is a contraction for any inputs, and from a past of zeros |y| <= max |b| / (1 - max sum) at all
+times. b is the largest output of any rule with past forces of zero, bounded over the input envelope by interval
+arithmetic with outward rounding.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MAX_PREMISES = 6
 MAX_MEMBERSHIPS = 200
 STEEPEST = 10.0
 MIN_WIDTH = 1e-6  # [m, m/s, A]; with STEEPEST and MAX_NUMBER, so that no power overflows
-MIN_FIRING = 1e-200  # so that the shares can be formed without underflow
+MIN_FIRING = 1e-200  # so that the shares do not underflow
 CLAIM = "sum_j |a_j| <= gain < 1 in every rule, so in every blend; |b| <= drive_N for every input in the input envelope"
 METHOD = "convex blend of the rules; interval arithmetic, outward rounding"
 
@@ -59,7 +59,7 @@ class Bell:
 
 @dataclass(frozen=True)
 class Premise:
-    """An input `lag` ticks ago that decides which rules apply, and the fuzzy sets it may belong to."""
+    """An input `lag` ticks ago on which the rules depend, and its memberships."""
 
     signal: str
     lag: int
@@ -68,7 +68,7 @@ class Premise:
 
 @dataclass(frozen=True)
 class Rule:
-    """One membership (by index) of each premise, and the affine model that holds where they do."""
+    """One membership (by index) of each premise, and the affine model that applies there."""
 
     memberships: tuple[int, ...]
     constant: float
@@ -77,7 +77,7 @@ class Rule:
 
 @dataclass(frozen=True)
 class Fuzzy(Structure):
-    """The numbers of a neuro-fuzzy model; each rule's `linear` has one number for each regressor."""
+    """A neuro-fuzzy model; each rule's `linear` has one coefficient for each regressor."""
 
     name: ClassVar[str] = "anfis"
     keys: ClassVar[tuple[str, ...]] = ("fuzzy",)
@@ -94,11 +94,11 @@ class Fuzzy(Structure):
 
     @property
     def size(self) -> str:
-        """How large the model is, for people."""
+        """The size, in words."""
         return f"{len(self.rules)} rules on {len(self.regressors)} regressors"
 
     def to_json(self) -> dict[str, Any]:
-        """Return what the model file keeps."""
+        """Return the contents of the model file."""
         numbers = {
             "regressors": [r.to_json() for r in self.regressors],
             "scale_N": self.scale_N,
@@ -128,16 +128,16 @@ class Fuzzy(Structure):
         fuzzy = cls(regressors, scale_from(node), premises, rules)
         if min_firing(fuzzy, inputs) < MIN_FIRING:
             raise ModelError(
-                f"{node.where}: rules: none is felt in all of the input envelope; expected wider memberships"
+                f"{node.where}: rules: no rule applies in a part of the input envelope; expected wider memberships"
             )
         return fuzzy
 
     def make_predictor(self, within: OperatingRange) -> FuzzyRun:
-        """Return the free run."""
+        """Return a new free run."""
         return FuzzyRun(self, within)
 
     def certify(self, within: OperatingRange) -> Contraction:
-        """Return proved bounds on the sum of absolute gains of past forces, and on |force| [N] at a past of zeros."""
+        """Return proved bounds on the sum of the past forces' |gains|, and on |force| [N] at a past of zeros."""
         at = [r.interval(within.inputs) for r in self.regressors]
         drive = max(largest(affine(rule.constant, rule.linear, at)) for rule in self.rules)
         return Contraction(max(map(self._gain, self.rules)), up(drive * self.scale_N), 1, CLAIM, METHOD)
@@ -151,7 +151,7 @@ class Fuzzy(Structure):
 
 
 def min_firing(fuzzy: Fuzzy, inputs: Ranges) -> float:
-    """Return what the firing of all rules together is at least, over the ranges: a bell is least at an end of it."""
+    """Return a lower bound on the firing of all rules together; a bell is smallest at an end of its range."""
     ends = [[min(b.at(x) for x in inputs[p.signal]) for b in p.memberships] for p in fuzzy.premises]
     return max(prod(ends[p][m] for p, m in enumerate(rule.memberships)) for rule in fuzzy.rules)
 
@@ -184,8 +184,6 @@ def _parse_rule(node: JsonObject, premises: Sequence[Premise], regressors: int) 
 class FuzzyRun(LaggedRun):
     """The free run of a neuro-fuzzy model."""
 
-    __slots__ = ("_fuzzy", "_premises")
-
     def __init__(self, fuzzy: Fuzzy, within: OperatingRange) -> None:
         super().__init__(fuzzy.max_lag, within)
         self._fuzzy = fuzzy
@@ -194,7 +192,7 @@ class FuzzyRun(LaggedRun):
     def tick(self, position: float, speed: float, current: float) -> float:
         """Return the force [N] at this tick; infinite if it left the force envelope."""
         fuzzy = self._fuzzy
-        self.arrive(position, speed, current)
+        self.store_inputs(position, speed, current)
         phi = self.values(fuzzy.regressors)
         grades = [
             [bell.at(x) for bell in premise.memberships]
@@ -205,4 +203,4 @@ class FuzzyRun(LaggedRun):
             firing = prod([grades[p][m] for p, m in enumerate(rule.memberships)])
             fired += firing
             total += firing * (rule.constant + sum(map(mul, rule.linear, phi)))
-        return self.keep(fuzzy.scale_N * total / fired)
+        return self.store_force(fuzzy.scale_N * total / fired)

@@ -1,4 +1,4 @@
-"""Lagged, scaled regressors, as networks and fuzzy rules see them: inputs of each tick in, a vector of numbers out."""
+"""Lagged, scaled regressors for networks and fuzzy rules: inputs of each tick in, a vector of numbers out."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Regressor:
     spread: float
 
     def to_json(self) -> dict[str, Any]:
-        """Return what the model file keeps."""
+        """Return the contents of the model file."""
         return asdict(self)
 
     def interval(self, inputs: Ranges) -> Interval:
-        """Return an interval that holds it for every input in its range, and past forces of zero."""
+        """Return an interval that holds it for all inputs in their ranges, and past forces of zero."""
         low, high = inputs.get(self.signal, (0.0, 0.0))
         shifted = add((low, high), (-self.mean, -self.mean))
         return down(shifted[0] / self.spread), up(shifted[1] / self.spread)
@@ -59,12 +59,12 @@ def parse_regressors(node: JsonObject) -> tuple[Regressor, ...]:
 
 
 def parse_number(node: JsonObject, key: str) -> float:
-    """Return a weight of a model file; raises ModelError."""
+    """Return a weight from a model file; raises ModelError."""
     return node.number(key, -MAX_NUMBER, MAX_NUMBER)
 
 
 def scale_from(node: JsonObject) -> float:
-    """Return the force [N] that the output is scaled by; raises ModelError."""
+    """Return the scale of the output [N]; raises ModelError."""
     return node.number("scale_N", MIN_SPREAD, MAX_NUMBER)
 
 
@@ -77,13 +77,10 @@ def affine(constant: float, slopes: Sequence[float], at: Sequence[Interval]) -> 
 
 
 class LaggedRun:
-    """The past of a free run; `clamped` tells whether the last tick's inputs were outside the envelope.
+    """The past of a free run; `clamped` is True if the last tick's inputs were outside the envelope.
 
-    Forces before the first tick count as zero, inputs before it as the first ones, as in
-    `ces_observer.structures.polynomial`.
+    Before the first tick, forces are zero and inputs equal the first ones, as in `ces_observer.structures.polynomial`.
     """
-
-    __slots__ = ("_bounds", "_depth", "_forces", "_limits", "_rows", "clamped")
 
     def __init__(self, depth: int, within: OperatingRange) -> None:
         """Keep `depth` ticks."""
@@ -93,13 +90,13 @@ class LaggedRun:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: forces before now count as zero, inputs before now as the first ones to come."""
+        """Forget the past."""
         self._rows: list[tuple[float, float, float]] = []
         self._forces = [0.0] * self._depth
         self.clamped = False
 
-    def arrive(self, position: float, speed: float, current: float) -> None:
-        """Take the inputs [m, m/s, A] of a new tick."""
+    def store_inputs(self, position: float, speed: float, current: float) -> None:
+        """Store the inputs [m, m/s, A] of a new tick."""
         x0, x1, v0, v1, c0, c1 = self._bounds
         self.clamped = not (x0 <= position <= x1 and v0 <= speed <= v1 and c0 <= current <= c1)
         row = (min(max(position, x0), x1), min(max(speed, v0), v1), min(max(current, c0), c1))
@@ -109,15 +106,15 @@ class LaggedRun:
         self._rows.pop()
 
     def values(self, regressors: Sequence[Regressor]) -> list[float]:
-        """Return the scaled regressors of this tick, whose own force is not known yet."""
+        """Return the scaled regressors of this tick, before its force is known."""
         rows, forces = self._rows, self._forces
         return [
             ((forces[r.lag - 1] if r.signal == "force" else rows[r.lag][COLUMNS[r.signal]]) - r.mean) / r.spread
             for r in regressors
         ]
 
-    def keep(self, force: float) -> float:
-        """Remember this tick's force [N]; returns it, or infinity if it left the force envelope."""
+    def store_force(self, force: float) -> float:
+        """Store this tick's force [N] and return it, or infinity if it left the force envelope."""
         self._forces.insert(0, force)
         self._forces.pop()
         low, high = self._limits

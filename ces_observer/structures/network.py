@@ -1,13 +1,12 @@
-"""A sigmoid network NARX (thesis eq. 3.4): its numbers, its free run tick by tick, and the proof of its stability.
+"""A sigmoid network NARX (thesis eq. 3.4): its parameters, free run and proof of stability.
 
 force = scale_N * (constant + linear . phi + sum over units of weight * s(slopes . phi + bias)), s(x) = 1 / (1 + e^-x),
 with phi the scaled regressors (past forces, currents, speeds, positions).
 
 The slope s' of a sigmoid lies in (0, 1/4]. Between two pasts the mean value theorem gives the output's change as
-sum_j g_j (change of y(k - j)) with g_j in the interval sum over (linear_j + sum_i weight_i slope_ij s'_i), whatever
-the inputs. So sum_j max |g_j| < 1 makes the recursion a contraction, and from a past of zeros
-|y| <= max |b| / (1 - sum) for ever, b being the output at a past of zeros: bounded over the input envelope by interval
-arithmetic, outward rounded.
+sum_j g_j (change of y(k - j)) with g_j in the interval of linear_j + sum_i weight_i slope_ij s'_i, for any inputs. So
+sum_j max |g_j| < 1 makes the recursion a contraction, and from a past of zeros |y| <= max |b| / (1 - sum) at all times.
+b is the output at a past of zeros, bounded over the input envelope by interval arithmetic with outward rounding.
 """
 
 from __future__ import annotations
@@ -33,14 +32,14 @@ from ces_observer.structures.lagged_signals import (
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 
 MAX_UNITS = 200
-STEEPEST = 700.0  # e^x overflows beyond
+STEEPEST = 700.0  # beyond, e^x overflows
 CLAIM = (
     "sum_j |dF/dF(k-j)| <= gain < 1 for any past and inputs; "
     "|F| <= drive_N for a past of zeros and every input in the input envelope"
 )
 METHOD = "slope of every sigmoid in (0, 1/4]; interval arithmetic, outward rounding"
 SLOPE: Interval = (0.0, 0.25)
-ROUNDING = 1e-15  # relative error of exp, an addition and a division, with room
+ROUNDING = 1e-15  # relative error of exp, an addition and a division, with a margin
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class SigmoidUnit:
 
 @dataclass(frozen=True)
 class Network(Structure):
-    """The numbers of a sigmoid network; `linear` and each unit's slopes have one number for each regressor."""
+    """A sigmoid network; `linear` and each unit's slopes have one coefficient for each regressor."""
 
     name: ClassVar[str] = "sigmoid_narx"
     keys: ClassVar[tuple[str, ...]] = ("network",)
@@ -72,11 +71,11 @@ class Network(Structure):
 
     @property
     def size(self) -> str:
-        """How large the network is, for people."""
+        """The size, in words."""
         return f"{len(self.units)} sigmoid units on {len(self.regressors)} regressors"
 
     def to_json(self) -> dict[str, Any]:
-        """Return what the model file keeps."""
+        """Return the contents of the model file."""
         numbers = {
             "regressors": [r.to_json() for r in self.regressors],
             "scale_N": self.scale_N,
@@ -101,11 +100,11 @@ class Network(Structure):
         )
 
     def make_predictor(self, within: OperatingRange) -> NetworkRun:
-        """Return the free run."""
+        """Return a new free run."""
         return NetworkRun(self, within)
 
     def certify(self, within: OperatingRange) -> Contraction:
-        """Return proved bounds on the sum of absolute gains of past forces, and on |force| [N] at a past of zeros."""
+        """Return proved bounds on the sum of the past forces' |gains|, and on |force| [N] at a past of zeros."""
         gain = 0.0
         for j, regressor in enumerate(self.regressors):
             if regressor.signal == "force":
@@ -140,8 +139,6 @@ def _parse_unit(node: JsonObject, regressors: int) -> SigmoidUnit:
 class NetworkRun(LaggedRun):
     """The free run of a network."""
 
-    __slots__ = ("_network",)
-
     def __init__(self, network: Network, within: OperatingRange) -> None:
         super().__init__(network.max_lag, within)
         self._network = network
@@ -149,12 +146,12 @@ class NetworkRun(LaggedRun):
     def tick(self, position: float, speed: float, current: float) -> float:
         """Return the force [N] at this tick; infinite if it left the force envelope."""
         network = self._network
-        self.arrive(position, speed, current)
+        self.store_inputs(position, speed, current)
         phi = self.values(network.regressors)
         total = network.constant + _dot(network.linear, phi)
         for unit in network.units:
             total += unit.weight * sigmoid(_dot(unit.slopes, phi) + unit.bias)
-        return self.keep(network.scale_N * total)
+        return self.store_force(network.scale_N * total)
 
 
 def sigmoid(x: float) -> float:

@@ -1,11 +1,11 @@
-"""A polynomial NARX: its terms, their free run tick by tick, and the proof that it cannot lose stability.
+"""A polynomial NARX: its terms, free run and proof of stability.
 
-The terms are affine in past forces, so the free run is y(k) = sum_j a_j(u) y(k - j) + b(u), with u the inputs now and
-before, each clamped to the envelope. If sum_j |a_j(u)| <= g < 1 for every u in the envelope, the recursion is a
+The terms are affine in past forces, so the free run is y(k) = sum_j a_j(u) y(k - j) + b(u), with u the present and past
+inputs, each clamped to the envelope. If sum_j |a_j(u)| <= g < 1 for every u in the envelope, the recursion is a
 contraction: two runs from different pasts approach each other as g^(k / longest output lag), and from a past of zeros
-|y| <= max |b| / (1 - g) for ever. Both maxima are bounded by `ces_observer.proof.branch_and_bound`; every lagged input
-is free to be anything in its range. Sub-models blended by memberships are bounded together: a membership is a function
-of its signal, and boxes are cut where it bends.
+|y| <= max |b| / (1 - g) at all times. `ces_observer.proof.branch_and_bound` bounds both maxima; every lagged input may
+take any value in its range. Memberships are functions of their signals in these bounds, so sub-models blended by them
+are bounded together.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ces_observer.structures.terms_file import term_to_json, terms_from
 from ces_observer.structures.tick_source import tick_source
 
 IN_REACH = {"abs": abs, "min": min, "max": max, "sqrt": sqrt, "copysign": copysign, "inf": inf, "deque": deque}
-DRIVE_GAP, DRIVE_BOXES = 0.05, 4_000  # the drive has many inputs and need not be tight
+DRIVE_GAP, DRIVE_BOXES = 0.05, 4_000  # the drive has many inputs, and its bound need not be tight
 CLAIM = "sum |a_j(u)| <= gain < 1 and |b(u)| <= drive_N for every input in the input envelope"
 METHOD = "interval branch and bound, outward rounding"
 
@@ -43,7 +43,7 @@ class Polynomial(Structure):
 
     @property
     def constructed(self) -> tuple[ConstructedInput, ...]:
-        """The constructed inputs its terms use, each after those it is made of."""
+        """The constructed inputs of its terms, each after those from which it is computed."""
         return collect_constructed(self.terms)
 
     @property
@@ -53,11 +53,11 @@ class Polynomial(Structure):
 
     @property
     def size(self) -> str:
-        """How large it is, for people."""
+        """The size, in words."""
         return f"{len(self.terms)} terms"
 
     def to_json(self) -> dict[str, Any]:
-        """Return what the model file keeps."""
+        """Return the contents of the model file."""
         constructed = {"constructed": [one.to_json() for one in self.constructed]} if self.constructed else {}
         return {**constructed, "terms": [term_to_json(term) for term in self.terms]}
 
@@ -67,18 +67,18 @@ class Polynomial(Structure):
         return cls(terms_from(root, inputs))
 
     def make_predictor(self, within: OperatingRange) -> PolynomialRun:
-        """Return the free run; raises ModelError for a number that is not finite."""
+        """Return a new free run; raises ModelError for a number that is not finite."""
         return PolynomialRun(self, within)
 
     def certify(self, within: OperatingRange) -> Contraction:
-        """Return the proved bounds; they may be loose (never wrong) if the boxes run out."""
+        """Return the proved bounds, which may be loose (never wrong) at the limit of boxes."""
         gain, boxes = bound_maximum(self._by_output_lag(), within.inputs)
         inputs_alone = [term for term in self.terms if not term.output_lag]
         drive, more = bound_maximum([inputs_alone], within.inputs, gap=DRIVE_GAP, max_boxes=DRIVE_BOXES)
         return Contraction(gain, drive, boxes + more, CLAIM, METHOD)
 
     def is_stable(self, within: OperatingRange) -> bool:
-        """Prove, and no more than needed, that past forces count for less than one."""
+        """Return whether it is proved to be a contraction, without a tight gain."""
         return bound_maximum(self._by_output_lag(), within.inputs, enough=down(1.0))[0] < 1.0
 
     def _by_output_lag(self) -> list[list[Term]]:
@@ -87,20 +87,18 @@ class Polynomial(Structure):
 
 
 class Tick(Protocol):
-    """The work of one tick."""
+    """The function of one tick."""
 
     def __call__(self, position: float, speed: float, current: float) -> float:
         """Return the force [N] at this tick's inputs [m, m/s, A]; infinite if it left the force envelope."""
 
 
 class PolynomialRun:
-    """The free run of a polynomial; `clamped` tells whether the last tick's inputs were outside the envelope.
+    """The free run of a polynomial; `clamped` is True if the last tick's inputs were outside the envelope.
 
-    `tick` is a function written for the terms, `ces_observer.structures.tick_source` tells how; it keeps what the lags
-    need and nothing more. Raises ModelError for a number that is not finite.
+    `tick` is compiled from the source that `ces_observer.structures.tick_source` writes. Raises ModelError for a number
+    that is not finite.
     """
-
-    __slots__ = ("_construction", "_forces", "_pasts", "clamped", "tick")
 
     clamped: bool
     tick: Tick
@@ -112,7 +110,7 @@ class PolynomialRun:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: forces before now count as zero, inputs before now as the first ones to come."""
+        """Forget the past."""
         for past in self._pasts:
             past.clear()
         self._forces.extend([0.0] * (self._forces.maxlen or 0))
@@ -124,7 +122,7 @@ Make = Callable[[PolynomialRun, Callable[..., list[float]]], tuple[Tick, list[de
 
 
 def _compile(source: str) -> Make:
-    """Return `make` of the source text of a tick, which reaches nothing but IN_REACH."""
+    """Return `make` from the source of a tick, which can use only IN_REACH."""
     names: dict[str, Any] = {"__builtins__": {}, **IN_REACH}
     exec(compile(source, "<tick of a polynomial model>", "exec"), names)
     make: Make = names["make"]

@@ -1,7 +1,7 @@
-"""What every model structure is: numbers that make a force, which can be run, proved stable, written and read.
+"""The interface of model structures: they compute a force and can be run, proved stable, written and read.
 
-A structure is a frozen class of its own file beside this one, named in `ces_observer.structures.STRUCTURES`. A model
-file holds it under the keys it names; all the rest of the file is the same for every structure.
+A structure is a frozen class in a file beside this one, registered in `ces_observer.structures.STRUCTURES`. A model
+file holds it under its `keys`; the rest of the file is the same for every structure.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Ranges = Mapping[str, Range]  # of position [m], speed [m/s] and current [A] by 
 
 @dataclass(frozen=True)
 class OperatingRange:
-    """What a structure is run and proved for: the rate of its ticks, the inputs' ranges, and the force's range [N].
+    """The rate and ranges for which a structure is run and proved.
 
-    Inputs are clamped to their ranges; a force outside its own ends a run.
+    Inputs are clamped to their ranges; a force outside `force_N` [N] ends a run.
     """
 
     rate_Hz: float
@@ -40,19 +40,21 @@ class Predictor(Protocol):
         """True if the last inputs lay outside their ranges and were clamped to them."""
 
     def reset(self) -> None:
-        """Forget the past: forces before now count as zero, inputs before now as the first ones to come."""
+        """Forget the past: earlier forces are zero, earlier inputs equal the first ones to come."""
 
     def tick(self, position: float, speed: float, current: float) -> float:
         """Return the force [N] at this tick's inputs [m, m/s, A]; infinite if it left its range."""
 
 
 class Structure(ABC):
-    """The part of a model that makes the force. `name` is what a model file calls it, `keys` hold its numbers
-    there; `unproved` says in words what is missing where `is_stable` fails."""
+    """The part of a model that computes the force; `name` and `keys` are its name and keys in a model file.
+
+    `unproved` is the reason given if `is_stable` is False.
+    """
 
     name: ClassVar[str]
     keys: ClassVar[tuple[str, ...]]
-    unproved: ClassVar[str] = "its past forces are not proved to count for less than one over its input envelope"
+    unproved: ClassVar[str] = "it is not proved to be a contraction over its input envelope"
 
     @property
     @abstractmethod
@@ -62,11 +64,11 @@ class Structure(ABC):
     @property
     @abstractmethod
     def size(self) -> str:
-        """How large it is, for people."""
+        """The size, in words."""
 
     @abstractmethod
     def to_json(self) -> dict[str, Any]:
-        """Return what the model file keeps, by `keys`."""
+        """Return the contents of the model file, by `keys`."""
 
     @classmethod
     @abstractmethod
@@ -75,12 +77,12 @@ class Structure(ABC):
 
     @abstractmethod
     def make_predictor(self, within: OperatingRange) -> Predictor:
-        """Return the free run, at its beginning; raises ModelError for numbers that cannot be run."""
+        """Return a new free run; raises ModelError for numbers that cannot be used."""
 
     @abstractmethod
     def certify(self, within: OperatingRange) -> Certificate:
-        """Return what can be proved of its stability: bounds that may be loose, never wrong."""
+        """Return the certificate of its stability; its bounds may be loose, never wrong."""
 
     def is_stable(self, within: OperatingRange) -> bool:
-        """Prove anew, and no more than needed, that the past fades: what a vehicle asks of a model."""
+        """Return whether it can be proved stable; may be faster than `certify`."""
         return self.certify(within).holds

@@ -1,4 +1,4 @@
-"""Terms of a polynomial model: products of powers of signals, each with what bounds it over ranges of its inputs."""
+"""Terms of a polynomial model: products of powers of signals, with bounds over ranges of their inputs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ces_observer.proof.intervals import Interval, down, up
 from ces_observer.structures.constructed_inputs import ConstructedInput, TriangularMembership
 from ces_observer.structures.structure import Range, Ranges
 
-MIN_SIZE = 1e-100  # a slope nearer to zero than that may overflow: as good as none
+MIN_SIZE = 1e-100  # nearer to zero, a slope may overflow and counts as unbounded
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Factor:
     """One factor of a term: a signal `lag` ticks ago, as |s|^power, or as sign(s) |s|^power if `signed`.
 
     A `force` factor is the model's own past output (lag >= 1, power 1, signed). A signal that is neither that nor an
-    input is constructed from inputs; its `definition` tells how.
+    input is a constructed input with this `definition`.
     """
 
     signal: str
@@ -30,16 +30,16 @@ class Factor:
 
     @property
     def variable(self) -> tuple[str, int]:
-        """What the factor is a function of, signal and lag: a hat is one of the signal it is of."""
+        """The variable of the factor, signal and lag; that of a membership is the signal `of`."""
         return (self.definition.of if isinstance(self.definition, TriangularMembership) else self.signal), self.lag
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Where the factor bends, besides zero."""
+        """The values, besides zero, at which the factor's slope jumps."""
         return self.definition.kinks if isinstance(self.definition, TriangularMembership) else ()
 
     def at(self, value: float) -> float:
-        """Return the factor where its variable is `value`."""
+        """Return the factor at `value` of its variable."""
         if isinstance(self.definition, TriangularMembership):
             return self.definition.at(value)
         size = float(abs(value) ** self.power)
@@ -51,11 +51,9 @@ class Factor:
 
     def variable_range(self, ranges: Ranges) -> Range:
         """Return the range of the factor's variable."""
-        return (
-            self.definition.base_range(ranges)
-            if isinstance(self.definition, TriangularMembership)
-            else self.signal_range(ranges)
-        )
+        if isinstance(self.definition, TriangularMembership):
+            return self.definition.base_range(ranges)
+        return self.signal_range(ranges)
 
     def interval(self, at: Interval) -> Interval:
         """Return an interval that holds the factor for every value of its variable in `at`.
@@ -75,7 +73,7 @@ class Factor:
         return max(0.0, down(down(smallest**self.power))), up(up(largest**self.power))
 
     def slope_interval(self, at: Interval) -> Interval | None:
-        """Return an interval that holds the factor's derivative over `at`, None if `at` nears zero (but for a hat)."""
+        """Return an interval that holds the factor's derivative over `at`, None near zero (except for a membership)."""
         if isinstance(self.definition, TriangularMembership):
             return self.definition.slope_interval(at)
         if at[0] <= MIN_SIZE and at[1] >= -MIN_SIZE:
@@ -104,10 +102,10 @@ class Term:
 
 
 def collect_constructed(terms: Sequence[Term]) -> tuple[ConstructedInput, ...]:
-    """Return the constructed inputs of `terms` by name, hats last; raises ModelError if two of a name differ."""
+    """Return the terms' constructed inputs by name, memberships last; raises ModelError if two of a name differ."""
     known: dict[str, ConstructedInput] = {}
     used = {f.definition for term in terms for f in term.factors if f.definition is not None}
     for one in used | {one.base for one in used if isinstance(one, TriangularMembership) and one.base is not None}:
         if known.setdefault(one.name, one) != one:
-            raise ModelError(f"constructed input '{one.name}': defined twice, differently; expected a name for each")
+            raise ModelError(f"constructed input '{one.name}': two different definitions; expected a name for each")
     return tuple(sorted(known.values(), key=lambda one: (isinstance(one, TriangularMembership), one.name)))

@@ -1,4 +1,4 @@
-"""The block `terms` of a model file: products in, checked terms out, and back."""
+"""The list `terms` of a model file: products in, checked terms out, and back."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ MAX_TERMS = 500
 MAX_FACTORS = 8
 MAX_POWER = 8.0
 MAX_COEFFICIENT = 1e30
-MAX_PRODUCT = 1e100  # of a term and of its factors' product: sums, slopes and bounds of them stay far from overflow
+MAX_PRODUCT = 1e100  # of a term, and of its factors' product: far from overflow of sums, slopes and bounds
 
 
 def terms_from(root: JsonObject, inputs: Ranges) -> tuple[Term, ...]:
     """Check the keys `terms` and `constructed` of a model file over its ranges of inputs; raises ModelError."""
-    given = root.items("constructed", 1, MAX_CONSTRUCTED) if "constructed" in root.value else ()
-    constructed = parse_constructed(given)
+    definitions = root.items("constructed", 1, MAX_CONSTRUCTED) if "constructed" in root.value else ()
+    constructed = parse_constructed(definitions)
     return tuple(_term_from(item, constructed, inputs) for item in root.items("terms", 1, MAX_TERMS))
 
 
 def term_to_json(term: Term) -> dict[str, Any]:
-    """Return what the model file keeps of a term."""
+    """Return a term as in a model file."""
     factors = [
         {"signal": f.signal, "lag": f.lag}
         if f.signal == "force"
@@ -64,6 +64,6 @@ def _factor_from(node: JsonObject, constructed: Mapping[str, ConstructedInput]) 
 
 
 def _bound_product(term: Term, inputs: Ranges) -> float:
-    """Return what bounds the term's product over the ranges, and every part of that product."""
+    """Return a bound on the term's product over the ranges, and on every part of that product."""
     sizes = [max(1.0, *map(abs, f.signal_range(inputs))) ** f.power for f in term.inputs]
     return prod([max(1.0, abs(term.coefficient)), *sizes])

@@ -1,12 +1,11 @@
-"""The source text of a polynomial model's tick: a model goes in, a function written for it alone comes out as text.
+"""Writes the Python source of a polynomial model's tick: terms in, the text of a function for these terms out.
 
 `ces_observer.structures.polynomial` compiles it, as `dataclasses` and `namedtuple` compile theirs: a tick without loops
-or look-ups is more than three times as fast. Nothing a file says reaches the text but numbers, and these only as the
-`repr` of a checked `float` or `int`; every name in it is one of those below with a count behind it. A constructed
-input is `made0`, `made1`, ... whatever its model calls it. In the text of a tick
+or look-ups is more than three times as fast. Of a model file only numbers reach the text, as the `repr` of a checked
+`float` or `int`; all names in it are those below, with a number. Constructed inputs are `made0`, `made1`, ...
 
     size_speed  |speed|            power3  another power of a signal, in one of FORMS
-    speed_2     speed 2 ticks ago  force_1  the model's own force at the tick before
+    speed_2     speed 2 ticks ago  force_1  the model's own force one tick ago
     past_speed  the speeds kept for the lags, newest first: a deque of fixed length, empty before the first tick
 """
 
@@ -23,16 +22,16 @@ from ces_observer.structures.terms import Factor, Term, collect_constructed
 
 FORMS = {0.0: "1.0", 0.5: "sqrt({0})", 1.0: "{0}", 1.5: "{0} * sqrt({0})", 2.0: "{0} * {0}"}
 
-Power = tuple[str, float, bool]  # signal as the text calls it, power, signed
+Power = tuple[str, float, bool]  # name of the signal in the text, power, signed
 
 
 def tick_source(polynomial: Sequence[Term], within: OperatingRange) -> str:
-    """Return the text of `make(run, arrive) -> tick, pasts, forces`, for one run of a polynomial's terms.
+    """Return the text of `make(run, update) -> tick, pasts, forces`, for one run of a polynomial's terms.
 
     `tick(position, speed, current)` returns the force [N], infinite outside the force envelope, and sets
-    `run.clamped`; `arrive` is that of the terms' Construction. Emptying the `pasts` and filling `forces` with zeros
-    begins anew. Needs abs, min, max, sqrt, copysign, inf and deque as globals. Raises ModelError for a number that is
-    not finite or a signal that is unknown.
+    `run.clamped`; `update` is that of an InputConstructor. To restart, empty the `pasts` and fill `forces` with zeros.
+    The text uses abs, min, max, sqrt, copysign, inf and deque as globals. Raises ModelError for a number that is not
+    finite or an unknown signal.
     """
     constructed = collect_constructed(polynomial)
     signals = {one.name: f"made{i}" for i, one in enumerate(constructed)} | {signal: signal for signal in BASE}
@@ -51,7 +50,7 @@ def tick_source(polynomial: Sequence[Term], within: OperatingRange) -> str:
     ]
     return "\n".join(
         [
-            "def make(run, arrive):",
+            "def make(run, update):",
             *(f"    past_{name} = deque(maxlen={lag + 1})" for name, lag in lags.items()),
             f"    forces = deque(maxlen={max((term.output_lag for term in terms), default=0)})",
             "    def tick(position, speed, current):",
@@ -63,9 +62,7 @@ def tick_source(polynomial: Sequence[Term], within: OperatingRange) -> str:
 
 
 class _Product:
-    """A term as the text has it: its coefficient, the lag of its past force, and names and lags of its inputs."""
-
-    __slots__ = ("coefficient", "inputs", "output_lag")
+    """A term in the text: its coefficient, the lag of its past force, and names and lags of its inputs."""
 
     def __init__(self, term: Term, signals: Mapping[str, str], names: Mapping[Power, str]) -> None:
         self.coefficient = _number(term.coefficient, "a coefficient")
@@ -101,15 +98,15 @@ def _number(value: float, what: str) -> str:
 
 
 def _finite(value: float, what: str) -> float:
-    """Return `value` as a float proper, whose text is a number's and nothing else."""
+    """Return `value` as a plain finite float, whose `repr` can only be a number."""
     value = float(value)
     if not isfinite(value):
-        raise ModelError(f"{what} of the model is {value!r}; expected a finite number: identify the model anew")
+        raise ModelError(f"{what} of the model is {value!r}; expected a finite number: identify the model again")
     return value
 
 
 def _lags(terms: Iterable[_Product]) -> dict[str, int]:
-    """Return the longest lag of each name that is used with one: the last of its entries stays."""
+    """Return the longest lag of each name that has one: the last of its sorted entries stays."""
     return {name: lag for name, lag in sorted(value for term in terms for value in term.inputs) if lag}
 
 
@@ -125,12 +122,12 @@ def _clamp(inputs: Ranges) -> list[str]:
 
 
 def _construct(count: int) -> list[str]:
-    made = ", ".join(f"made{i}" for i in range(count))
-    return [f"position, speed, current, {made} = arrive((position, speed, current))"] if count else []
+    names = ", ".join(f"made{i}" for i in range(count))
+    return [f"position, speed, current, {names} = update((position, speed, current))"] if count else []
 
 
 def _powers(names: Mapping[Power, str]) -> list[str]:
-    """Compute each power once; a signed one is the unsigned one, where there is that too, with its signal's sign."""
+    """Compute each power once; a signed power copies the sign to the unsigned one if that is used, too."""
     sizes = sorted({signal for signal, power, signed in names if (power, signed) != (1.0, True)})
     lines = [f"size_{signal} = abs({signal})" for signal in sizes]
     for (signal, power, signed), name in names.items():
@@ -142,7 +139,7 @@ def _powers(names: Mapping[Power, str]) -> list[str]:
 
 
 def _keep(lags: Mapping[str, int]) -> list[str]:
-    """Push what is used again later; at the first tick, as if it had always been so."""
+    """Push the values used later; at the first tick, fill the past with them."""
     first = [f"    past_{name}.extend([{name}] * {lag})" for name, lag in lags.items()]
     begin = [f"if not past_{next(iter(lags))}:", *first] if lags else []
     return begin + [f"past_{name}.appendleft({name})" for name in lags]
@@ -158,7 +155,7 @@ def _recall(lags: Mapping[str, int], terms: Iterable[_Product]) -> list[str]:
 
 
 def _sum(terms: Iterable[_Product]) -> list[str]:
-    """Add one term a line: a single expression of hundreds would be too deep for the compiler."""
+    """Add one term per line: a single expression of hundreds is too deep for the compiler."""
     return [f"force {'+=' if i else '='} {term}" for i, term in enumerate(terms)] or ["force = 0.0"]
 
 

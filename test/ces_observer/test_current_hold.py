@@ -32,7 +32,7 @@ def test_nothing_before_the_first() -> None:
     assert isnan(hold_of().at(0))
     hold = hold_of((10, 0.3))
     assert isnan(hold.at(9 * MS))
-    assert hold.explain(9 * MS).endswith("0.001 s before the first current that is known")
+    assert hold.explain(9 * MS).endswith("0.001 s before the first known current")
     assert hold.explain(-1000 * MS).endswith("are both on one clock?")
 
 

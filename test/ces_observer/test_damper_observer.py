@@ -87,7 +87,7 @@ def test_outlier_and_repeat_are_left_out() -> None:
     assert None not in run(damper, 400, 500)
 
 
-def test_no_current_given_as_nan() -> None:
+def test_without_a_current_the_hold_returns_nan() -> None:
     damper = observer()
     run(damper, 0, 300, current=nan)
     assert (damper.reason, damper.explain()) == (NO_CURRENT, "the current is nan")
@@ -135,7 +135,7 @@ def test_messages_of_other_joints_matter_only_when_ours_are_missing() -> None:
     assert damper.tally.unreadable == 301
 
 
-def test_a_force_beyond_its_envelope_is_never_given() -> None:
+def test_a_force_beyond_its_envelope_is_never_returned() -> None:
     runaway = plain_damper()
     object.__setattr__(runaway, "force_envelope_N", (-10.0, 10.0))
     damper = observer(runaway)

@@ -65,7 +65,7 @@ def test_jitter_costs_a_sine_little(order):
 
 
 @pytest.mark.parametrize("order", [2, 3])
-def test_gains_kept_over_even_intervals_are_those_placed_anew(order):
+def test_gains_for_even_intervals_equal_newly_placed_ones(order):
     """Bit for bit, at each change from even to uneven and back, and when what was predicted is known already."""
     dice, kept = random.Random(7), Differentiator(90.0, order)
     for k in range(400):

@@ -61,7 +61,7 @@ def test_a_bad_current_withholds_and_the_next_good_one_resumes(bad):
     assert math.isfinite(e.step(601 * MS, stroke(601), 0.5))
 
 
-def test_a_force_out_of_its_envelope_is_never_given():
+def test_a_force_outside_its_envelope_is_never_returned():
     unstable = make_model(
         terms=(Term(1.2, (Factor("force", 1),)), Term(1.0, ())), sampling=Sampling(1000.0, 60.0, 0.005, warm_up_s=0.0)
     )

@@ -108,7 +108,7 @@ def overflowing(raw: dict[str, Any]) -> None:
 
 
 REFUSALS = {
-    "a key twice": (with_text('"lag": 1', '"lag": 1, "lag": 2'), "'lag' is given twice"),
+    "a key twice": (with_text('"lag": 1', '"lag": 1, "lag": 2'), "'lag' occurs twice"),
     "NaN": (with_history(float("nan")), "provenance: x is nan; expected a finite number"),
     "infinity": (with_text("0.9", "1e400"), r"terms\[0\]: coefficient is inf"),
     "a huge whole number": (with_history(10**400), r"beyond 2\^63"),

@@ -39,7 +39,7 @@ def test_path_finds_the_number(message, path, value):
         (NESTED, "label", "is a str, not a number"),
     ],
 )
-def test_path_that_is_not_there_is_told(message, path, told):
+def test_a_missing_path_raises(message, path, told):
     with pytest.raises(SignalsError, match=told) as caught:
         FieldPath.parse(path).read(message)
     assert f"field '{path}'" in str(caught.value)
@@ -95,7 +95,7 @@ def test_optional_signals_are_there_only_if_described():
     assert [s.name for s in Signals.from_mapping({"temperature": given}, "here").list_topic_signals()][
         -1
     ] == "temperature"
-    with pytest.raises(SignalsError, match="here: no signal 'temperature'; described are position, current, force"):
+    with pytest.raises(SignalsError, match="here: no signal 'temperature'; known are position, current, force"):
         Signals.from_mapping({}, "here")["temperature"]
     assert set(DEFAULTS) < set(NAMES)
 
@@ -112,7 +112,7 @@ def test_other_parameters_of_a_node_are_ignored():
     [
         ({"position": 3}, "signal 'position' is 3; expected a mapping"),
         ({"position": {"topik": "x"}}, "unknown key 'topik'; known are constant, field, offset"),
-        ({"sim_force": {"topic": "x"}}, "signal 'sim_force': 'type' is missing; give topic, type and field"),
+        ({"sim_force": {"topic": "x"}}, "signal 'sim_force': 'type' is missing; set topic, type and field"),
         ({"force": {"topic": ""}}, "'topic' is missing"),
         ({"force": {"type": "Float64"}}, "type 'Float64' is not of the form package/msg/Type"),
         ({"force": {"scale": 0}}, "scale is 0; expected the factor"),
@@ -122,7 +122,7 @@ def test_other_parameters_of_a_node_are_ignored():
         ({"current": {"field": "a["}}, r"field path 'a\['"),
     ],
 )
-def test_mistake_is_told(mapping, told):
+def test_a_mistake_raises_one_line(mapping, told):
     with pytest.raises(SignalsError, match=told):
         Signals.from_mapping(mapping, "here")
 

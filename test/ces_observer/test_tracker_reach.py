@@ -119,7 +119,7 @@ def test_outliers_after_a_gap_do_not_end_what_it_explains() -> None:
 
 
 def test_a_wrong_position_within_reach_costs_a_restart_at_most() -> None:
-    """What cannot be told from a motion: forces stay in their envelope, and are true again after the warm-up."""
+    """Positions that look like a motion: forces stay in their envelope, and are true again after the warm-up."""
     low, high = MODEL.force_envelope_N
     for departed in (0.005, 0.02, 0.04):
         whole, spoilt = Estimator(MODEL), Estimator(MODEL)

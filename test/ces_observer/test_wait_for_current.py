@@ -39,7 +39,7 @@ def test_a_clock_set_back_ends_the_wait() -> None:
     assert let_go(held(100, 101), 0, 50) == [100, 101]
 
 
-def test_the_order_of_arrival_is_kept() -> None:
+def test_positions_leave_in_the_order_of_arrival() -> None:
     queue = held(5, 3, 4)
     assert let_go(queue, 4, 5) == []
     assert let_go(queue, 5, 5) == [5, 3, 4]

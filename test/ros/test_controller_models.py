@@ -145,7 +145,7 @@ def test_by_latched_topic(loop: Loop) -> None:
     loop.hears("model sha256", model.digest())
     loop.hears("model", "topic identify/model")
     loop.models.publish(String(data="{}"))
-    loop.hears("last change of the model", "refused, the model before runs on: topic identify/model: ")
+    loop.hears("last change of the model", "refused, the old model runs on: topic identify/model: ")
     assert loop.commands[-1] == pytest.approx(current_A(0.88), abs=1e-3)
 
 
@@ -169,7 +169,7 @@ def test_what_cannot_be_used_is_refused_with_the_reason(loop: Loop, tmp_path: Pa
     one_way, unstable = tmp_path / "one_way.json", tmp_path / "unstable.json"
     replace(damper(0.8), envelope=replace(damper(0.8).envelope, speed_m_s=(0.0, 2.0))).save(one_way)
     damper(1.01).save(unstable)
-    for path, reason in ((one_way, "a controller needs both directions"), (unstable, "not proved to count for less")):
+    for path, reason in ((one_way, "a controller needs both directions"), (unstable, "not proved to be a contraction")):
         assert loop.set_model(path) == ""  # for all that can be seen at once
         loop.hears("last change of the model", reason)
         wait(lambda: loop.get_model() == before, "the parameter goes back", LONG_S)

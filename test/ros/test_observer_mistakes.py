@@ -14,17 +14,17 @@ from node_process import NodeProcess
 
 MISTAKES: dict[str, dict[str, object]] = {
     "expected a finite number": {"model": "nan.json"},
-    "not proved to count for less than one": {"model": "unstable.json"},
+    "not proved to be a contraction": {"model": "unstable.json"},
     "no such model file": {"model": "/nowhere/model.json"},
     "parameter 'model' is not set": {"model": "''"},
     "message type 'sensor_msgs/msg/JoinState' is not installed": {"position.type": "sensor_msgs/msg/JoinState"},
-    "there is no 'pos'; there are header, name, position": {"position.field": "pos[rear_damper]"},
-    "'data' is no array": {"current.field": "data[0]"},
+    "no 'pos'; known are header, name, position": {"position.field": "pos[rear_damper]"},
+    "'data' is not an array": {"current.field": "data[0]"},
     "is a Header; expected the path to a number": {"position.field": "header"},
     "unknown key 'feild'": {"position.feild": "data"},
     "scale is 0": {"position.scale": 0},
     "max_age_s out of range": {"max_age_s": -1.0},
-    "'no topic' is no topic name": {"position.topic": "no topic"},
+    "'no topic' is not a topic name": {"position.topic": "no topic"},
     "'executor' is 'many'; expected one of auto, events, single": {"executor": "many"},
     "'dampers' is 'front'; expected a list of names": {"dampers": "front"},
     "'dampers' has 'front damper'; expected letters": {"dampers": "['front damper']"},
@@ -32,7 +32,7 @@ MISTAKES: dict[str, dict[str, object]] = {
     "'rear.max_age_s' is 'soon'; expected a number": {"dampers": "[rear]", "rear.max_age_s": "soon"},
     "rear.json: no such model file": {"dampers": "[rear]", "rear.model": "/nowhere/rear.json"},
     "signal 'rear.position' is constant": {"dampers": "[rear]", "rear.position.constant": 0.0},
-    "given without a value or as an empty list": {"dampers": "[]"},
+    "has no value or is an empty list": {"dampers": "[]"},
 }
 BROKEN = {"nan.json": "NaN", "unstable.json": "1.01"}  # coefficient of the past force
 AT_ONCE = 4

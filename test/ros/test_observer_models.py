@@ -24,7 +24,7 @@ from ces_observer.nodes.qos import LATCHED
 
 CHANGE = "last change of the model"
 PATIENCE_S = 5.0  # with samples that a busy computer holds up
-UNPROVED = "not proved to count for less than one"
+UNPROVED = "not proved to be a contraction"
 
 
 def damper(past: float = 0.9, warm_up_s: float = 0.1) -> Model:
@@ -93,7 +93,7 @@ def test_by_latched_topic(driven: Vehicle) -> None:
     for count in (1, 2):  # the same once more is an event of its own
         publisher.publish(String(data="{}"))
         wait(lambda told=before + count: refusals(driven) >= told, "the refusal is counted")
-    driven.hears_value(CHANGE, "refused, the model before runs on: topic identify/model: ")
+    driven.hears_value(CHANGE, "refused, the old model runs on: topic identify/model: ")
 
 
 def refusals(vehicle: Vehicle) -> int:

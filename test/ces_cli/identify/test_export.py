@@ -40,7 +40,7 @@ def test_two_files_that_bear_the_files_name(tmp_path, capsys):
     assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "Rear-Damper.c") == 0
     told = capsys.readouterr().out
     assert "rear_damper_step and rear_damper_tick, 3 terms" in told
-    assert "stable: past forces count for at most 0.800 < 1" in told
+    assert "stable: contraction: the gains of the past forces sum to at most 0.800 < 1" in told
     assert sorted(p.name for p in tmp_path.iterdir()) == ["Rear-Damper.c", "Rear-Damper.h", "m.json"]
     assert '#include "Rear-Damper.h"' in (tmp_path / "Rear-Damper.c").read_text()
     assert "never exceeds" in (tmp_path / "Rear-Damper.h").read_text()
@@ -61,7 +61,7 @@ def test_a_name_of_ones_own_and_it_compiles(tmp_path):
 
 def test_an_unstable_model_only_on_demand_and_loudly(tmp_path, capsys):
     words = (model_file(tmp_path / "m.json", past=1.01), "--out", tmp_path / "m.c")
-    assert "stability cannot be proved (past forces may count for 1.01; expected" in complaint(capsys, *words)
+    assert "cannot be proved (the gains of the past forces may sum to 1.01; expected" in complaint(capsys, *words)
     assert not (tmp_path / "m.c").exists()
     assert export(*words, "--allow-uncertified") == 0
     assert "warning: --allow-uncertified" in capsys.readouterr().err
@@ -101,7 +101,7 @@ def test_an_fmu_by_its_ending(tmp_path, capsys):
     assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "Rear-Damper.fmu") == 0
     told = capsys.readouterr().out
     assert "Rear-Damper.fmu: FMI 2.0 co-simulation rear_damper, 3 terms, binaries/" in told
-    assert "stable: past forces count for at most 0.800 < 1" in told
+    assert "stable: contraction: the gains of the past forces sum to at most 0.800 < 1" in told
     with zipfile.ZipFile(tmp_path / "Rear-Damper.fmu") as archive:
         names = set(archive.namelist())
     sources = {f"sources/{name}" for name in ("rear_damper.c", "rear_damper.h", "fmi2_rear_damper.c", "BUILD.txt")}

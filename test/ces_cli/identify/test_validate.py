@@ -145,7 +145,7 @@ def grown(raw):
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (grown, "past forces may count for 1.2"),
+        (grown, "the gains of the past forces may sum to 1.2"),
         (lambda m: m["certificate"].update(gain=0.01), "the file claims gain 0.01, but only"),
         (lambda m: m["certificate"].update(force_bound_N=1.0), "the file claims force_bound_N 1, but only"),
     ],

@@ -65,7 +65,7 @@ def test_without_a_signal_what_is_made_of_it_goes_too():
         ),
         ({"slip": {"kind": "lag", "of": "region", "time_constant_s": "auto"}}, "of is 'region'; expected one of"),
         ({"frequency": {"kind": "frequency", "time_constant_s": "auto"}}, "time_constant_s is 'auto'"),
-        ({"slip": 3}, "constructed: slip: 3 found; expected an object"),
+        ({"slip": 3}, "constructed: slip: found 3; expected an object"),
         ({"speed": {"kind": "frequency"}}, "name 'speed'"),
         (
             {"region": {"kind": "hats", "of": "current", "at": [1.0]}},

@@ -164,7 +164,7 @@ def test_the_estimator_gives_what_the_batch_gives():
 
 def test_its_own_proof_decides(capsys):
     require_stable(model(), "m.json")
-    with pytest.raises(ModelError, match="it is not proved to dissipate; identify it anew"):
+    with pytest.raises(ModelError, match="it is not proved to dissipate; identify it again"):
         require_stable(model(-1.0), "m.json")
     assert verify_certificate(model(), "m.json") == 0
     assert "proved: force times speed is never negative (sign of the viscosity)" in capsys.readouterr().out

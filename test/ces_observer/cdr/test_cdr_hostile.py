@@ -19,7 +19,7 @@ from ces_observer.signals import FieldPath
 
 @settings(max_examples=300, deadline=None)
 @given(st.sampled_from(READABLE), st.data())
-def test_truncated_and_corrupted_messages_are_told(readable, data):
+def test_truncated_and_corrupted_messages_raise(readable, data):
     built, path = readable
     raw = serialised(built)
     asked = reader(built.__msgtype__, path)
@@ -43,7 +43,7 @@ def test_truncated_and_corrupted_messages_are_told(readable, data):
 
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=200), st.sampled_from(READABLE))
-def test_rubbish_is_told(rubbish, readable):
+def test_random_bytes_raise(rubbish, readable):
     built, path = readable
     try:
         reader(built.__msgtype__, path).read(b"\0\1\0\0" + rubbish)
@@ -51,7 +51,7 @@ def test_rubbish_is_told(rubbish, readable):
         assert str(error).startswith(f"field '{path}'")
 
 
-def test_every_truncation_before_the_number_is_told_and_none_behind_it():
+def test_every_truncation_before_the_number_raises_and_none_behind_it():
     raw = serialised(joints(["fork", "rear"], [0.1, 0.2], effort=[1.0]))
     needed = raw.index(struct.pack("<d", 0.2)) + 8
     for length in range(len(raw)):
@@ -89,16 +89,16 @@ def own_types(**types):
 
 
 @pytest.mark.parametrize(
-    ("fields", "path", "told"),
+    ("fields", "path", "text"),
     [
         ({"a": "wstring", "b": "double"}, "b", "a wstring comes before it"),
         ({"a": "sequence<wstring<5>, 3>", "b": "double"}, "b", "a wstring<5> comes before it"),
         ({"a": "other_msgs/Unknown[2]", "b": "double"}, "b", "a other_msgs/Unknown comes before it"),
     ],
 )
-def test_what_cannot_be_walked_over_is_left_to_the_middleware(fields, path, told):
+def test_what_cannot_be_walked_over_is_left_to_the_middleware(fields, path, text):
     asked = RawSignal(signal("my_msgs/msg/My", path), own_types(My=fields))
-    with pytest.raises(CdrUnsupportedError, match=told):
+    with pytest.raises(CdrUnsupportedError, match=text):
         asked.read(b"\0\1\0\0\1\0\0\0" + bytes(40))
 
 
@@ -125,7 +125,7 @@ def test_types_and_fields_of_no_concern_here(kind, path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "path", "told"),
+    ("kind", "path", "text"),
     [
         (JOINTS, "positions[0]", "field 'positions[0]': no 'positions' in JointState"),
         (JOINTS, "position[0].x", "field 'position[0].x': no 'x' in double"),
@@ -138,10 +138,10 @@ def test_types_and_fields_of_no_concern_here(kind, path):
         ),
     ],
 )
-def test_field_that_no_such_message_has_is_told_at_the_door(kind, path, told):
+def test_a_field_that_the_type_lacks_raises_at_once(kind, path, text):
     with pytest.raises(SignalsError) as caught:
         reader(kind, path)
-    assert str(caught.value) == told
+    assert str(caught.value) == text
 
 
 def claim(count):
@@ -149,7 +149,7 @@ def claim(count):
 
 
 @pytest.mark.parametrize(
-    ("kind", "path", "body", "told"),
+    ("kind", "path", "body", "text"),
     [
         (JOINTS, "position[a]", bytes(8) + claim(2**32 - 1), "4294967295 bytes are expected at byte 16"),
         (JOINTS, "position[0]", bytes(8) + claim(1) + bytes(4) + claim(2**31), "2147483648 elements of a sequence<str"),
@@ -159,12 +159,12 @@ def claim(count):
         ("damper_msgs/msg/Valve", "last", bytes(33) + b"\1" * 3 + claim(2**30) * 40, "malformed message"),
     ],
 )
-def test_hostile_lengths_are_told(kind, path, body, told):
-    with pytest.raises(SignalsError, match=told):
+def test_hostile_lengths_raise(kind, path, body, text):
+    with pytest.raises(SignalsError, match=text):
         reader(kind, path).read(b"\0\1\0\0" + body)
 
 
-def test_bounded_sequence_beyond_its_bound_is_told():
+def test_a_bounded_sequence_beyond_its_bound_raises():
     asked = RawSignal(signal("my_msgs/msg/My", "b"), own_types(My={"a": "sequence<uint8, 3>", "b": "uint8"}))
     assert asked.read(b"\0\1\0\0" + claim(3) + b"abc\5")[1] == 5.0
     with pytest.raises(SignalsError, match="4 elements of a sequence<uint8, 3> at byte 8"):

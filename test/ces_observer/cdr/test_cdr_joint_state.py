@@ -50,6 +50,6 @@ def test_estimate_is_read_by_the_raw_reader(field, value):
 
 
 @pytest.mark.parametrize("stamp_ns", [2**31 * 10**9, -(2**31) * 10**9 - 1])
-def test_stamp_out_of_range_is_told(stamp_ns):
+def test_a_stamp_out_of_range_raises(stamp_ns):
     with pytest.raises(SignalsError, match=f"stamp {stamp_ns} ns is out of the range"):
         RawEstimate("rear").fill(stamp_ns, b"", 1.0, 2.0, 3.0)

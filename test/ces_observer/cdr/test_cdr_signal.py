@@ -78,7 +78,7 @@ def test_one_reader_follows_any_joint_states(stream, path):
         (trajectory(), "points[d].effort[1]"),
     ],
 )
-def test_what_is_missing_is_told_as_ever(built, path):
+def test_a_missing_field_raises_the_same_error(built, path):
     with pytest.raises(SignalsError) as told:
         FieldPath.parse(path).read(built)
     with pytest.raises(SignalsError) as told_raw:

@@ -198,17 +198,17 @@ def test_a_repeated_stamp_changes_nothing_and_a_clock_set_back_starts_anew() -> 
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "text"),
     [
         ({"low_A": 2.0, "high_A": 1.0}, "lower limit first"),
         ({"safe_A": 3.0}, "within 0 to 2 A"),
-        ({"loop_gain_1_s": -1.0}, "from 0 on"),
+        ({"loop_gain_1_s": -1.0}, "expected at least 0"),
         ({"rate_A_s": 0.0}, "above 0"),
         ({"preview_s": nan}, "finite"),
     ],
 )
-def test_settings_that_cannot_be_used_are_refused(change: dict[str, float], told: str) -> None:
-    with pytest.raises(CesError, match=told):
+def test_settings_that_cannot_be_used_are_refused(change: dict[str, float], text: str) -> None:
+    with pytest.raises(CesError, match=text):
         Tuning(**{"low_A": 0.0, "high_A": 2.0, "safe_A": 0.3, **change})
 
 
@@ -216,7 +216,7 @@ def test_settings_that_cannot_be_used_are_refused(change: dict[str, float], told
     ("gain", "lag_s", "delay_s", "phase_deg", "amplitude"),
     [(4.0, 0.010, 0.005, 86.0, 16.0), (12.0, 0.050, 0.005, 52.0, 1.5)],
 )
-def test_the_margins_are_at_least_as_told(
+def test_the_margins_are_at_least_as_documented(
     gain: float, lag_s: float, delay_s: float, phase_deg: float, amplitude: float
 ) -> None:
     """The open loop of the module's docstring, on a grid of frequencies."""

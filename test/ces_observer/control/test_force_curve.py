@@ -32,7 +32,7 @@ def test_it_never_drives(speed: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("speeds", "forces", "told"),
+    ("speeds", "forces", "text"),
     [
         ([0.0], [0.0], "1 speeds and 1 forces"),
         ([-1.0, 1.0], [-5.0, 0.0, 5.0], "2 speeds and 3 forces"),
@@ -44,8 +44,8 @@ def test_it_never_drives(speed: float) -> None:
         ([-1.0, 2.0], [-100.0, 500.0], "100 N at rest"),
     ],
 )
-def test_a_curve_that_cannot_be_used_is_refused(speeds: list[float], forces: list[float], told: str) -> None:
-    with pytest.raises(CurveError, match=told):
+def test_a_curve_that_cannot_be_used_is_refused(speeds: list[float], forces: list[float], text: str) -> None:
+    with pytest.raises(CurveError, match=text):
         ForceCurve.from_points(speeds, forces)
 
 

@@ -44,7 +44,7 @@ def test_the_current_stays_inside_the_envelope(speed: float, force: float) -> No
 
 
 @given(SPEEDS, st.floats(-4000.0, 4000.0), st.floats(0.0, 500.0))
-def test_more_damping_asked_for_is_never_less_current(speed: float, force: float, more: float) -> None:
+def test_a_request_for_more_damping_never_reduces_the_current(speed: float, force: float, more: float) -> None:
     firmer = force + more if speed >= 0.0 else force - more
     assert SAMPLE.current(speed, firmer) >= SAMPLE.current(speed, force)
 
@@ -93,7 +93,7 @@ def test_models_without_two_directions_or_currents_are_refused() -> None:
     passive = replace(plain_damper(), envelope=Envelope((-0.1, 0.1), (-2.0, 2.0), (0.5, 0.5)))
     with pytest.raises(ModelError, match="both directions"):
         compute_inverse_map(one_way)
-    with pytest.raises(ModelError, match=r"at 0\.5 A alone"):
+    with pytest.raises(ModelError, match=r"at 0\.5 A only"):
         compute_inverse_map(passive)
 
 

@@ -102,7 +102,7 @@ def test_an_empty_window_has_no_rate() -> None:
 
 
 def step(damper: DamperObserver, health: Health, k: int, position: float = 0.01) -> None:
-    """Step as the node does: a change of the reason is told at once."""
+    """Step as the node does: a change of the reason is reported at once."""
     before = damper.reason
     damper.step(k * MS, position, k * MS)
     if damper.reason != before:
@@ -140,7 +140,7 @@ def test_an_episode_with_several_reasons_names_them_in_order() -> None:
     assert dict(health.status("").values)["last episode 1"].endswith("(50 samples withheld)")
 
 
-def test_an_episode_that_ended_is_told_even_if_another_has_begun() -> None:
+def test_an_ended_episode_is_reported_even_if_another_has_begun() -> None:
     damper, health = damper_and_health()
     for k in range(200):
         step(damper, health, k, nan if k == 100 else 0.01)
@@ -168,7 +168,7 @@ def test_every_one_of_many_episodes_is_counted() -> None:
     assert dict(health.status("").values)[f"withheld: {POSITION_NOT_FINITE}"] == str(withheld)
 
 
-def test_inputs_latency_and_load_are_told() -> None:
+def test_the_status_shows_inputs_latency_and_load() -> None:
     damper, health = damper_and_health()
     for k in range(100, 1100):
         if k % 100:
@@ -239,7 +239,7 @@ def test_a_drift_is_recorded_once_and_named_until_it_is_over(tmp_path: Path) -> 
     assert dict(health.status("").values)["threshold of J [%]"] == "20.00"
 
 
-def test_without_a_measured_force_of_late_no_cost_is_told() -> None:
+def test_without_a_recent_measured_force_there_is_no_cost() -> None:
     cost, damper = RunningCost(window_s=5), damper_and_health()[0]
     health = Health(damper, {}, cost=cost)
     compare(cost, 0, 3, 1.05, lambda now_ns: health.roll(1.0, now_ns))
@@ -248,7 +248,7 @@ def test_without_a_measured_force_of_late_no_cost_is_told() -> None:
     assert dict(health.status("").values)["running cost J [%]"] == "none"
 
 
-def test_after_a_reload_the_new_models_facts_and_cost_are_told() -> None:
+def test_after_a_reload_the_status_shows_the_new_models_facts_and_cost() -> None:
     damper, health = damper_and_health()
     cost = RunningCost(warn_J=33.0)
     health.set_damper(damper, {"model": "other.json"}, cost)

@@ -46,13 +46,13 @@ def test_J_is_the_formula_over_the_window_in_either_order(seed: int, delay: int,
     calls = [(k, 0, int(ticks[k]), float(estimates[k])) for k in range(len(ticks))]
     arrivals = np.searchsorted(ticks, stamps) + delay
     calls += [(int(a), 1, int(s), float(y)) for a, s, y in zip(arrivals, stamps, measured, strict=True)]
-    told = {}
+    text = {}
     for _, kind, stamp, value in sorted(calls, key=lambda call: call[:2]):
         (cost.add_measured if kind else cost.add_estimate)(stamp, value)
-        if cost._end_ns not in told and cost._seconds:
-            told[cost._end_ns] = (cost.J, len(cost._seconds))
-    assert told
-    for end, (J, seconds) in told.items():
+        if cost._end_ns not in text and cost._seconds:
+            text[cost._end_ns] = (cost.J, len(cost._seconds))
+    assert text
+    for end, (J, seconds) in text.items():
         inside = (stamps >= end - (seconds + 1) * SECOND) & (stamps < end - SECOND)
         inside &= stamps > START
         y = measured[inside]

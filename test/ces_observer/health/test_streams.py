@@ -76,7 +76,7 @@ def test_random_losses_are_counted(loss: float, jitter: float, period_ns: int, s
     for k in range(LEARN + 1):
         arrivals.take(START + k * period_ns, START + k * period_ns)
     sent = range(LEARN + 1, 1200)
-    kept = [k for k in sent if chance.random() >= loss] + [1200, 1201]  # a gap is told when a usual interval follows
+    kept = [k for k in sent if chance.random() >= loss] + [1200, 1201]  # a gap is counted when a usual interval follows
     for k in kept:
         stamp = START + k * period_ns + round(chance.uniform(-jitter, jitter) * period_ns)
         arrivals.take(stamp, stamp)
@@ -101,7 +101,7 @@ def test_shuffled_messages_are_out_of_order_and_not_dropped(seed: int, apart: in
         late += sum(k < max(block[: i + 1]) for i, k in enumerate(block))
     figures = arrivals.roll(0.9)
     assert (figures.total_out_of_order, figures.total_duplicates) == (late, 0)
-    # Up to the newest stamp of a block's first message nothing can be told; all later ones make up for the gaps.
+    # Up to the newest stamp of a block's first message nothing can be counted; all later ones make up for the gaps.
     assert figures.total_dropped == 0
 
 
@@ -171,7 +171,7 @@ def test_a_clock_jump_is_one_interruption(jump_s: float) -> None:
     assert figures.rate_Hz == 1000.0
 
 
-def test_a_burst_after_a_stall_is_seen() -> None:
+def test_a_burst_after_a_stall_is_counted() -> None:
     arrivals = Arrivals()
     regular(arrivals, 0, 100)
     for k in range(100, 150):

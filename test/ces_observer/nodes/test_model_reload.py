@@ -32,7 +32,7 @@ def verdict_of(reload: ModelReload) -> Verdict:
     return verdict
 
 
-def test_a_stable_model_is_accepted_and_told_once() -> None:
+def test_a_stable_model_is_accepted_and_reported_once() -> None:
     reload, model = ModelReload(), plain_damper()
     began = time.monotonic()
     reload.start(model, "model.json", [PROVE])
@@ -45,7 +45,7 @@ def test_a_stable_model_is_accepted_and_told_once() -> None:
 def test_an_unstable_model_is_refused_with_the_reason() -> None:
     reload = ModelReload()
     reload.start(unstable(), "worn.json", [PROVE])
-    assert verdict_of(reload).error.startswith("worn.json: its past forces are not proved to count for less than one")
+    assert verdict_of(reload).error.startswith("worn.json: it is not proved to be a contraction")
 
 
 def test_without_a_check_it_is_accepted_at_once() -> None:
@@ -55,7 +55,7 @@ def test_without_a_check_it_is_accepted_at_once() -> None:
     assert verdict is not None and not verdict.error
 
 
-def test_the_inverse_comes_back_as_it_was_made() -> None:
+def test_the_inverse_survives_a_round_trip_as_text() -> None:
     reload, model = ModelReload(), plain_damper()
     reload.start(model, "model.json", [PROVE, INVERT])
     verdict = verdict_of(reload)

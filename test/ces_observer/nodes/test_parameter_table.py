@@ -29,7 +29,7 @@ def test_defaults_are_allowed_and_described(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "told"),
+    ("name", "value", "text"),
     [
         ("executor", "many", "'executor' is 'many'; expected one of auto, events, single"),
         ("max_age_s", -0.1, "'max_age_s' is -0.1; expected 0 to 3600"),
@@ -38,13 +38,13 @@ def test_defaults_are_allowed_and_described(name: str) -> None:
         ("cost_window_s", 2, "'cost_window_s' is 2; expected 3 to 3600"),
         ("cost_window_s", 5.0, "'cost_window_s' is 5.0; expected a whole number"),
         ("allow_uncertified", 1, "'allow_uncertified' is 1; expected a truth value"),
-        ("model", None, "'model' is None; expected a text"),
+        ("model", None, "'model' is None; expected a string"),
     ],
 )
-def test_wrong_values_say_what_was_expected(name: str, value: object, told: str) -> None:
+def test_wrong_values_say_what_was_expected(name: str, value: object, text: str) -> None:
     with pytest.raises(CesError) as caught:
         SPECS[name].check_value(value, name)
-    assert told in str(caught.value)
+    assert text in str(caught.value)
 
 
 def test_a_whole_number_will_do_for_a_number() -> None:
@@ -52,7 +52,7 @@ def test_a_whole_number_will_do_for_a_number() -> None:
     assert (value, type(value)) == (1.0, float)
 
 
-def test_names_that_nobody_knows_are_found():
+def test_unknown_names_are_reported():
     names = ["model", "modle", "front.model", "front.modle", "front.position.field", "rear.model", "current.constant"]
     names += ["use_sim_time", "qos_overrides./parameter_events.publisher.depth"]
     assert find_unknown(names, SPECS, NAMES, ["front"]) == ["modle", "front.modle", "rear.model"]

@@ -29,7 +29,7 @@ def test_bounds_are_exact_where_they_are_known():
     assert c.force_N >= 48.0 / (1.0 - 0.5 - 0.3 * math.sqrt(1.2))
 
 
-def test_terms_that_cancel_are_seen_to_cancel():
+def test_terms_that_cancel_have_a_small_bound():
     """Interval arithmetic alone would bound 2.1 |v| - 2 |v| by 2.1 * 1.2."""
     v = Factor("speed", 0, 1.0, signed=False)
     c = model(output(2.1, v), output(-2.0, v), Term(1.0, ())).certify()

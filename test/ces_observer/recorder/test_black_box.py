@@ -83,13 +83,13 @@ def test_the_offline_programs_open_the_recording(tmp_path: Path, capsys: pytest.
     assert set(recording.channel("current").values) == {0.5}
     assert set((position.stamps_ns - START) % MS) == {0}  # header stamps, not times of arrival
     assert main.main(["info", str(box.saved)]) == 0
-    told = capsys.readouterr().out
-    assert "/measured_force" in told and "/observer/estimate" in told
+    text = capsys.readouterr().out
+    assert "/measured_force" in text and "/observer/estimate" in text
 
 
 def test_memory_is_bounded_by_bytes_and_by_time(tmp_path: Path) -> None:
     size = 100
-    box = black_box(tmp_path, most_bytes=1000 * (size + OVERHEAD_BYTES))
+    box = black_box(tmp_path, max_bytes=1000 * (size + OVERHEAD_BYTES))
     for k in range(5000):
         box.add(CURRENT, START + k * MS, bytes(size))
     assert 990 <= len(box._ring) <= 1000
@@ -125,7 +125,7 @@ def test_one_recording_at_a_time_and_a_pause_between(tmp_path: Path) -> None:
 
 
 def test_names_are_free_and_only_so_many_bags_are_left(tmp_path: Path) -> None:
-    box = black_box(tmp_path, pause_s=0.0, most_bags=3)
+    box = black_box(tmp_path, pause_s=0.0, max_bags=3)
     saved = []
     for k in (0, 0, 0, 1, 2):
         keep(box, drive(START, 0.1))
@@ -142,7 +142,7 @@ def test_only_bags_of_its_own_are_removed(tmp_path: Path) -> None:
         (tmp_path / name / "metadata.yaml").touch()
         (tmp_path / name / f"{name}.mcap").touch()
     (tmp_path / "drift_2020-01-01-00-00-00" / "notes.txt").touch()
-    box = black_box(tmp_path, most_bags=1)
+    box = black_box(tmp_path, max_bags=1)
     keep(box, drive(START, 0.1))
     box.save("drift", START, {})
     finish(box, START + SECOND)
@@ -170,7 +170,7 @@ def test_what_an_interrupted_recording_left_is_removed(tmp_path: Path) -> None:
     assert not left.exists()
 
 
-def test_a_folder_that_cannot_be_is_told_and_survived(tmp_path: Path) -> None:
+def test_an_impossible_folder_is_reported_and_survived(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     box = black_box(tmp_path / "file" / "records", pause_s=0.0)
     for _ in range(2):
@@ -181,7 +181,7 @@ def test_a_folder_that_cannot_be_is_told_and_survived(tmp_path: Path) -> None:
         assert box.saved is None
 
 
-def test_a_full_disk_is_told_and_survived(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_and_survived(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(record_folder.shutil, "disk_usage", lambda path: SimpleNamespace(free=100 << 20))
     box = black_box(tmp_path, pause_s=0.0)
     box.save("drift", START, {})
@@ -215,7 +215,7 @@ def test_older_bags_that_cannot_be_removed_do_not_hide_the_new_one(
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(record_folder, "remove_bag", refuse)
-    box = black_box(tmp_path, pause_s=0.0, most_bags=1)
+    box = black_box(tmp_path, pause_s=0.0, max_bags=1)
     for k in range(2):
         box.save("drift", START + k * SECOND, {})
         finish(box, START + (k + 1) * SECOND)
@@ -223,7 +223,7 @@ def test_older_bags_that_cannot_be_removed_do_not_hide_the_new_one(
     assert box.problem == f"{tmp_path}: an older recording cannot be removed: Permission denied"
 
 
-def test_close_completes_what_was_asked_for(tmp_path: Path) -> None:
+def test_close_completes_a_started_recording(tmp_path: Path) -> None:
     box = black_box(tmp_path)
     box.close()
     assert list(tmp_path.iterdir()) == []

@@ -128,7 +128,7 @@ def test_no_channels_and_no_messages(tmp_path: Path) -> None:
     assert read_with_mcap(write(tmp_path / "empty.mcap", [])) == []
 
 
-def test_an_existing_file_is_kept(tmp_path: Path) -> None:
+def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
     path = write(tmp_path / "a.mcap", drive(START, 0.01))
     before = path.read_bytes()
     with pytest.raises(FileExistsError):

@@ -85,17 +85,17 @@ def lagged(currents, one=LAG, rate_Hz=1000.0):
 @pytest.mark.parametrize("rate_Hz", [125.0, 1000.0, 3000.0])
 def test_a_lag_starts_at_its_signal_and_answers_a_step_in_its_time_constant(rate_Hz):
     """The same course in time at every rate: that of the differential equation tau y' = s - y."""
-    told = lagged([0.2] * 3 + [1.0] * 100, rate_Hz=rate_Hz)
-    assert told[:3] == [0.2] * 3
+    text = lagged([0.2] * 3 + [1.0] * 100, rate_Hz=rate_Hz)
+    assert text[:3] == [0.2] * 3
     expected = [1.0 - 0.8 * math.exp(-(k + 1) / (rate_Hz * 0.008)) for k in range(100)]
-    assert told[3:] == pytest.approx(expected, rel=1e-12)
+    assert text[3:] == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_lag_is_the_sum_it_is_defined_by():
     currents, gain, last = [0.7, 0.1, 0.4, 1.3, 1.3], 1.0 - math.exp(-1.0 / 8.0), 0.7
-    for k, told in enumerate(lagged(currents)):
+    for k, text in enumerate(lagged(currents)):
         last += gain * (currents[k] - last)
-        assert told == last
+        assert text == last
 
 
 @given(st.lists(st.floats(-1.5, 1.5), min_size=1, max_size=60), st.sampled_from([1e-4, 1e-3, 0.008, 5.0]))
@@ -107,18 +107,18 @@ def test_a_lag_stays_within_the_range_of_its_signal(currents, time_constant_s):
 
 
 @pytest.mark.parametrize("frequency_Hz", [1.5, 4.0, 12.0])
-def test_the_frequency_of_a_sine_is_told(frequency_Hz):
-    told = values(FREQUENCY, *sine(frequency_Hz))[3000:]
-    assert sum(told) / len(told) == pytest.approx(frequency_Hz, rel=0.05)
-    assert all(0.5 * frequency_Hz < f < 2.0 * frequency_Hz for f in told)
+def test_the_frequency_of_a_sine_is_estimated(frequency_Hz):
+    text = values(FREQUENCY, *sine(frequency_Hz))[3000:]
+    assert sum(text) / len(text) == pytest.approx(frequency_Hz, rel=0.05)
+    assert all(0.5 * frequency_Hz < f < 2.0 * frequency_Hz for f in text)
 
 
 def test_the_frequency_follows_a_change_within_a_few_windows():
     x, v = sine(2.0)
     x2, v2 = sine(10.0)
-    told = values(FREQUENCY, x + x2, v + v2)
-    assert told[4999] == pytest.approx(2.0, rel=0.2)
-    assert told[6500] == pytest.approx(10.0, rel=0.1)
+    text = values(FREQUENCY, x + x2, v + v2)
+    assert text[4999] == pytest.approx(2.0, rel=0.2)
+    assert text[6500] == pytest.approx(10.0, rel=0.1)
 
 
 def test_standstill_has_the_lowest_frequency_whatever_the_noise():
@@ -206,7 +206,7 @@ def test_a_model_without_constructed_inputs_does_not_mention_them():
 def test_two_of_a_name_are_refused():
     other = replace(STOP, half_width=0.1)
     terms = (Term(1.0, (of("hysteresis"),)), Term(1.0, (Factor("hysteresis", 0, 1.0, True, other),)))
-    with pytest.raises(ModelError, match="'hysteresis': defined twice"):
+    with pytest.raises(ModelError, match="'hysteresis': two different definitions"):
         model(*terms).to_json()
 
 
@@ -221,7 +221,7 @@ def test_two_of_a_name_are_refused():
         (1, {"name": "speed"}, "name 'speed'; expected up to 40"),
         (1, {"name": "a_p0_5"}, "name 'a_p0_5'"),
         (1, {"name": "x; #"}, "name 'x; #'"),
-        (1, {"name": "frequency"}, "name 'frequency' is taken"),
+        (1, {"name": "frequency"}, "name 'frequency' occurs twice"),
         (0, {"range_Hz": [5.0, 5.0]}, r"range_Hz is \[5, 5\]"),
         (0, {"range_Hz": [0.0, 5.0]}, r"range_Hz is \[0, 5\]"),
         (0, {"time_constant_s": 0.0}, "time_constant_s is 0.0"),
@@ -289,7 +289,7 @@ def test_a_blend_over_a_lag_counts_for_its_worst_sub_model_and_is_one_variable_w
     assert largest <= made.certify().gain <= largest * 1.003
 
 
-def test_one_bad_sub_model_is_found_however_narrow_its_region():
+def test_one_unstable_sub_model_is_detected_in_any_narrow_region():
     narrow = TriangularMembership("region", "current", 0.7, 0.7001, 0.7002)
     bad = model(past(0.5), past(0.51, Factor("region", 8, 1.0, False, narrow)))
     assert not bad.is_stable()

@@ -109,7 +109,7 @@ def needles(m):
         (lambda m: m["fuzzy"]["rules"][0].update(linear=[1.0]), "linear is .*a list of 5"),
         (lambda m: m["fuzzy"]["rules"][0].update(constant=None), "constant is None"),
         (lambda m: m["fuzzy"].update(rules=[]), "rules is .*a list of 1 to 200"),
-        (needles, "none is felt in all of the input envelope"),
+        (needles, "no rule applies in a part of the input envelope"),
     ],
 )
 def test_what_is_wrong_is_named(change, message):

@@ -139,7 +139,7 @@ def test_inputs_are_clamped_and_it_shows_for_that_tick_alone(column, side):
     assert (run.tick(0.0, 0.0, 0.0), run.clamped) == (0.0, False)
 
 
-def test_a_constructed_input_is_made_of_clamped_ones():
+def test_constructed_inputs_are_computed_from_clamped_inputs():
     run = model(
         Term(1.0, (Factor("slack", 0, definition=Hysteresis("slack", "play", "position", 0.01)),))
     ).make_predictor()

@@ -19,7 +19,7 @@ from ces_observer.structures.constructed_inputs import Hysteresis, TriangularMem
 from ces_observer.structures.terms import Factor, Term
 from ces_observer.structures.tick_source import tick_source
 
-WORDS = {"def", "if", "else", "and", "not", "return", "make", "tick", "run", "clamped", "arrive", "forces", "force"}
+WORDS = {"def", "if", "else", "and", "not", "return", "make", "tick", "run", "clamped", "update", "forces", "force"}
 WORDS |= {
     "deque",
     "maxlen",
