@@ -7,17 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Correction, DirectSimulator, Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
 from ces_gap.errors import GapError
-from ces_gap.trace import Trace, make_trace, smooth_recording
+from ces_gap.trace import F, Trace, make_trace, smooth_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer.errors import CesError
-
-F = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

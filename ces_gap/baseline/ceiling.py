@@ -5,14 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ces_gap.baseline.dictionary import Dictionary, Scales
 from ces_gap.baseline.learner import LearnerResult, learn
-from ces_gap.trace import Trace
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.learner_kernels import fill_features
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 MEMORIES_S = np.array([0.003, 0.010, 0.030])  # [s] fading memories of force and speed
 VALVE_S = np.array([0.006, 0.025])  # [s] fading memories of the current

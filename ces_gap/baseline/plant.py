@@ -10,14 +10,11 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import Composition
-from ces_gap.trace import Trace, TraceInputs, resample_to_grid
+from ces_gap.trace import F, Trace, TraceInputs, resample_to_grid
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import Simulation
-
-F = NDArray[np.float64]
 
 
 class TraceSimulator(Protocol):

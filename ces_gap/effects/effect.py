@@ -12,11 +12,8 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 SENSOR, MOTION, VALVE, FLUID, PARALLEL, CELL = 0, 1, 2, 3, 4, 5  # stages, from the outside in and out again
 

@@ -11,14 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.derivative import derivative
 from ces_gap.effects.series_kernels import series_stroke
 from ces_gap.plant_map.own_spring import remove_high_frequencies
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 SOFT = 0.03  # of the force's RMS: width of the change from one direction's law to the other's
 SUBSTEP_S = 2.1e-3  # [s] longest step of the integration

@@ -17,12 +17,10 @@ from ces_gap.errors import GapError
 from ces_gap.intake.force_units import MIN_CORRELATION, compare_forces, require_same_sign_and_unit
 from ces_gap.intake.operating_range import outside_notes
 from ces_gap.intake.saturation import saturation_notes
-from ces_gap.trace import Trace
+from ces_gap.trace import F, Trace
 from ces_identify.recordings.consistency import require_consistent
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
-
-F = NDArray[np.float64]
 
 SAME_CURRENT = 0.02  # spread of the current, over its mean, below which it counts as constant
 NO_CURRENT = 1e-3  # [A] below which it counts as none

@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.errors import GapError
 from ces_gap.trace import Trace
-
-F = NDArray[np.float64]
 
 MIN_CORRELATION = 0.5  # correlation of measured with simulated force from which its sign and its scale count
 SURE = 0.9  # correlation from which a factor that physics could nearly give counts as a unit

@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.errors import GapError
-from ces_gap.trace import Trace
+from ces_gap.trace import F, Trace
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_observer.model import Model
-
-F = NDArray[np.float64]
 
 MAX_OUTSIDE_SHARE = 0.5  # share of the time that a comparison can bear
 NOTED_OUTSIDE_SHARE = 0.05  # share that is told

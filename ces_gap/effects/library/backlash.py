@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import firwin
 
 from ces_gap.effects.effect import MOTION, Effect, EffectParameter
 from ces_gap.effects.effect_kernels import gated_play, loose_force, tight_force
 from ces_gap.effects.series_strain import soft_width, subtract_stroke
 from ces_gap.plant_map.own_spring import remove_high_frequencies
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 GAP = EffectParameter("gap_m", 0.0, 0.01, (5e-4, 2e-3), "free play from stop to stop", magnitude=True)
 SUBSTEP_S = 5e-4  # [s] of the integration: the moments of parting and contact fall between ticks
 
 
-@dataclass(frozen=True)
 class HeldPlay(Effect):
     """Play z in [-gap/2, gap/2]: x' = x - z, crossed only once the force has come down to zero and turned over.
 
@@ -40,7 +35,6 @@ class HeldPlay(Effect):
         return subtract_stroke(inputs, gated_play(inputs.position, pushed, values[0]), trace.rate_Hz)
 
 
-@dataclass(frozen=True)
 class PartedPlay(Effect):
     """The same, and the cell reads a constant level while the joint is parted: no force passes, the damper creeps.
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 ROUNDING = 0.02  # of the level: over this the valve opens
 OPENS_AT = (0.97, 0.9, 0.75, 0.55)  # of the largest simulated force: where searches begin
@@ -32,9 +29,7 @@ class OneSide(Effect):
     stiff spring and seat are is in the slope, 0 for an ideal valve.
     """
 
-    name = "blow_off"
-    stage = FLUID
-    sign = 1.0
+    name, stage, sign = "blow_off", FLUID, 1.0
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) with the valve."""
@@ -49,27 +44,21 @@ class OneSide(Effect):
 class ReboundBlowOff(OneSide):
     """A valve that opens in rebound."""
 
-    form = "rebound"
-    sign = -1.0
-    needs = "rebound forces at which the real valve opens"
+    form, sign, needs = "rebound", -1.0, "rebound forces at which the real valve opens"
     parameters = (_level("rebound"), SLOPE)
 
 
 class CompressionBlowOff(OneSide):
     """A valve that opens in compression."""
 
-    form = "compression"
-    needs = "compression forces at which the real valve opens"
+    form, needs = "compression", "compression forces at which the real valve opens"
     parameters = (_level("compression"), SLOPE)
 
 
 class TwoSidedBlowOff(Effect):
     """A valve each way, each with its level."""
 
-    name = "blow_off"
-    form = "both"
-    stage = FLUID
-    needs = "forces at which the real valves open"
+    name, form, stage, needs = "blow_off", "both", FLUID, "forces at which the real valves open"
     parameters = (_level("rebound"), _level("compression"), SLOPE)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

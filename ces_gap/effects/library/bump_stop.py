@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 ROUNDING_M = 0.00015  # [m] over this a stop comes into contact: lips and unevenness
 FREE = 0.6  # share of the time that a stop is out of contact, at least
@@ -32,10 +29,7 @@ class CompressionBumpStop(Effect):
     Absorber Handbook, 2nd ed. 2007, on bump stops); steel on steel is linear at 1e6 N/m and more.
     """
 
-    name = "bump_stop"
-    form = "compression"
-    stage = PARALLEL
-    needs = "strokes that reach the compression stop"
+    name, form, stage, needs = "bump_stop", "compression", PARALLEL, "strokes that reach the compression stop"
     parameters = (STIFFNESS, HARDENING, COMPRESSION)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -51,10 +45,7 @@ class CompressionBumpStop(Effect):
 class ReboundBumpStop(Effect):
     """A stop at the rebound end, pulling back: F - k d - h d2."""
 
-    name = "bump_stop"
-    form = "rebound"
-    stage = PARALLEL
-    needs = "strokes that reach the rebound stop"
+    name, form, stage, needs = "bump_stop", "rebound", PARALLEL, "strokes that reach the rebound stop"
     parameters = (STIFFNESS, HARDENING, REBOUND)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -70,10 +61,7 @@ class ReboundBumpStop(Effect):
 class TwoSidedBumpStop(Effect):
     """Stops of one kind at both ends, each with its place."""
 
-    name = "bump_stop"
-    form = "both"
-    stage = PARALLEL
-    needs = "strokes that reach both stops"
+    name, form, stage, needs = "bump_stop", "both", PARALLEL, "strokes that reach both stops"
     parameters = (STIFFNESS, HARDENING, COMPRESSION, REBOUND)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

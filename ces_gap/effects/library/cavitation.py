@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.cavitation_kernels import void_length_at_limit
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.effect_kernels import void
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 BUBBLES = EffectParameter("bubbles_m", 1e-4, 5e-3, (5e-4,), "last of the void, over which the force returns", "log")
 ROUNDED = 0.05  # of a limit: how gradually it is reached
@@ -29,7 +26,6 @@ HALVINGS, MIN_SLOPE_NS_M = 8, 50.0  # of the speed; [N s/m]
 REBOUND, COMPRESSION = -1.0, 1.0
 
 
-@dataclass(frozen=True)
 class _Void(Effect):
     """A void of length z that opens in the direction `side`: on the way back exp(-z/bubbles) of the force is left."""
 
@@ -67,7 +63,6 @@ class _Void(Effect):
         raise NotImplementedError
 
 
-@dataclass(frozen=True)
 class _Intake(_Void):
     """The chamber that grows in the direction `side` fills through an intake valve passing no more than `limit_m_s`.
 
@@ -94,7 +89,6 @@ class _Intake(_Void):
         return trace.inputs.speed
 
 
-@dataclass(frozen=True)
 class _Floor(_Void):
     """The pressure behind the piston falls from the gas charge to nothing: no more than `limit_N` can build up.
 
@@ -144,14 +138,12 @@ class _Floor(_Void):
         return [(1.0, float(limit), SOFT_M, 1.0) for limit in limits]
 
 
-@dataclass(frozen=True)
 class ReboundIntake(_Intake):
     """After fast rebound the force of compression is lost. Equations, source and range: `_Intake`."""
 
     form, side = "rebound_intake", REBOUND
 
 
-@dataclass(frozen=True)
 class ReboundReservoir(_Intake):
     """As `ReboundIntake`, fed through an orifice by a gas charge that falls as the rod leaves: limit·√(1 + x/column).
 
@@ -186,21 +178,18 @@ def _reservoir_flow_factor(position: F, column_m: float) -> F:
     return np.asarray(np.sqrt(np.maximum(1.0 + position / column_m, 0.0) + SEEPS))
 
 
-@dataclass(frozen=True)
 class CompressionIntake(_Intake):
     """After fast compression the force of rebound is lost. Equations, source and range: `_Intake`."""
 
     form, side = "compression_intake", COMPRESSION
 
 
-@dataclass(frozen=True)
 class ReboundFloor(_Floor):
     """After hard rebound the force of compression is lost. Equations, source and range: `_Floor`."""
 
     form, side = "rebound_floor", REBOUND
 
 
-@dataclass(frozen=True)
 class CompressionFloor(_Floor):
     """After hard compression the force of rebound is lost. Equations, source and range: `_Floor`."""
 

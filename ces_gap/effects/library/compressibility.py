@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from ces_gap.derivative import derivative
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.series_kernels import pumped_stroke
 from ces_gap.effects.series_strain import Strain, subtract_spring_stroke, subtract_stroke
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 INFINITE = float("inf")
 SLOWEST_HZ = 0.2  # [Hz] below it what is squeezed is wandering
 PUMPED_SUBSTEPS = 2
 
 
-@dataclass(frozen=True)
 class SideSpecific(Effect):
     """Oil and chamber walls: ds/dF = 1/k of the side under pressure, k = β·A²/V; the valve sees the speed v - ds/dt.
 
@@ -53,7 +48,6 @@ class SideSpecific(Effect):
         return subtract_spring_stroke(trace, inputs, force, law)
 
 
-@dataclass(frozen=True)
 class AeratedOil(Effect):
     """Bubbles: s = s₀·F/(|F| + F₀), isothermal gas of volume V₀ = A·s₀ squeezed from p₀ = F₀/A; soft near no force.
 
@@ -90,7 +84,6 @@ class AeratedOil(Effect):
         return subtract_spring_stroke(trace, inputs, force, law)
 
 
-@dataclass(frozen=True)
 class CheckValveStiffness(Effect):
     """Check valves choose what is squeezed: ds/dt = C·dF/dt, C = 1/`pumping_N_m` while pushed and moving in, else less.
 

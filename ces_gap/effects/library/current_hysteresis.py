@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import VALVE, Effect, EffectParameter
 from ces_gap.effects.effect_kernels import coleman_hodgdon, mean_of_plays
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 PLAYS = 8
 
 
-@dataclass(frozen=True)
 class Plays(Effect):
     """Prandtl-Ishlinskii: i' is the mean of eight play operators of i, half-widths evenly up to twice hysteresis_A.
 
@@ -35,7 +28,6 @@ class Plays(Effect):
         return inputs.with_current(mean_of_plays(inputs.current, 2.0 * values[0], PLAYS))
 
 
-@dataclass(frozen=True)
 class Remanence(Effect):
     """Coleman-Hodgdon: i' = i + h, dh = -(hysteresis_A·di + h·|di|)/travel_A: remanence that a travel of i turns over.
 

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import SENSOR, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 GAIN = EffectParameter("gain", 0.5, 1.5, (0.95, 1.05), "acting current per logged current", "linear", True, 1.0)
 BEYOND = 0.5  # of the logged range: how far beyond it a simulation is asked
@@ -25,7 +21,6 @@ def scale_current(inputs: TraceInputs, gain: float, offset: float) -> TraceInput
     return inputs.with_current(np.clip(acting, low - margin, high + margin))
 
 
-@dataclass(frozen=True)
 class CurrentGain(Effect):
     """i' = gain·i: a shunt or a conversion off by some per cent, up to a wrong range of the amplifier (50 %).
 
@@ -40,7 +35,6 @@ class CurrentGain(Effect):
         return scale_current(inputs, values[0], 0.0)
 
 
-@dataclass(frozen=True)
 class GainAndOffset(Effect):
     """i' = gain·i + offset: as above with a zero that has drifted, by up to some tenths of an ampere.
 

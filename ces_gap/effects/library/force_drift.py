@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import CELL, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 
 class LinearDrift(Effect):
@@ -20,10 +17,7 @@ class LinearDrift(Effect):
     insulation by more; gas that warms in the damper raises its force by newtons a second under hard work.
     """
 
-    name = "force_drift"
-    form = "linear"
-    stage = CELL
-    needs = "at least some ten seconds, tared at the start"
+    name, form, stage, needs = "force_drift", "linear", CELL, "at least some ten seconds, tared at the start"
     parameters = (EffectParameter("drift_N_s", -20.0, 20.0, (0.5,), "drift of the zero", magnitude=True),)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -34,9 +28,7 @@ class LinearDrift(Effect):
 class SettlingDrift(Effect):
     """A drift that settles: F + A (1 - exp(-t/tau)), as a cell warms through or a charge leaks away."""
 
-    name = "force_drift"
-    form = "settling"
-    stage = CELL
+    name, form, stage = "force_drift", "settling", CELL
     needs = "a recording about as long as the drift takes, tared at the start"
     parameters = (
         EffectParameter("settled_N", -2000.0, 2000.0, (20.0,), "drift after a long time", magnitude=True),

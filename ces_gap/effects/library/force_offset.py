@@ -4,13 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ces_gap.effects.effect import CELL, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 
 class ForceOffset(Effect):
@@ -19,10 +14,7 @@ class ForceOffset(Effect):
     Bridges keep their zero to some newtons; a tare under another gas force is off by hundreds.
     """
 
-    name = "force_offset"
-    form = "constant"
-    stage = CELL
-    needs = "a tare that is the simulation's own"
+    name, form, stage, needs = "force_offset", "constant", CELL, "a tare that is the simulation's own"
     parameters = (
         EffectParameter(
             "offset_N", -3000.0, 3000.0, (20.0,), "measured force where the damper's is zero", magnitude=True

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ces_gap.effects.effect import CELL, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 
 class ForceScale(Effect):
@@ -19,10 +14,7 @@ class ForceScale(Effect):
     Strain-gauge cells keep their gain to 1 %; a wrong range, lever or unit of calibration makes some 10 %.
     """
 
-    name = "force_scale"
-    form = "gain"
-    stage = CELL
-    needs = "forces well above the noise"
+    name, form, stage, needs = "force_scale", "gain", CELL, "forces well above the noise"
     parameters = (
         EffectParameter("gain", 0.7, 1.3, (1.03,), "measured force over the damper's", magnitude=True, neutral=1.0),
     )

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
 from ces_gap.effects.output_kernels import bristles
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 STRIBECK_M_S = 0.02  # [m/s] where it is not a parameter: passed within milliseconds at the speed of a road
 
@@ -37,10 +34,7 @@ class CoulombStribeck(Effect):
     with 10 to 100 N, under side load several times that.
     """
 
-    name = "friction"
-    form = "coulomb_stribeck"
-    stage = PARALLEL
-    needs = "strokes that reverse, slow ones among them"
+    name, form, stage, needs = "friction", "coulomb_stribeck", PARALLEL, "strokes that reverse, slow ones among them"
     parameters = (COULOMB, ROUNDING, EXCESS, STRIBECK)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -55,10 +49,7 @@ class Presliding(Effect):
     The elastic lip of a rod seal follows the rod over some hundredths to tenths of a millimetre.
     """
 
-    name = "friction"
-    form = "presliding"
-    stage = PARALLEL
-    needs = "strokes that reverse"
+    name, form, stage, needs = "friction", "presliding", PARALLEL, "strokes that reverse"
     parameters = (COULOMB, PRESLIDING)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -74,10 +65,7 @@ class LuGre(Effect):
     20 mm/s: usual strokes pass it within milliseconds, and cannot tell it from the presliding stroke.
     """
 
-    name = "friction"
-    form = "lugre"
-    stage = PARALLEL
-    needs = "strokes that reverse, slow and fast ones"
+    name, form, stage, needs = "friction", "lugre", PARALLEL, "strokes that reverse, slow and fast ones"
     parameters = (COULOMB, PRESLIDING, EXCESS, VISCOUS)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -93,9 +81,7 @@ class PressureDependent(Effect):
     Lip seals are energised by the pressure behind them: some per cent of a force of kilonewtons.
     """
 
-    name = "friction"
-    form = "pressure_dependent"
-    stage = PARALLEL
+    name, form, stage = "friction", "pressure_dependent", PARALLEL
     needs = "strokes that reverse, at small and large forces"
     parameters = (COULOMB, PRESLIDING, PRESSED)
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 POLYTROPIC = 1.3  # exponent of nitrogen at stroke frequencies, between isothermal 1 and adiabatic 1.4
 MIN_COLUMN_SHARE = 0.15  # of the column's length: a gas is not compressed further
@@ -26,10 +23,7 @@ COLUMN = EffectParameter(
 class LinearGasSpring(Effect):
     """The tangent: F + k x, zero at the position sensor's zero, where the cell was tared."""
 
-    name = "gas_spring"
-    form = "linear"
-    stage = PARALLEL
-    needs = "different mean strokes, or slow strokes"
+    name, form, stage, needs = "gas_spring", "linear", PARALLEL, "different mean strokes, or slow strokes"
     parameters = (STIFFNESS,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -44,10 +38,7 @@ class Polytropic(Effect):
     of 0.4 m gives 1.6 kN/m; air springs around the damper reach 40 kN/m.
     """
 
-    name = "gas_spring"
-    form = "polytropic"
-    stage = PARALLEL
-    needs = "long strokes, or different mean strokes"
+    name, form, stage, needs = "gas_spring", "polytropic", PARALLEL, "long strokes, or different mean strokes"
     parameters = (STIFFNESS, COLUMN)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -58,10 +49,7 @@ class Polytropic(Effect):
 class AboutMean(Effect):
     """As polytropic, but zero at the recording's mean position: for a sensor whose zero is not at mid-stroke."""
 
-    name = "gas_spring"
-    form = "about_mean"
-    stage = PARALLEL
-    needs = "long strokes"
+    name, form, stage, needs = "gas_spring", "about_mean", PARALLEL, "long strokes"
     parameters = (STIFFNESS, COLUMN)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

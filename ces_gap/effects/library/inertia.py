@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 DAMPING = 0.05  # damping ratio of the mass on the cell: bolted steel has 0.01 to 0.1
 RESONANCES_HZ = (45.0, 60.0, 80.0, 105.0, 140.0, 200.0)  # where searches begin
@@ -27,9 +24,7 @@ class Mass(Effect):
     Eyes, adapters and cell flanges have 0.2 to 5 kg, the body of a truck's damper up to 20 kg.
     """
 
-    name = "inertia"
-    form = "mass"
-    stage = PARALLEL
+    name, form, stage = "inertia", "mass", PARALLEL
     needs = "strokes at several hertz (the force grows with the square of frequency)"
     parameters = (MASS,)
 
@@ -45,9 +40,7 @@ class MassOnCell(Effect):
     that is mount_compliance. Cells and fixtures have 1e6 to 1e8 N/m; from there on it is the rigid mass.
     """
 
-    name = "inertia"
-    form = "mass_on_cell"
-    stage = PARALLEL
+    name, form, stage = "inertia", "mass_on_cell", PARALLEL
     needs = "strokes or force edges that excite the cell's resonance"
     parameters = (
         MASS,

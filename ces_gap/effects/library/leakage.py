@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from ces_gap.derivative import derivative
@@ -14,15 +13,11 @@ from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.series_kernels import leaking_force
 from ces_gap.effects.series_strain import Law, Strain, soft_width, subtract_stroke, tabulate_law
 from ces_gap.plant_map.own_spring import SprungMap
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
-
+from ces_gap.trace import F, Trace, TraceInputs
 
 SLOWEST_HZ = 0.1  # [Hz] below it the stroke that leaks is wandering
 
 
-@dataclass(frozen=True)
 class _Leak(Effect):
     """The plant is driven by v' = v - q(F), F being its force with the leak; forces at standstill drive no leak.
 
@@ -84,7 +79,6 @@ def _high_pass_stroke(speed: F, trace: Trace) -> F:
     return np.asarray(sosfiltfilt(sos, stroke, padlen=min(len(stroke) - 1, round(trace.rate_Hz))))
 
 
-@dataclass(frozen=True)
 class ReboundLeak(_Leak):
     """A narrow annular gap past the piston under rebound pressure: q = κ·F for F < 0.
 
@@ -108,7 +102,6 @@ class ReboundLeak(_Leak):
         return rebound
 
 
-@dataclass(frozen=True)
 class BothWays(_Leak):
     """A gap that leaks alike in both directions: q = κ·F. Source and range as for rebound."""
 
@@ -121,7 +114,6 @@ class BothWays(_Leak):
         return lambda force, width: Strain(leak * force, np.full_like(force, leak))
 
 
-@dataclass(frozen=True)
 class Orifice(_Leak):
     """A hole or a valve held open by dirt: q = κ·√|F|·sign F, by direction, laminar near no force.
 

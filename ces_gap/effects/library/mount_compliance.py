@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import MOTION, Effect, EffectParameter
 from ces_gap.effects.series_strain import Strain, subtract_spring_stroke
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 STIFFNESS = EffectParameter(
     "stiffness_N_m", 5e4, 1e9, (3e5, 2e6, 1e7), "stiffness of the bushing", "inverse", True, float("inf")
 )
 
 
-@dataclass(frozen=True)
 class LinearMount(Effect):
     """A Kelvin-Voigt bushing: k·z + c·dz/dt = F, the damper moves x' = x - z; damping_s = c/k.
 
@@ -41,7 +36,6 @@ class LinearMount(Effect):
         return subtract_spring_stroke(trace, inputs, force, law, damping_s)
 
 
-@dataclass(frozen=True)
 class ProgressiveMount(Effect):
     """A bushing that stiffens as it is squeezed: z = (F_s/k)·asinh(F/F_s), stiffness k·√(1 + (F/F_s)²).
 

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import shift
 
 from ces_gap.effects.effect import SENSOR, Effect, EffectParameter
 from ces_gap.effects.series_strain import subtract_stroke
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 
-@dataclass(frozen=True)
 class Skew(Effect):
     """The damper moves as x'(t) = x(t - delay), by cubic splines: a positive delay means the position is logged early.
 

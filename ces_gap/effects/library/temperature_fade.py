@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 RETURN_S = 0.5  # [s] within which a leaked stroke is forgotten
 
@@ -40,10 +37,7 @@ class FadeByWork(Effect):
     per kelvin over a heat capacity of 300 to 2000 J/K: 1e-6 to 3e-5 per joule; small dampers of thick oil have more.
     """
 
-    name = "temperature_fade"
-    form = "heated"
-    stage = FLUID
-    needs = "hard work over some ten seconds or more"
+    name, form, stage, needs = "temperature_fade", "heated", FLUID, "hard work over some ten seconds or more"
     parameters = (PER_HEAT,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -57,10 +51,7 @@ class FadeWithCooling(Effect):
     Dampers cool within 1 to 20 minutes by air, oil in its chamber against the tube within some ten seconds.
     """
 
-    name = "temperature_fade"
-    form = "cooled"
-    stage = FLUID
-    needs = "hard work, then rest, over a minute or more"
+    name, form, stage, needs = "temperature_fade", "cooled", FLUID, "hard work, then rest, over a minute or more"
     parameters = (PER_HEAT, COOLING)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -74,9 +65,7 @@ class Viscous(Effect):
     Pressure drops a q + b q2 (Merritt, Hydraulic Control Systems, 1967): a falls with viscosity, b hardly.
     """
 
-    name = "temperature_fade"
-    form = "viscous"
-    stage = FLUID
+    name, form, stage = "temperature_fade", "viscous", FLUID
     needs = "hard work over some ten seconds or more, with slow and fast strokes"
     parameters = (PER_HEAT, LAMINAR)
 
@@ -93,10 +82,7 @@ class ThinnerOil(Effect):
     delays the force's build-up; the slow return holds the stroke where it was measured. Source: Merritt 1967.
     """
 
-    name = "temperature_fade"
-    form = "thinner_oil"
-    stage = FLUID
-    reruns = True
+    name, form, stage, reruns = "temperature_fade", "thinner_oil", FLUID, True
     needs = "hard work over some ten seconds or more, with reversals"
     parameters = (PER_HEAT, LEAKING)
 
@@ -119,10 +105,7 @@ class ThinnerOil(Effect):
 class FadeByTemperature(Effect):
     """By the measured temperature: F exp(-b (T - T0)), T0 at the beginning; no effect where none was recorded."""
 
-    name = "temperature_fade"
-    form = "measured"
-    stage = FLUID
-    needs = "a temperature channel"
+    name, form, stage, needs = "temperature_fade", "measured", FLUID, "a temperature channel"
     parameters = (PER_KELVIN,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import shift
 
 from ces_gap.effects.effect import VALVE, Effect, EffectParameter
 from ces_gap.effects.effect_kernels import rise_fall_lag
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 LONGEST_S = 0.3  # [s] beyond it a valve is broken rather than slow
 
 
-@dataclass(frozen=True)
 class FirstOrderLag(Effect):
     """τ·di'/dt + i' = i, discretised exactly for a current that is straight between ticks.
 
@@ -36,7 +31,6 @@ class FirstOrderLag(Effect):
         return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[0], trace.step_s))
 
 
-@dataclass(frozen=True)
 class RiseFall(Effect):
     """The same with one time constant while the current that acts grows, another while it falls.
 
@@ -54,7 +48,6 @@ class RiseFall(Effect):
         return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[1], trace.step_s))
 
 
-@dataclass(frozen=True)
 class DeadTime(Effect):
     """A dead time before the lag: τ·di'/dt + i' = i(t - delay).
 
