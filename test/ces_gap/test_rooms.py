@@ -23,4 +23,4 @@ def test_rooms_import_only_downward() -> None:
         arrows.setdefault(room, set()).update(imported_rooms(path) - {room})
     order = list(TopologicalSorter(arrows).static_order())  # raises CycleError, which names the circle
     assert order.index("trace") < order.index("effects") < order.index("baseline") < order.index("inference")
-    assert order.index("inference") < order.index("diagnosis") < order.index("diagnose")
+    assert order.index("inference") < order.index("diagnosis") < order.index("pipeline")

@@ -1,4 +1,4 @@
-"""Mount compliance: a rubber bushing or a rod end in series takes part of the stroke, alike in both directions."""
+"""Mount compliance: a rubber bushing or rod end in series takes part of the stroke, equally in both directions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class LinearMount(Effect):
     parameters = (STIFFNESS, EffectParameter("damping_s", 0.0, 0.02, (0.001,), "relaxation time of the rubber, c/k"))
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the damper's own motion."""
+        """Return the motion of the damper."""
         stiffness, damping_s = values
 
         def law(acting: F, width: float) -> Strain:
@@ -37,9 +37,9 @@ class LinearMount(Effect):
 
 
 class ProgressiveMount(Effect):
-    """A bushing that stiffens as it is squeezed: z = (F_s/k)·asinh(F/F_s), stiffness k·√(1 + (F/F_s)²).
+    """A bushing that stiffens with load: z = (F_s/k)·asinh(F/F_s), stiffness k·√(1 + (F/F_s)²).
 
-    Source: the progressive curve of rubber in compression (Dixon 2007); asinh is a smooth invertible stand-in. `knee_N`
+    Source: the progressive curve of rubber in compression (Dixon 2007); asinh approximates it smoothly. `knee_N`
     F_s is the force at which the stiffness has grown by 41 %: 100 N for a soft grommet, 5 kN for a full bush.
     """
 
@@ -47,11 +47,11 @@ class ProgressiveMount(Effect):
     needs = LinearMount.needs
     parameters = (
         STIFFNESS,
-        EffectParameter("knee_N", 50.0, 1e4, (200.0, 1000.0), "force from which it stiffens", "log"),
+        EffectParameter("knee_N", 50.0, 1e4, (200.0, 1000.0), "force from which the bushing stiffens", "log"),
     )
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the damper's own motion."""
+        """Return the motion of the damper."""
         stiffness, knee = values
 
         def law(acting: F, width: float) -> Strain:

@@ -205,7 +205,7 @@ def test_every_verdict_is_told(made, says, capsys, monkeypatch):
         (("--sim", "what", "--real", "reference"), "--sim 'what': expected MODEL.json, AUGMENTED.json"),
         (("--sim", SIM, "--real", "fleet/red", "--held-out", "fleet/red/road"), "what is judged on must not have been"),
         (("--sim", SIM, "--real", "fleet/red", "--reference", "fleet/red/town"), "references are recordings free of"),
-        (("--sim", SIM, "--real", "reference", "--effects", "diagnosed_damper:force"), "is no effect"),
+        (("--sim", SIM, "--real", "reference", "--effects", "diagnosed_damper:force"), "not an effect"),
         (("--sim", SIM, "--real", "reference", "--effects", "nowhere:Own"), "cannot be imported"),
         (("--sim", SIM, "--real", "reference", "--jobs", 2), "--jobs and --dask are of fleets"),
         (("--sim", SIM, "--real", "reference", "--each", "recording", "--held-out", "x"), "--held-out has no effect"),
@@ -256,14 +256,14 @@ def spoiled(path, change, seconds=8.0):
 @pytest.mark.parametrize(
     ("sim", "words", "says"),
     [
-        ("diagnosed_damper:turned", ("long",), "goes against the measured one (measured over simulated is -1"),
+        ("diagnosed_damper:turned", ("long",), "opposite sign of the measured one (measured over simulated is -1"),
         (SIM, ("kilo",), "the measured force is in kN"),
         (SIM, ("long", "--reference", "kilo"), "expected one unit: is one of them in kN?"),
         (SIM, ("flat",), "the force channel saturates"),
         (SIM, ("still",), "the measured force is constant"),
         (SIM, ("tiny",), "80 position samples; expected at least 100"),
         (SIM, ("brief",), "0.40 s with position, current, force and a simulated force together"),
-        (SIM, ("reference",), "s are left to fit on; expected at least 4 s"),
+        (SIM, ("reference",), "s remain for the fit; expected at least 4 s"),
         ("narrow.json", ("long",), "narrow.json: outside the range it was identified on for 100% of the time"),
     ],
 )

@@ -67,7 +67,7 @@ def signals(seed: int) -> tuple[F, F, F, F]:
     return x, 0.3 * v, i, f
 
 
-def filled(x: F, v: F, i: F, f: F, varies: bool, by_force: bool, weights: F, columns: int) -> F:
+def fill(x: F, v: F, i: F, f: F, varies: bool, by_force: bool, weights: F, columns: int) -> F:
     out = np.zeros((TICKS, columns))
     knots = (FINE, COARSE, LEVEL, TURNS, MEMORIES_S, VALVE_S)
     fill_features(x, v, i, f, RATE_HZ, varies, by_force, *knots, weights, out)
@@ -77,20 +77,20 @@ def filled(x: F, v: F, i: F, f: F, varies: bool, by_force: bool, weights: F, col
 @pytest.mark.parametrize("varies", [True, False])
 @pytest.mark.parametrize("by_force", [True, False])
 def test_the_features_are_those_of_the_slow_twin(varies: bool, by_force: bool) -> None:
-    given = signals(1)
-    expected = slow_features(*given, varies, by_force)
-    made = filled(*given, varies, by_force, np.empty(0), expected.shape[1])
-    np.testing.assert_allclose(made, expected, rtol=1e-12, atol=1e-12)
+    inputs = signals(1)
+    expected = slow_features(*inputs, varies, by_force)
+    features = fill(*inputs, varies, by_force, np.empty(0), expected.shape[1])
+    np.testing.assert_allclose(features, expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("varies", [True, False])
 @pytest.mark.parametrize("by_force", [True, False])
 def test_the_weighted_sum_is_that_of_the_features(varies: bool, by_force: bool) -> None:
-    given = signals(2)
-    expected = slow_features(*given, varies, by_force)
+    inputs = signals(2)
+    expected = slow_features(*inputs, varies, by_force)
     weights = np.random.default_rng(3).standard_normal(expected.shape[1])
-    told = filled(*given, varies, by_force, weights, 1)[:, 0]
-    np.testing.assert_allclose(told, expected @ weights, rtol=1e-11, atol=1e-11)
+    predicted = fill(*inputs, varies, by_force, weights, 1)[:, 0]
+    np.testing.assert_allclose(predicted, expected @ weights, rtol=1e-11, atol=1e-11)
 
 
 def test_a_lag_is_that_of_the_slow_twin_and_leaves_what_never_changes() -> None:

@@ -40,15 +40,15 @@ SURROGATE = learn_surrogate(make_changed_examples(REFERENCES[:2], CALLED))
 
 def test_references_teach_the_simulations_own_error() -> None:
     own = truth(UNSEEN) - UNSEEN.simulated
-    told = CORRECTION.force(UNSEEN, UNSEEN.inputs, UNSEEN.simulated)
+    predicted = CORRECTION.force(UNSEEN, UNSEEN.inputs, UNSEEN.simulated)
     assert rms(own, UNSEEN) > 5.0 * NOISE_N
-    assert rms(own - told, UNSEEN) < 0.5 * NOISE_N
+    assert rms(own - predicted, UNSEEN) < 0.5 * NOISE_N
 
 
 def test_the_noise_beside_it_is_the_measurements() -> None:
     assert LEARNT.noise.rms_N == pytest.approx(NOISE_N, rel=0.1)
-    for trace, told in zip(REFERENCES, LEARNT.crossfitted, strict=True):
-        assert rms(trace.force - trace.simulated - told, trace) == pytest.approx(NOISE_N, rel=0.1)
+    for trace, predicted in zip(REFERENCES, LEARNT.crossfitted, strict=True):
+        assert rms(trace.force - trace.simulated - predicted, trace) == pytest.approx(NOISE_N, rel=0.1)
 
 
 def test_the_correction_of_a_right_simulation_is_next_to_nothing() -> None:
@@ -83,15 +83,15 @@ def test_the_surrogate_says_what_changed_inputs_do(change: str) -> None:
         "late": trace.inputs.with_position(late, trace.rate_Hz),
     }[change]
     exact = CALLED.force(trace, inputs) - trace.simulated
-    told = SURROGATE.force(trace, inputs) - trace.simulated
-    assert rms(told - exact, trace) < 0.45 * rms(exact, trace)
+    predicted = SURROGATE.force(trace, inputs) - trace.simulated
+    assert rms(predicted - exact, trace) < 0.45 * rms(exact, trace)
 
 
 def test_the_surrogates_cost_is_that_of_blocks_it_did_not_see() -> None:
     surrogate, use = learn_surrogate(make_recorded_examples(REFERENCES)), UNSEEN.usable
-    told = surrogate.dictionary.predict(UNSEEN, UNSEEN.inputs, np.zeros(len(UNSEEN)), surrogate.weights)
+    predicted = surrogate.dictionary.predict(UNSEEN, UNSEEN.inputs, np.zeros(len(UNSEEN)), surrogate.weights)
     spread = np.linalg.norm(UNSEEN.simulated[use] - UNSEEN.simulated[use].mean())
-    unseen_J = 100.0 * np.linalg.norm((told - UNSEEN.simulated)[use]) / spread
+    unseen_J = 100.0 * np.linalg.norm((predicted - UNSEEN.simulated)[use]) / spread
     assert surrogate.cost_J > 1.0
     assert (
         0.5 * surrogate.cost_J < unseen_J < 2.5 * surrogate.cost_J
@@ -126,13 +126,13 @@ def test_the_ceiling_holds_what_drifts_with_time() -> None:
         for t in REFERENCES
     ]
     learnt = learn_ceiling(fading, [t.simulated for t in fading]).learnt
-    for trace, told in zip(fading, learnt.crossfitted, strict=True):
+    for trace, predicted in zip(fading, learnt.crossfitted, strict=True):
         gap = -0.01 * trace.time_s * trace.simulated
-        assert rms(gap - told, trace) < 0.3 * rms(gap, trace)
+        assert rms(gap - predicted, trace) < 0.3 * rms(gap, trace)
 
 
 def test_the_ceiling_finds_next_to_nothing_in_noise() -> None:
     right = [traced(seed=s, seconds=10.0) for s in (1, 2)]
     learnt = learn_ceiling(right, [t.simulated for t in right]).learnt
-    for trace, told in zip(right, learnt.crossfitted, strict=True):
-        assert rms(told, trace) < 0.25 * NOISE_N
+    for trace, predicted in zip(right, learnt.crossfitted, strict=True):
+        assert rms(predicted, trace) < 0.25 * NOISE_N

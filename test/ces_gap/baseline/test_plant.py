@@ -46,7 +46,7 @@ class Tenth:
         return np.asarray(0.1 * simulated)
 
 
-class Unasked(TraceSimulator):
+class NeverCalled(TraceSimulator):
     """A simulation that may not be run again."""
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
@@ -54,7 +54,7 @@ class Unasked(TraceSimulator):
 
 
 def test_its_own_inputs_are_not_run_again() -> None:
-    assert Plant(Unasked()).alone(TRACE) is TRACE.simulated
+    assert Plant(NeverCalled()).alone(TRACE) is TRACE.simulated
     np.testing.assert_array_equal(CALLED.force(TRACE, TRACE.inputs), TRACE.simulated)
     equal = replace(TRACE.inputs, position=TRACE.inputs.position.copy())  # what counts is the numbers
     np.testing.assert_array_equal(CALLED.force(TRACE, equal), TRACE.simulated)

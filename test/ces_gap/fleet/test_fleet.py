@@ -48,20 +48,20 @@ def on_this_machine(packed, work, processes, threads):
 
 
 def question(**more):
-    given = {"simulation": FunctionSimulation(SPEC, stand_in.damper), "spec": SPEC, "reference": ()}
-    given |= {"options": Options(), "diagnose": stand_in.diagnose, "files": stand_in.files}
-    return DiagnosisRequest(**{**given, **more})
+    arguments = {"simulation": FunctionSimulation(SPEC, stand_in.damper), "spec": SPEC, "reference": ()}
+    arguments |= {"options": Options(), "diagnose": stand_in.diagnose, "files": stand_in.files}
+    return DiagnosisRequest(**{**arguments, **more})
 
 
-def jobs(folder, names=tuple(OFFSETS_N), asked=None):
+def jobs(folder, names=tuple(OFFSETS_N), request=None):
     """Jobs with their recordings; each vehicle has two."""
     fleet = {name: [made(name, OFFSETS_N.get(name, 5.0), seed) for seed in (1, 2)] for name in names}
     return [
-        (job_of(name, recordings, asked or question(), "", folder), recordings) for name, recordings in fleet.items()
+        (job_of(name, recordings, request or question(), "", folder), recordings) for name, recordings in fleet.items()
     ]
 
 
-def told(answers):
+def as_results(answers):
     return {
         a.row["name"]: (
             {k: v for k, v in a.row.items() if k != "seconds"},
@@ -76,7 +76,7 @@ def expected(tmp_path_factory):
     """What this process finds, one that fails and one that crashes among them; and the jobs."""
     work = jobs(tmp_path_factory.mktemp("fleet"), (*OFFSETS_N, "refused", "broken"))
     packed = question().pack()
-    return work, packed, told(answer(job, packed, recordings) for job, recordings in work)
+    return work, packed, as_results(answer(job, packed, recordings) for job, recordings in work)
 
 
 def test_a_row_says_what_was_found(expected):
@@ -99,28 +99,28 @@ def test_a_row_says_what_was_found(expected):
 
 def test_processes_on_this_machine_find_the_same(expected):
     work, packed, answers = expected
-    assert told(on_this_machine(packed, work, processes=2, threads=1)) == answers
+    assert as_results(on_this_machine(packed, work, processes=2, threads=1)) == answers
 
 
 @pytest.fixture(scope="module")
 def cluster():
     """The address of a scheduler with two workers, each a process of its own that does not know these tests."""
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    kept = sys.path[:]
+    path = sys.path[:]
     sys.path[:] = [p for p in sys.path if not p.startswith(str(ROOT / "test"))]
     try:
         with distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
         ) as made_cluster:
-            sys.path[:] = kept
+            sys.path[:] = path
             yield made_cluster.scheduler_address
     finally:
-        sys.path[:] = kept
+        sys.path[:] = path
 
 
 def test_workers_of_a_dask_scheduler_find_the_same(expected, cluster):
     work, packed, answers = expected
-    assert told(on_cluster(packed, work, cluster)) == answers
+    assert as_results(on_cluster(packed, work, cluster)) == answers
 
 
 def test_tasks_are_taken_as_workers_get_free(expected, cluster):
@@ -157,7 +157,7 @@ def test_users_own_code_travels_by_value(tmp_path, monkeypatch, cluster):
     packed = mine.pack()
     (found,) = on_cluster(packed, work, cluster)
     assert found.row["status"] == DONE, found.row
-    assert told([found]) == told([answer(work[0][0], packed, work[0][1])])
+    assert as_results([found]) == as_results([answer(work[0][0], packed, work[0][1])])
 
 
 def test_keys_tell_answers_apart(tmp_path, monkeypatch):
@@ -248,12 +248,12 @@ def test_a_killed_run_goes_on(tmp_path):
     assert 3 <= len(finished) < 8
     with (tmp_path / ROWS).open("ab") as file:
         file.write(b'{"key": "torn')
-    asked = question(options=Options(seed=77))
+    request = question(options=Options(seed=77))
     with open_fleet(tmp_path) as fleet:
-        missing = [(job, r) for job, r in jobs(tmp_path, "abcdefgh", asked) if not fleet.has(job)]
+        missing = [(job, r) for job, r in jobs(tmp_path, "abcdefgh", request) if not fleet.has(job)]
         assert len(missing) == 8 - len(finished)
         for job, recordings in missing:
-            fleet.add(answer(job, asked.pack(), recordings))
+            fleet.add(answer(job, request.pack(), recordings))
     lines = lines_of(tmp_path)
     assert lines[: len(finished)] == finished
     assert sorted(json.loads(line)["name"] for line in lines) == list("abcdefgh")

@@ -71,9 +71,9 @@ def test_different_recordings_have_no_notes():
 @pytest.mark.parametrize(
     ("sets", "message"),
     [
-        (([1, 1], [], []), "a: the same recording twice under --real; give each once"),
-        (([1, 2], [2], []), "a: the same recording under --real and --held-out; what is judged on must not"),
-        (([1], [], [1]), "a: the same recording under --real and --reference; references are recordings free of"),
+        (([1, 1], [], []), "a: duplicate recording under --real; pass each recording once"),
+        (([1, 2], [2], []), "a: the same recording under --real and --held-out; held-out recordings must not"),
+        (([1], [], [1]), "a: the same recording under --real and --reference; references must be free of"),
         (([1], [2], [2]), "a: the same recording under --held-out and --reference"),
     ],
 )
@@ -117,9 +117,9 @@ def clipped(low=-1e9, high=1e9, step=0.0):
 
 @pytest.mark.parametrize("step", [0.0, 1.0, 10.0])
 def test_flat_tops_are_found_whatever_the_converter(step):
-    (found,) = find_saturations(ride(change=clipped(high=400.0, step=step)))
-    assert found.limit_N == 400.0
-    assert 0.01 < found.share < 0.4
+    (result,) = find_saturations(ride(change=clipped(high=400.0, step=step)))
+    assert result.limit_N == 400.0
+    assert 0.01 < result.share < 0.4
     assert [s.limit_N for s in find_saturations(ride(change=clipped(-300.0, 350.0, step)))] == [-300.0, 350.0]
 
 
@@ -135,10 +135,10 @@ def test_little_saturation_is_a_note_and_its_ticks_are_not_used():
     (note,) = check_recordings([recording], [], [])
     assert note.startswith(f"ride: the force channel saturates: 3.0% of the samples at {limit:.5g} N")
     whole = make_trace(recording, simulated(recording))
-    kept = exclude_saturated_ticks(whole)
+    remaining = exclude_saturated_ticks(whole)
     flat = np.interp(whole.time_s, T, (recording.channel("force").values == limit).astype(float)) > 0.0
-    assert not (kept.usable & flat).any()
-    assert 0.7 < kept.usable.sum() / whole.usable.sum() < 0.97
+    assert not (remaining.usable & flat).any()
+    assert 0.7 < remaining.usable.sum() / whole.usable.sum() < 0.97
     assert exclude_saturated_ticks(trace()).usable.sum() == trace().usable.sum()
 
 
@@ -157,41 +157,41 @@ def test_a_simulation_that_is_only_wrong_passes(factor, fidelity):
 
 
 @pytest.mark.parametrize(
-    ("factor", "says", "mend"),
+    ("factor", "says", "remedy"),
     [
-        (-1.0, "the simulation's force goes against the measured one", "turn the simulation's output round"),
+        (-1.0, "the simulated force has the opposite sign of the measured one", "invert the simulation's output"),
         (1e-3, "the simulation's force is in kN", "multiply the simulation's output by 1000"),
-        (-1e-3, "goes against the measured one and the simulation's force is in kN", "output by -1000"),
-        (1e3, "the measured force is in kN", "give force scale: 1000 in the signals file"),
+        (-1e-3, "opposite sign of the measured one and the simulation's force is in kN", "output by -1000"),
+        (1e3, "the measured force is in kN", "set scale: 1000 for force in the signals file"),
         (1.0 / 4.4482, "the simulation's force is in lbf", "multiply the simulation's output by 4.44822"),
-        (4.4482, "the measured force is in lbf", "give force scale: 4.44822"),
+        (4.4482, "the measured force is in lbf", "set scale: 4.44822"),
         (1.0 / 9.80665, "the simulation's force is in kgf", "output by 9.80665"),
-        (9.80665, "the measured force is in kgf", "give force scale: 9.80665"),
+        (9.80665, "the measured force is in kgf", "set scale: 9.80665"),
         (1.0 / 0.00980665, "the simulation's force is in gf", "output by 0.00980665"),
         (90.0, "check the units of the simulation", "expected the same damper"),
         (0.02, "check the units of the simulation", "expected the same damper"),
     ],
 )
-def test_wrong_signs_and_units_are_said_with_what_to_do(factor, says, mend):
+def test_wrong_signs_and_units_are_said_with_what_to_do(factor, says, remedy):
     with pytest.raises(GapError) as raised:
         check_traces([trace(factor, fidelity=0.95)], SIM, "my:sim")
-    told = str(raised.value)
-    assert told.startswith("my:sim: ")
-    assert says in told
-    assert mend in told
-    assert "\n" not in told
+    text = str(raised.value)
+    assert text.startswith("my:sim: ")
+    assert says in text
+    assert remedy in text
+    assert "\n" not in text
 
 
 def test_a_rough_simulation_in_the_wrong_sign_or_kilonewtons_is_still_found():
-    for factor, says in ((-1.0, "goes against"), (1e-3, "is in kN")):
+    for factor, says in ((-1.0, "opposite sign"), (1e-3, "is in kN")):
         with pytest.raises(GapError, match=says):
             check_traces([trace(factor, fidelity=0.2, noise=150.0)], SIM, "my:sim")
 
 
 def test_the_gain_is_that_of_the_reduced_major_axis():
-    found = compare_forces([trace(factor=0.5, fidelity=1.0, noise=0.0)])
-    assert found.correlation == pytest.approx(1.0, abs=1e-6)
-    assert found.gain == pytest.approx(2.0, rel=1e-4)
+    result = compare_forces([trace(factor=0.5, fidelity=1.0, noise=0.0)])
+    assert result.correlation == pytest.approx(1.0, abs=1e-6)
+    assert result.gain == pytest.approx(2.0, rel=1e-4)
 
 
 def test_a_constant_force_is_refused():
@@ -207,16 +207,16 @@ def test_a_simulation_of_something_else_is_doubted():
     recording = ride()
     unrelated = 500.0 * np.sin(2 * np.pi * 3.1 * T)
     (note,) = check_traces([make_trace(recording, unrelated)], SIM, "my:sim")
-    assert "hardly goes with the measured one" in note
+    assert "hardly correlates with the measured one" in note
 
 
 # range -----------------------------------------------------------------------------------------------------------
 
 
 def model(**ranges):
-    given = {"position_m": (-0.02, 0.02), "speed_m_s": (-0.6, 0.6), "current_A": (0.3, 0.9), **ranges}
+    bounds = {"position_m": (-0.02, 0.02), "speed_m_s": (-0.6, 0.6), "current_A": (0.3, 0.9), **ranges}
     return Model(
-        Sampling(500.0, 60.0, 0.02), Polynomial((Term(900.0, (Factor("speed", 0),)),)), Envelope(**given), (-3e4, 3e4)
+        Sampling(500.0, 60.0, 0.02), Polynomial((Term(900.0, (Factor("speed", 0),)),)), Envelope(**bounds), (-3e4, 3e4)
     )
 
 
@@ -245,7 +245,7 @@ def test_where_the_simulation_is_silent_is_told():
     force[1000:3000] = np.nan
     (note,) = check_traces([make_trace(recording, force)], SIM, "my:sim")
     assert "ride: 4" in note
-    assert "the force of my:sim is missing there" in note
+    assert "the force of my:sim is missing" in note
 
 
 def test_parts_of_one_recording_are_one():
@@ -285,7 +285,9 @@ class Gain(Effect):
 def test_a_constant_current_is_told_with_the_effects_that_cannot_be_seen():
     constant = [trace(current=0.6), trace(current=0.6, seed=2)]
     assert is_current_constant(constant)
-    assert check_traces(constant, SIM, "my:sim") == ("the current stays at 0.6 A: what the valve does cannot be seen",)
+    assert check_traces(constant, SIM, "my:sim") == (
+        "the current stays at 0.6 A: effects of the valve are not visible",
+    )
     assert find_invisible_effects([Lag(), Gain()], constant) == (
         ("lag", "it needs a changing current; the current stays at 0.6 A"),
     )
@@ -352,7 +354,7 @@ def test_a_sound_effect_of_ones_own_is_taken():
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        (Short, r"gave force of shape \(\d+,\); expected"),
+        (Short, r"returned force of shape \(\d+,\); expected"),
         (Wild, "force that is not finite"),
         (Raises, "raised RuntimeError: no"),
     ],
@@ -366,9 +368,9 @@ def test_an_effect_that_fails_is_named(kind, message):
     ("spec", "message"),
     [
         ("nowhere:Sound", "cannot be imported: ModuleNotFoundError"),
-        ("test_gap_checks:ride", "is no effect"),
+        ("test_gap_checks:ride", "not an effect"),
         ("test_gap_checks", "expected module:Class"),
-        ("test_gap_checks:Nameless", "has no name, form or parameters"),
+        ("test_gap_checks:Nameless", "expected name, form and parameters"),
         ("test_gap_checks:Outside", r"gain has bounds \[0, 2\] and starts \(3.0,\)"),
         ("test_gap_checks:" + "x" * 900, "expected module:Class"),
     ],

@@ -78,18 +78,18 @@ def refit(trace: Trace, effect: Effect, damper: Damper | Brake | None = None) ->
     starts = effect.starts_for(trace)
     start = min((searched(s) for s in starts), key=lambda u: float(np.sum(residual(u) ** 2)))
     span = np.maximum(np.abs(start), 0.05 * (high - low))
-    found = least_squares(residual, start, bounds=(low, high), x_scale=span, diff_step=1e-3, max_nfev=10)
-    return values(found.x), residual(found.x)
+    fitted = least_squares(residual, start, bounds=(low, high), x_scale=span, diff_step=1e-3, max_nfev=10)
+    return values(fitted.x), residual(fitted.x)
 
 
 @pytest.mark.parametrize("form", PLANTED)
 def test_a_planted_effect_is_recovered(form: str) -> None:
     values, trace = PLANTED[form][0], planted(form)
     gap = rms(trace.force - trace.simulated, trace)
-    found, residual = refit(trace, FORMS[form])
+    fitted, residual = refit(trace, FORMS[form])
     left = float(np.sqrt(np.mean(residual**2)))
     assert left < 0.15 * gap
-    for value, expected in zip(found, values, strict=True):
+    for value, expected in zip(fitted, values, strict=True):
         assert value == pytest.approx(expected, rel=0.08)
 
 
@@ -153,8 +153,8 @@ def test_a_loose_brake_is_found_with_a_simulation_that_holds_its_force() -> None
     trace = recorded(lambda x, v, i: loose_brake(x, i, 3e-3))
     trace = replace(trace, simulated=brakes(trace.inputs.position, trace.inputs.current))
     gap = rms(trace.force - trace.simulated, trace)
-    found, residual = refit(trace, FORMS["backlash-parted"], Brake())
-    assert found[0] == pytest.approx(3e-3, rel=0.1)  # a friction that knows no speed is no map with a spring
+    fitted, residual = refit(trace, FORMS["backlash-parted"], Brake())
+    assert fitted[0] == pytest.approx(3e-3, rel=0.1)  # a friction that knows no speed is no map with a spring
     assert float(np.sqrt(np.mean(residual**2))) < 0.2 * gap
 
 

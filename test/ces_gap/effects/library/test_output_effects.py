@@ -76,7 +76,7 @@ CASES: list[tuple[tuple[str, str], Planted, Sequence[float], Sequence[float]]] =
 ]
 
 
-def recovered(effect: Effect, trace: Trace) -> tuple[float, ...]:
+def refit(effect: Effect, trace: Trace) -> tuple[float, ...]:
     """Return the values that fit best from the effect's starts, as searched inside the bounds."""
     low, high = np.array([p.search_bounds() for p in effect.parameters]).T
     starts = effect.starts_for(trace)
@@ -99,9 +99,9 @@ def recovered(effect: Effect, trace: Trace) -> tuple[float, ...]:
 def test_a_planted_effect_is_found_again(
     key: tuple[str, str], planted: Planted, true: Sequence[float], within: Sequence[float]
 ) -> None:
-    found = recovered(FORMS[key], plants.trace(planted))
-    off = [abs(f - t) / abs(t) for f, t in zip(found, true, strict=True)]
-    assert all(o <= w for o, w in zip(off, within, strict=True)), f"{found} for {tuple(true)}"
+    fitted = refit(FORMS[key], plants.trace(planted))
+    off = [abs(f - t) / abs(t) for f, t in zip(fitted, true, strict=True)]
+    assert all(o <= w for o, w in zip(off, within, strict=True)), f"{fitted} for {tuple(true)}"
 
 
 def test_bristles_follow_their_differential_equation() -> None:
@@ -172,7 +172,7 @@ def test_heat_that_does_not_leave_is_the_work_done() -> None:
 def test_the_measured_temperature_fades_the_force_and_is_found_again() -> None:
     warm = 25.0 + 1.5 * plants.motion().time
     trace = plants.trace(lambda m: m.force * np.exp(-0.004 * (warm - 25.0)), temperature=warm)
-    assert recovered(FORMS["temperature_fade", "measured"], trace)[0] == pytest.approx(0.004, rel=0.02)
+    assert refit(FORMS["temperature_fade", "measured"], trace)[0] == pytest.approx(0.004, rel=0.02)
 
 
 def test_without_a_temperature_channel_there_is_no_measured_fade() -> None:
