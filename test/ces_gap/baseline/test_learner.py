@@ -1,4 +1,4 @@
-"""The generic learner: planted weights come back, the penalty fits the data, predictions never saw their own fold."""
+"""The generic learner: planted weights are recovered, the penalty fits the data, predictions are cross-fitted."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def fit(features: list[F], targets: list[F], passes: int = 2) -> LearnerResult:
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.9])
-def test_planted_weights_come_back_within_their_covariance(pole: float) -> None:
+def test_planted_weights_are_recovered_within_their_covariance(pole: float) -> None:
     learnt = fit(*make_data(8.0, pole))
     away = learnt.weights - PLANTED
     assert away @ np.linalg.solve(learnt.covariance, away) < 25.0  # chi-squared with 4 degrees of freedom
@@ -47,7 +47,7 @@ def test_planted_weights_come_back_within_their_covariance(pole: float) -> None:
     assert learnt.noise.innovation_N == pytest.approx(8.0 * np.sqrt(1.0 - pole**2), rel=0.05)
 
 
-def test_the_covariance_is_how_weights_scatter_over_repetitions() -> None:
+def test_the_covariance_matches_the_scatter_over_repetitions() -> None:
     features, _ = make_data()
     rng = np.random.default_rng(5)
     fits = [fit(features, [x @ PLANTED + ar_noise(len(x), 8.0, 0.8, rng) for x in features]) for _ in range(40)]
@@ -57,14 +57,12 @@ def test_the_covariance_is_how_weights_scatter_over_repetitions() -> None:
 
 
 def missed(learnt: LearnerResult, targets: list[F]) -> float:
-    """Mean square that the cross-fitted predictions leave."""
+    """Mean square error of the cross-fitted predictions."""
     return float(np.mean((np.concatenate(targets) - np.concatenate(learnt.crossfitted)) ** 2))
 
 
 @pytest.mark.parametrize("noise_N", [1.0, 300.0])
-def test_the_penalty_is_the_one_with_the_least_cross_fitted_error(
-    noise_N: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_penalty_minimises_the_cross_fitted_error(noise_N: float, monkeypatch: pytest.MonkeyPatch) -> None:
     features, targets = make_data(noise_N, useless=60)
     chosen = missed(fit(features, targets, passes=1), targets)
     errors = []
@@ -76,11 +74,11 @@ def test_the_penalty_is_the_one_with_the_least_cross_fitted_error(
 
 
 def fold_of(length: int, first: int) -> NDArray[np.int64]:
-    """Blocks of a second in turn, on through all traces."""
+    """The fold of each block of a second, numbered through all traces."""
     return (first + np.arange(length) // BLOCK) % FOLDS
 
 
-def test_predictions_never_saw_their_own_fold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_predictions_do_not_depend_on_their_own_fold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(learner, "PENALTIES", np.array([1e-2]))  # the one thing that is chosen on all folds
     features, targets = make_data(useless=20)
     folds = [fold_of(LENGTHS[0], 0), fold_of(LENGTHS[1], 13)]
@@ -93,7 +91,7 @@ def test_predictions_never_saw_their_own_fold(monkeypatch: pytest.MonkeyPatch) -
             assert (np.abs(after - before)[fold != spoiled_fold] > 1.0).mean() > 0.9
 
 
-def test_what_is_not_usable_is_not_learnt_from() -> None:
+def test_unusable_ticks_do_not_affect_the_fit() -> None:
     features, targets = make_data()
     usable = [np.arange(n) % 700 > 60 for n in LENGTHS]
     spoiled = [np.where(u, y, 1e6) for y, u in zip(targets, usable, strict=True)]
@@ -102,7 +100,7 @@ def test_what_is_not_usable_is_not_learnt_from() -> None:
     assert result.noise.rms_N == pytest.approx(8.0, rel=0.05)
 
 
-def test_useless_features_cost_cross_fitted_predictions_little() -> None:
+def test_useless_features_hardly_degrade_cross_fitted_predictions() -> None:
     features, targets = make_data(useless=60)
     result = np.concatenate(fit(features, targets).crossfitted)
     truth = np.concatenate([x[:, :4] @ PLANTED for x in features])

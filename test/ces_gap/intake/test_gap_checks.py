@@ -1,4 +1,4 @@
-"""What cannot be diagnosed is one line that says what to do; what is doubtful is a note; what is fine says nothing."""
+"""Errors of one line if a diagnosis is not possible, notes for doubts, nothing otherwise."""
 
 from dataclasses import dataclass, replace
 
@@ -47,7 +47,7 @@ def ride(name="ride", seed=1, noise=8.0, current=None, change=lambda force: forc
 
 
 def simulated(recording, factor=1.0, fidelity=1.0):
-    """The damper's force as a simulation that is somewhat wrong would give it, times a factor."""
+    """The damper's force of a slightly wrong simulation, times a factor."""
     position, current = recording.channel("position").values, recording.channel("current").values
     wrong = 1500.0 * np.gradient(position, 1.0 / RATE)
     return factor * (fidelity * force_of(position, current) + (1.0 - fidelity) * wrong)
@@ -78,7 +78,7 @@ def test_different_recordings_have_no_notes():
     ],
 )
 @pytest.mark.parametrize("hashed", [True, False])
-def test_a_recording_given_twice_is_refused(sets, message, hashed):
+def test_a_duplicate_recording_is_refused(sets, message, hashed):
     def recording(seed):
         return replace(ride("a", seed), sha256=f"{seed:064x}" if hashed else "")
 
@@ -116,7 +116,7 @@ def clipped(low=-1e9, high=1e9, step=0.0):
 
 
 @pytest.mark.parametrize("step", [0.0, 1.0, 10.0])
-def test_flat_tops_are_found_whatever_the_converter(step):
+def test_flat_tops_are_detected_with_any_converter(step):
     (result,) = find_saturations(ride(change=clipped(high=400.0, step=step)))
     assert result.limit_N == 400.0
     assert 0.01 < result.share < 0.4
@@ -125,7 +125,7 @@ def test_flat_tops_are_found_whatever_the_converter(step):
 
 @pytest.mark.parametrize("step", [0.0, 1.0, 10.0, 50.0])
 @pytest.mark.parametrize("noise", [0.0, 8.0])
-def test_a_force_that_only_turns_round_does_not_saturate(step, noise):
+def test_a_force_that_only_reverses_does_not_saturate(step, noise):
     assert find_saturations(ride(noise=noise, change=clipped(step=step))) == ()
 
 
@@ -152,7 +152,7 @@ def test_much_saturation_is_refused():
 
 @pytest.mark.parametrize("fidelity", [1.0, 0.7, 0.3])
 @pytest.mark.parametrize("factor", [1.0, 0.6, 1.5, 2.5])
-def test_a_simulation_that_is_only_wrong_passes(factor, fidelity):
+def test_a_simulation_with_a_plausible_error_passes(factor, fidelity):
     assert check_traces([trace(factor, fidelity)], SIM, "my:sim") == ()
 
 
@@ -172,7 +172,7 @@ def test_a_simulation_that_is_only_wrong_passes(factor, fidelity):
         (0.02, "check the units of the simulation", "expected the same damper"),
     ],
 )
-def test_wrong_signs_and_units_are_said_with_what_to_do(factor, says, remedy):
+def test_wrong_signs_and_units_are_errors_with_a_remedy(factor, says, remedy):
     with pytest.raises(GapError) as raised:
         check_traces([trace(factor, fidelity=0.95)], SIM, "my:sim")
     text = str(raised.value)
@@ -182,7 +182,7 @@ def test_wrong_signs_and_units_are_said_with_what_to_do(factor, says, remedy):
     assert "\n" not in text
 
 
-def test_a_rough_simulation_in_the_wrong_sign_or_kilonewtons_is_still_found():
+def test_wrong_sign_or_kilonewtons_are_detected_in_a_rough_simulation():
     for factor, says in ((-1.0, "opposite sign"), (1e-3, "is in kN")):
         with pytest.raises(GapError, match=says):
             check_traces([trace(factor, fidelity=0.2, noise=150.0)], SIM, "my:sim")
@@ -203,7 +203,7 @@ def test_a_constant_force_is_refused():
         check_traces([make_trace(still, simulated(still))], SIM, "my:sim")
 
 
-def test_a_simulation_of_something_else_is_doubted():
+def test_an_unrelated_simulation_is_a_note():
     recording = ride()
     unrelated = 500.0 * np.sin(2 * np.pi * 3.1 * T)
     (note,) = check_traces([make_trace(recording, unrelated)], SIM, "my:sim")
@@ -220,7 +220,7 @@ def model(**ranges):
     )
 
 
-def test_inside_the_envelope_nothing_is_said():
+def test_inside_the_envelope_there_is_no_note():
     assert check_traces([trace()], ModelSimulation(model()), "m.json") == ()
 
 
@@ -231,7 +231,7 @@ def test_little_outside_is_a_note_that_names_the_input():
 
 
 @pytest.mark.parametrize("depth", [0, 2])
-def test_no_overlap_is_refused_however_deep_the_model_lies(depth):
+def test_no_overlap_is_refused_for_a_nested_model(depth):
     simulation = ModelSimulation(model(current_A=(1.2, 1.6)))
     for _ in range(depth):
         simulation = AugmentedSimulation("a.json", simulation, Composition())
@@ -239,7 +239,7 @@ def test_no_overlap_is_refused_however_deep_the_model_lies(depth):
         check_traces([trace()], simulation, "m.json")
 
 
-def test_where_the_simulation_is_silent_is_told():
+def test_a_missing_simulated_force_is_a_note():
     recording = ride()
     force = simulated(recording)
     force[1000:3000] = np.nan
@@ -248,14 +248,14 @@ def test_where_the_simulation_is_silent_is_told():
     assert "the force of my:sim is missing" in note
 
 
-def test_parts_of_one_recording_are_one():
+def test_traces_of_one_recording_count_together():
     whole = trace()
     late = whole.time_s > 6.0
     parts = [replace(whole, usable=whole.usable & late), replace(whole, usable=whole.usable & ~late)]
     assert check_traces(parts, SIM, "my:sim") == ()
 
 
-def test_a_damper_that_hardly_moves_is_told():
+def test_slow_motion_is_a_note():
     slow = trace()
     inputs = replace(slow.inputs, speed=slow.inputs.speed * 0.01)
     (note,) = check_traces([replace(slow, inputs=inputs)], SIM, "my:sim")
@@ -282,7 +282,7 @@ class Gain(Effect):
     parameters = (EffectParameter("gain", 0.5, 2.0, (1.1,), "of the current"),)
 
 
-def test_a_constant_current_is_told_with_the_effects_that_cannot_be_seen():
+def test_a_constant_current_is_a_note_and_hides_effects():
     constant = [trace(current=0.6), trace(current=0.6, seed=2)]
     assert is_current_constant(constant)
     assert check_traces(constant, SIM, "my:sim") == (
@@ -295,12 +295,12 @@ def test_a_constant_current_is_told_with_the_effects_that_cannot_be_seen():
     assert explain_invisibility(Lag(), constant) is not None
 
 
-def test_without_any_current_its_gain_cannot_be_seen_either():
+def test_at_zero_current_its_gain_is_not_visible():
     passive = [trace(current=0.0)]
     assert [name for name, _ in find_invisible_effects([Lag(), Gain()], passive)] == ["lag", "gain"]
 
 
-def test_a_current_that_differs_between_recordings_changes():
+def test_a_current_that_differs_between_recordings_is_not_constant():
     assert not is_current_constant([trace(current=0.3), trace(current=0.6)])
     assert find_invisible_effects([Lag(), Gain()], [trace()]) == ()
 
@@ -345,7 +345,7 @@ class Outside(Sound):
     parameters = (EffectParameter("gain", 0.0, 2.0, (3.0,), "of the force"),)
 
 
-def test_a_sound_effect_of_ones_own_is_taken():
+def test_a_sound_effect_of_the_user_is_accepted():
     effect = user_effect("test_gap_checks:Sound")
     assert effect == Sound()
     require_sound(effect, trace())
@@ -359,7 +359,7 @@ def test_a_sound_effect_of_ones_own_is_taken():
         (Raises, "raised RuntimeError: no"),
     ],
 )
-def test_an_effect_that_fails_is_named(kind, message):
+def test_a_failing_effect_is_named(kind, message):
     with pytest.raises(GapError, match=f"effect 'sound': .*{message}"):
         require_sound(kind(), trace())
 
@@ -375,7 +375,7 @@ def test_an_effect_that_fails_is_named(kind, message):
         ("test_gap_checks:" + "x" * 900, "expected module:Class"),
     ],
 )
-def test_what_is_no_effect_is_one_line(spec, message):
+def test_an_invalid_effect_is_an_error_of_one_line(spec, message):
     with pytest.raises(CesError, match=message) as raised:
         user_effect(spec)
     assert len(str(raised.value)) < 500

@@ -1,4 +1,4 @@
-"""What a diagnosis is given, made ready: parts set aside, what is too short refused, who reruns the simulation."""
+"""Preparation: held-out parts, refusal of short recordings, choice of the simulator."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_every_third_part_of_a_single_recording_is_set_aside(seconds: float) -> 
     assert switches <= 8  # whole parts, not ticks here and there
 
 
-def test_recordings_are_sorted_by_what_they_are_for() -> None:
+def test_recordings_keep_their_roles() -> None:
     real, held_out, reference = [recorded(seed=s) for s in (1, 2)], [recorded(seed=3)], [recorded(seed=4)]
     inputs = prepare(real, held_out, reference=reference)
     assert [t.name for t in inputs.real] == ["made1", "made2"]
@@ -49,14 +49,14 @@ def test_recordings_are_sorted_by_what_they_are_for() -> None:
     assert [t.name for t in prepare(real).held_out] == ["made2"]
 
 
-def test_a_simulation_that_answers_at_once_is_asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fast_simulation_is_run_directly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
     inputs = prepare([recorded()])
     assert isinstance(inputs.exact, DirectSimulator) and inputs.cheap is inputs.exact and inputs.surrogate is None
     assert inputs.best is inputs.exact and inputs.slow is None
 
 
-def test_a_slow_one_gets_a_surrogate_that_has_seen_changed_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slow_simulation_gets_a_surrogate_with_changed_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare_module, "SLOW_S", 0.0)
     inputs = prepare([recorded(seed=1), recorded(seed=2)])
     assert (
@@ -68,31 +68,31 @@ def test_a_slow_one_gets_a_surrogate_that_has_seen_changed_inputs(monkeypatch: p
     (trace, *_) = inputs.real
     weaker = trace.inputs.with_current(0.95 * trace.inputs.current)
     changed = inputs.exact.force(trace, weaker) - trace.simulated
-    messages = inputs.cheap.force(trace, weaker) - trace.simulated
-    assert np.std((messages - changed)[trace.usable]) < 0.5 * np.std(changed[trace.usable])
+    predicted = inputs.cheap.force(trace, weaker) - trace.simulated
+    assert np.std((predicted - changed)[trace.usable]) < 0.5 * np.std(changed[trace.usable])
 
 
-def with_predictions(recording: Recording) -> Recording:
+def add_predictions(recording: Recording) -> Recording:
     channel = Channel("sim_force", "N", recording.channel("position").stamps_ns, SIMULATION.force(recording))
     return replace(recording, channels={**recording.channels, "sim_force": channel})
 
 
 def test_recorded_predictions_cannot_be_rerun() -> None:
-    recordings = [with_predictions(recorded(seed=s)) for s in (1, 2)]
+    recordings = [add_predictions(recorded(seed=s)) for s in (1, 2)]
     inputs = prepare_recordings(RecordedSimulation("/prediction"), recordings, [], [])
     assert inputs.exact is None and inputs.slow is None and inputs.best is inputs.cheap is inputs.surrogate
     assert inputs.surrogate is not None and 0.0 < inputs.surrogate.cost_J < 20.0
 
 
-def spoilt(signal: str, spoil: Callable[[F], F], seconds: float = 8.0) -> Recording:
+def spoil(signal: str, spoil: Callable[[F], F], seconds: float = 8.0) -> Recording:
     recording = recorded(seconds=seconds)
     channel = recording.channel(signal)
     return replace(recording, channels={**recording.channels, signal: replace(channel, values=spoil(channel.values))})
 
 
 @pytest.mark.parametrize("signal", ["force", "current"])
-def test_what_is_known_for_less_than_a_second_is_refused_by_name(signal: str) -> None:
-    lost = spoilt(signal, lambda values: np.where(np.arange(len(values)) < 300, values, np.nan))
+def test_less_than_a_second_of_data_is_refused_by_name(signal: str) -> None:
+    lost = spoil(signal, lambda values: np.where(np.arange(len(values)) < 300, values, np.nan))
     if signal == "current":
         lost = replace(
             lost, channels={**lost.channels, "current": lost.channel("current").select(np.arange(4000) < 50)}
@@ -102,12 +102,12 @@ def test_what_is_known_for_less_than_a_second_is_refused_by_name(signal: str) ->
     assert "\n" not in str(messages.value)
 
 
-def test_too_little_to_fit_on_is_refused() -> None:
+def test_too_little_data_for_the_fit_is_refused() -> None:
     with pytest.raises(GapError, match="remain for the fit; expected at least 4 s"):
         prepare([recorded(seconds=3.0)], [recorded(seed=2)])
 
 
-def test_progress_is_told_for_each_recording() -> None:
+def test_progress_is_reported_for_each_recording() -> None:
     messages: list[str] = []
     prepare_recordings(SIMULATION, [recorded()], [recorded(seed=2)], [], lambda what, share: messages.append(what))
     assert [name in what for name, what in zip(("made1", "made2"), messages, strict=False)] == [True, True]
