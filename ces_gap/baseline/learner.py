@@ -78,9 +78,9 @@ def _normal_equations(
     x = np.concatenate([noise.whiten(v)[k] for v, k in zip(features, keep, strict=True)])
     y = np.concatenate([noise.whiten(v)[k] for v, k in zip(targets, keep, strict=True)])
     fold = np.concatenate([v[k] for v, k in zip(folds, keep, strict=True)])
-    parts = [(x[fold == k], y[fold == k]) for k in range(FOLDS)]
-    gram, moment = np.stack([a.T @ a for a, _ in parts]), np.stack([a.T @ b for a, b in parts])
-    return gram, moment, _choose_penalty(gram, moment, [float(b @ b) for _, b in parts])
+    parts = [fold == k for k in range(FOLDS)]
+    gram, moment = np.stack([x[p].T @ x[p] for p in parts]), np.stack([x[p].T @ y[p] for p in parts])
+    return gram, moment, _choose_penalty(gram, moment, [float(y[p] @ y[p]) for p in parts])
 
 
 def _choose_penalty(gram: F, moment: F, whole: Sequence[float]) -> float:

@@ -1,4 +1,4 @@
-"""Autocorrelated noise on a trace's grid: an autoregression that turns it into white noise of unit variance."""
+"""Autocorrelated noise on the grid of a trace: an autoregression that whitens it to unit variance."""
 
 from __future__ import annotations
 

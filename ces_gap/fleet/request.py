@@ -73,7 +73,7 @@ class DiagnosisRequest:
         return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()
 
     def _user_modules(self) -> list[Any]:
-        """Return the modules of the user's own code."""
+        """Return the modules with code of the user."""
         names = {type(effect).__module__ for effect in self.options.effects}
         if isinstance(self.simulation, FunctionSimulation):
             names.add(str(getattr(self.simulation.function, "__module__", "")))

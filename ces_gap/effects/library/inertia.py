@@ -1,4 +1,4 @@
-"""Inertia: moving mass between force cell and piston, such as the eye, an adapter or the cell's own flange."""
+"""Inertia: moving mass between force cell and piston, such as the eye, an adapter or the flange of the cell."""
 
 from __future__ import annotations
 

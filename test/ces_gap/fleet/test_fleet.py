@@ -221,7 +221,7 @@ folder = Path(sys.argv[1])
 asked = t.make_request(options=t.Options(seed=77))
 work = t.jobs(folder, tuple("abcdefgh"), asked)
 with t.open_fleet(folder) as fleet:
-    for found in t.on_this_machine(asked.packed(), work, 2, 1):
+    for found in t.on_this_machine(asked.pack(), work, 2, 1):
         fleet.add(found)
 """
 
