@@ -203,7 +203,7 @@ def test_every_verdict_is_told(made, says, capsys, monkeypatch):
         (("--sim", SIM, "--real", "fleet/x*"), "fleet/x*: no bag matches"),
         (("--sim", "nowhere.json", "--real", "reference"), "nowhere.json: no such model file"),
         (("--sim", "what", "--real", "reference"), "--sim 'what': expected MODEL.json, AUGMENTED.json"),
-        (("--sim", SIM, "--real", "fleet/red", "--held-out", "fleet/red/road"), "held-out recordings must not be fitted"),
+        (("--sim", SIM, "--real", "fleet/red", "--held-out", "fleet/red/road"), "recordings must not be fitted"),
         (("--sim", SIM, "--real", "fleet/red", "--reference", "fleet/red/town"), "references must be free of"),
         (("--sim", SIM, "--real", "reference", "--effects", "diagnosed_damper:force"), "not an effect"),
         (("--sim", SIM, "--real", "reference", "--effects", "nowhere:Own"), "cannot be imported"),
