@@ -1,4 +1,4 @@
-"""The derivative of uniform samples: how every speed, acceleration and rate of force here is computed."""
+"""The derivative of uniform samples, used for every speed, acceleration and rate of force in `ces_gap`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a diagnosis is: plain records that `gap.json`, `augmented.json` and the report are written from."""
+"""The result of a diagnosis: plain records from which `gap.json`, `augmented.json` and the report are written."""
 
 from __future__ import annotations
 
@@ -34,29 +34,29 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything that was found."""
+    """The complete result of a diagnosis."""
 
     verdict: str
     sentence: str
-    simulation: str  # as given on the command line
+    simulation: str  # as on the command line
     gap: Gap
     where: Where
-    causes: tuple[Explanation, ...]  # each effect alone, its best form, ranked
+    causes: tuple[Explanation, ...]  # each effect alone in its best form, ranked
     composition: Explanation
     indistinguishable: tuple[tuple[str, ...], ...]
-    not_separable: tuple[str, ...]  # effects that a calibration of the simulation could absorb (no references)
-    invisible: tuple[tuple[str, str], ...]  # effect, and why these recordings cannot show it
+    not_separable: tuple[str, ...]  # effects that a recalibration could absorb (without references)
+    invisible: tuple[tuple[str, str], ...]  # effect, reason why these recordings cannot show it
     ceiling_after_N: float
-    wrong: Explanation | None  # the best effect that is not in the composition: the control
+    wrong: Explanation | None  # control: the best effect outside the composition
     probability_none: float
     probability_unknown: float
-    rest: Where | None  # where the unexplained rest lies, for "unknown"
+    rest: Where | None  # location of the unexplained rest, for "unknown"
     next_experiment: NextExperiment | None
-    surrogate_cost_J: float | None  # how good the surrogate of recorded predictions is, None if the simulation was run
+    surrogate_cost_J: float | None  # of the surrogate of recorded predictions, None if the simulation was run
     held_out: tuple[HeldOutSeries, ...]
-    by_region: tuple[tuple[GapRegion, float], ...] = ()  # gap after [N] in each of the regions of `where`
+    by_region: tuple[tuple[GapRegion, float], ...] = ()  # gap after [N] in each region of `where`
     notes: tuple[str, ...] = ()
-    correction: LearnedCorrection | None = None  # of the baseline's own error
+    correction: LearnedCorrection | None = None  # of the baseline error
     surrogate: Surrogate | None = None  # of recorded predictions
-    baselines: Mapping[str, str] = field(default_factory=dict)  # what simpler ways of choosing would have named
-    figures: VerdictFigures | None = None  # what decided
+    baselines: Mapping[str, str] = field(default_factory=dict)  # effects that simpler selection rules name
+    figures: VerdictFigures | None = None  # the basis of the verdict

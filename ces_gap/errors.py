@@ -1,7 +1,7 @@
-"""The package's family of errors."""
+"""The error of this package."""
 
 from ces_observer.errors import CesError
 
 
 class GapError(CesError):
-    """A diagnosis cannot be made of what was given; the message says what, where, what was expected and what to do."""
+    """A diagnosis is not possible; the message says what is wrong, where, what was expected and what to do."""

@@ -1,6 +1,6 @@
-"""The whole diagnosis: a simulation and recordings go in, verdict, causes and what they leave come out.
+"""The whole diagnosis: a simulation and recordings in; verdict, causes and remaining gap out.
 
-A pipeline of stages, each a function from records to a record, in the room where it belongs:
+Each stage is a function from records to a record:
 
     prepare_recordings -> learn_baseline -> search -> decide -> find_doubts -> score_held_out -> locate_gap -> Diagnosis
 """
@@ -33,15 +33,12 @@ from ces_identify.simulations.simulation import Simulation
 
 @dataclass(frozen=True)
 class DiagnoseOptions:
-    """`effects` of the user's own beside the library's; `threads` to fit with; `seed` of resampling.
+    """Options of a diagnosis."""
 
-    `experiment` False leaves out the search for the next experiment.
-    """
-
-    effects: tuple[Effect, ...] = ()
-    threads: int = 1
-    seed: int = 1
-    experiment: bool = True
+    effects: tuple[Effect, ...] = ()  # of the user, in addition to the library
+    threads: int = 1  # of the fit
+    seed: int = 1  # of the bootstrap
+    experiment: bool = True  # whether to choose the next experiment
 
 
 def diagnose(
@@ -53,38 +50,38 @@ def diagnose(
     options: DiagnoseOptions | None = None,
     progress: Progress = ignore_progress,
 ) -> Diagnosis:
-    """Return what causes the gap between `simulation` (`spec` is how it was named) and the `real` recordings.
+    """Return the causes of the gap between `simulation`, named `spec`, and the `real` recordings.
 
-    Judged on `held_out` (a part of `real` if none), the simulation's own error learnt from `reference`. `progress` is
-    told what is being done and the share of that step. Raises CesError for what cannot be diagnosed.
+    The result is validated on `held_out`, or on a part of `real`; `reference` recordings teach the baseline error.
+    `progress` receives each step and the share of it that is done. Raises CesError if a diagnosis is not possible.
     """
-    how = options or DiagnoseOptions()
+    options = options or DiagnoseOptions()
     inputs = prepare_recordings(simulation, real, held_out, reference, progress)
-    for effect in how.effects:
+    for effect in options.effects:
         require_sound(effect, inputs.real[0])
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)
-    effects = (*library(), *how.effects)
-    unseen = find_invisible_effects(effects, inputs.real)
+    effects = (*library(), *options.effects)
+    invisible = find_invisible_effects(effects, inputs.real)
 
-    progress("learning the simulation's own error", 0.0)
+    progress("learning the baseline error", 0.0)
     baseline = learn_baseline(inputs)
-    visible = [e for e in effects if e.name not in dict(unseen)]
-    found = search(baseline.evidence, visible, Refinement(inputs.slow), how.threads, progress)
+    visible = [e for e in effects if e.name not in dict(invisible)]
+    result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress)
 
-    progress("asking the generic learner", 0.0)
-    decision = decide(baseline, found, inputs.best, calibration())
-    progress("comparing twins", 0.0)
-    doubts = find_doubts(baseline.plant, found, decision.interchangeable)
+    progress("computing the ceiling", 0.0)
+    decision = decide(baseline, result, inputs.best, calibration())
+    progress("comparing indistinguishable effects", 0.0)
+    doubts = find_doubts(baseline.plant, result, decision.interchangeable)
 
-    scores = score_held_out(inputs, baseline, found, decision, how.seed, progress)
+    scores = score_held_out(inputs, baseline, result, decision, options.seed, progress)
     progress("locating the gap", 0.0)
-    location = locate_gap(found.evidence, scores.series, how.seed, with_rest=decision.verdict == UNKNOWN)
+    location = locate_gap(result.evidence, scores.series, options.seed, with_rest=decision.verdict == UNKNOWN)
     experiment = None
-    if how.experiment and found.best is not None and decision.verdict not in (NO_GAP, NAMED):
+    if options.experiment and result.best is not None and decision.verdict not in (NO_GAP, NAMED):
         progress("choosing the next experiment", 0.0)
-        experiment = propose_experiment(baseline.plant, found, doubts, inputs.exact)
+        experiment = propose_experiment(baseline.plant, result, doubts, inputs.exact)
 
-    played_back = inputs.surrogate if inputs.exact is None else None
+    surrogate = inputs.surrogate if inputs.exact is None else None
     diagnosis = Diagnosis(
         verdict=decision.verdict,
         sentence="",
@@ -98,17 +95,17 @@ def diagnose(
         wrong=next((c for c in scores.causes if c.effects[0] not in scores.composition.effects), None),
         ceiling_after_N=scores.ceiling_after_N,
         indistinguishable=doubts.indistinguishable,
-        not_separable=() if inputs.reference else find_absorbed_effects(found.evidence, found.alone),
-        invisible=unseen,
+        not_separable=() if inputs.reference else find_absorbed_effects(result.evidence, result.alone),
+        invisible=invisible,
         probability_none=decision.probabilities.none,
         probability_unknown=decision.probabilities.unknown,
         next_experiment=experiment,
-        surrogate=played_back,
-        surrogate_cost_J=None if played_back is None else played_back.cost_J,
+        surrogate=surrogate,
+        surrogate_cost_J=None if surrogate is None else surrogate.cost_J,
         held_out=scores.series,
         notes=notes,
         correction=baseline.correction,
-        baselines=name_by_simpler_rules(found),
+        baselines=name_by_simpler_rules(result),
         figures=decision.figures,
     )
     return replace(diagnosis, sentence=format_verdict(diagnosis))

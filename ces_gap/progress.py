@@ -1,11 +1,11 @@
-"""Who is told what a diagnosis is doing."""
+"""Progress reports of a diagnosis."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-Progress = Callable[[str, float], None]  # what is being done, and the share of that step that is done
+Progress = Callable[[str, float], None]  # the present step and the share of it that is done
 
 
-def ignore_progress(what: str, share: float) -> None:
-    """Take in progress that nobody watches."""
+def ignore_progress(step: str, share: float) -> None:
+    """Report nothing."""

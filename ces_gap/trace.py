@@ -1,6 +1,6 @@
-"""A recording beside its simulation on one uniform grid: what every part of the diagnosis looks at.
+"""A recording and its simulation on one uniform grid: the data of every part of the diagnosis.
 
-Nothing here is causal: a diagnosis is made offline, so position is smoothed and forces are band-limited without delay.
+Nothing here is causal: a diagnosis runs offline, so the position is smoothed and forces are band-limited without delay.
 Measured and simulated force pass the same filter.
 """
 
@@ -34,26 +34,26 @@ from ces_identify.simulations.simulation import Simulation, find_predictions
 F = NDArray[np.float64]
 B = NDArray[np.bool_]
 
-CURRENT_AGE_S = 0.5  # [s] a current older than this is not known
-EDGE_S = 0.1  # [s] at either end of a stretch, where filters run in
+CURRENT_AGE_S = 0.5  # [s] an older current counts as unknown
+EDGE_S = 0.1  # [s] at both ends of a stretch, where filters settle
 MIN_USABLE_S = 1.0  # [s] of usable samples
 
 
 @dataclass(frozen=True)
 class TraceInputs:
-    """What drives the damper: `position` [m], `speed` [m/s] and `current` [A] on a trace's grid, each (n,)."""
+    """Inputs of the damper: `position` [m], `speed` [m/s] and `current` [A] on a trace's grid, each (n,)."""
 
     position: F
     speed: F
     current: F
-    current_as_logged: bool = False  # a simulation that is run again then gets the logged current, not the grid's
+    current_as_logged: bool = False  # True: reruns of the simulation use the logged current, not that of the grid
 
     def with_position(self, position: F, rate_Hz: float) -> TraceInputs:
-        """Return the same with another position [m] (n,), and the speed changed by as much as the position is."""
+        """Return the inputs with another position [m] (n,), the speed changed consistently."""
         return replace(self, position=position, speed=self.speed + derivative(position - self.position, rate_Hz))
 
     def with_current(self, current: F) -> TraceInputs:
-        """Return the same with another current [A] (n,)."""
+        """Return the inputs with another current [A] (n,)."""
         return replace(self, current=current, current_as_logged=False)
 
 
@@ -61,12 +61,11 @@ class TraceInputs:
 class Trace:
     """A recording on a uniform grid.
 
-    Arrays over n ticks: `time_s` from the first position sample; `inputs`; `acceleration` [m/s2]; `force` [N] measured;
-    `simulated` [N], the simulation on the smoothed position, `simulated_as_logged` [N] on the position as logged.
-    `usable` (n,) marks the ticks at which all of them are known and filters have run in; elsewhere they are bridged
-    with plain numbers. `low_pass_Hz` is that of the position. `noise_N` is the RMS of the force's noise on the grid:
-    white noise as strong as what was logged in the top eighth of frequencies. `map_ticks` (n,) are the ticks from which
-    `sprung_map` and `pumped_map` are learnt, the usable ones if None.
+    Arrays over n ticks: `time_s` from the first position sample; `inputs`; `acceleration` [m/s2]; measured `force` [N];
+    `simulated` force [N] on the smoothed position, `simulated_as_logged` [N] on the logged position. `usable` (n,)
+    marks the ticks at which all of them are known and filters have settled; elsewhere they are interpolated.
+    `low_pass_Hz` is the corner of the position's low-pass, `noise_N` the RMS of the force noise on the grid
+    (`estimate_noise_N`). `sprung_map` and `pumped_map` are learnt on `map_ticks` (n,), on the usable ticks if None.
     """
 
     name: str
@@ -88,38 +87,37 @@ class Trace:
 
     @property
     def step_s(self) -> float:
-        """Seconds from tick to tick."""
+        """Seconds between ticks."""
         return 1.0 / self.rate_Hz
 
     @cached_property
     def sprung_map(self) -> SprungMap:
-        """What the simulated force says of the plant: a map of speed and current behind one spring."""
-        return learn_sprung_map(*self._simulated())
+        """The map of speed and current behind a spring that fits the simulated force best."""
+        return learn_sprung_map(*self._map_data())
 
     @cached_property
     def pumped_map(self) -> PumpedMap:
-        """The same behind a spring that is another while the damper is pushed and moves in."""
-        return learn_pumped_map(*self._simulated(), self.sprung_map.compliance)
+        """The same, with another spring while the damper is pushed and moves in."""
+        return learn_pumped_map(*self._map_data(), self.sprung_map.compliance)
 
-    def _simulated(self) -> tuple[F, F, F, B, float]:
+    def _map_data(self) -> tuple[F, F, F, B, float]:
         ticks = self.usable if self.map_ticks is None else self.map_ticks
         return self.inputs.speed, self.inputs.current, self.simulated, ticks, self.rate_Hz
 
     def learn_map(self, inputs: TraceInputs, force: F) -> SpeedMap:
-        """Return the map of speed and current that explains the `force` [N] (n,) under `inputs` best."""
+        """Return the map of speed and current that fits the `force` [N] (n,) under `inputs` best."""
         return learn_map(inputs.speed, inputs.current, force, self.usable)
 
     def grid_ns(self) -> NDArray[np.int64]:
-        """Return the stamps [ns] of the ticks (n,)."""
+        """Return the time stamps [ns] of the ticks (n,)."""
         first = int(self.recording.channel("position").stamps_ns[0])
         return np.asarray(first + np.round(self.time_s * 1e9).astype(np.int64), dtype=np.int64)
 
 
 def make_trace(recording: Recording, simulated_N: F) -> Trace:
-    """Return the trace of `recording` and the force [N] simulated at each of its position samples (p,), NaN if none.
+    """Return the trace of `recording`; `simulated_N` [N] (p,) is at its position samples, NaN where unknown.
 
-    A recording without a force channel gets a force of zeros and no usable tick (as when only replaying). Raises
-    GapError if less than a second could be used.
+    Without a force channel the force is zero and no tick is usable. Raises GapError if there are too few samples.
     """
     clock = recording.channel("position").stamps_ns
     seconds = (clock - clock[0]) * 1e-9
@@ -157,25 +155,23 @@ def make_trace(recording: Recording, simulated_N: F) -> Trace:
 
 
 def open_trace(simulation: Simulation, recording: Recording, also_as_logged: bool = True) -> Trace:
-    """Return the trace of a recording under a simulation, which is run on the smoothed position if it can be run.
+    """Return the trace of a recording; the simulation runs on the smoothed position, if it can be run.
 
-    Without `also_as_logged` it is run once only. Raises what the simulation raises, and GapError.
+    With `also_as_logged` it runs on the logged position as well. Raises GapError and the errors of the simulation.
     """
     recorded = find_predictions(simulation) is not None
-    given = make_trace(recording, simulation.force(recording) if also_as_logged or recorded else _nothing(recording))
+    run_as_logged = also_as_logged or recorded
+    force = simulation.force(recording) if run_as_logged else np.zeros(len(recording.channel("position")))
+    logged = make_trace(recording, force)
     if recorded:
-        return given
-    smooth = smooth_recording(recording, given)
+        return logged
+    smooth = smooth_recording(recording, logged)
     trace = make_trace(smooth, simulation.force(smooth))
-    return replace(trace, simulated_as_logged=given.simulated if also_as_logged else trace.simulated)
-
-
-def _nothing(recording: Recording) -> F:
-    return np.zeros(len(recording.channel("position")))
+    return replace(trace, simulated_as_logged=logged.simulated if also_as_logged else trace.simulated)
 
 
 def resample_to_grid(trace: Trace, simulated_N: F) -> F:
-    """Return a force [N] given at each position sample of the trace's recording on its grid (n,)."""
+    """Return a force [N] at the position samples of the recording, resampled to the grid of its trace (n,)."""
     clock = trace.recording.channel("position").stamps_ns
     seconds = (clock - clock[0]) * 1e-9
     base_Hz, factor = find_rates(seconds, trace.name)
@@ -183,7 +179,7 @@ def resample_to_grid(trace: Trace, simulated_N: F) -> F:
 
 
 def smooth_recording(recording: Recording, trace: Trace) -> Recording:
-    """Return the recording with the trace's smoothed position at the stamps of the logged one, where it is finite."""
+    """Return the recording with the finite position samples replaced by the smoothed position of the trace."""
     position = recording.channel("position")
     seconds = (position.stamps_ns - position.stamps_ns[0]) * 1e-9
     values = CubicSpline(trace.time_s, trace.inputs.position)(np.clip(seconds, 0.0, trace.time_s[-1]))
@@ -192,7 +188,7 @@ def smooth_recording(recording: Recording, trace: Trace) -> Recording:
 
 
 def require_usable(trace: Trace) -> None:
-    """Raise GapError if the trace has less than a second in which position, current, force and simulation are known."""
+    """Raise GapError if the trace has less than `MIN_USABLE_S` of usable ticks."""
     seconds = float(trace.usable.sum()) / trace.rate_Hz
     if seconds < MIN_USABLE_S:
         raise GapError(

@@ -1,4 +1,1 @@
-"""The augmented simulation: simulation, correction and composition go in, `augmented.json` comes out.
-
-It is a simulation again: `load_augmented` reads the file back.
-"""
+"""The augmented simulation: simulation, correction and composition in, `augmented.json` out, and back."""

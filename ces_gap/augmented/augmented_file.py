@@ -1,7 +1,7 @@
-"""`augmented.json`: an `AugmentedSimulation` written down and read again.
+"""`augmented.json`: writing and reading an `AugmentedSimulation`.
 
-The file names the simulation, which must be the one that was diagnosed (its hash is checked), and holds numbers
-otherwise. Effects of the user's own and simulations given as `module:function` or FMU are code, and are run.
+The file names the diagnosed simulation with its hash; everything else in it is numbers. Effects of the user and
+simulations that are a `module:function` or an FMU are code: reading the file runs them.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ MAX_EFFECTS = 20
 
 
 class JsonWritable(Protocol):
-    """What was learnt from recordings and can be written down."""
+    """A learnt part that can be written as JSON."""
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as plain values."""
+        """Return plain values."""
 
 
 def save_augmented(
@@ -49,14 +49,13 @@ def save_augmented(
     surrogate: JsonWritable | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write the file, whole or not at all; raises CesError if it cannot be. `spec` is the simulation as given."""
-    write_atomically(
-        path, augmented_text(name_simulation(spec, path.parent), composition, correction, surrogate, provenance)
-    )
+    """Write the file atomically; `spec` names the simulation. Raises CesError if it cannot be written."""
+    sim = name_simulation(spec, path.parent)
+    write_atomically(path, augmented_text(sim, composition, correction, surrogate, provenance))
 
 
 def name_simulation(spec: str, folder: Path) -> dict[str, str | None]:
-    """Return how a file that is to lie in `folder` names the simulation `spec`: where it is, and its hash."""
+    """Return the entry `sim` of a file in `folder`: the simulation `spec` relative to it, and its hash."""
     return {"spec": make_spec_relative(spec, folder), "sha256": _digest(spec)}
 
 
@@ -67,7 +66,7 @@ def augmented_text(
     surrogate: JsonWritable | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return the text of the file; `sim` is what `name_simulation` returns of the simulation."""
+    """Return the text of the file; `sim` comes from `name_simulation`."""
     document = {
         "schema": SCHEMA,
         "sim": dict(sim),
@@ -80,7 +79,7 @@ def augmented_text(
 
 
 def is_augmented(path: Path) -> bool:
-    """True if a JSON file of reasonable size says that it is an augmented simulation."""
+    """True if the file is JSON of at most `MAX_BYTES` with the schema of an augmented simulation."""
     try:
         if path.stat().st_size > MAX_BYTES:
             return False
@@ -91,45 +90,43 @@ def is_augmented(path: Path) -> bool:
 
 
 def load_augmented(path: Path, open_simulation: Opener) -> AugmentedSimulation:
-    """Read and check the file; `open_simulation` opens the simulation it names. Raises CesError in one line."""
+    """Read and check the file; `open_simulation` opens the simulation that it names. Raises CesError."""
     root = JsonObject(_document(path), str(path))
     schema = root.text("schema")
     if schema != SCHEMA:
-        raise GapError(f"{path}: schema is '{schema}'; this version reads '{SCHEMA}': diagnose anew")
-    settings = tuple(_setting(node) for node in root.items("effects", 0, MAX_EFFECTS))
-    correction, surrogate = (
-        _read_learned_part(root, "correction", LearnedCorrection),
-        _read_learned_part(root, "surrogate", Surrogate),
-    )
+        raise GapError(f"{path}: schema is '{schema}'; expected '{SCHEMA}'; run `ces diagnose` again")
+    settings = tuple(_read_setting(node) for node in root.items("effects", 0, MAX_EFFECTS))
+    correction = _read_learned_part(root, "correction", LearnedCorrection)
+    surrogate = _read_learned_part(root, "surrogate", Surrogate)
     spec = resolve_spec(root.at("sim").text("spec"), path.parent)
     _require_same(path, spec, root.at("sim"))
-    inside, history = open_simulation(spec), root.at("provenance").value
-    return AugmentedSimulation(str(path), inside, Composition(settings), correction, surrogate, history)
+    simulation, provenance = open_simulation(spec), root.at("provenance").value
+    return AugmentedSimulation(str(path), simulation, Composition(settings), correction, surrogate, provenance)
 
 
 def _document(path: Path) -> Any:
     try:
         size = path.stat().st_size
         if size > MAX_BYTES:
-            raise GapError(f"{path}: {size} bytes; an augmented simulation has at most {MAX_BYTES}")
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_constant)
+            raise GapError(f"{path}: {size} bytes; expected at most {MAX_BYTES} for an augmented simulation")
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
     except OSError as error:
         raise GapError(f"{path}: cannot be read: {error.strerror}; `ces diagnose` writes one") from None
     except (ValueError, RecursionError) as error:
         raise GapError(f"{path}: not a JSON file: {error}") from None
 
 
-def _no_constant(name: str) -> None:
+def _refuse_constant(name: str) -> None:
     raise ValueError(f"{name} found; expected finite numbers")
 
 
 def _effect_as_json(setting: Setting) -> dict[str, Any]:
-    effect, own = setting.effect, class_of(setting.effect)
-    made_of = {} if own is None else {"class": own}
-    return {"effect": effect.name, "form": effect.form, **made_of, "parameters": setting.values_by_name()}
+    effect, user_class = setting.effect, class_of(setting.effect)
+    code = {} if user_class is None else {"class": user_class}
+    return {"effect": effect.name, "form": effect.form, **code, "parameters": setting.values_by_name()}
 
 
-def _setting(node: JsonObject) -> Setting:
+def _read_setting(node: JsonObject) -> Setting:
     name, form = node.text("effect"), node.text("form")
     try:
         effect = user_effect(node.text("class")) if "class" in node.value else library_effect(name, form)
@@ -138,16 +135,18 @@ def _setting(node: JsonObject) -> Setting:
     except GapError as error:
         raise GapError(f"{node.where}: {error}") from None
     if (effect.name, effect.form) != (name, form):
-        raise GapError(f"{node.where}: class is {effect.name} ({effect.form}); expected {name} ({form}): diagnose anew")
-    return Setting(effect, _values(node.at("parameters"), effect))
+        raise GapError(
+            f"{node.where}: class is {effect.name} ({effect.form}); expected {name} ({form}); run `ces diagnose` again"
+        )
+    return Setting(effect, _read_values(node.at("parameters"), effect))
 
 
-def _values(node: JsonObject, effect: Effect) -> tuple[float, ...]:
-    """Return the parameters' values, each within its bounds but for rounding."""
+def _read_values(node: JsonObject, effect: Effect) -> tuple[float, ...]:
+    """Return the parameter values, each within its bounds apart from rounding."""
     unknown = set(node.value) - {p.name for p in effect.parameters}
     if unknown:
         expected = ", ".join(p.name for p in effect.parameters)
-        raise GapError(f"{node.where}: {', '.join(sorted(unknown))} found; expected {expected}")
+        raise GapError(f"{node.where}: unknown parameters {', '.join(sorted(unknown))}; expected {expected}")
     slack = [1e-9 * (abs(p.low) + abs(p.high)) for p in effect.parameters]
     return tuple(
         min(max(node.number(p.name, p.low - s, p.high + s), p.low), p.high)
@@ -156,25 +155,24 @@ def _values(node: JsonObject, effect: Effect) -> tuple[float, ...]:
 
 
 def _read_learned_part(root: JsonObject, name: str, kind: type[LearnedPart]) -> LearnedPart | None:
-    """Return what was learnt under `name`, None if it is null."""
-    given = root.mapping_or_none(name)
-    if given is None:
+    """Return the learnt part `name`, None if it is null."""
+    document = root.mapping_or_none(name)
+    if document is None:
         return None
     try:
-        made = kind.from_json(dict(given))
-        _require_fitting(made)
-        return made
+        part = kind.from_json(dict(document))
+        _require_weights(part)
+        return part
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise GapError(
-            f"{root.where}: {name}: {type(error).__name__}: {error}; expected what `ces diagnose` writes: diagnose anew"
-        ) from None
+        text = f"{type(error).__name__}: {error}; expected the output of `ces diagnose`; run it again"
+        raise GapError(f"{root.where}: {name}: {text}") from None
 
 
-def _require_fitting(made: LearnedCorrection | Surrogate) -> None:
-    """Raise ValueError unless there is a finite weight for each feature: compiled code reads them unchecked."""
-    size = made.dictionary.size
-    if made.dictionary.by_time or made.weights.shape != (size,) or not np.isfinite(made.weights).all():
-        raise ValueError(f"weights of shape {made.weights.shape}; expected {size} finite ones")
+def _require_weights(part: LearnedCorrection | Surrogate) -> None:
+    """Raise ValueError unless each feature has a finite weight: compiled code does not check."""
+    size = part.dictionary.size
+    if part.dictionary.by_time or part.weights.shape != (size,) or not np.isfinite(part.weights).all():
+        raise ValueError(f"weights of shape {part.weights.shape}; expected {size} finite ones")
 
 
 def _digest(spec: str) -> str | None:
@@ -183,11 +181,11 @@ def _digest(spec: str) -> str | None:
 
 
 def _require_same(path: Path, spec: str, node: JsonObject) -> None:
-    """Raise GapError unless the simulation's file is there and unchanged; so files cannot name each other in a ring."""
+    """Raise GapError if the file of the simulation is missing or has changed; this excludes circular references."""
     file = file_of(spec)
     if file is None:
         return
     if not file.is_file():
-        raise GapError(f"{path}: its simulation {file} is missing; put it there or diagnose anew")
+        raise GapError(f"{path}: its simulation {file} is missing; restore it or run `ces diagnose` again")
     if hashlib.sha256(file.read_bytes()).hexdigest() != node.text("sha256"):
-        raise GapError(f"{path}: its simulation {file} has changed since; diagnose anew")
+        raise GapError(f"{path}: its simulation {file} has changed since; run `ces diagnose` again")

@@ -1,4 +1,4 @@
-"""A simulation with the correction that references taught and the effects found around it: a simulation again."""
+"""A simulation with the correction and the effects that a diagnosis has found: again a simulation."""
 
 from __future__ import annotations
 
@@ -7,22 +7,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Correction, DirectSimulator, Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
 from ces_gap.errors import GapError
-from ces_gap.trace import Trace, make_trace, smooth_recording
+from ces_gap.trace import F, Trace, make_trace, smooth_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation, find_predictions
 from ces_observer.errors import CesError
 
-F = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class AugmentedSimulation(Simulation):
-    """A simulation with a correction and effects around it; a surrogate stands in for one that cannot be run anew."""
+    """A simulation with a correction and effects; `surrogate` replaces one that cannot be run again."""
 
     name: str
     simulation: Simulation
@@ -33,14 +30,14 @@ class AugmentedSimulation(Simulation):
 
     @property
     def innermost(self) -> Simulation:
-        """The simulation that all effects and corrections are around."""
+        """The simulation without any effects and corrections."""
         return self.simulation.innermost
 
     def force(self, recording: Recording) -> F:
-        """Return the force [N] at every position sample (n,), NaN where the simulation itself gives none.
+        """Return the force [N] at every position sample (n,), NaN where the simulation has none.
 
-        As in the diagnosis, the simulation runs on the smoothed position, if it can be run. What is added to it is
-        computed on the trace's grid and interpolated at the samples, so that its own force keeps its detail.
+        As in the diagnosis, the simulation runs on the smoothed position, if it can be run. The added force is computed
+        on the grid of the trace and interpolated, so that the simulation's own force keeps its detail.
         """
         if not self.composition.settings and self.correction is None:
             return self.simulation.force(recording)
@@ -49,20 +46,19 @@ class AugmentedSimulation(Simulation):
         own = self.simulation.force(recording)
         trace = make_trace(recording, own)
         plant = Plant(self.surrogate or DirectSimulator(self.simulation), self.correction)
-        added = self._run(plant, trace) - trace.simulated
+        added = self._apply_effects(plant, trace) - trace.simulated
         stamps = recording.channel("position").stamps_ns
         return np.asarray(own + np.interp((stamps - stamps[0]) * 1e-9, trace.time_s, added))
 
-    def _run(self, plant: Plant, trace: Trace) -> F:
+    def _apply_effects(self, plant: Plant, trace: Trace) -> F:
         try:
             force = plant.with_effects(self.composition, trace)
         except CesError:
             raise
-        except Exception as error:  # numbers of a file that do not belong together, or an effect of the user's own
-            raise GapError(
-                f"{self.name}: cannot be run: {type(error).__name__}: {' '.join(str(error).split())}; diagnose anew"
-            ) from error
+        except Exception as error:  # inconsistent numbers in a file, or an effect of the user
+            text = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise GapError(f"{self.name}: cannot be run: {text}; run `ces diagnose` again") from error
         if not np.isfinite(force).all():
             bad = float(trace.time_s[np.argmin(np.isfinite(force))])
-            raise GapError(f"{self.name}: gave a force that is not finite at {bad:.3f} s; diagnose anew")
+            raise GapError(f"{self.name}: the force is not finite at {bad:.3f} s; run `ces diagnose` again")
         return force

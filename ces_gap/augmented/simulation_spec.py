@@ -1,4 +1,4 @@
-"""What names a simulation on a command line, seen from another folder: files by relative path, the rest as it is."""
+"""The name of a simulation on the command line, converted for another folder: file paths become relative."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ FILES = (".json", ".yaml", ".yml")
 
 
 def file_of(spec: str) -> Path | None:
-    """Return the file that a simulation is in; None for `topic:/name` and `module:function`."""
+    """Return the file of a simulation; None for `topic:/name` and `module:function`."""
     path = _split(spec)[0]
     return None if path is None else Path(path)
 
 
 def make_spec_relative(spec: str, folder: Path) -> str:
-    """Return `spec`, given from here, as it is to be written in a file in `folder`: relative where that is possible."""
+    """Return `spec` for a file in `folder`: its path relative to the folder where that is possible."""
     path, rest = _split(spec)
     if path is None:
         return spec
@@ -28,13 +28,13 @@ def make_spec_relative(spec: str, folder: Path) -> str:
 
 
 def resolve_spec(spec: str, folder: Path) -> str:
-    """Return `spec`, found in a file in `folder`, as it is given from here."""
+    """Return a `spec` that is relative to `folder` as seen from the working directory."""
     path, rest = _split(spec)
     return spec if path is None else str(folder / path) + rest
 
 
 def _split(spec: str) -> tuple[str | None, str]:
-    """Return the path in `spec`, None if there is none, and what follows it."""
+    """Return the path in `spec`, None if it has none, and the rest."""
     if spec.startswith("topic:"):
         return None, spec
     fmu = SPEC.fullmatch(spec)

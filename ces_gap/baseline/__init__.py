@@ -1,4 +1,4 @@
-"""The simulation and its own error: references go in, a plant (simulation plus correction) comes out.
+"""The simulation and its baseline error: references in, a plant (simulation plus correction) out.
 
 The same generic learner replaces slow simulations (`surrogate`) and shows how much any effect could explain
 (`ceiling`).

@@ -1,4 +1,4 @@
-"""The baseline's own error, learnt from reference recordings that are known to be free of the effect."""
+"""The baseline error of the simulation, learnt from reference recordings."""
 
 from __future__ import annotations
 
@@ -7,24 +7,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.dictionary import Dictionary, Scales
 from ces_gap.baseline.learner import LearnerResult, learn
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 
 @dataclass(frozen=True)
 class LearnedCorrection:
-    """Weights (q,) of the dictionary's features."""
+    """A correction of the simulated force: weights (q,) of the features of `dictionary`."""
 
     dictionary: Dictionary
     weights: F
 
     def force(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
-        """Return what to add to the simulated force [N] (n,)."""
+        """Return the force [N] (n,) to be added to the simulated one."""
         return self.dictionary.predict(trace, inputs, simulated, self.weights)
 
     def as_json(self) -> dict[str, Any]:
@@ -33,12 +30,12 @@ class LearnedCorrection:
 
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> LearnedCorrection:
-        """Return the correction that `as_json` wrote; raises KeyError, TypeError or ValueError for others."""
+        """Return the correction from `as_json`; raises KeyError, TypeError or ValueError if the document is not one."""
         return cls(Dictionary.from_json(document["dictionary"]), np.array(document["weights"], dtype=np.float64))
 
 
 def learn_correction(references: Sequence[Trace]) -> tuple[LearnedCorrection, LearnerResult]:
-    """Return the correction that the references teach, and all that was learnt with it."""
+    """Return the correction learnt from the references, and the full result of the learner."""
     dictionary = Dictionary(Scales.of(references, [t.simulated for t in references]))
     features = [dictionary.features(t, t.inputs, t.simulated) for t in references]
     learnt = learn(

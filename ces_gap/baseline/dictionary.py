@@ -1,8 +1,7 @@
 """The generic learner's dictionary: fading-memory functions of motion, current and simulated force.
 
-Linear in its weights, memory that fades, no feedback of the force learnt: stable whatever the weights. It learns the
-baseline's own error from references, stands in for recorded predictions, and is the ceiling that no effect should fall
-far below.
+It is linear in its weights, its memory fades, and the learnt force is not fed back: it is stable for any weights. It
+learns the baseline error from references, is the surrogate of recorded predictions, and computes the ceiling.
 """
 
 from __future__ import annotations
@@ -12,12 +11,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.learner_kernels import fill_features
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 MEMORIES_S = np.array([0.003, 0.010, 0.030])  # [s] fading memories of force and speed
 VALVE_S = np.array([0.006, 0.025])  # [s] fading memories of the current
@@ -30,17 +26,17 @@ SAME_CURRENT = 0.02  # relative spread below which a current counts as constant
 
 @dataclass(frozen=True)
 class Scales:
-    """What the features are measured in: centres and spreads of the training inputs, SI."""
+    """Scales of the features: centres and spreads of the training inputs, SI."""
 
     position: tuple[float, float]
     speed: float
     current: tuple[float, float]
     force: tuple[float, float]
-    varies: bool  # the current
+    varies: bool  # whether the current varies
 
     @classmethod
     def of(cls, traces: Sequence[Trace], forces: Sequence[F]) -> Scales:
-        """Return the scales of the usable ticks of some traces and of the force that goes with each."""
+        """Return the scales of the usable ticks of the traces and their forces."""
         keep = [t.usable for t in traces]
         x, v, i = (
             np.concatenate([getattr(t.inputs, name)[k] for t, k in zip(traces, keep, strict=True)])
@@ -67,20 +63,20 @@ class Dictionary:
     by_time: bool = False
 
     def features(self, trace: Trace, inputs: TraceInputs, force: F) -> F:
-        """Return the features (n, q) of the inputs and the force simulated [N] for them, each of order 1."""
-        timed = self._of_time(trace, inputs, force) if self.by_time else np.empty((len(force), 0))
+        """Return the features (n, q), each of order 1, of the inputs and their simulated `force` [N] (n,)."""
+        timed = self._time_features(trace, inputs, force) if self.by_time else np.empty((len(force), 0))
         out = np.zeros((len(force), self.size + timed.shape[1]))
         self._fill(trace, inputs, force, np.empty(0), out)
         out[:, self.size :] = timed
         return out
 
     def predict(self, trace: Trace, inputs: TraceInputs, force: F, weights: F) -> F:
-        """Return the features' weighted sum (n,), without making them all."""
+        """Return the weighted sum (n,) of the features without storing them."""
         out = np.zeros((len(force), 1))
         self._fill(trace, inputs, force, np.ascontiguousarray(weights[: self.size]), out)
         if not self.by_time:
             return out[:, 0]
-        return np.asarray(out[:, 0] + self._of_time(trace, inputs, force) @ weights[self.size :])
+        return np.asarray(out[:, 0] + self._time_features(trace, inputs, force) @ weights[self.size :])
 
     def _fill(self, trace: Trace, inputs: TraceInputs, force: F, weights: F, out: F) -> None:
         s = self.scales
@@ -92,7 +88,7 @@ class Dictionary:
 
     @property
     def size(self) -> int:
-        """How many features there are without those of time."""
+        """The number of features without those of time."""
         each, sided = (2, 3) if self.scales.varies else (1, 2)
         fine, coarse = len(SPEED_KNOTS), len(COARSE_KNOTS)
         count = fine * (3 if self.scales.varies else 1) + 2 + each + coarse + sided * len(TURNS)
@@ -101,7 +97,7 @@ class Dictionary:
             return count + each * fine * len(MEMORIES_S)
         return count + each * fine + each * (len(FORCE_KNOTS) + 1) + sided * len(MEMORIES_S)
 
-    def _of_time(self, trace: Trace, inputs: TraceInputs, force: F) -> F:
+    def _time_features(self, trace: Trace, inputs: TraceInputs, force: F) -> F:
         f = (force - self.scales.force[0]) / self.scales.force[1]
         t = trace.time_s / max(float(trace.time_s[-1]), 1.0)
         heat = np.cumsum(np.abs(force * inputs.speed))
@@ -114,7 +110,7 @@ class Dictionary:
 
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> Dictionary:
-        """Return the dictionary that `as_json` wrote; raises KeyError, TypeError or ValueError for others."""
+        """Return the dictionary from `as_json`; raises KeyError, TypeError or ValueError if the document is not one."""
         s = document["scales"]
         pair = {k: (float(s[k][0]), float(s[k][1])) for k in ("position", "current", "force")}
         scales = Scales(pair["position"], float(s["speed"]), pair["current"], pair["force"], bool(s["varies"]))

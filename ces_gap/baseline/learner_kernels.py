@@ -1,4 +1,4 @@
-"""Compiled loops of the generic learner: fading memories of a signal, plain loops over arrays."""
+"""Compiled loops of the generic learner: low-passes and features of one tick after the other."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ F = NDArray[np.float64]
 
 @njit(cache=True, nogil=True)
 def low_pass(x: F, step_s: float, time_s: float) -> F:
-    """Return `x` (n,) behind a first-order lag, started at rest."""
+    """Return `x` (n,) behind a first-order lag that starts in steady state."""
     out = np.empty_like(x)
     pole = exp(-step_s / time_s)
     y = x[0]
@@ -25,7 +25,7 @@ def low_pass(x: F, step_s: float, time_s: float) -> F:
 
 @njit(cache=True, nogil=True)
 def place(value: float, knots: F) -> tuple[int, float]:
-    """Return the hat below a value, and the share of the one above; constant beyond the outer knots."""
+    """Return the index of the knot below a value and the weight of the one above; constant beyond the outer knots."""
     m = len(knots)
     u = min(max(value, knots[0]), knots[m - 1])
     j = 0
@@ -36,7 +36,7 @@ def place(value: float, knots: F) -> tuple[int, float]:
 
 @njit(cache=True, nogil=True)
 def add(row: F, weights: F, at: int, value: float) -> None:
-    """Add a feature's value to its place in the row, or with weights its weighted value to the row's only place."""
+    """Add `value` to column `at` of the row; with weights, add the weighted value to its only column."""
     if len(weights):
         row[0] += weights[at] * value
     else:
@@ -45,7 +45,7 @@ def add(row: F, weights: F, at: int, value: float) -> None:
 
 @njit(cache=True, nogil=True)
 def add_linear_splines(row: F, weights: F, at: int, value: float, knots: F, first: float, second: float) -> int:
-    """Add hats of `value` times `first`, then times `second` unless that is NaN; return where the row goes on."""
+    """Add linear splines of `value` times `first`, then times `second` unless it is NaN; return the next column."""
     j, share = place(value, knots)
     m = len(knots)
     add(row, weights, at + j, (1.0 - share) * first)
@@ -59,7 +59,7 @@ def add_linear_splines(row: F, weights: F, at: int, value: float, knots: F, firs
 
 @njit(cache=True, nogil=True)
 def add_by_direction(row: F, weights: F, at: int, value: float, i: float, varies: bool, pushed: float) -> int:
-    """Add `value`, times the current if it varies, and times 1 in compression; return where the row goes on."""
+    """Add `value`, times the current if it varies, and times `pushed`; return the next column."""
     add(row, weights, at, value)
     at += 1
     if varies:
@@ -71,7 +71,7 @@ def add_by_direction(row: F, weights: F, at: int, value: float, i: float, varies
 
 @njit(cache=True, nogil=True)
 def add_motion_features(row: F, weights: F, x: float, u: float, i: float, varies: bool, fine: F, coarse: F) -> int:
-    """Add the memoryless functions of position, warped speed `u` and current; return where the row goes on."""
+    """Add the memoryless functions of position, warped speed `u` and current; return the next column."""
     at = add_linear_splines(row, weights, 0, u, fine, 1.0, i if varies else np.nan)
     if varies:
         at = add_linear_splines(row, weights, at, u, fine, i * i, np.nan)
@@ -87,7 +87,7 @@ def add_motion_features(row: F, weights: F, x: float, u: float, i: float, varies
 
 @njit(cache=True, nogil=True)
 def add_force_features(row: F, weights: F, at: int, f: float, i: float, varies: bool, level: F) -> int:
-    """Add the memoryless functions of force and current; return where the row goes on."""
+    """Add the memoryless functions of force and current; return the next column."""
     at = add_linear_splines(row, weights, at, f, level, 1.0, i if varies else np.nan)
     add(row, weights, at, f)
     at += 1
@@ -102,10 +102,10 @@ def fill_features(
     x: F, v: F, i: F, f: F, rate_Hz: float, varies: bool, by_force: bool,
     fine: F, coarse: F, level: F, turns: F, memories_s: F, valve_s: F, weights: F, out: F,
 ) -> None:  # fmt: skip
-    """Add to `out` (n, q), zeros before, the features of position, speed, current and force, each scaled (n,).
+    """Add the features of scaled position, speed, current and force (n,) to `out` (n, q), which holds zeros.
 
-    With `weights` (q,), add to `out` (n, 1) the features' weighted sum instead. Speed goes through asinh(10·speed);
-    `fine`, `coarse` are knots of that, `level` those of the force.
+    With `weights` (q,), add their weighted sum to `out` (n, 1) instead. `fine` and `coarse` are knots of
+    asinh(10·speed), `level` those of the force.
     """
     poles, valve_poles = np.exp(-1.0 / (rate_Hz * memories_s)), np.exp(-1.0 / (rate_Hz * valve_s))
     slow_v, slow_f, slow_i = np.full(3, v[0]), np.full(3, f[0]), np.full(2, i[0])

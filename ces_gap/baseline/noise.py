@@ -1,4 +1,4 @@
-"""Autocorrelated noise on a trace's grid: an autoregression that turns it into white noise of unit variance."""
+"""Autocorrelated noise on the grid of a trace: an autoregression that whitens it to unit variance."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ ORDER = 6
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """`rms_N` of the noise, standard deviation `innovation_N` of what is new in each tick, coefficients `ar` (p,)."""
+    """`rms_N` of the noise, standard deviation `innovation_N` of the innovation, coefficients `ar` (p,)."""
 
     rms_N: float
     innovation_N: float
     ar: F
 
     def scale(self, factor: float) -> NoiseModel:
-        """Return noise of the same colour, `factor` times as strong."""
+        """Return noise with the same spectrum, `factor` times as strong."""
         return NoiseModel(self.rms_N * factor, self.innovation_N * factor, self.ar)
 
     def whiten(self, values: F) -> F:
-        """Return columns (n, …) whitened along the first axis; the first p rows still hold the start."""
+        """Return columns (n, …) whitened along the first axis; the first p rows are transient."""
         out: F = lfilter(np.concatenate([[1.0], -self.ar]), [1.0], values, axis=0) / self.innovation_N
         return out
 
     def usable_after_whitening(self, usable: B) -> B:
-        """Return the ticks (n,) whose whitened value rests on usable ticks alone."""
+        """Return the mask (n,) of the ticks whose whitened value depends on usable ticks only."""
         window = np.ones(len(self.ar) + 1)
         return np.asarray(np.convolve(~usable, window)[: len(usable)] < 0.5) & (np.arange(len(usable)) >= len(self.ar))
 
 
 def make_white_noise(rms_N: float) -> NoiseModel:
-    """Return white noise of this RMS [N]."""
+    """Return white noise of RMS `rms_N`."""
     return NoiseModel(rms_N, rms_N, np.zeros(0))
 
 
 def noise_of(residuals: Sequence[F], usable: Sequence[B], order: int = ORDER) -> NoiseModel:
-    """Return the noise whose samples are the usable parts of some residuals [N]: Yule-Walker equations."""
+    """Return the noise model of the usable parts of residuals [N] (Yule-Walker equations)."""
     lags = autocovariance(residuals, usable, order)
     lags[0] = max(lags[0] * (1.0 + 1e-6), 1e-12)
     ar = solve_toeplitz(lags[:-1], lags[1:])
@@ -53,7 +53,7 @@ def noise_of(residuals: Sequence[F], usable: Sequence[B], order: int = ORDER) ->
 
 
 def autocovariance(values: Sequence[F], usable: Sequence[B], order: int) -> F:
-    """Return the autocovariance (order + 1,) [N2] about zero of the usable parts of some values [N]."""
-    kept = [np.where(u, r, 0.0) for r, u in zip(values, usable, strict=True)]
+    """Return the autocovariance (order + 1,) [N2] about zero of the usable parts of `values` [N]."""
+    masked = [np.where(u, r, 0.0) for r, u in zip(values, usable, strict=True)]
     count = max(sum(int(u.sum()) for u in usable), 1)
-    return np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in kept) for k in range(order + 1)]) / count
+    return np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in masked) for k in range(order + 1)]) / count

@@ -1,7 +1,7 @@
-"""The simulation as the diagnosis asks it: changed inputs on a trace's grid go in, a force on that grid comes out.
+"""The plant of a diagnosis: changed inputs on the grid of a trace in, the force on that grid out.
 
-A simulation that can be called is called; one whose predictions were only recorded is stood in for by a surrogate. The
-baseline's own error, learnt from reference recordings, is added as a `Correction`.
+It runs the simulation, or a surrogate if only its predictions were recorded, and adds the correction of the baseline
+error.
 """
 
 from __future__ import annotations
@@ -10,33 +10,30 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import Composition
-from ces_gap.trace import Trace, TraceInputs, resample_to_grid
+from ces_gap.trace import F, Trace, TraceInputs, resample_to_grid
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import Simulation
 
-F = NDArray[np.float64]
-
 
 class TraceSimulator(Protocol):
-    """What can simulate a trace again with other inputs; every kind is a subclass."""
+    """Simulates a trace again with other inputs."""
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
-        """Return the force [N] on the grid (n,) that is simulated for `inputs`."""
+        """Return the force [N] on the grid (n,) for `inputs`."""
         ...
 
     def prepare_for(self, trace: Trace) -> TraceSimulator:
-        """Return the same for this trace alone, with what it needs of the recorded inputs computed once."""
+        """Return a simulator for this trace only, its results for the recorded inputs computed once."""
         return self
 
 
 class Correction(Protocol):
-    """The baseline's own error as a function of its inputs and its force."""
+    """The baseline error as a function of inputs and simulated force."""
 
     def force(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
-        """Return what to add [N] (n,)."""
+        """Return the force [N] (n,) to be added to the simulated one."""
 
 
 @dataclass(frozen=True)
@@ -52,27 +49,27 @@ class DirectSimulator(TraceSimulator):
 
 @dataclass(frozen=True)
 class Plant:
-    """A simulation with the correction that references taught."""
+    """A simulation with its correction."""
 
     simulation: TraceSimulator
     correction: Correction | None = None
 
     def prepare_for(self, trace: Trace) -> Plant:
-        """Return the plant for this trace alone, what its simulation needs of the recorded inputs computed once."""
+        """Return the plant for this trace only, with its simulator prepared."""
         return replace(self, simulation=self.simulation.prepare_for(trace))
 
     def alone(self, trace: Trace) -> F:
-        """Return the corrected force [N] (n,) under the recorded inputs; nothing is simulated again."""
+        """Return the corrected force [N] (n,) for the recorded inputs, without running the simulation again."""
         return self._correct(trace, trace.inputs, trace.simulated)
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
-        """Return the corrected force [N] (n,) that is simulated for `inputs`."""
+        """Return the corrected force [N] (n,) for `inputs`."""
         return self._correct(trace, inputs, self.simulation.force(trace, inputs))
 
     def with_effects(self, composition: Composition, trace: Trace, alone: F | None = None) -> F:
-        """Return the force [N] (n,) with the effects around the plant; `alone` is the plant's own, if at hand.
+        """Return the force [N] (n,) of the plant with effects; `alone` is its force without them, if already computed.
 
-        Effects on the input that depend on the damper's force are told its force without them, and solve for the rest.
+        Effects on the inputs that depend on the damper's force get the force without effects and solve for the rest.
         """
         force = self.alone(trace) if alone is None else alone
         if not any(s.effect.reruns for s in composition.settings):
@@ -87,7 +84,7 @@ class Plant:
 
 
 def _change_current_channel(trace: Trace, inputs: TraceInputs, constant: float | None) -> Channel:
-    """Return the current channel with what `inputs` differ added to what was logged."""
+    """Return the logged current plus the difference of `inputs` from the recorded inputs."""
     if constant is not None or len(trace.recording.channel("current")) < len(trace):
         return Channel("current", "A", trace.grid_ns(), inputs.current)
     logged = trace.recording.channel("current")
@@ -97,9 +94,9 @@ def _change_current_channel(trace: Trace, inputs: TraceInputs, constant: float |
 
 
 def change_recording(trace: Trace, inputs: TraceInputs) -> Recording:
-    """Return the trace's recording with its position moved, and its current replaced, by what `inputs` differ."""
+    """Return the recording with position and current changed by the difference of `inputs` from the recorded ones."""
     recording = trace.recording
-    channels = {n: c for n, c in recording.channels.items() if n not in ("sim_force",)}
+    channels = {n: c for n, c in recording.channels.items() if n != "sim_force"}
     constants = dict(recording.constants)
     position = recording.channel("position")
     seconds = (position.stamps_ns - position.stamps_ns[0]) * 1e-9

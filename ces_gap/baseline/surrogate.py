@@ -1,7 +1,7 @@
-"""A stand-in for a simulation that cannot be run again, or only slowly: what changed inputs would have done to it.
+"""The surrogate of a simulation that cannot be run again, or only slowly: it predicts the effect of changed inputs.
 
-Only differences are taken from it: the simulated force stays, and what the learner says of changed inputs less what
-it says of the recorded ones is added, so that most of the learner's own error cancels.
+Only differences are used: the prediction for changed inputs minus the one for the recorded inputs is added to the
+simulated force, so that most of the learner's error cancels.
 """
 
 from __future__ import annotations
@@ -11,37 +11,34 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.dictionary import Dictionary, Scales
 from ces_gap.baseline.learner import learn
 from ces_gap.baseline.learner_kernels import low_pass
 from ces_gap.baseline.plant import TraceSimulator
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.trace import F, Trace, TraceInputs
 
-F = NDArray[np.float64]
-
-LATE_S, LAG_S, YIELD = 0.004, 0.012, 0.05  # [s], [s], share of the stroke: changes from which the surrogate learns
+LATE_S, LAG_S, YIELD = 0.004, 0.012, 0.05  # [s], [s], share of the stroke: changes of the inputs in the examples
 
 
 @dataclass(frozen=True)
 class Surrogate(TraceSimulator):
-    """Weights (q,) of the dictionary's features, and its cost J [%] (thesis eq. 3.5) on blocks it did not see."""
+    """Weights (q,) of the dictionary's features, and its cost J [%] (thesis eq. 3.5) on held-out blocks."""
 
     dictionary: Dictionary
     weights: F
     cost_J: float
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
-        """Return the simulated force [N] (n,) that the inputs would have given."""
+        """Return the simulated force [N] (n,) for the inputs."""
         return self.prepare_for(trace).force(trace, inputs)
 
     def prepare_for(self, trace: Trace) -> TraceSimulator:
-        """Return the same for this trace alone: what it predicts for the recorded inputs is computed once."""
+        """Return the surrogate with its prediction for the recorded inputs computed once."""
         return _Prepared(self, self.predict(trace, trace.inputs))
 
     def predict(self, trace: Trace, inputs: TraceInputs) -> F:
-        """Return the whole force [N] (n,) that it predicts for the inputs, nothing taken from the simulated one."""
+        """Return the predicted force [N] (n,) for the inputs, independent of the simulated force."""
         return self.dictionary.predict(trace, inputs, np.zeros(len(trace)), self.weights)
 
     def as_json(self) -> dict[str, Any]:
@@ -50,14 +47,14 @@ class Surrogate(TraceSimulator):
 
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> Surrogate:
-        """Return the surrogate that `as_json` wrote; raises KeyError, TypeError or ValueError for others."""
+        """Return the surrogate from `as_json`; raises KeyError, TypeError or ValueError if the document is not one."""
         weights = np.array(document["weights"], dtype=np.float64)
         return cls(Dictionary.from_json(document["dictionary"]), weights, float(document["cost_J"]))
 
 
 @dataclass(frozen=True)
 class _Prepared(TraceSimulator):
-    """A surrogate for one trace, and the force [N] (n,) that it predicts for the recorded inputs."""
+    """A surrogate for one trace; `recorded` is its prediction [N] (n,) for the recorded inputs."""
 
     surrogate: Surrogate
     recorded: F
@@ -76,34 +73,32 @@ class SurrogateExample:
 
 
 def learn_surrogate(examples: Sequence[SurrogateExample]) -> Surrogate:
-    """Return the surrogate that the examples teach."""
+    """Return the surrogate learnt from the examples."""
     traces, forces = [e.trace for e in examples], [e.force for e in examples]
     dictionary = Dictionary(Scales.of(traces, forces), by_force=False)
     features = [dictionary.features(e.trace, e.inputs, np.zeros(len(e.trace))) for e in examples]
     usable = [t.usable for t in traces]
     learnt = learn(features, forces, usable, traces[0].rate_Hz, passes=1)
     true = np.concatenate([f[u] for f, u in zip(forces, usable, strict=True)])
-    told = np.concatenate([p[u] for p, u in zip(learnt.crossfitted, usable, strict=True)])
+    predicted = np.concatenate([p[u] for p, u in zip(learnt.crossfitted, usable, strict=True)])
     spread = float(np.linalg.norm(true - true.mean()))
-    return Surrogate(dictionary, learnt.weights, 100.0 * float(np.linalg.norm(true - told)) / max(spread, 1e-9))
+    return Surrogate(dictionary, learnt.weights, 100.0 * float(np.linalg.norm(true - predicted)) / max(spread, 1e-9))
 
 
 def make_recorded_examples(traces: Sequence[Trace]) -> list[SurrogateExample]:
-    """Return the traces as examples of themselves."""
+    """Return the recorded inputs and simulated forces of the traces as examples."""
     return [SurrogateExample(t, t.inputs, t.simulated) for t in traces]
 
 
 def make_changed_examples(traces: Sequence[Trace], simulation: TraceSimulator) -> list[SurrogateExample]:
-    """Return examples of what changed inputs do, each trace run twice more: late and lagging, yielding and weaker."""
+    """Return the recorded examples, and two with changed inputs for each trace, computed by `simulation`."""
     examples = make_recorded_examples(traces)
-    for trace in traces:
-        for inputs in _changed(trace):
-            examples.append(SurrogateExample(trace, inputs, simulation.force(trace, inputs)))
-    return examples
+    changed = ((trace, inputs) for trace in traces for inputs in _change_inputs(trace))
+    return examples + [SurrogateExample(t, inputs, simulation.force(t, inputs)) for t, inputs in changed]
 
 
-def _changed(trace: Trace) -> list[TraceInputs]:
-    """Return two sets of inputs unlike the recorded ones in ways that effects are."""
+def _change_inputs(trace: Trace) -> list[TraceInputs]:
+    """Return two typical changes of the inputs by effects: late and lagging; yielding with a weaker current."""
     plain, rate = trace.inputs, trace.rate_Hz
     late = np.interp(trace.time_s - LATE_S, trace.time_s, plain.position)
     lagging = 1.1 * low_pass(plain.current, trace.step_s, LAG_S)

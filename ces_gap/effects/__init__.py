@@ -1,4 +1,4 @@
-"""Effects as physics: a trace and parameter values go in, changed inputs of the simulation or a changed force come out.
+"""Effects as physics: a trace and parameter values in, changed inputs of the simulation or a changed force out.
 
-`effect` is the base class, `library` holds the effects, one module each; the other modules are physics they share.
+`effect` has the base class, `library` one module for each effect, the other modules the physics that they share.
 """

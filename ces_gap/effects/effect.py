@@ -1,33 +1,30 @@
-"""What an effect is: physics around a simulation that nobody may open, with parameters in SI units.
+"""The base class of effects: physics around a simulation that is a black box, with parameters in SI units.
 
-An effect changes what drives the simulation (`drive`), what comes out of it (`respond`), or both. With its magnitude at
-zero it changes nothing. Each module of `ces_gap.effects` holds one effect in one or more forms.
+An effect changes the inputs of the simulation (`drive`), its force (`respond`), or both. With its magnitude at zero it
+changes nothing. Each module of `ces_gap.effects.library` holds one effect in one or more forms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.trace import F, Trace, TraceInputs
 
-F = NDArray[np.float64]
-
-SENSOR, MOTION, VALVE, FLUID, PARALLEL, CELL = 0, 1, 2, 3, 4, 5  # stages, from the outside in and out again
+SENSOR, MOTION, VALVE, FLUID, PARALLEL, CELL = 0, 1, 2, 3, 4, 5  # stages, from the outside in, then outward
 
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One number of an effect in SI units: `name` ends with its unit; [`low`, `high`] is what a real damper can have.
+    """A parameter of an effect in SI units: `name` ends with the unit, [`low`, `high`] is plausible for real dampers.
 
-    `starts` are where searches begin. `scale` is how it is searched: "linear", "log", or "inverse" (a stiffness
-    is searched as compliance, so that no effect is 0). A `magnitude` scales the whole effect: at its neutral value
-    (0; for "inverse" infinity) there is none.
+    Searches begin at `starts`. `scale` of the search is "linear", "log" or "inverse" (a stiffness is searched as
+    compliance, so that no effect is 0). A `magnitude` scales the whole effect: at its `neutral` value (0; infinity for
+    "inverse") there is no effect.
     """
 
     name: str
@@ -40,68 +37,68 @@ class EffectParameter:
     neutral: float = 0.0
 
     def to_search(self, value: float) -> float:
-        """Return the searched number of a value; raises nothing inside the bounds."""
+        """Return the search variable of a value."""
         return _TO[self.scale](value)
 
     def to_value(self, searched: float) -> float:
-        """Return the value of a searched number, held inside the bounds."""
+        """Return the value of a search variable, clipped to the bounds."""
         return float(min(max(_FROM[self.scale](searched), self.low), self.high))
 
     def search_bounds(self) -> tuple[float, float]:
-        """Return the searched numbers of the bounds, in order."""
-        a, b = self.to_search(self.low), self.to_search(self.high)
-        return (a, b) if a <= b else (b, a)
-
-
-def _log(value: float) -> float:
-    return float(np.log(value))
-
-
-def _exp(searched: float) -> float:
-    return float(np.exp(min(searched, 700.0)))
+        """Return the bounds of the search variable in ascending order."""
+        low, high = sorted((self.to_search(self.low), self.to_search(self.high)))
+        return low, high
 
 
 def _inverse(value: float) -> float:
     return 1.0 / value if value > 0.0 else float("inf")
 
 
-_TO: dict[str, Callable[[float], float]] = {"linear": float, "log": _log, "inverse": _inverse}
-_FROM: dict[str, Callable[[float], float]] = {"linear": float, "log": _exp, "inverse": _inverse}
+_TO: dict[str, Callable[[float], float]] = {
+    "linear": float,
+    "log": lambda v: float(np.log(v)),
+    "inverse": _inverse,
+}
+_FROM: dict[str, Callable[[float], float]] = {
+    "linear": float,
+    "log": lambda searched: float(np.exp(min(searched, 700.0))),
+    "inverse": _inverse,
+}
 
 
 @dataclass(frozen=True)
 class Effect:
     """One form of one effect. Subclasses set the class variables and override `drive`, `respond`, or both.
 
-    `values` are in the order of `parameters`. Both methods get whole arrays (n,) on the trace's grid and return new
-    ones; they never change what they are given, give finite numbers for every value inside the bounds, and vary
-    smoothly with the values. They may look at `trace.time_s`, `trace.rate_Hz` and `trace.acceleration`, but never
-    at `trace.force`: the effect must run where no force is measured.
+    `values` are in the order of `parameters`. Both methods get arrays (n,) on the trace's grid and return new ones,
+    finite for all values inside the bounds and smooth in the values; they never change their arguments. They may read
+    `trace.time_s`, `trace.rate_Hz` and `trace.acceleration`, but not `trace.force`: an effect also runs without a
+    measured force.
     """
 
     name: ClassVar[str] = ""
     form: ClassVar[str] = ""
     stage: ClassVar[int] = PARALLEL
-    reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation is asked again
-    needs: ClassVar[str] = ""  # what a recording must hold for it to show, such as "a changing current"
+    reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation runs again
+    needs: ClassVar[str] = ""  # what a recording must contain for the effect to be visible: "a changing current"
     parameters: ClassVar[tuple[EffectParameter, ...]] = ()
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        """Return the values at which searches on this trace begin: all products of the parameters' starts."""
+        """Return the start values of searches on this trace: all combinations of the parameters' starts."""
         return list(product(*(p.starts for p in self.parameters)))
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return what drives the damper inside the effect; `force` [N] is the present estimate of the damper's."""
+        """Return the inputs of the damper inside the effect; `force` [N] (n,) is the damper's estimated force."""
         return inputs
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] outside the effect, `force` being that inside; `inputs` drive the damper inside."""
+        """Return the force [N] (n,) outside the effect from `force` and `inputs` of the damper inside."""
         return force
 
 
 @dataclass(frozen=True)
 class Setting:
-    """An effect with its parameters' values."""
+    """An effect with parameter values."""
 
     effect: Effect
     values: tuple[float, ...]
@@ -112,15 +109,15 @@ class Setting:
         return self.effect.name
 
     def values_by_name(self) -> dict[str, float]:
-        """Return the values by name."""
+        """Return the values by parameter name."""
         return {p.name: v for p, v in zip(self.effect.parameters, self.values, strict=True)}
 
 
 @dataclass(frozen=True)
 class Composition:
-    """Several effects at once, applied by stage: outer ones drive first and respond last."""
+    """Several effects, nested by stage: outer effects drive first and respond last."""
 
-    settings: tuple[Setting, ...] = field(default=())
+    settings: tuple[Setting, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -128,7 +125,7 @@ class Composition:
         return tuple(s.name for s in self.settings)
 
     def drive(self, trace: Trace, force: F) -> TraceInputs:
-        """Return what drives the simulation."""
+        """Return the inputs of the simulation inside all effects."""
         inputs = trace.inputs
         for setting in sorted(self.settings, key=lambda s: s.effect.stage):
             if setting.effect.reruns:

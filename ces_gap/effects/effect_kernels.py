@@ -1,4 +1,4 @@
-"""Compiled loops of the effects with a state: plain loops over arrays on a trace's grid, one step a tick."""
+"""Compiled loops of the effects with memory: one step per tick of a trace."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ces_gap.plant_map.map_kernels import map_force_and_slope
 
 F = NDArray[np.float64]
 
-SAME_N = 1e-6  # [N] below it a loose joint's force has come back to a tight one's
+SAME_N = 1e-6  # [N] difference below which the force of a loose joint equals that of a tight one
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def rise_fall_lag(u: F, rise_s: float, fall_s: float, step_s: float) -> F:
-    """Return u (n,) behind a first-order lag of `rise_s` where it grows and `fall_s` where it falls."""
+    """Return u (n,) behind a first-order lag with time constant `rise_s` upward and `fall_s` downward."""
     out = np.empty_like(u)
     z = u[0]
     out[0] = z
@@ -29,7 +29,7 @@ def rise_fall_lag(u: F, rise_s: float, fall_s: float, step_s: float) -> F:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lag_step(z: float, before: float, now: float, time_s: float, step_s: float) -> float:
-    """Return the lag's next state, its input running straight from `before` to `now` (first-order hold)."""
+    """Return the lag's next state, its input linear from `before` to `now` (first-order hold)."""
     ratio = time_s / step_s
     if ratio < 1e-9:
         return now
@@ -40,10 +40,10 @@ def _lag_step(z: float, before: float, now: float, time_s: float, step_s: float)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def gated_play(x: F, openness: F, gap: float) -> F:
-    """Return where (n,) in its free play a joint is, in [-gap/2, gap/2], begun at the middle.
+    """Return the position (n,) of a joint in its free play, within [-gap/2, gap/2], initially 0.
 
-    It is carried along by x; `openness` (n,) in [0, 1] is how far the force lets it move towards +gap/2 (1: pushed, in
-    compression) and 1 - openness how far towards -gap/2.
+    It follows x (n,); the force limits the rate by `openness` (n,) towards +gap/2 (1: pushed in compression), and by
+    1 - openness towards -gap/2.
     """
     out = np.empty_like(x)
     half = 0.5 * gap
@@ -59,7 +59,7 @@ def gated_play(x: F, openness: F, gap: float) -> F:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def mean_of_plays(u: F, widest: float, count: int) -> F:
-    """Return the mean of `count` play operators of u (n,), half-widths evenly up to `widest`, begun at rest."""
+    """Return the mean (n,) of `count` play operators of u, half-widths evenly up to `widest`, initially centred."""
     out = u.copy()
     for j in range(1, count + 1):
         radius = widest * j / count
@@ -72,7 +72,7 @@ def mean_of_plays(u: F, widest: float, count: int) -> F:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def coleman_hodgdon(u: F, height: float, travel: float) -> F:
-    """Return h (n,) of dh/du = -(height + h)/travel for rising u and (height - h)/travel for falling, begun at 0."""
+    """Return h (n,) of dh/du = -(height + h)/travel for rising u, (height - h)/travel for falling; h(0) = 0."""
     out = np.empty_like(u)
     h = 0.0
     out[0] = h
@@ -85,20 +85,8 @@ def coleman_hodgdon(u: F, height: float, travel: float) -> F:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def void(rate: F, step_s: float) -> F:
-    """Return the length [m] (n,) of a void that opens at `rate` [m/s] (n,) and is never less than nothing."""
-    out = np.empty_like(rate)
-    z = 0.0
-    out[0] = z
-    for k in range(1, len(rate)):
-        z = max(z + 0.5 * (rate[k - 1] + rate[k]) * step_s, 0.0)
-        out[k] = z
-    return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def tight_force(speed: F, level: F, plant: tuple[float, float, F], own: float, step_s: float, substeps: int) -> F:
-    """Return the force [N] of F = f(v - own·dF/dt) by implicit Euler, f being the map of `plant`, `substeps` a tick."""
+    """Return the force [N] of F = f(v - own·dF/dt) by implicit Euler, f the map of `plant`, `substeps` per tick."""
     out = np.empty((len(speed) - 1) * substeps + 1)
     g = speed[0]
     out[0] = map_force_and_slope(g, level[0], plant[0], plant[1], plant[2])[0]
@@ -122,11 +110,11 @@ def loose_force(
     step_s: float,
     substeps: int,
 ) -> F:
-    """Return a damper's force [N] behind a joint with a gap, less `memory`, `substeps` a tick ((n - 1)·substeps + 1,).
+    """Return the force [N] ((n - 1)·substeps + 1,) of a damper behind a joint with a gap, minus `memory`.
 
-    `tight` is `tight_force`, without a gap. The damper is f(v' - own·dF/dt) + memory, f the `map_force_and_slope` of
-    `plant`. Its joint's place z stays at ±gap/2 as long as pushing or pulling lasts; between, the damper moves so that
-    its force is `parted`. Implicit Euler.
+    The damper is f(v' - own·dF/dt) + memory, f the `map_force_and_slope` of `plant`; `tight` is its `tight_force`
+    without a gap. The joint's position z stays at ±gap/2 while it is pushed or pulled; in between, the damper moves so
+    that its force is `parted`. Implicit Euler.
     """
     out = np.empty((len(speed) - 1) * substeps + 1)
     h, half, z, g, creep = step_s / substeps, 0.5 * gap, 0.0, speed[0], 0.0
@@ -153,7 +141,7 @@ def loose_force(
 def _solve_map_speed(
     v: float, s: float, before: float, guess: float, own: float, plant: tuple[float, float, F]
 ) -> tuple[float, float]:
-    """Return the speed g [m/s] at which g + own·(f(g) - before) = v, by Newton's method in a bracket, and f(g) [N]."""
+    """Return g [m/s] with g + own·(f(g) - before) = v, by bracketed Newton iteration, and f(g) [N]."""
     g, low, high = v, -np.inf, np.inf
     if own > 0.0:
         g = guess
@@ -172,7 +160,7 @@ def _solve_map_speed(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve_speed_at_force(force: float, s: float, guess: float, plant: tuple[float, float, F]) -> float:
-    """Return the speed [m/s] at which f is `force` [N], within the map's range, by Newton's method in a bracket."""
+    """Return the speed [m/s] at which f is `force` [N], within the map's range, by bracketed Newton iteration."""
     fastest = plant[0] * ((1.0 + plant[1]) ** 2 - 1.0)
     low, high = -fastest, fastest
     g = min(max(guess, low), high)

@@ -1,4 +1,4 @@
-"""Compiled loops of what depends on the plant's map of speed and current: springs and leaks around it."""
+"""Compiled loops of springs and leaks around the plant's map of speed and current."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ces_gap.plant_map.map_kernels import map_force_and_slope
 
 F = NDArray[np.float64]
 
-THETA = 0.55  # of an implicit step: 0.5 is exact to second order but rings, 1 is damped but late
-RATE_TOLERANCE = 1e-5  # [m/s] last step of Newton's method; what is left is of second order in it
+THETA = 0.55  # of an implicit step: 0.5 is second-order accurate but rings, 1 is damped but lags
+RATE_TOLERANCE = 1e-5  # [m/s] last step of the Newton iteration; the remaining error is of second order in it
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _law(force: float, top: float, stroke: F, compliance: F) -> tuple[float, float]:
-    """Return stroke and compliance of a law tabled evenly over ±`top` [N], by cubic Hermite interpolation."""
+    """Return stroke and compliance of a law tabulated evenly over ±`top` [N], by cubic Hermite interpolation."""
     last = len(stroke) - 1
     span = 2.0 * top / last
     at = min(max((force + top) / span, 0.0), float(last))
@@ -40,9 +40,9 @@ def _strain_rate(
     law: tuple[float, F, F],
     inertia_s: tuple[float, float],
 ) -> float:
-    """Return the rate g [m/s] at which s(f(v - g) + m) = z + (hθ + damping)·g, by Newton's method kept in a bracket.
+    """Return the rate g [m/s] with s(f(v - g) + m) = z + (hθ + damping)·g, by bracketed Newton iteration.
 
-    The equation falls with g, so it has one root.
+    The residual decreases with g, so there is one root.
     """
     low, high = -np.inf, np.inf
     g = guess
@@ -77,8 +77,8 @@ def series_stroke(
 ) -> F:
     """Return the stroke z [m] (n,) of a spring in series: z + damping·dz/dt = s(f(v - dz/dt) + memory).
 
-    `plant` is (narrow, reach, table) of `map_force_and_slope`, `law` (top, stroke, compliance) of s. Implicit steps of
-    the θ-method.
+    `plant` is (narrow, reach, table) of `map_force_and_slope`, `law` (top, stroke, compliance) of s. Implicit
+    θ-method.
     """
     out = np.empty_like(speed)
     h = step_s / substeps
@@ -102,10 +102,10 @@ def series_stroke(
 def leaking_force(
     speed: F, level: F, rest: float, plant: tuple[float, float, F], own: float, law: tuple[float, F, F]
 ) -> F:
-    """Return F = f(v - g) - rest [N] (n,), g = q(F) + own·(F - F₋₁) [m/s]: what leaks, and what squeezes the plant.
+    """Return F = f(v - g) - rest [N] (n,), g = q(F) + own·(F - F₋₁) [m/s]: the leak and the plant's own spring.
 
-    `plant` is (narrow, reach, table) of `map_force_and_slope`, `own` the compliance of the plant's own spring over the
-    step [m/(s N)] and F₋₁ the force a tick before. `law` (top, rate, its derivative by force) is of q(F) + own·F.
+    `plant` is (narrow, reach, table) of `map_force_and_slope`, `own` the compliance of the plant's own spring divided
+    by the step [m/(s N)], F₋₁ the force one tick before. `law` (top, rate, its derivative by force) is of q(F) + own·F.
     Implicit Euler.
     """
     out = np.empty_like(speed)
@@ -130,10 +130,10 @@ def pumped_stroke(
     step_s: float,
     substeps: int,
 ) -> F:
-    """Return the stroke z [m] (n,), dz/dt = C·dF/dt, of a compliance C added to that of the plant's own spring.
+    """Return the stroke z [m] (n,), dz/dt = C·dF/dt, of a compliance C in addition to the plant's own spring.
 
-    Both have one compliance [m/N] while the damper is pushed and moves in, and another otherwise; `widths` [N], [m/s]
-    are those of the change. F = f(v - (C + own)·df/dt - C·dm/dt) + memory m. Implicit Euler.
+    `own` and `added` are compliances [m/N] while the damper is pushed and moves in, and otherwise; `widths` [N], [m/s]
+    smooth the change. F = f(v - (C + own)·df/dt - C·dm/dt) + memory m. Implicit Euler.
     """
     out = np.zeros_like(speed)
     h, g, z = step_s / substeps, 0.0, 0.0
@@ -155,7 +155,7 @@ def pumped_stroke(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def pumping_share(force: float, speed: float, widths: tuple[float, float]) -> float:
-    """Return from 0 to 1 how far a damper is pushed and moves in."""
+    """Return the degree, 0 to 1, to which a damper is pushed and moves in."""
     return 0.25 * (1.0 + tanh(force / widths[0])) * (1.0 + tanh(speed / widths[1]))
 
 
@@ -163,7 +163,7 @@ def pumping_share(force: float, speed: float, widths: tuple[float, float]) -> fl
 def _solve_squeeze_rate(
     v: float, s: float, before: float, guess: float, whole: float, plant: tuple[float, float, F]
 ) -> tuple[float, float]:
-    """Return g [m/s] = whole·(f(v - g) - before), by Newton's method in a bracket, and that force f [N]."""
+    """Return g [m/s] = whole·(f(v - g) - before), by bracketed Newton iteration, and the force f [N]."""
     low, high = -np.inf, np.inf
     g = guess
     for _ in range(40):

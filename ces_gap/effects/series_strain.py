@@ -1,8 +1,8 @@
-"""A spring in series with the damper: the stroke it takes, solved together with the damper's own steepness.
+"""A spring in series with the damper: its stroke, solved together with the slope of the damper.
 
-The spring's stroke z obeys z = s(F), and the damper feels the speed v - dz/dt. How the plant answers to that speed is
-told by its map of speed and current. (To put in the force of the unmoved damper, z = s(F₀), diverges for any damper
-that is steep near standstill.)
+The spring's stroke z obeys z = s(F), and the damper moves at the speed v - dz/dt; the map of speed and current gives
+its force at that speed. (Using the force F₀ without the spring, z = s(F₀), diverges if the damper is steep near
+standstill.)
 """
 
 from __future__ import annotations
@@ -11,24 +11,22 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
 
 from ces_gap.derivative import derivative
 from ces_gap.effects.series_kernels import series_stroke
 from ces_gap.plant_map.own_spring import remove_high_frequencies
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.trace import F, Trace, TraceInputs
 
-F = NDArray[np.float64]
-
-SOFT = 0.03  # of the force's RMS: width of the change from one direction's law to the other's
+SOFT = 0.03  # of the RMS force: width of the change between the laws of the two directions
 SUBSTEP_S = 2.1e-3  # [s] longest step of the integration
-NODES = 4001  # of a law's table
-BEYOND = 3.0  # times the largest force: how far a law is tabled
+NODES = 4001  # of a tabulated law
+BEYOND = 3.0  # times the largest force: range of a tabulated law
 
 
 @dataclass(frozen=True)
 class Strain:
-    """A spring's stroke [m] (n,) at a force and its compliance [m/N] (n,) there."""
+    """Stroke [m] (n,) and compliance [m/N] (n,) of a spring at a force."""
 
     stroke: F
     compliance: F
@@ -40,10 +38,9 @@ Law = Callable[[F, float], Strain]  # damping force [N] (n,), width [N] of the c
 def subtract_spring_stroke(
     trace: Trace, inputs: TraceInputs, force: F, law: Law, damping_s: float = 0.0
 ) -> TraceInputs:
-    """Return the inputs with the stroke that a series spring takes subtracted.
+    """Return the inputs minus the stroke of a series spring with relaxation time `damping_s`.
 
-    `force` [N] (n,) is the plant's under `trace.inputs`; what it is at standstill strains nothing. `damping_s` is the
-    spring's own relaxation time.
+    `force` [N] (n,) is the plant's for `trace.inputs`; its value at standstill does not strain the spring.
     """
     plant = trace.learn_map(trace.inputs, force)
     static = plant.force(trace.inputs.speed, trace.inputs.current)
@@ -63,18 +60,24 @@ def subtract_spring_stroke(
 
 
 def tabulate_law(law: Law, force: F, width: float) -> tuple[float, F, F]:
-    """Return ±N [N] of an even table of the law, and its strokes and compliances, for forces such as `force` (n,)."""
+    """Return the range ±top [N], strokes and compliances of an even table of the law that covers `force` (n,)."""
     top = BEYOND * float(np.max(np.abs(force))) + 1.0
     strain = law(np.linspace(-top, top, NODES), width)
     return top, strain.stroke, strain.compliance
 
 
 def subtract_stroke(inputs: TraceInputs, stroke: F, rate_Hz: float) -> TraceInputs:
-    """Return the inputs with a stroke [m] (n,) subtracted from the position, and its rate from the speed."""
+    """Return the inputs minus a stroke [m] (n,) in position and speed."""
     return replace(inputs, position=inputs.position - stroke, speed=inputs.speed - derivative(stroke, rate_Hz))
 
 
 def soft_width(trace: Trace, force: F) -> float:
-    """Return `SOFT` of the force's RMS [N] over the usable ticks, never nothing."""
+    """Return the width [N] of the change of direction: `SOFT` of the RMS force on usable ticks, above 0."""
     used = force[trace.usable] if trace.usable.any() else force
     return SOFT * float(np.sqrt(np.mean(used**2))) + 1e-3
+
+
+def high_pass_stroke(stroke: F, trace: Trace, slowest_Hz: float) -> F:
+    """Return the stroke [m] (n,) behind a high-pass at `slowest_Hz` without delay."""
+    sos = butter(1, slowest_Hz, "high", fs=trace.rate_Hz, output="sos")
+    return np.asarray(sosfiltfilt(sos, stroke, padlen=min(len(stroke) - 1, round(trace.rate_Hz))))

@@ -1,1 +1,1 @@
-"""Many diagnoses at once: recordings by vehicle go in, a row and a folder of files for each come out."""
+"""Many diagnoses at once: recordings by vehicle in, a row and a folder of files for each out."""

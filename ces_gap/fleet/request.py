@@ -1,7 +1,7 @@
-"""What every unit of a fleet is asked, and a key for each answer that is the same whenever the answer would be.
+"""The common request of a fleet's diagnoses, and a key for each result that identifies its inputs.
 
-A question travels to the workers as bytes, with the user's own simulation and effects by value, so that workers need
-not have their modules.
+The request is sent to the workers as bytes, with the user's simulation and effects by value: workers do not need the
+user's modules.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ Files = Callable[..., Mapping[str, str]]
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
-    """What every unit is asked: the simulation, the references free of the effect, and how to diagnose.
+    """The common part of all jobs: simulation, references and options.
 
-    `diagnose` and `files` are `ces_gap.pipeline.diagnose` and `ces_gap.report.result_files.result_files`, or what
-    replaces them.
+    `diagnose` and `files` are `ces_gap.pipeline.diagnose` and `ces_gap.report.result_files.result_files`, or
+    replacements of them.
     """
 
     simulation: Simulation
@@ -51,7 +51,7 @@ class DiagnosisRequest:
     files: Files
 
     def pack(self) -> bytes:
-        """Return the question as bytes that a worker unpacks without the user's modules."""
+        """Return the request as bytes that a worker unpacks without the user's modules."""
         cloudpickle = _cloudpickle()
         with contextlib.ExitStack() as stack:
             for module in self._user_modules():
@@ -61,8 +61,8 @@ class DiagnosisRequest:
             return packed
 
     def digest(self) -> str:
-        """Return a hash that is the same whenever the answers would be; threads change nothing."""
-        facts = {
+        """Return a hash of everything that determines the results; `threads` does not."""
+        inputs = {
             "tool": __version__,
             "sim": [self.spec, _file_digest(file_of(self.spec))],
             "code": sorted(_code_digest(module) for module in self._user_modules()),
@@ -70,10 +70,10 @@ class DiagnosisRequest:
             "seed": self.options.seed,
             "reference": [r.sha256 for r in self.reference],
         }
-        return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()
 
     def _user_modules(self) -> list[Any]:
-        """Return the modules of the user's own code."""
+        """Return the modules with code of the user."""
         names = {type(effect).__module__ for effect in self.options.effects}
         if isinstance(self.simulation, FunctionSimulation):
             names.add(str(getattr(self.simulation.function, "__module__", "")))
@@ -82,9 +82,9 @@ class DiagnosisRequest:
 
 @dataclass(frozen=True)
 class DiagnosisJob:
-    """One unit to diagnose: its name, the key of its answer, and the folder of its files in that of the results.
+    """One unit to diagnose: its name, the key of its result, and the folder of its files in the results folder.
 
-    `sim` names the simulation as seen from that folder: workers may not see the simulation's file.
+    `sim` names the simulation relative to that folder: workers may have no access to its file.
     """
 
     key: str
@@ -94,22 +94,22 @@ class DiagnosisJob:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """The columns that say which unit a row belongs to."""
+        """The columns that identify the unit of a row."""
         return {"key": self.key, "name": self.name}
 
 
 def job_of(
     name: str, recordings: Sequence[Recording], request: DiagnosisRequest, signal_settings: str, folder: Path
 ) -> DiagnosisJob:
-    """Return the job of a unit whose files lie below `folder`; `signal_settings` tells how the recordings were read."""
-    facts = [request.digest(), signal_settings, [r.sha256 for r in recordings]]
-    key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:20]
+    """Return the job of a unit with files below `folder`; `signal_settings` describes how recordings were read."""
+    inputs = [request.digest(), signal_settings, [r.sha256 for r in recordings]]
+    key = hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:20]
     output = f"{UNITS}/{name}-{key[:8]}"
     return DiagnosisJob(key, name, output, name_simulation(request.spec, folder / output))
 
 
 def _cloudpickle() -> Any:
-    """Return cloudpickle, which joblib brings: as a package of its own, or inside before its version 1.6."""
+    """Return cloudpickle: its own package, or the copy inside joblib before version 1.6."""
     try:
         return import_module("cloudpickle")
     except ImportError:

@@ -1,4 +1,4 @@
-"""A simulation in the wrong sign or unit, told apart from a gap: regression of the measured force on the simulated."""
+"""Detects a wrong sign or unit of a simulation by regression of the measured force on the simulated."""
 
 from __future__ import annotations
 
@@ -6,23 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.errors import GapError
 from ces_gap.trace import Trace
 
-F = NDArray[np.float64]
-
-MIN_CORRELATION = 0.5  # correlation of measured with simulated force from which its sign and its scale count
-SURE = 0.9  # correlation from which a factor that physics could nearly give counts as a unit
-NEAR = 0.06  # relative, of such a factor
-ROUGH = 3.0  # factor within which powers of a thousand are recognised
-IMPOSSIBLE = 30.0  # factor that no gap has
+MIN_CORRELATION = 0.5  # correlation of the forces from which its sign and the scale count
+SURE = 0.9  # correlation from which a factor that is physically plausible counts as a unit
+NEAR = 0.06  # relative tolerance of such a factor
+ROUGH = 3.0  # tolerance factor of powers of a thousand
+IMPOSSIBLE = 30.0  # factor too large for a gap
 
 
 @dataclass(frozen=True)
 class ForceUnit:
-    """A factor of measured over simulated force, and what explains it; `rough` if nothing else comes near."""
+    """A ratio of measured to simulated force with its explanation; `rough` allows the tolerance `ROUGH`."""
 
     factor: float
     description: str
@@ -43,7 +40,7 @@ UNITS = (
 
 @dataclass(frozen=True)
 class ForceAgreement:
-    """How measured and simulated force go together: correlation, gain (slope of the reduced major axis), RMS [N]."""
+    """Agreement of the forces: correlation, gain (slope of the reduced major axis), RMS [N] of both."""
 
     correlation: float
     gain: float
@@ -52,7 +49,7 @@ class ForceAgreement:
 
 
 def compare_forces(traces: Sequence[Trace]) -> ForceAgreement:
-    """Return how the measured force of all usable ticks goes with the simulated."""
+    """Compare measured and simulated force on all usable ticks."""
     measured = np.concatenate([t.force[t.usable] for t in traces])
     simulated = np.concatenate([t.simulated[t.usable] for t in traces])
     f, s = measured - measured.mean(), simulated - simulated.mean()
@@ -65,51 +62,51 @@ def compare_forces(traces: Sequence[Trace]) -> ForceAgreement:
 
 def require_same_sign_and_unit(traces: Sequence[Trace], name: str) -> None:
     """Raise GapError if the simulation `name` has the wrong sign, the wrong unit, or a constant force."""
-    found = compare_forces(traces)
-    if found.measured_N == 0.0 or found.simulated_N == 0.0:
-        who = "the measured force" if found.measured_N == 0.0 else f"the force of {name}"
-        raise GapError(f"{who} is constant; expected one that changes with the stroke: check topic and field")
-    told = _describe_mismatch(found)
-    if told:
-        raise GapError(f"{name}: {told}")
+    agreement = compare_forces(traces)
+    if agreement.measured_N == 0.0 or agreement.simulated_N == 0.0:
+        force = "the measured force" if agreement.measured_N == 0.0 else f"the force of {name}"
+        raise GapError(f"{force} is constant; expected a force that changes with the stroke: check topic and field")
+    mismatch = _describe_mismatch(agreement)
+    if mismatch:
+        raise GapError(f"{name}: {mismatch}")
 
 
-def _describe_mismatch(found: ForceAgreement) -> str | None:
-    unit = _find_unit(found)
-    turned = found.correlation <= -MIN_CORRELATION
-    if unit is None and not turned:
-        return _describe_impossible_ratio(found)
-    sign = "the simulation's force goes against the measured one" if turned else ""
+def _describe_mismatch(agreement: ForceAgreement) -> str | None:
+    unit = _find_unit(agreement)
+    inverted = agreement.correlation <= -MIN_CORRELATION
+    if unit is None and not inverted:
+        return _describe_impossible_ratio(agreement)
+    sign = "the simulated force has the opposite sign of the measured one" if inverted else ""
     what = " and ".join(filter(None, [sign, unit.description if unit else ""]))
     return (
-        f"{what} (measured over simulated is {found.gain:.4g}, correlation {found.correlation:.2f}); expected N, and "
-        f"position and force positive in compression: {_describe_remedy(unit, turned)}"
+        f"{what} (measured over simulated is {agreement.gain:.4g}, correlation {agreement.correlation:.2f}); "
+        f"expected N, position and force positive in compression: {_describe_remedy(unit, inverted)}"
     )
 
 
-def _find_unit(found: ForceAgreement) -> ForceUnit | None:
-    if abs(found.correlation) < MIN_CORRELATION:
+def _find_unit(agreement: ForceAgreement) -> ForceUnit | None:
+    if abs(agreement.correlation) < MIN_CORRELATION:
         return None
     for unit in UNITS:
-        off = abs(np.log(abs(found.gain) / unit.factor))
-        if off < (np.log(ROUGH) if unit.rough else NEAR) and (unit.rough or abs(found.correlation) >= SURE):
+        off = abs(np.log(abs(agreement.gain) / unit.factor))
+        if off < (np.log(ROUGH) if unit.rough else NEAR) and (unit.rough or abs(agreement.correlation) >= SURE):
             return unit
     return None
 
 
-def _describe_remedy(unit: ForceUnit | None, turned: bool) -> str:
+def _describe_remedy(unit: ForceUnit | None, inverted: bool) -> str:
     if unit is None:
-        return "turn the simulation's output round, or give position or force scale: -1.0 in the signals file"
+        return "invert the simulation's output, or set scale: -1.0 for position or force in the signals file"
     if unit.description.startswith("the measured"):
-        return f"give force scale: {(-1.0 if turned else 1.0) / unit.factor:.6g} in the signals file"
-    return f"multiply the simulation's output by {(-1.0 if turned else 1.0) * unit.factor:.6g}"
+        return f"set scale: {(-1.0 if inverted else 1.0) / unit.factor:.6g} for force in the signals file"
+    return f"multiply the simulation's output by {(-1.0 if inverted else 1.0) * unit.factor:.6g}"
 
 
-def _describe_impossible_ratio(found: ForceAgreement) -> str | None:
-    ratio = found.measured_N / found.simulated_N
+def _describe_impossible_ratio(agreement: ForceAgreement) -> str | None:
+    ratio = agreement.measured_N / agreement.simulated_N
     if 1.0 / IMPOSSIBLE < ratio < IMPOSSIBLE:
         return None
     return (
-        f"its force changes by {found.simulated_N:.3g} N RMS, the measured one by {found.measured_N:.3g} N; expected "
-        "the same damper in the same unit: check the units of the simulation and of the signals file"
+        f"its force changes by {agreement.simulated_N:.3g} N RMS, the measured one by {agreement.measured_N:.3g} N; "
+        "expected the same damper in the same unit: check the units of the simulation and of the signals file"
     )

@@ -1,4 +1,4 @@
-"""Whether recordings lie in what a simulation was made for, where it says so: a model's envelope."""
+"""Checks recordings against the envelope of a simulation that is a model."""
 
 from __future__ import annotations
 
@@ -8,36 +8,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.errors import GapError
-from ces_gap.trace import Trace
+from ces_gap.trace import F, Trace
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_observer.model import Model
 
-F = NDArray[np.float64]
-
-MAX_OUTSIDE_SHARE = 0.5  # share of the time that a comparison can bear
-NOTED_OUTSIDE_SHARE = 0.05  # share that is told
+MAX_OUTSIDE_SHARE = 0.5  # share of the time, above which a comparison is refused
+NOTED_OUTSIDE_SHARE = 0.05  # share from which there is a note
 UNITS = {"position": "m", "speed": "m/s", "current": "A"}
-SLACK = 0.02  # of a range: the differentiator of the model and that of the trace differ
+SLACK = 0.02  # of a range: the differentiators of model and trace differ
 
 
 def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> Iterator[str]:
-    """Yield a note for each recording that is often outside the range of the simulation, named by the worst input.
+    """Yield a note, with the worst input, for each recording that is often outside the range of the simulation.
 
-    Raises GapError if all of them together are outside most of the time: then what differs is the range.
+    Raises GapError if all together are outside for more than `MAX_OUTSIDE_SHARE` of the time.
     """
     model = model_inside(simulation)
     if model is None:
         return
-    told = {trace.name: _outside(model, trace) for trace in traces}
+    outside = {trace.name: _outside(model, trace) for trace in traces}
     ticks = np.array([int(t.usable.sum()) for t in traces])
-    overall = float(ticks @ [told[t.name][0] for t in traces]) / max(int(ticks.sum()), 1)
+    overall = float(ticks @ [outside[t.name][0] for t in traces]) / max(int(ticks.sum()), 1)
     if overall > MAX_OUTSIDE_SHARE:
-        worst = max(told, key=lambda n: told[n][0])
+        worst = max(outside, key=lambda n: outside[n][0])
         raise GapError(
             f"{name}: outside the range it was identified on for {overall:.0%} of the time, most in {worst} "
-            f"({told[worst][1]}); expected an overlap: identify on recordings like these, or diagnose on others"
+            f"({outside[worst][1]}); expected an overlap: identify on recordings like these, or diagnose on others"
         )
-    for recording, (share, where) in told.items():
+    for recording, (share, where) in outside.items():
         if share > NOTED_OUTSIDE_SHARE:
             yield (
                 f"{recording}: {share:.0%} of the time outside the range {name} was identified on ({where}); part of "
@@ -46,13 +44,13 @@ def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) ->
 
 
 def model_inside(simulation: Simulation) -> Model | None:
-    """Return the model that a simulation is, or is built around; None if it is none."""
+    """Return the model inside a simulation, None if there is none."""
     inside = simulation.innermost
     return inside.model if isinstance(inside, ModelSimulation) else None
 
 
 def _outside(model: Model, trace: Trace) -> tuple[float, str]:
-    """Return the share of usable ticks with any input outside the envelope, and the worst input in words."""
+    """Return the share of usable ticks with an input outside the envelope, and a description of the worst input."""
     keep = trace.usable
     values = {"position": trace.inputs.position, "speed": trace.inputs.speed, "current": trace.inputs.current}
     ranges = model.envelope.by_signal
@@ -60,8 +58,8 @@ def _outside(model: Model, trace: Trace) -> tuple[float, str]:
     worst = max(out, key=lambda signal: float(out[signal].mean()))
     low, high = (f"{bound:.3g}" for bound in ranges[worst])
     reach = np.percentile(values[worst][keep], (0.5, 99.5))
-    told = f"{worst} {reach[0]:.3g} to {reach[1]:.3g} {UNITS[worst]}, of {low} to {high}"
-    return float(np.any(list(out.values()), axis=0).mean()), told
+    text = f"{worst} {reach[0]:.3g} to {reach[1]:.3g} {UNITS[worst]}, of {low} to {high}"
+    return float(np.any(list(out.values()), axis=0).mean()), text
 
 
 def _beyond(values: F, low: float, high: float) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""A force channel that saturates: flat tops, where the sensor tells its own limit and not the damper's force."""
+"""Detects a saturated force channel: flat tops at the limit of the sensor."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ B = NDArray[np.bool_]
 
 MIN_SAMPLES = 10  # at the limit
 MIN_SHARE = 2e-4  # of all samples
-MIN_PEAK_RATIO = 5.0  # times as many as at any of the next values inside
-NEIGHBOURS = 5  # values inside that are looked at
-MAX_SATURATED_SHARE = 0.25  # of samples at a limit with which nothing can be diagnosed
-AROUND_S = 0.01  # [s] on either side of a saturated sample that filters mix it into
+MIN_PEAK_RATIO = 5.0  # samples at the limit over those at each neighbouring value
+NEIGHBOURS = 5  # number of neighbouring values
+MAX_SATURATED_SHARE = 0.25  # of samples at a limit; a diagnosis needs fewer
+AROUND_S = 0.01  # [s] on both sides of a saturated sample that filters spread it over
 
 
 @dataclass(frozen=True)
 class Saturation:
-    """The value [N] at which a force channel saturates, and the share of its samples that stand there."""
+    """The value [N] at which a force channel saturates, and the share of its samples at this limit."""
 
     limit_N: float
     share: float
 
 
 def find_saturations(recording: Recording) -> tuple[Saturation, ...]:
-    """Return the limits at which the force saturates, lowest first; none if it does not.
+    """Return the limits at which the force saturates, lowest first; empty if it does not.
 
-    A limit is an end of the range where samples heap up: a force that only turns round there leaves about as many
-    samples on the values just inside, however coarse the converter.
+    Samples accumulate at a limit. A force that only reverses there leaves about as many samples on the neighbouring
+    values, even with a coarse converter.
     """
     force = recording.channel("force").values
     values, counts = np.unique(force[np.isfinite(force)], return_counts=True)
@@ -50,32 +50,32 @@ def find_saturations(recording: Recording) -> tuple[Saturation, ...]:
 
 
 def saturation_notes(recording: Recording) -> Iterator[str]:
-    """Yield what is to be said of a force that saturates; raises GapError if it does so most of the time."""
-    found = find_saturations(recording)
-    if not found:
+    """Yield a note if the force saturates; raises GapError if the share exceeds `MAX_SATURATED_SHARE`."""
+    limits = find_saturations(recording)
+    if not limits:
         return
-    told = " and ".join(f"{s.share:.1%} of the samples at {s.limit_N:.5g} N" for s in found)
-    if sum(s.share for s in found) > MAX_SATURATED_SHARE:
+    text = " and ".join(f"{s.share:.1%} of the samples at {s.limit_N:.5g} N" for s in limits)
+    if sum(s.share for s in limits) > MAX_SATURATED_SHARE:
         raise GapError(
-            f"{recording.name}: the force channel saturates: {told}; expected at most {MAX_SATURATED_SHARE:.0%}: "
+            f"{recording.name}: the force channel saturates: {text}; expected at most {MAX_SATURATED_SHARE:.0%}: "
             "record again with a larger range"
         )
-    yield f"{recording.name}: the force channel saturates: {told}; these are left out, record with a larger range"
+    yield f"{recording.name}: the force channel saturates: {text}; they are not used; record with a larger range"
 
 
 def exclude_saturated_ticks(trace: Trace) -> Trace:
-    """Return the trace with the ticks near saturated samples not usable."""
-    found = find_saturations(trace.recording) if "force" in trace.recording.channels else ()
-    if not found:
+    """Return the trace with the ticks near saturated samples marked unusable."""
+    limits = find_saturations(trace.recording) if "force" in trace.recording.channels else ()
+    if not limits:
         return trace
     force = trace.recording.channel("force")
-    flat = np.isin(force.values, [s.limit_N for s in found])
+    flat = np.isin(force.values, [s.limit_N for s in limits])
     start = int(trace.recording.channel("position").stamps_ns[0])
     seconds = np.sort((force.stamps_ns[flat] - start) * 1e-9)
     return replace(trace, usable=trace.usable & ~_is_near(trace.time_s, seconds))
 
 
 def _is_near(times: NDArray[np.float64], seconds: NDArray[np.float64]) -> B:
-    """Return which times (n,) lie within AROUND_S of one of the seconds (m,), which are in order."""
+    """Return the mask of the times (n,) within `AROUND_S` of one of the sorted `seconds` (m,)."""
     first = np.searchsorted(seconds, times - AROUND_S)
     return np.asarray(first < np.searchsorted(seconds, times + AROUND_S, side="right"))

@@ -1,1 +1,1 @@
-"""What a simulated force says of the damper: a map of speed and current, and the spring that it is in series with."""
+"""Fast models of the plant, learnt from simulated forces: a map of speed and current, with a spring in series."""

@@ -1,4 +1,4 @@
-"""Compiled loops of the plant's map of speed and current: learning it, reading it; and a low-pass without delay."""
+"""Compiled loops of the plant's map of speed and current (fit and evaluation), and a low-pass without delay."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ F = NDArray[np.float64]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def spline_normal(u: F, s: F, y: F, cells: int, levels: int) -> tuple[F, F]:
-    """Return the normal matrix, its lower band (3·levels, m), and the right side (m,) of y over splines.
+    """Return the lower band (3·levels, m) of the normal matrix and the right side (m,) for y (n,) over splines.
 
-    Quadratic B-splines in `u` in [0, cells] by hats in `s` in [0, levels - 1] (n,); m = (cells + 2)·levels, the levels
-    of a spline beside each other.
+    Quadratic B-splines of `u` (n,) in [0, cells] times linear ones of `s` (n,) in [0, levels - 1]; m =
+    (cells + 2)·levels, the levels of a spline adjacent.
     """
     size = (cells + 2) * levels
     band, right = np.zeros((3 * levels, size)), np.zeros(size)
@@ -38,7 +38,7 @@ def spline_normal(u: F, s: F, y: F, cells: int, levels: int) -> tuple[F, F]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cell(u: float, s: float, cells: int, levels: int) -> tuple[int, float, int, float]:
-    """Return the spline's cell, the place in it, the level below and the weight of the one above."""
+    """Return the cell of the spline, the position in it, the level below and the weight of the one above."""
     cell = min(max(int(u), 0), cells - 1)
     low = min(max(int(s), 0), max(levels - 2, 0))
     return cell, u - cell, low, s - low if levels > 1 else 0.0
@@ -46,7 +46,7 @@ def _cell(u: float, s: float, cells: int, levels: int) -> tuple[int, float, int,
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _spline(u: float, s: float, table: F) -> tuple[float, float]:
-    """Return the spline and its derivative by u; `table` (cells + 2, levels) are its coefficients."""
+    """Return the spline with coefficients `table` (cells + 2, levels), and its derivative by u."""
     width, levels = table.shape
     cell, t, low, w = _cell(u, s, width - 2, levels)
     high = min(low + 1, levels - 1)
@@ -65,9 +65,9 @@ def warp_speed(speed: float, narrow: float) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def map_force_and_slope(speed: float, s: float, narrow: float, reach: float, table: F) -> tuple[float, float]:
-    """Return the force [N] and its derivative [N s/m], not negative, of a spline over the `warp_speed` speed by level.
+    """Return the force [N] and its derivative by speed [N s/m], at least 0, of a spline over warped speed and level.
 
-    The spline spans ±`reach` of the warped axis; beyond, the force is constant.
+    The spline spans ±`reach` of the warped speed; beyond, the force is constant.
     """
     cells = table.shape[0] - 2
     at = warp_speed(speed, narrow)
@@ -89,7 +89,7 @@ def map_forces_and_slopes(speed: F, s: F, narrow: float, reach: float, table: F)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def forward_backward(x: F, pole: float) -> F:
-    """Return x (n,) behind two first-order lags there and two back: a low-pass without delay, begun at its ends."""
+    """Return x (n,) behind two first-order lags forward and two backward: a low-pass without delay."""
     out = x.copy()
     for direction in (1, -1):
         first = 0 if direction > 0 else len(x) - 1

@@ -1,7 +1,7 @@
-"""The plant's own elasticity: what its force lags behind its speed by, learnt from the simulation itself.
+"""The plant's own elasticity, learnt from the simulated force.
 
-A plant with memory (oil that is squeezed, friction that holds before it slides) is not a map of speed and current; it
-is nearer to such a map in series with a spring of its own (Maxwell): F = f(v - c·dF/dt).
+A plant with memory (compressible oil, presliding friction) is not a static map of speed and current. A better model is
+such a map in series with a spring (Maxwell element): F = f(v - c·dF/dt).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from ces_gap.plant_map.speed_map import SpeedMap, learn_map
 F = NDArray[np.float64]
 B = NDArray[np.bool_]
 
-CORNER_HZ = 100.0  # [Hz] above it a simulated force is noise rather than motion
-COMPLIANCES = (0.0, *(1.0 / np.geomspace(3e5, 3e7, 9)))  # [m/N] none, then from soft to stiff
+CORNER_HZ = 100.0  # [Hz] above it a simulated force is mostly noise
+COMPLIANCES = (0.0, *(1.0 / np.geomspace(3e5, 3e7, 9)))  # [m/N] rigid, then from soft to stiff
 SOFT = 0.03  # of the RMS of force and speed: width of the change from one compliance to the other
 
 
@@ -34,9 +34,9 @@ class SprungMap:
 
 @dataclass(frozen=True)
 class PumpedMap:
-    """A map behind a spring of one compliance [m/N] while pushed and moving in, another otherwise (`own`).
+    """A map behind a spring with two compliances `own` [m/N]: while the damper is pushed and moves in, and otherwise.
 
-    `memory` [N] (n,) is what the plant's force is more than that.
+    `widths` [N], [m/s] smooth the change between them. `memory` [N] (n,) is the plant's force minus that of this model.
     """
 
     map: SpeedMap
@@ -46,49 +46,49 @@ class PumpedMap:
 
 
 def remove_high_frequencies(force: F, rate_Hz: float) -> F:
-    """Return the force (n,) without what is above `CORNER_HZ`, not delayed."""
+    """Return the force (n,) behind a low-pass at `CORNER_HZ` without delay."""
     corner = min(CORNER_HZ, 0.25 * rate_Hz)
     return np.asarray(forward_backward(np.ascontiguousarray(force), pole_of(corner, rate_Hz)))
 
 
 def learn_sprung_map(speed: F, current: F, force: F, usable: B, rate_Hz: float) -> SprungMap:
-    """Return the map and the spring that explain the simulated `force` [N] (n,) best over the usable ticks.
+    """Return the map and spring that fit the simulated `force` [N] best on the usable ticks.
 
-    `speed` [m/s] and `current` [A] (n,) are those that it was simulated for.
+    `speed` [m/s] and `current` [A] are the inputs of the simulation; all arrays are (n,).
     """
     rate, used = derivative(remove_high_frequencies(force, rate_Hz), rate_Hz), _used(usable)
     best, least, compliant = learn_map(speed, current, force, usable), np.inf, 0.0
     for compliance in COMPLIANCES:
         through = speed - compliance * rate
-        found = learn_map(through, current, force, usable)
-        left = (force - found.force(through, current))[used]
-        if float(left @ left) < least:
-            best, least, compliant = found, float(left @ left), compliance
+        trial = learn_map(through, current, force, usable)
+        residual = (force - trial.force(through, current))[used]
+        if float(residual @ residual) < least:
+            best, least, compliant = trial, float(residual @ residual), compliance
     return SprungMap(best, compliant, best.rest(current))
 
 
-def learn_pumped_map(speed: F, current: F, force: F, usable: B, rate_Hz: float, alike: float) -> PumpedMap:
-    """Return the map and the two compliances that explain the simulated force [N] best, each searched in turn.
+def learn_pumped_map(speed: F, current: F, force: F, usable: B, rate_Hz: float, equal: float) -> PumpedMap:
+    """Return the map and the two compliances that fit the simulated force [N] best, searched in turn.
 
-    The search begins with both at `alike` [m/N], that of `learn_sprung_map`. Arrays as there.
+    Both start at `equal` [m/N], the compliance of `learn_sprung_map`; the other arguments are the same as there.
     """
     smooth, used = remove_high_frequencies(force, rate_Hz), _used(usable)
     widths = (SOFT * _rms(smooth[used]) + 1e-3, SOFT * _rms(speed[used]) + 1e-6)
     pumping = 0.25 * (1.0 + np.tanh(smooth / widths[0])) * (1.0 + np.tanh(speed / widths[1]))
     rate = derivative(smooth, rate_Hz)
 
-    def left(own: tuple[float, float]) -> tuple[float, SpeedMap, F]:
+    def fit(own: tuple[float, float]) -> tuple[float, SpeedMap, F]:
         through = speed - (own[1] + pumping * (own[0] - own[1])) * rate
-        found = learn_map(through, current, force, usable)
-        residual = force - found.force(through, current)
-        return float(residual[used] @ residual[used]), found, residual
+        best = learn_map(through, current, force, usable)
+        residual = force - best.force(through, current)
+        return float(residual[used] @ residual[used]), best, residual
 
-    own = (alike, alike)
+    own = (equal, equal)
     for _ in range(2):
-        own = min(((c, own[1]) for c in COMPLIANCES), key=lambda o: left(o)[0])
-        own = min(((own[0], c) for c in COMPLIANCES), key=lambda o: left(o)[0])
-    _, found, residual = left(own)
-    return PumpedMap(found, own, widths, remove_high_frequencies(residual, rate_Hz))
+        own = min(((c, own[1]) for c in COMPLIANCES), key=lambda o: fit(o)[0])
+        own = min(((own[0], c) for c in COMPLIANCES), key=lambda o: fit(o)[0])
+    _, best, residual = fit(own)
+    return PumpedMap(best, own, widths, remove_high_frequencies(residual, rate_Hz))
 
 
 def _used(usable: B) -> B:

@@ -1,6 +1,6 @@
-"""The plant's force as a static map of speed and current: what effects need to know how steep the damper is.
+"""The plant's force as a static map of speed and current, from which effects know the slope of the damper.
 
-Only slopes and differences of it are used, never the map itself: a plant with memory keeps its memory.
+Effects use only slopes and differences of the map, so that a plant with memory keeps its memory.
 """
 
 from __future__ import annotations
@@ -16,19 +16,18 @@ from ces_gap.plant_map.map_kernels import map_forces_and_slopes, spline_normal
 F = NDArray[np.float64]
 B = NDArray[np.bool_]
 
-CELLS, LEVELS = 24, 4  # of speed and of current
-MAX_TICKS = 4000  # ticks that the map is learnt from
-NARROW = 0.05  # of the RMS speed: where the speed's axis is finest
+CELLS, LEVELS = 24, 4  # of speed, of current
+MAX_TICKS = 4000  # from which the map is learnt
+NARROW = 0.05  # of the RMS speed: the width around standstill where the speed axis is finest
 SMOOTH = 1e-3  # weight of the coefficients' second differences, per tick and cell
-LEVEL = 1e-4  # weight of differences between currents, which fill cells nobody visited
+LEVEL = 1e-4  # weight of differences between currents, which fill empty cells
 
 
 @dataclass(frozen=True)
 class SpeedMap:
-    """Force [N] over speed and current: quadratic splines over the warped speed, straight in the current.
+    """Force [N] over speed and current: quadratic splines of the warped speed, linear in the current.
 
-    `table` (cells + 2, levels) are the coefficients; the speed's axis, fine within
-    `narrow` [m/s] of standstill, ends at ±`reach`.
+    `table` (cells + 2, levels) are the coefficients; the speed axis, fine within `narrow` [m/s], ends at ±`reach`.
     """
 
     narrow: float
@@ -38,9 +37,9 @@ class SpeedMap:
     table: F
 
     def force_and_slope(self, speed: F, current: F) -> tuple[F, F]:
-        """Return force [N] and its derivative by speed [N s/m], never negative, at `speed` [m/s] and `current` (n,)."""
-        found = map_forces_and_slopes(speed, self.level(current), self.narrow, self.reach, self.table)
-        return np.asarray(found[0]), np.asarray(found[1])
+        """Return force [N] and its derivative by speed [N s/m], at least 0, at `speed` [m/s] and `current` (n,)."""
+        force, slope = map_forces_and_slopes(speed, self.level(current), *self.kernel())
+        return np.asarray(force), np.asarray(slope)
 
     def force(self, speed: F, current: F) -> F:
         """Return the force [N] (n,)."""
@@ -48,27 +47,26 @@ class SpeedMap:
 
     def rest(self, current: F) -> float:
         """Return the force [N] at standstill: gas and offsets, which drive no flow."""
-        middle = np.array([float(np.median(current))])
-        return float(self.force(np.zeros(1), middle)[0])
+        return float(self.force(np.zeros(1), np.array([float(np.median(current))]))[0])
 
     def level(self, current: F) -> F:
-        """Return where on the current's axis (n,) currents [A] are, from 0 to levels - 1."""
+        """Return the position (n,) of currents [A] on the current axis, 0 to levels - 1."""
         return np.asarray(np.clip((current - self.low_A) / self.step_A, 0.0, self.table.shape[1] - 1.0))
 
     def kernel(self) -> tuple[float, float, F]:
-        """Return what compiled loops need besides the level: `narrow`, `reach`, `table`."""
+        """Return `narrow`, `reach` and `table` for the compiled loops."""
         return self.narrow, self.reach, self.table
 
     def place(self, speed: F) -> F:
-        """Return where on the speed's axis (n,) speeds [m/s] are, from 0 to cells."""
+        """Return the position (n,) of speeds [m/s] on the speed axis, 0 to cells."""
         warped = np.copysign(np.sqrt(1.0 + np.abs(speed) / self.narrow) - 1.0, speed)
         return np.asarray((warped / self.reach + 1.0) * (0.5 * CELLS))
 
 
 def learn_map(speed: F, current: F, force: F, usable: B) -> SpeedMap:
-    """Return the map of `force` [N] over speed [m/s] and current [A], each (n,), by penalised least squares.
+    """Return the map of `force` [N] over speed [m/s] and current [A] on the `usable` ticks, on all if none is usable.
 
-    It is learnt from the `usable` ticks (n,), from all if there is none (Eilers and Marx 1996).
+    Penalised least squares (Eilers and Marx, 1996); all arrays are (n,).
     """
     ticks = np.flatnonzero(usable) if usable.any() else np.arange(len(usable))
     ticks = ticks[:: max(1, len(ticks) // MAX_TICKS)]
@@ -85,7 +83,7 @@ def learn_map(speed: F, current: F, force: F, usable: B) -> SpeedMap:
 
 
 def _penalty(levels: int) -> F:
-    """Return the lower band (3·levels, m) of the matrix that holds the coefficients smooth."""
+    """Return the lower band (3·levels, m) of the penalty that keeps the coefficients smooth."""
     width = CELLS + 2
     bend, apart = np.diff(np.eye(width), 2, axis=0), np.diff(np.eye(levels), axis=0)
     whole = SMOOTH * np.kron(bend.T @ bend, np.eye(levels)) + LEVEL * np.kron(np.eye(width), apart.T @ apart)

@@ -1,4 +1,4 @@
-"""The diagnosis as a pipeline: each thing is computed once and handed on, and nothing is left behind."""
+"""The diagnosis as a pipeline: each result is computed once."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare, "SLOW_S", 60.0)
 
 
-def diagnosed(with_references: bool = True) -> Diagnosis:
+def run_diagnosis(with_references: bool = True) -> Diagnosis:
     reference = [recorded(wrong, s, 8.0) for s in (11, 12)] if with_references else []
     real, held_out = [recorded(sprung, s, 4.0) for s in (1, 2)], [recorded(sprung, 3, 4.0)]
     return diagnose(SIMULATION, "damper", real, held_out, reference, DiagnoseOptions(experiment=False))
@@ -45,24 +45,24 @@ def count(monkeypatch: pytest.MonkeyPatch, places: list[Any], name: str) -> list
 
 
 @pytest.mark.parametrize("with_references", [True, False])
-def test_the_ceiling_is_learnt_once_of_the_gap_and_once_of_the_rest(
+def test_the_ceiling_is_learnt_once_from_the_gap_and_once_from_the_rest(
     monkeypatch: pytest.MonkeyPatch, with_references: bool
 ) -> None:
     calls = count(monkeypatch, [learn_baseline, decide], "learn_ceiling")
-    found = diagnosed(with_references)
+    found = run_diagnosis(with_references)
     assert found.figures is not None and len(calls) == 2
 
 
 def test_the_held_out_forces_of_each_explanation_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = count(monkeypatch, [HeldOutScorer], "forces")
-    found = diagnosed()
+    found = run_diagnosis()
     assert found.verdict == NAMED and found.composition.effects == ("spring",)
     compositions = [fit.composition for _, fit, _ in calls]
     assert len(compositions) == len(FEW) and all(compositions.count(c) == 1 for c in compositions)
 
 
-def test_records_of_the_same_recordings_are_the_same_and_frozen() -> None:
-    first, again = diagnosed(), diagnosed()
+def test_results_of_the_same_recordings_are_equal_and_frozen() -> None:
+    first, again = run_diagnosis(), run_diagnosis()
     assert first.figures == again.figures and first.gap == again.gap and first.causes == again.causes
     for record in (first, first.gap, first.where, first.causes[0], first.held_out[0].trace):
         assert is_dataclass(record) and fields(record) and type(record).__dataclass_params__.frozen  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""The verdict in one sentence: who, how much, and no more than that."""
+"""The verdict in one sentence: the cause and its share."""
 
 from __future__ import annotations
 
@@ -13,42 +13,44 @@ from ces_gap.sentence import format_verdict
 FOUND = named()
 
 
-def told(**changed: object) -> str:
+def format_text(**changed: object) -> str:
     return format_verdict(replace(FOUND, **changed))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("verdict", [NAMED, AMBIGUOUS, UNKNOWN, NO_GAP])
-def test_it_is_one_sentence_in_words(verdict: str) -> None:
-    text = told(verdict=verdict, indistinguishable=(("friction", "valve_lag"),) if verdict == AMBIGUOUS else ())
+def test_the_verdict_is_one_sentence(verdict: str) -> None:
+    text = format_text(verdict=verdict, indistinguishable=(("friction", "valve_lag"),) if verdict == AMBIGUOUS else ())
     assert text.endswith(".") and text.count(". ") == 0 and "\n" not in text
     assert "_" not in text and "None of" not in text.replace("None of the known effects", "")
 
 
-def test_a_named_cause_comes_with_what_it_explains() -> None:
-    assert "friction" in told() and "40 N" in told()
+def test_a_named_cause_comes_with_its_share_of_the_gap() -> None:
+    assert "friction" in format_text() and "40 N" in format_text()
 
 
 def test_several_causes_are_all_named() -> None:
     both = replace(FOUND.composition, effects=("friction", "position_delay"))
-    assert "friction and position delay" in told(composition=both)
+    assert "friction and position delay" in format_text(composition=both)
 
 
-def test_twins_are_named_as_twins() -> None:
-    text = told(verdict=AMBIGUOUS, indistinguishable=(("inertia", "gas_spring"), ("friction", "current_hysteresis")))
-    assert "friction or current hysteresis" in text and "cannot tell" in text and "inertia" not in text
+def test_indistinguishable_effects_are_named() -> None:
+    text = format_text(
+        verdict=AMBIGUOUS, indistinguishable=(("inertia", "gas_spring"), ("friction", "current_hysteresis"))
+    )
+    assert "between friction and current hysteresis" in text and "inertia" not in text
 
 
-def test_a_cause_that_is_possible_beside_is_not_ruled_out() -> None:
+def test_other_possible_causes_are_named() -> None:
     first, second, *others = FOUND.causes
     causes = (first, replace(second, probability=0.3), *others)
-    text = told(verdict=AMBIGUOUS, indistinguishable=(), causes=causes)
+    text = format_text(verdict=AMBIGUOUS, indistinguishable=(), causes=causes)
     assert "do not rule out valve lag;" in text and "with friction" in text
 
 
-def test_nothing_known_names_the_nearest_if_there_is_one() -> None:
-    assert "nearest" in told(verdict=UNKNOWN) and "friction" in told(verdict=UNKNOWN)
+def test_an_unknown_cause_comes_with_the_closest_effect() -> None:
+    assert "closest" in format_text(verdict=UNKNOWN) and "friction" in format_text(verdict=UNKNOWN)
     nothing = replace(FOUND.composition, effects=())
-    assert "nearest" not in told(verdict=UNKNOWN, composition=nothing)
+    assert "closest" not in format_text(verdict=UNKNOWN, composition=nothing)
 
 
 def no_gap(rms_N: float, corrected_N: float) -> str:
@@ -56,6 +58,6 @@ def no_gap(rms_N: float, corrected_N: float) -> str:
     return format_verdict(found)
 
 
-def test_without_a_gap_the_simulations_own_error_is_told_if_there_is_one() -> None:
-    assert "own error" in no_gap(60.0, 3.0) and "60 N" in no_gap(60.0, 3.0)
-    assert "own error" not in no_gap(3.0, 3.0) and "No gap" in no_gap(3.0, 3.0)
+def test_without_a_gap_the_baseline_error_is_named() -> None:
+    assert "baseline error" in no_gap(60.0, 3.0) and "60 N" in no_gap(60.0, 3.0)
+    assert "baseline error" not in no_gap(3.0, 3.0) and "No gap" in no_gap(3.0, 3.0)

@@ -1,4 +1,4 @@
-"""Traces: clean signals come through, gaps and run-ins are not usable, noise is what was put in, units of time hold."""
+"""Traces: clean signals pass, gaps and transients are not usable, noise and rates are correct."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_motion_and_force_come_through_without_delay(rate_Hz: float) -> None:
 
 
 @pytest.mark.parametrize("rate_Hz", [500.0, 1000.0, 2000.0])
-def test_the_noise_is_what_was_put_in(rate_Hz: float) -> None:
+def test_the_noise_equals_the_simulated_noise(rate_Hz: float) -> None:
     trace = of(sine(rate_Hz, seconds=20.0, force_N=10.0))
     clean = of(sine(rate_Hz, seconds=20.0))
     true = (trace.force - clean.force)[trace.usable].std()
@@ -78,7 +78,7 @@ def test_measured_and_simulated_force_pass_the_same_filter() -> None:
 
 
 @pytest.mark.parametrize("signal", ["position", "force"])
-def test_a_silent_channel_is_not_bridged_and_filters_run_in_around_it(signal: str) -> None:
+def test_a_pause_of_a_channel_is_not_bridged_and_filters_settle_around_it(signal: str) -> None:
     recording = sine()
     channel = recording.channel(signal)
     time = (channel.stamps_ns - 10**18) * 1e-9
@@ -92,7 +92,7 @@ def test_a_silent_channel_is_not_bridged_and_filters_run_in_around_it(signal: st
     assert all(np.isfinite(a).all() for a in (trace.force, trace.simulated, trace.inputs.position, trace.acceleration))
 
 
-def test_what_the_simulation_does_not_know_is_not_usable() -> None:
+def test_ticks_without_a_simulated_force_are_not_usable() -> None:
     recording = sine()
     simulated = np.where(np.arange(4000) < 2000, np.nan, 1.0)
     trace = make_trace(recording, simulated)
@@ -109,12 +109,12 @@ def test_a_recording_without_force_has_no_usable_tick() -> None:
         require_usable(trace)
 
 
-def test_a_handful_of_samples_is_refused() -> None:
+def test_too_few_samples_are_refused() -> None:
     with pytest.raises(GapError, match="expected at least 100"):
         of(sine(seconds=0.05))
 
 
-def test_the_simulation_is_run_on_the_smoothed_position_and_as_given() -> None:
+def test_the_simulation_runs_on_the_smoothed_and_the_logged_position() -> None:
     recording = recorded()
     position = recording.channel("position")
     noisy = position.values + 2e-5 * np.random.default_rng(1).standard_normal(len(position))
@@ -140,14 +140,14 @@ def test_the_smoothed_recording_keeps_stamps_and_gaps() -> None:
     np.testing.assert_allclose(made.values[inside], position.values[inside], atol=5e-5)
 
 
-def test_a_force_at_the_samples_goes_on_the_grid_as_the_simulated_one_did() -> None:
+def test_a_force_at_the_samples_is_resampled_like_the_simulated_force() -> None:
     recording = sine(2000.0)
     force = recording.channel("force").values
     trace = make_trace(recording, force)
     np.testing.assert_array_equal(resample_to_grid(trace, force), trace.simulated)
 
 
-def test_moved_inputs_change_their_speed_by_as_much() -> None:
+def test_a_changed_position_changes_the_speed_consistently() -> None:
     inputs = traced().inputs
     time = np.arange(len(inputs.position)) / RATE_HZ
     moved = inputs.with_position(inputs.position + 0.001 * np.sin(10.0 * time), RATE_HZ)
@@ -167,5 +167,5 @@ def test_a_derivative_is_of_fourth_order() -> None:
     np.testing.assert_allclose(derivative(np.array([0.0, 1.0, 3.0]), 2.0), [2.0, 3.0, 4.0])
 
 
-def test_noise_of_the_damper_of_these_tests_is_recognised() -> None:
+def test_noise_of_the_test_damper_is_estimated() -> None:
     assert traced(seconds=20.0, constant_A=0.6).noise_N == pytest.approx(NOISE_N, rel=0.08)

@@ -1,4 +1,4 @@
-"""Whole diagnoses on a cheap damper: the cause named, no gap, something unknown, predictions only recorded."""
+"""Whole diagnoses on a cheap damper: named causes, no gap, unknown causes, recorded predictions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STIFFNESS = 3000.0
 
 
 def wrong(time_s: F, position_m: F, current_A: F) -> F:
-    """A truth of which the damper is a rough simulation, with no effect on it."""
+    """A real damper of which the simulation is a rough model, without an effect."""
     speed = np.gradient(position_m, time_s)
     bent = 60.0 * speed * np.abs(speed) + 30.0 * np.tanh(speed / 0.1)
     return np.asarray(1.05 * damper(time_s, position_m, current_A) + bent)
@@ -36,7 +36,7 @@ def sprung(time_s: F, position_m: F, current_A: F) -> F:
 
 
 def strange(time_s: F, position_m: F, current_A: F) -> F:
-    """The same with what no library would hold."""
+    """The same with an effect that the library does not have."""
     speed = np.gradient(position_m, time_s)
     return np.asarray(wrong(time_s, position_m, current_A) + 120.0 * np.sin(speed / 0.08) * np.cos(4.0 * current_A))
 
@@ -47,7 +47,7 @@ def late(time_s: F, position_m: F, current_A: F) -> F:
 
 
 class Ripple(Effect):
-    """A user's own effect: what is strange above."""
+    """An effect of the user: the one of `strange`."""
 
     name, form, needs = "ripple", "sine", "motion"
     parameters = (EffectParameter("ripple_N", 0.0, 500.0, (50.0,), "size", magnitude=True),)
@@ -56,25 +56,27 @@ class Ripple(Effect):
         return np.asarray(force + values[0] * np.sin(inputs.speed / 0.08) * np.cos(4.0 * inputs.current))
 
 
-def with_predictions(recording: Recording) -> Recording:
+def add_predictions(recording: Recording) -> Recording:
     channel = Channel("sim_force", "N", recording.channel("position").stamps_ns, SIMULATION.force(recording))
     return replace(recording, channels={**recording.channels, "sim_force": channel})
 
 
 @pytest.fixture(autouse=True)
-def asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However busy the machine is, and judged by weights that no calibration changes."""
+def run_directly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the simulation directly on a busy machine too, with fixed weights of the verdict."""
     monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
     monkeypatch.setattr(diagnose_module, "calibration", lambda: WEIGHTS)
 
 
 @cache
-def diagnosed(truth: Truth, effects: tuple[Effect, ...] = (), played_back: bool = False, threads: int = 1) -> Diagnosis:
-    simulation: Simulation = RecordedSimulation("/prediction") if played_back else SIMULATION
+def run_diagnosis(
+    truth: Truth, effects: tuple[Effect, ...] = (), only_recorded: bool = False, threads: int = 1
+) -> Diagnosis:
+    simulation: Simulation = RecordedSimulation("/prediction") if only_recorded else SIMULATION
     kinds = ((truth, (1, 2), 5.0), (truth, (3,), 5.0), (wrong, (11, 12), 10.0))
     real, held_out, reference = ([recorded(of, seed, seconds) for seed in seeds] for of, seeds, seconds in kinds)
-    if played_back:
-        real, held_out, reference = ([with_predictions(r) for r in some] for some in (real, held_out, reference))
+    if only_recorded:
+        real, held_out, reference = ([add_predictions(r) for r in some] for some in (real, held_out, reference))
     return diagnose(
         simulation, "damper.py:force", real, held_out, reference, DiagnoseOptions(effects, threads, experiment=False)
     )
@@ -84,8 +86,8 @@ def sum_of_probabilities(found: Diagnosis) -> float:
     return found.probability_none + found.probability_unknown + sum(c.probability for c in found.causes)
 
 
-def test_a_cause_beside_the_simulations_own_error_is_named_with_its_parameter() -> None:
-    found = diagnosed(sprung)
+def test_a_cause_is_named_with_its_parameter_despite_a_baseline_error() -> None:
+    found = run_diagnosis(sprung)
     assert found.verdict == NAMED and found.composition.effects == ("gas_spring",)
     assert found.causes[0].effects == ("gas_spring",) and found.causes[0].probability > 0.5
     stiffness = next(e for e in found.composition.estimates[0] if e.name == "stiffness_N_m")
@@ -95,8 +97,8 @@ def test_a_cause_beside_the_simulations_own_error_is_named_with_its_parameter() 
     assert sum_of_probabilities(found) == pytest.approx(1.0)
 
 
-def test_what_was_planted_is_taken_from_the_gap() -> None:
-    found = diagnosed(sprung)
+def test_the_planted_effect_is_removed_from_the_gap() -> None:
+    found = run_diagnosis(sprung)
     stroke = recorded(sprung, 3, 5.0)
     planted = STIFFNESS * stroke.channel("position").values
     assert found.gap.corrected_N == pytest.approx(float(np.sqrt(np.mean(planted**2))), rel=0.1)
@@ -112,7 +114,7 @@ def test_what_was_planted_is_taken_from_the_gap() -> None:
 
 
 def test_a_wrong_simulation_without_an_effect_has_no_gap() -> None:
-    found = diagnosed(wrong)
+    found = run_diagnosis(wrong)
     assert found.verdict == NO_GAP and found.probability_none > 0.5
     assert found.composition.effects == () and found.correction is not None
     assert found.gap.rms_N > 5.0 * NOISE_N > 10.0 * found.gap.corrected_N
@@ -120,8 +122,8 @@ def test_a_wrong_simulation_without_an_effect_has_no_gap() -> None:
     assert found.next_experiment is None and found.rest is None
 
 
-def test_what_no_known_effect_explains_is_unknown_and_located() -> None:
-    found = diagnosed(strange)
+def test_an_unknown_cause_is_reported_and_located() -> None:
+    found = run_diagnosis(strange)
     assert found.verdict == UNKNOWN and found.probability_unknown > 0.5
     assert found.rest is not None and found.rest.regions
     assert found.composition.gap_after_N > 0.5 * found.gap.corrected_N
@@ -129,22 +131,22 @@ def test_what_no_known_effect_explains_is_unknown_and_located() -> None:
     assert sum_of_probabilities(found) == pytest.approx(1.0)
 
 
-def test_a_users_own_effect_explains_it() -> None:
-    found = diagnosed(strange, (Ripple(),))
+def test_an_effect_of_the_user_explains_the_gap() -> None:
+    found = run_diagnosis(strange, (Ripple(),))
     assert found.verdict == NAMED and found.composition.effects == ("ripple",)
     assert found.composition.estimates[0][0].value == pytest.approx(120.0, rel=0.05)
 
 
-def test_predictions_that_are_only_recorded_are_enough() -> None:
-    found = diagnosed(sprung, played_back=True)
+def test_recorded_predictions_are_sufficient() -> None:
+    found = run_diagnosis(sprung, only_recorded=True)
     assert found.verdict == NAMED and found.composition.effects == ("gas_spring",)
     assert found.surrogate is not None and found.surrogate_cost_J == found.surrogate.cost_J
     assert found.composition.shrink > 0.85
-    assert diagnosed(sprung).surrogate is None and diagnosed(sprung).surrogate_cost_J is None
+    assert run_diagnosis(sprung).surrogate is None and run_diagnosis(sprung).surrogate_cost_J is None
 
 
-def test_the_same_recordings_give_the_same_diagnosis_by_however_many_threads() -> None:
-    first, again = diagnosed(wrong), diagnosed(wrong, threads=2)
+def test_the_diagnosis_does_not_depend_on_the_number_of_threads() -> None:
+    first, again = run_diagnosis(wrong), run_diagnosis(wrong, threads=2)
     assert again.gap == first.gap and again.figures == first.figures
     assert [(c.effects, c.probability, c.shrink) for c in again.causes] == [
         (c.effects, c.probability, c.shrink) for c in first.causes
@@ -166,7 +168,7 @@ def test_a_simulation_of_the_wrong_sign_is_refused() -> None:
         diagnose(backwards, "backwards", [recorded(seconds=6.0)], [recorded(seed=2)], [])
 
 
-def test_too_little_to_fit_on_is_refused_before_anything_is_learnt() -> None:
+def test_too_little_data_is_refused_before_the_fit() -> None:
     told: list[str] = []
     with pytest.raises(GapError, match="expected at least"):
         diagnose(
@@ -181,9 +183,9 @@ def test_too_little_to_fit_on_is_refused_before_anything_is_learnt() -> None:
     assert all("simulating" in what for what in told)
 
 
-def test_a_users_effect_that_breaks_its_contract_is_refused() -> None:
+def test_an_effect_that_violates_its_contract_is_refused() -> None:
     class Breaking(Ripple):
-        """Gives nonsense."""
+        """Returns invalid forces."""
 
         def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
             return np.full(len(force), np.nan)

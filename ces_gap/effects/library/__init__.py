@@ -9,13 +9,6 @@ from ces_gap.effects.effect import Effect
 
 
 def library() -> tuple[Effect, ...]:
-    """Return every form of every effect, in order of the modules' names."""
-    forms: list[Effect] = []
-    for module in sorted(m.name for m in iter_modules(__path__)):
-        forms.extend(import_module(f"{__name__}.{module}").FORMS)
-    return tuple(forms)
-
-
-def effect_names() -> tuple[str, ...]:
-    """Return the effects' names, each once."""
-    return tuple(dict.fromkeys(form.name for form in library()))
+    """Return every form of every effect, in the order of module names."""
+    modules = sorted(m.name for m in iter_modules(__path__))
+    return tuple(form for module in modules for form in import_module(f"{__name__}.{module}").FORMS)

@@ -1,21 +1,18 @@
-"""Blow-off: beyond a pressure a relief valve opens, so that the force hardly grows any more."""
+"""Blow-off: a relief valve opens above a pressure, so that the force grows much less."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.trace import F, Trace, TraceInputs
 
-F = NDArray[np.float64]
+ROUNDING = 0.02  # of the level: width over which the valve opens
+OPENS_AT = (0.97, 0.9, 0.75, 0.55)  # shares of the largest simulated force at which searches begin
 
-ROUNDING = 0.02  # of the level: over this the valve opens
-OPENS_AT = (0.97, 0.9, 0.75, 0.55)  # of the largest simulated force: where searches begin
-
-SLOPE = EffectParameter("slope", 0.0, 0.9, (0.2,), "growth of the force beyond the level, over that without the valve")
+SLOPE = EffectParameter("slope", 0.0, 0.9, (0.2,), "slope of the force above the level, relative to no valve")
 
 
 def _level(side: str) -> EffectParameter:
@@ -26,15 +23,13 @@ def _level(side: str) -> EffectParameter:
 
 
 class OneSide(Effect):
-    """One valve: beyond the level L the force is L + s (F - L), rounded over 2 % of L.
+    """One valve: above the level L the force is L + s (F - L), rounded over 2 % of L.
 
-    Source: relief valves of dampers (Dixon, The Shock Absorber Handbook, 2nd ed. 2007). They open at 0.5 to 5 kN; how
-    stiff spring and seat are is in the slope, 0 for an ideal valve.
+    Source: relief valves of dampers (Dixon, The Shock Absorber Handbook, 2nd ed. 2007). They open at 0.5 to 5 kN; the
+    slope represents the stiffness of spring and seat, 0 for an ideal valve.
     """
 
-    name = "blow_off"
-    stage = FLUID
-    sign = 1.0
+    name, stage, sign = "blow_off", FLUID, 1.0
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) with the valve."""
@@ -49,27 +44,21 @@ class OneSide(Effect):
 class ReboundBlowOff(OneSide):
     """A valve that opens in rebound."""
 
-    form = "rebound"
-    sign = -1.0
-    needs = "rebound forces at which the real valve opens"
+    form, sign, needs = "rebound", -1.0, "rebound forces at which the real valve opens"
     parameters = (_level("rebound"), SLOPE)
 
 
 class CompressionBlowOff(OneSide):
     """A valve that opens in compression."""
 
-    form = "compression"
-    needs = "compression forces at which the real valve opens"
+    form, needs = "compression", "compression forces at which the real valve opens"
     parameters = (_level("compression"), SLOPE)
 
 
 class TwoSidedBlowOff(Effect):
-    """A valve each way, each with its level."""
+    """One valve for each direction, each with its level."""
 
-    name = "blow_off"
-    form = "both"
-    stage = FLUID
-    needs = "forces at which the real valves open"
+    name, form, stage, needs = "blow_off", "both", FLUID, "forces at which the real valves open"
     parameters = (_level("rebound"), _level("compression"), SLOPE)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -84,7 +73,7 @@ class TwoSidedBlowOff(Effect):
 
 
 def _excess(force: F, level: float) -> F:
-    """Return what of the force [N] (n,) is beyond the level, rounded (a soft plus)."""
+    """Return the part of the force [N] (n,) above the level, rounded (softplus)."""
     if not np.isfinite(level):
         return np.zeros_like(force)
     width = ROUNDING * level

@@ -1,28 +1,22 @@
-"""Compressibility: oil, hoses and bubbles store volume, so force builds up late; each chamber has its own stiffness."""
+"""Compressibility: oil, hoses and bubbles store volume, so that force builds up late, differently in each direction."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from ces_gap.derivative import derivative
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.series_kernels import pumped_stroke
-from ces_gap.effects.series_strain import Strain, subtract_spring_stroke, subtract_stroke
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.effects.series_strain import Strain, high_pass_stroke, subtract_spring_stroke, subtract_stroke
+from ces_gap.trace import F, Trace, TraceInputs
 
 INFINITE = float("inf")
-SLOWEST_HZ = 0.2  # [Hz] below it what is squeezed is wandering
+SLOWEST_HZ = 0.2  # [Hz] below it the compressed stroke drifts
 PUMPED_SUBSTEPS = 2
 
 
-@dataclass(frozen=True)
 class SideSpecific(Effect):
     """Oil and chamber walls: ds/dF = 1/k of the side under pressure, k = β·A²/V; the valve sees the speed v - ds/dt.
 
@@ -53,9 +47,8 @@ class SideSpecific(Effect):
         return subtract_spring_stroke(trace, inputs, force, law)
 
 
-@dataclass(frozen=True)
 class AeratedOil(Effect):
-    """Bubbles: s = s₀·F/(|F| + F₀), isothermal gas of volume V₀ = A·s₀ squeezed from p₀ = F₀/A; soft near no force.
+    """Bubbles: s = s₀·F/(|F| + F₀), isothermal gas of volume V₀ = A·s₀ compressed from p₀ = F₀/A; soft near zero force.
 
     Source: Boyle's law V = V₀·p₀/(p₀ + p), the free-air term of the effective bulk modulus in Merritt (1967). A few per
     cent of air in a chamber of 0.1 m make millimetres; p₀ of 1 to 10 bar on 1e-4 to 1e-3 m² makes 10 N to 1 kN.
@@ -73,7 +66,7 @@ class AeratedOil(Effect):
             magnitude=True,
         ),
         EffectParameter("rebound_void_m", 0.0, 0.02, (1e-3,), "bubbles under rebound, as a stroke", magnitude=True),
-        EffectParameter("pressure_N", 10.0, 1000.0, (100.0, 500.0), "force at which half of them is gone", "log"),
+        EffectParameter("pressure_N", 10.0, 1000.0, (100.0, 500.0), "force that halves the bubbles", "log"),
     )
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
@@ -90,15 +83,14 @@ class AeratedOil(Effect):
         return subtract_spring_stroke(trace, inputs, force, law)
 
 
-@dataclass(frozen=True)
 class CheckValveStiffness(Effect):
-    """Check valves choose what is squeezed: ds/dt = C·dF/dt, C = 1/`pumping_N_m` while pushed and moving in, else less.
+    """Check valves change the stiffness: ds/dt = C·dF/dt, C = 1/`pumping_N_m` while pushed and moving in, else smaller.
 
-    Moving in with the piston's check valve open, both chambers have one pressure, which acts on the rod's area only:
-    k = β·A_rod²/(V₁ + V₂). Once the motion turns the valve shuts and each chamber acts on its own, much larger area:
-    k = β·A²/V. What is squeezed in is not given back on the same path, so s would wander: its slow part is not driven
-    with, but the map's answer to it added. The plant's own spring, learnt from it, has the same two classes. Source:
-    continuity by chamber as above (Merritt 1967), for uniflow and monotube dampers with a check valve in the piston.
+    While the damper moves in, the piston's check valve is open and both chambers have one pressure, which acts on the
+    rod's area only: k = β·A_rod²/(V₁ + V₂). When the motion reverses, the valve closes and each chamber acts on its
+    own, much larger area: k = β·A²/V. Compression and release take different paths, so that s would drift: its slow
+    part is not driven; instead the map's response to it is added. The plant's own spring, learnt from it, has the same
+    two compliances. Source: continuity by chamber as above (Merritt 1967), for uniflow and monotube dampers.
     """
 
     name, form, stage, reruns = "compressibility", "pumped", FLUID, True
@@ -111,27 +103,21 @@ class CheckValveStiffness(Effect):
     )
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the motion that displaces oil through the valve, without the slow part of what is squeezed."""
-        return subtract_stroke(inputs, high_pass_stroke(self._stroke(trace, values), trace), trace.rate_Hz)
+        """Return the motion that displaces oil through the valve, without the slow part of the stroke."""
+        return subtract_stroke(inputs, high_pass_stroke(self._stroke(trace, values), trace, SLOWEST_HZ), trace.rate_Hz)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] with the slow part as well."""
+        """Return the force [N] (n,) with the response to the slow part."""
         stroke, plant = self._stroke(trace, values), trace.pumped_map.map
-        slow = derivative(stroke - high_pass_stroke(stroke, trace), trace.rate_Hz)
+        slow = derivative(stroke - high_pass_stroke(stroke, trace, SLOWEST_HZ), trace.rate_Hz)
         return force + plant.force(inputs.speed - slow, inputs.current) - plant.force(inputs.speed, inputs.current)
 
     def _stroke(self, trace: Trace, values: Sequence[float]) -> F:
         plant = trace.pumped_map
         added, inputs = (1.0 / values[0], 1.0 / values[1]), trace.inputs
         speed, level = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
-        how = plant.map.kernel(), plant.own, added, plant.widths, trace.step_s, PUMPED_SUBSTEPS
-        return np.asarray(pumped_stroke(speed, level, plant.memory, *how))
-
-
-def high_pass_stroke(stroke: F, trace: Trace) -> F:
-    """Return a stroke (n,) without what is slower than `SLOWEST_HZ`, not delayed."""
-    sos = butter(1, SLOWEST_HZ, "high", fs=trace.rate_Hz, output="sos")
-    return np.asarray(sosfiltfilt(sos, stroke, padlen=min(len(stroke) - 1, round(trace.rate_Hz))))
+        options = plant.map.kernel(), plant.own, added, plant.widths, trace.step_s, PUMPED_SUBSTEPS
+        return np.asarray(pumped_stroke(speed, level, plant.memory, *options))
 
 
 FORMS = (SideSpecific(), AeratedOil(), CheckValveStiffness())

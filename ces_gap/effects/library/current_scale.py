@@ -1,33 +1,28 @@
-"""Current scale: the logged current is not the coil's, by a gain and an offset."""
+"""Current scale: the current in the coil differs from the logged one by a gain and an offset."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import SENSOR, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.trace import F, Trace, TraceInputs
 
-F = NDArray[np.float64]
-
-GAIN = EffectParameter("gain", 0.5, 1.5, (0.95, 1.05), "acting current per logged current", "linear", True, 1.0)
-BEYOND = 0.5  # of the logged range: how far beyond it a simulation is asked
+GAIN = EffectParameter("gain", 0.5, 1.5, (0.95, 1.05), "acting current over logged current", "linear", True, 1.0)
+BEYOND = 0.5  # of the logged range: margin for the current of the simulation
 
 
 def scale_current(inputs: TraceInputs, gain: float, offset: float) -> TraceInputs:
-    """Return the inputs with gain·i + offset, held within the logged range (0 included) widened by `BEYOND`."""
+    """Return the inputs with gain·i + offset, clipped to the logged range (0 included) widened by `BEYOND`."""
     low, high = min(float(inputs.current.min()), 0.0), max(float(inputs.current.max()), 0.0)
     margin = BEYOND * (high - low)
     acting = gain * inputs.current + offset
     return inputs.with_current(np.clip(acting, low - margin, high + margin))
 
 
-@dataclass(frozen=True)
 class CurrentGain(Effect):
-    """i' = gain·i: a shunt or a conversion off by some per cent, up to a wrong range of the amplifier (50 %).
+    """i' = gain·i: a shunt or conversion wrong by a few per cent, up to a wrong amplifier range (50 %).
 
     Source: a plain calibration error.
     """
@@ -36,13 +31,12 @@ class CurrentGain(Effect):
     parameters = (GAIN,)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs with the current that acts."""
+        """Return the inputs with the acting current."""
         return scale_current(inputs, values[0], 0.0)
 
 
-@dataclass(frozen=True)
 class GainAndOffset(Effect):
-    """i' = gain·i + offset: as above with a zero that has drifted, by up to some tenths of an ampere.
+    """i' = gain·i + offset: as above, with a zero that has drifted by up to some tenths of an ampere.
 
     Source: a plain calibration error.
     """
@@ -50,11 +44,11 @@ class GainAndOffset(Effect):
     name, form, stage, reruns, needs = "current_scale", "gain_offset", SENSOR, True, "a changing current"
     parameters = (
         GAIN,
-        EffectParameter("offset_A", -0.3, 0.3, (0.0, 0.03), "acting current at none logged", magnitude=True),
+        EffectParameter("offset_A", -0.3, 0.3, (0.0, 0.03), "acting current at zero logged current", magnitude=True),
     )
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs with the current that acts."""
+        """Return the inputs with the acting current."""
         return scale_current(inputs, values[0], values[1])
 
 

@@ -1,36 +1,28 @@
-"""Force offset: the cell's zero, or a tare taken at another gas force, is not the simulation's."""
+"""Force offset: the zero of the cell, or a tare at another gas force, differs from that of the simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ces_gap.effects.effect import CELL, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 
 class ForceOffset(Effect):
     """A constant added to the force: F + F0.
 
-    Bridges keep their zero to some newtons; a tare under another gas force is off by hundreds.
+    Bridges keep their zero within some newtons; a tare at another gas force is wrong by hundreds.
     """
 
-    name = "force_offset"
-    form = "constant"
-    stage = CELL
-    needs = "a tare that is the simulation's own"
+    name, form, stage, needs = "force_offset", "constant", CELL, "a tare that agrees with the simulation"
     parameters = (
         EffectParameter(
-            "offset_N", -3000.0, 3000.0, (20.0,), "measured force where the damper's is zero", magnitude=True
+            "offset_N", -3000.0, 3000.0, (20.0,), "measured force when the damper force is zero", magnitude=True
         ),
     )
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) as the cell shows it."""
+        """Return the force [N] (n,) as the cell measures it."""
         return force + values[0]
 
 

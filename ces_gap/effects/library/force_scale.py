@@ -1,34 +1,26 @@
-"""Force scale: the gain of the cell and its amplifier, or a lever between cell and damper, is not what was assumed."""
+"""Force scale: the gain of cell and amplifier, or of a lever between cell and damper, differs from the assumption."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ces_gap.effects.effect import CELL, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 
 class ForceScale(Effect):
     """The force times a gain: g F.
 
-    Strain-gauge cells keep their gain to 1 %; a wrong range, lever or unit of calibration makes some 10 %.
+    Strain-gauge cells keep their gain within 1 %; a wrong range, lever ratio or unit of calibration causes some 10 %.
     """
 
-    name = "force_scale"
-    form = "gain"
-    stage = CELL
-    needs = "forces well above the noise"
+    name, form, stage, needs = "force_scale", "gain", CELL, "forces well above the noise"
     parameters = (
-        EffectParameter("gain", 0.7, 1.3, (1.03,), "measured force over the damper's", magnitude=True, neutral=1.0),
+        EffectParameter("gain", 0.7, 1.3, (1.03,), "measured force over damper force", magnitude=True, neutral=1.0),
     )
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) as the cell shows it."""
+        """Return the force [N] (n,) as the cell measures it."""
         return force * values[0]
 
 

@@ -1,46 +1,38 @@
-"""Friction: seals and guides rub beside the oil; the force turns over some micrometres after each reversal."""
+"""Friction of seals and guides, parallel to the oil; its force reverses over some micrometres after each reversal."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
 from ces_gap.effects.output_kernels import bristles
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.trace import F, Trace, TraceInputs
 
-F = NDArray[np.float64]
-
-STRIBECK_M_S = 0.02  # [m/s] where it is not a parameter: passed within milliseconds at the speed of a road
+STRIBECK_M_S = 0.02  # [m/s] if it is not a parameter: typical strokes pass it within milliseconds
 
 COULOMB = EffectParameter("coulomb_N", 0.0, 500.0, (20.0,), "sliding friction", magnitude=True)
-EXCESS = EffectParameter("static_excess", 0.0, 3.0, (0.3,), "static friction over sliding friction, less one")
+EXCESS = EffectParameter("static_excess", 0.0, 3.0, (0.3,), "static friction over sliding friction, minus one")
 STRIBECK = EffectParameter(
-    "stribeck_m_s", 0.002, 0.5, (0.02, 0.1), "speed over which static becomes sliding friction", "log"
+    "stribeck_m_s", 0.002, 0.5, (0.02, 0.1), "speed of the change from static to sliding friction", "log"
 )
-ROUNDING = EffectParameter("rounding_m_s", 5e-4, 0.1, (0.003, 0.03), "speed over which the direction turns", "log")
-PRESLIDING = EffectParameter(
-    "presliding_m", 2e-6, 2e-3, (2e-5, 2e-4), "stroke over which friction turns: over bristle stiffness", "log"
-)
+ROUNDING = EffectParameter("rounding_m_s", 5e-4, 0.1, (0.003, 0.03), "speed over which the direction changes", "log")
+PRESLIDING = EffectParameter("presliding_m", 2e-6, 2e-3, (2e-5, 2e-4), "stroke over which friction reverses", "log")
 VISCOUS = EffectParameter("viscous_s_m", 0.0, 10.0, (0.3,), "growth of friction with speed, over sliding friction")
 PRESSED = EffectParameter(
-    "pressed_per_N", 0.0, 0.01, (2e-4,), "growth of friction with the damper's force: pressure on the seal"
+    "pressed_per_N", 0.0, 0.01, (2e-4,), "growth of friction with damper force: pressure on the seal"
 )
 
 
 class CoulombStribeck(Effect):
     """A function of speed: F + Fc (1 + e exp(-(v/vs)2)) tanh(v/v0).
 
-    Source: Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994). Rod seals and guides of dampers rub
-    with 10 to 100 N, under side load several times that.
+    Source: Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994). Rod seals and guides of dampers have
+    10 to 100 N, under side load several times that.
     """
 
-    name = "friction"
-    form = "coulomb_stribeck"
-    stage = PARALLEL
-    needs = "strokes that reverse, slow ones among them"
+    name, form, stage, needs = "friction", "coulomb_stribeck", PARALLEL, "strokes that reverse, slow ones among them"
     parameters = (COULOMB, ROUNDING, EXCESS, STRIBECK)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -55,10 +47,7 @@ class Presliding(Effect):
     The elastic lip of a rod seal follows the rod over some hundredths to tenths of a millimetre.
     """
 
-    name = "friction"
-    form = "presliding"
-    stage = PARALLEL
-    needs = "strokes that reverse"
+    name, form, stage, needs = "friction", "presliding", PARALLEL, "strokes that reverse"
     parameters = (COULOMB, PRESLIDING)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -70,14 +59,11 @@ class Presliding(Effect):
 class LuGre(Effect):
     """LuGre without micro-damping: F + Fc (z + c v), dz/dx = (1 - z sign(v)/g) / d, g = 1 + e exp(-(v/vs)2).
 
-    Source: Canudas de Wit et al., IEEE Transactions on Automatic Control 40 (1995). The Stribeck speed is held at
-    20 mm/s: usual strokes pass it within milliseconds, and cannot tell it from the presliding stroke.
+    Source: Canudas de Wit et al., IEEE Transactions on Automatic Control 40 (1995). The Stribeck speed is fixed
+    at 20 mm/s: usual strokes pass it within milliseconds and cannot separate it from the presliding stroke.
     """
 
-    name = "friction"
-    form = "lugre"
-    stage = PARALLEL
-    needs = "strokes that reverse, slow and fast ones"
+    name, form, stage, needs = "friction", "lugre", PARALLEL, "strokes that reverse, slow and fast ones"
     parameters = (COULOMB, PRESLIDING, EXCESS, VISCOUS)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -88,14 +74,12 @@ class LuGre(Effect):
 
 
 class PressureDependent(Effect):
-    """The seal is pressed on by the damper's pressure: F + Fc z (1 + q |F|), z as in presliding.
+    """The damper's pressure loads the seal: F + Fc z (1 + q |F|), z as in presliding.
 
-    Lip seals are energised by the pressure behind them: some per cent of a force of kilonewtons.
+    Lip seals are energised by the pressure behind them: a few per cent of a force of kilonewtons.
     """
 
-    name = "friction"
-    form = "pressure_dependent"
-    stage = PARALLEL
+    name, form, stage = "friction", "pressure_dependent", PARALLEL
     needs = "strokes that reverse, at small and large forces"
     parameters = (COULOMB, PRESLIDING, PRESSED)
 

@@ -1,35 +1,27 @@
-"""Gas spring: the gas pushes the rod out, the harder the further it is in; the simulation has another gas, or none."""
+"""Gas spring: the gas force on the rod grows with compression; the simulation has another gas charge, or none."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 POLYTROPIC = 1.3  # exponent of nitrogen at stroke frequencies, between isothermal 1 and adiabatic 1.4
-MIN_COLUMN_SHARE = 0.15  # of the column's length: a gas is not compressed further
+MIN_COLUMN_SHARE = 0.15  # of the column: limit of compression
 
 STIFFNESS = EffectParameter(
-    "stiffness_N_m", -20000.0, 40000.0, (800.0,), "real less simulated, where the gas force is zero", magnitude=True
+    "stiffness_N_m", -20000.0, 40000.0, (800.0,), "real minus simulated stiffness at zero gas force", magnitude=True
 )
-COLUMN = EffectParameter(
-    "column_m", 0.05, 3.0, (0.15, 0.5), "gas volume over rod area, where the gas force is zero", "log"
-)
+COLUMN = EffectParameter("column_m", 0.05, 3.0, (0.15, 0.5), "gas volume over rod area at zero gas force", "log")
 
 
 class LinearGasSpring(Effect):
-    """The tangent: F + k x, zero at the position sensor's zero, where the cell was tared."""
+    """The tangent: F + k x, zero at the zero of the position sensor, where the cell was tared."""
 
-    name = "gas_spring"
-    form = "linear"
-    stage = PARALLEL
-    needs = "different mean strokes, or slow strokes"
+    name, form, stage, needs = "gas_spring", "linear", PARALLEL, "different mean strokes, or slow strokes"
     parameters = (STIFFNESS,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -38,16 +30,13 @@ class LinearGasSpring(Effect):
 
 
 class Polytropic(Effect):
-    """p V^n constant: F + k L/n ((1 - x/L)^-n - 1), k = n p0 A/L, zero at the position sensor's zero.
+    """p V^n constant: F + k L/n ((1 - x/L)^-n - 1), k = n p0 A/L, zero at the zero of the position sensor.
 
     Source: Dixon, The Shock Absorber Handbook (2nd ed. 2007), on gas force. 20 bar on a rod of 2.5 cm2 above a column
     of 0.4 m gives 1.6 kN/m; air springs around the damper reach 40 kN/m.
     """
 
-    name = "gas_spring"
-    form = "polytropic"
-    stage = PARALLEL
-    needs = "long strokes, or different mean strokes"
+    name, form, stage, needs = "gas_spring", "polytropic", PARALLEL, "long strokes, or different mean strokes"
     parameters = (STIFFNESS, COLUMN)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -56,12 +45,9 @@ class Polytropic(Effect):
 
 
 class AboutMean(Effect):
-    """As polytropic, but zero at the recording's mean position: for a sensor whose zero is not at mid-stroke."""
+    """As polytropic, but zero at the mean position of the recording: for a sensor whose zero is not at mid-stroke."""
 
-    name = "gas_spring"
-    form = "about_mean"
-    stage = PARALLEL
-    needs = "long strokes"
+    name, form, stage, needs = "gas_spring", "about_mean", PARALLEL, "long strokes"
     parameters = (STIFFNESS, COLUMN)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -71,9 +57,9 @@ class AboutMean(Effect):
 
 
 def _per_stiffness(position: F, column_m: float) -> F:
-    """Return the polytropic force over the stiffness at its zero [m] (n,)."""
-    left = np.maximum(1.0 - position / column_m, MIN_COLUMN_SHARE)
-    return np.asarray(column_m / POLYTROPIC * (left**-POLYTROPIC - 1.0))
+    """Return the polytropic force divided by the stiffness at zero [m] (n,)."""
+    share = np.maximum(1.0 - position / column_m, MIN_COLUMN_SHARE)
+    return np.asarray(column_m / POLYTROPIC * (share**-POLYTROPIC - 1.0))
 
 
 FORMS = (LinearGasSpring(), Polytropic(), AboutMean())

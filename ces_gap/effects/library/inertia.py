@@ -1,24 +1,21 @@
-"""Inertia: mass that moves between force cell and piston, such as the eye, an adapter or the cell's own flange."""
+"""Inertia: moving mass between force cell and piston, such as the eye, an adapter or the flange of the cell."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 DAMPING = 0.05  # damping ratio of the mass on the cell: bolted steel has 0.01 to 0.1
-RESONANCES_HZ = (45.0, 60.0, 80.0, 105.0, 140.0, 200.0)  # where searches begin
-MASS_KG = 2.0  # [kg] with which they begin
-RUN_OUT_S = 0.25  # [s] between the end and the beginning, which the Fourier transform takes for neighbours
+RESONANCES_HZ = (45.0, 60.0, 80.0, 105.0, 140.0, 200.0)  # at which searches begin
+MASS_KG = 2.0  # [kg] at which they begin
+RUN_OUT_S = 0.25  # [s] of padding, because the Fourier transform is periodic
 
-MASS = EffectParameter("mass_kg", 0.0, 20.0, (0.5,), "mass that moves between cell and piston", magnitude=True)
+MASS = EffectParameter("mass_kg", 0.0, 20.0, (0.5,), "moving mass between cell and piston", magnitude=True)
 
 
 class Mass(Effect):
@@ -27,9 +24,7 @@ class Mass(Effect):
     Eyes, adapters and cell flanges have 0.2 to 5 kg, the body of a truck's damper up to 20 kg.
     """
 
-    name = "inertia"
-    form = "mass"
-    stage = PARALLEL
+    name, form, stage = "inertia", "mass", PARALLEL
     needs = "strokes at several hertz (the force grows with the square of frequency)"
     parameters = (MASS,)
 
@@ -39,19 +34,17 @@ class Mass(Effect):
 
 
 class MassOnCell(Effect):
-    """A mass on a cell that gives: F + m a behind 1 / (1 + 2 z s/w + s2/w2), w2 = k/m.
+    """A mass on an elastic cell: F + m a behind 1 / (1 + 2 z s/w + s2/w2), w2 = k/m.
 
-    From k (x - y) = F + m y'' with the sensed motion x and the mass' own y. The stroke lost in the cell is left out:
-    that is mount_compliance. Cells and fixtures have 1e6 to 1e8 N/m; from there on it is the rigid mass.
+    From k (x - y) = F + m y'' with the sensed motion x and the motion y of the mass, without the deflection of the cell
+    (see mount_compliance). Cells and fixtures have 1e6 to 1e8 N/m; stiffer ones act as a rigid mass.
     """
 
-    name = "inertia"
-    form = "mass_on_cell"
-    stage = PARALLEL
+    name, form, stage = "inertia", "mass_on_cell", PARALLEL
     needs = "strokes or force edges that excite the cell's resonance"
     parameters = (
         MASS,
-        EffectParameter("cell_N_m", 5e4, 1e9, (3e6,), "stiffness of the cell and what holds it", "log"),
+        EffectParameter("cell_N_m", 5e4, 1e9, (3e6,), "stiffness of the cell and its fixture", "log"),
     )
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -60,12 +53,12 @@ class MassOnCell(Effect):
         return _behind_resonance(force + mass * trace.acceleration, mass / stiffness, trace.rate_Hz)
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        """Return a mass on cells by their resonance: a search finds one only from nearby."""
+        """Return a mass on cells of several resonances: a search converges only from nearby."""
         return [(MASS_KG, MASS_KG * (2.0 * np.pi * f) ** 2) for f in RESONANCES_HZ]
 
 
 def _behind_resonance(force: F, per_square: float, rate_Hz: float) -> F:
-    """Return the force (n,) behind the resonance 1/w2 = `per_square` [s2], by its frequency response."""
+    """Return the force (n,) behind a resonance at w with 1/w2 = `per_square` [s2], by its frequency response."""
     if per_square <= 0.0:
         return force
     count = len(force)

@@ -1,34 +1,28 @@
-"""Leakage: a worn seal, valve seat or bypass lets flow past the valve, which sees less speed than the piston has."""
+"""Leakage: flow through a worn seal, valve seat or bypass reduces the flow through the valve."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from ces_gap.derivative import derivative
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.series_kernels import leaking_force
-from ces_gap.effects.series_strain import Law, Strain, soft_width, subtract_stroke, tabulate_law
+from ces_gap.effects.series_strain import Law, Strain, high_pass_stroke, soft_width, subtract_stroke, tabulate_law
 from ces_gap.plant_map.own_spring import SprungMap
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.trace import F, Trace, TraceInputs
 
-F = NDArray[np.float64]
-
-
-SLOWEST_HZ = 0.1  # [Hz] below it the stroke that leaks is wandering
+SLOWEST_HZ = 0.1  # [Hz] below it the leaked stroke drifts
 
 
-@dataclass(frozen=True)
 class _Leak(Effect):
     """The plant is driven by v' = v - q(F), F being its force with the leak; forces at standstill drive no leak.
 
-    F is the plant's own force and the change that its map f with its own spring c (learnt from it) has under the leak:
-    F = f(v - q(F) - c·dF/dt). So a force that a spring holds relaxes through the leak. What leaks in one direction
-    would make the stroke wander: the slow part of q is not driven with, but the map's answer to it added.
+    F is the plant's force plus the change of its map f with its own spring c (learnt from it) by the leak:
+    F = f(v - q(F) - c·dF/dt). Spring forces therefore relax through the leak. A leak in one direction would make the
+    stroke drift: the slow part of q is not driven; instead the map's response to it is added.
     """
 
     name, stage, reruns, needs = "leakage", FLUID, True, "motion in the direction that leaks"
@@ -41,26 +35,26 @@ class _Leak(Effect):
         tight, leaking = (tabulate_law(q, acting, width) for q in (_no_leak, self.law(values)))
         change = _force_with_leak(trace, plant, inputs, leaking) - _force_with_leak(trace, plant, trace.inputs, tight)
         leak = self.law(values)(acting + change, width).stroke
-        return subtract_stroke(inputs, _high_pass_stroke(leak, trace), trace.rate_Hz)
+        return subtract_stroke(inputs, _integrate_fast_part(leak, trace), trace.rate_Hz)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] with the slow part of the leak as well."""
+        """Return the force [N] (n,) with the response to the slow part of the leak."""
         plant = trace.sprung_map
         width = soft_width(trace, force - plant.rest)
         tight = tabulate_law(_no_leak, force - plant.rest, width)
-        slow = self._slow(trace, force - plant.rest, width, values)  # it leaks by the force that it changes
+        slow = self._slow(trace, force - plant.rest, width, values)  # the leak depends on the force that it changes
         slower = plant.map.force(inputs.speed - slow, inputs.current) - plant.map.force(inputs.speed, inputs.current)
         slow = self._slow(trace, force + slower - plant.rest, width, values)
         moved = replace(inputs, speed=inputs.speed - slow)
         return force + _force_with_leak(trace, plant, moved, tight) - _force_with_leak(trace, plant, inputs, tight)
 
     def _slow(self, trace: Trace, acting: F, width: float, values: Sequence[float]) -> F:
-        """Return the slow part [m/s] (n,) of what leaks."""
+        """Return the slow part [m/s] (n,) of the leak."""
         leak = self.law(values)(acting, width).stroke
-        return leak - derivative(_high_pass_stroke(leak, trace), trace.rate_Hz)
+        return leak - derivative(_integrate_fast_part(leak, trace), trace.rate_Hz)
 
     def law(self, values: Sequence[float]) -> Law:
-        """Return the speed [m/s] that leaks at a force, and its derivative."""
+        """Return the law of the leak: speed [m/s] and its derivative over force."""
         raise NotImplementedError
 
 
@@ -69,7 +63,7 @@ def _no_leak(force: F, width: float) -> Strain:
 
 
 def _force_with_leak(trace: Trace, plant: SprungMap, inputs: TraceInputs, law: tuple[float, F, F]) -> F:
-    """Return the force [N] (n,) of the map with its spring and a tabled leak, without that at standstill."""
+    """Return the force [N] (n,) of the map with its spring and a tabulated leak, minus that at standstill."""
     top, rate, per_force = law
     own = plant.compliance * trace.rate_Hz
     whole = (top, rate + own * np.linspace(-top, top, len(rate)), per_force + own)
@@ -77,28 +71,25 @@ def _force_with_leak(trace: Trace, plant: SprungMap, inputs: TraceInputs, law: t
     return np.asarray(leaking_force(speed, level, plant.rest, plant.map.kernel(), own, whole))
 
 
-def _high_pass_stroke(speed: F, trace: Trace) -> F:
-    """Return the stroke (n,) of a speed without what is slower than `SLOWEST_HZ`, not delayed."""
-    sos = butter(1, SLOWEST_HZ, "high", fs=trace.rate_Hz, output="sos")
-    stroke = np.cumsum(speed) * trace.step_s
-    return np.asarray(sosfiltfilt(sos, stroke, padlen=min(len(stroke) - 1, round(trace.rate_Hz))))
+def _integrate_fast_part(speed: F, trace: Trace) -> F:
+    """Return the stroke [m] (n,) of a speed without its slow part."""
+    return high_pass_stroke(np.cumsum(speed) * trace.step_s, trace, SLOWEST_HZ)
 
 
-@dataclass(frozen=True)
 class ReboundLeak(_Leak):
     """A narrow annular gap past the piston under rebound pressure: q = κ·F for F < 0.
 
     Source: laminar leakage Q = C·Δp (Merritt, Hydraulic Control Systems, 1967). At 1 kN and 0.3 m/s, 1e-5 m/(s N) is a
-    leak of 3 % and 3e-4 nearly everything.
+    leak of 3 %, 3e-4 nearly the whole flow.
     """
 
     form = "rebound"
     parameters = (
-        EffectParameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "speed that leaks per newton of rebound", magnitude=True),
+        EffectParameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "leaking speed per newton, rebound", magnitude=True),
     )
 
     def law(self, values: Sequence[float]) -> Law:
-        """Return the leaking speed, laminar, in rebound only."""
+        """Return a laminar leak in rebound only."""
         leak = values[0]
 
         def rebound(force: F, width: float) -> Strain:
@@ -108,22 +99,20 @@ class ReboundLeak(_Leak):
         return rebound
 
 
-@dataclass(frozen=True)
 class BothWays(_Leak):
-    """A gap that leaks alike in both directions: q = κ·F. Source and range as for rebound."""
+    """A gap that leaks equally in both directions: q = κ·F. Source and range as for rebound."""
 
     form = "both"
-    parameters = (EffectParameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "speed that leaks per newton", magnitude=True),)
+    parameters = (EffectParameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "leaking speed per newton", magnitude=True),)
 
     def law(self, values: Sequence[float]) -> Law:
-        """Return the leaking speed, laminar."""
+        """Return a laminar leak."""
         leak = values[0]
         return lambda force, width: Strain(leak * force, np.full_like(force, leak))
 
 
-@dataclass(frozen=True)
 class Orifice(_Leak):
-    """A hole or a valve held open by dirt: q = κ·√|F|·sign F, by direction, laminar near no force.
+    """A hole or a valve held open by dirt: q = κ·√|F|·sign F, κ by direction, laminar near zero force.
 
     Source: turbulent orifice Q = C_d·A_o·√(2Δp/ρ) (Merritt 1967). A hole of 0.1 mm² past a piston of 5 cm² leaks
     0.01 m/s at 1 kN (3e-4 m/(s·√N)); ten holes lose 0.1 m/s.
@@ -138,7 +127,7 @@ class Orifice(_Leak):
     )
 
     def law(self, values: Sequence[float]) -> Law:
-        """Return the leaking speed, turbulent."""
+        """Return a turbulent leak."""
         mean, lean = 0.5 * (values[1] + values[0]), 0.5 * (values[1] - values[0])
 
         def orifice(force: F, width: float) -> Strain:

@@ -1,25 +1,20 @@
-"""Mount compliance: a rubber bushing or a rod end in series takes part of the stroke, alike in both directions."""
+"""Mount compliance: a rubber bushing or rod end in series takes part of the stroke, equally in both directions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import MOTION, Effect, EffectParameter
 from ces_gap.effects.series_strain import Strain, subtract_spring_stroke
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace, TraceInputs
 
 STIFFNESS = EffectParameter(
     "stiffness_N_m", 5e4, 1e9, (3e5, 2e6, 1e7), "stiffness of the bushing", "inverse", True, float("inf")
 )
 
 
-@dataclass(frozen=True)
 class LinearMount(Effect):
     """A Kelvin-Voigt bushing: k·z + c·dz/dt = F, the damper moves x' = x - z; damping_s = c/k.
 
@@ -32,7 +27,7 @@ class LinearMount(Effect):
     parameters = (STIFFNESS, EffectParameter("damping_s", 0.0, 0.02, (0.001,), "relaxation time of the rubber, c/k"))
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the damper's own motion."""
+        """Return the motion of the damper."""
         stiffness, damping_s = values
 
         def law(acting: F, width: float) -> Strain:
@@ -41,11 +36,10 @@ class LinearMount(Effect):
         return subtract_spring_stroke(trace, inputs, force, law, damping_s)
 
 
-@dataclass(frozen=True)
 class ProgressiveMount(Effect):
-    """A bushing that stiffens as it is squeezed: z = (F_s/k)·asinh(F/F_s), stiffness k·√(1 + (F/F_s)²).
+    """A bushing that stiffens with load: z = (F_s/k)·asinh(F/F_s), stiffness k·√(1 + (F/F_s)²).
 
-    Source: the progressive curve of rubber in compression (Dixon 2007); asinh is a smooth invertible stand-in. `knee_N`
+    Source: the progressive curve of rubber in compression (Dixon 2007); asinh approximates it smoothly. `knee_N`
     F_s is the force at which the stiffness has grown by 41 %: 100 N for a soft grommet, 5 kN for a full bush.
     """
 
@@ -53,11 +47,11 @@ class ProgressiveMount(Effect):
     needs = LinearMount.needs
     parameters = (
         STIFFNESS,
-        EffectParameter("knee_N", 50.0, 1e4, (200.0, 1000.0), "force from which it stiffens", "log"),
+        EffectParameter("knee_N", 50.0, 1e4, (200.0, 1000.0), "force from which the bushing stiffens", "log"),
     )
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the damper's own motion."""
+        """Return the motion of the damper."""
         stiffness, knee = values
 
         def law(acting: F, width: float) -> Strain:

@@ -1,83 +1,69 @@
-"""Temperature fade: oil thins as it warms, by the work done in the damper, so that the force falls."""
+"""Temperature fade: the work done in the damper warms the oil, which thins, so that the force falls."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.trace import F, Trace, TraceInputs
 
-F = NDArray[np.float64]
-
-RETURN_S = 0.5  # [s] within which a leaked stroke is forgotten
+RETURN_S = 0.5  # [s] time constant with which the leaked stroke returns
 
 PER_HEAT = EffectParameter(
     "fade_per_J",
     0.0,
     1e-3,
     (5e-6, 4e-5),
-    "share of the force lost per joule: per kelvin, over heat capacity",
+    "share of the force lost per joule",
     magnitude=True,
 )
 COOLING = EffectParameter(
     "cooling_s", 5.0, 3000.0, (40.0,), "time constant of cooling: heat capacity over conductance", "log"
 )
 LEAKING = EffectParameter(
-    "leak_m_sN_per_J", 0.0, 1e-7, (3e-9, 1e-8), "speed that leaks per newton, grown per joule", magnitude=True
+    "leak_m_sN_per_J", 0.0, 1e-7, (3e-9, 1e-8), "growth per joule of the leaking speed per newton", magnitude=True
 )
 LAMINAR = EffectParameter("laminar_m_s", 0.005, 5.0, (0.1,), "speed at which half of the force is viscous", "log")
 PER_KELVIN = EffectParameter("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lost per kelvin", magnitude=True)
 
 
 class FadeByWork(Effect):
-    """Heat that stays: F exp(-b E), E the work done since the recording began.
+    """Heat is retained: F exp(-b E), E the work done since the start of the recording.
 
-    Source: Lion and Loose, Vehicle System Dynamics 37 (2002), on dampers that heat themselves. 0.1 to 1 % of the force
-    per kelvin over a heat capacity of 300 to 2000 J/K: 1e-6 to 3e-5 per joule; small dampers of thick oil have more.
+    Source: Lion and Loose, Vehicle System Dynamics 37 (2002), on self-heating dampers. 0.1 to 1 % of the force
+    per kelvin over a heat capacity of 300 to 2000 J/K: 1e-6 to 3e-5 per joule; small dampers with thick oil have more.
     """
 
-    name = "temperature_fade"
-    form = "heated"
-    stage = FLUID
-    needs = "hard work over some ten seconds or more"
-    parameters = (PER_HEAT,)
+    name, form, stage, needs = "temperature_fade", "heated", FLUID, "hard work over some tens of seconds or more"
+    parameters: ClassVar[tuple[EffectParameter, ...]] = (PER_HEAT,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of the warmer damper."""
-        return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force)))
+        return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force, *values[1:])))
 
 
-class FadeWithCooling(Effect):
-    """Heat that leaves again: F exp(-b H), dH/dt = F v - H/tau.
+class FadeWithCooling(FadeByWork):
+    """Heat is dissipated: F exp(-b H), dH/dt = F v - H/tau.
 
-    Dampers cool within 1 to 20 minutes by air, oil in its chamber against the tube within some ten seconds.
+    Dampers cool in air within 1 to 20 minutes, oil in its chamber to the tube within some tens of seconds.
     """
 
-    name = "temperature_fade"
-    form = "cooled"
-    stage = FLUID
-    needs = "hard work, then rest, over a minute or more"
+    name, form, stage, needs = "temperature_fade", "cooled", FLUID, "hard work, then rest, over a minute or more"
     parameters = (PER_HEAT, COOLING)
-
-    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of the warmer damper."""
-        return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force, values[1])))
 
 
 class Viscous(Effect):
-    """Only the viscous share fades, that of the density stays: F (1 - (1 - exp(-b E)) / (1 + |v|/w)).
+    """Only the viscous share fades, not that of density: F (1 - (1 - exp(-b E)) / (1 + |v|/w)).
 
-    Pressure drops a q + b q2 (Merritt, Hydraulic Control Systems, 1967): a falls with viscosity, b hardly.
+    Pressure drops a q + b q2 (Merritt, Hydraulic Control Systems, 1967): a falls with viscosity, b hardly changes.
     """
 
-    name = "temperature_fade"
-    form = "viscous"
-    stage = FLUID
-    needs = "hard work over some ten seconds or more, with slow and fast strokes"
+    name, form, stage = "temperature_fade", "viscous", FLUID
+    needs = "hard work over some tens of seconds or more, with slow and fast strokes"
     parameters = (PER_HEAT, LAMINAR)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -87,24 +73,21 @@ class Viscous(Effect):
 
 
 class ThinnerOil(Effect):
-    """Thin oil also slips through gaps: the plant moved by x - s, then F exp(-b E).
+    """Thin oil also leaks through gaps: the plant is driven by x - s, then F exp(-b E).
 
-    s is the stroke leaked, ds/dt = l E F - s/(0.5 s): gaps pass laminar flow by pressure and fluidity, which
-    delays the force's build-up; the slow return holds the stroke where it was measured. Source: Merritt 1967.
+    s is the leaked stroke, ds/dt = l E F - s/(0.5 s): laminar flow through gaps in proportion to pressure and fluidity
+    delays the build-up of force; the slow return keeps the mean stroke as measured. Source: Merritt 1967.
     """
 
-    name = "temperature_fade"
-    form = "thinner_oil"
-    stage = FLUID
-    reruns = True
-    needs = "hard work over some ten seconds or more, with reversals"
+    name, form, stage, reruns = "temperature_fade", "thinner_oil", FLUID, True
+    needs = "hard work over some tens of seconds or more, with reversals"
     parameters = (PER_HEAT, LEAKING)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs without the stroke that leaks."""
+        """Return the inputs minus the leaked stroke."""
         leaking = values[1] * _heat(trace, inputs, force) * force
-        kept = float(np.exp(-trace.step_s / RETURN_S))
-        leaked = np.asarray(lfilter([trace.step_s], [1.0, -kept], leaking))
+        decay = float(np.exp(-trace.step_s / RETURN_S))
+        leaked = np.asarray(lfilter([trace.step_s], [1.0, -decay], leaking))
         return inputs.with_position(inputs.position - leaked, trace.rate_Hz)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -112,17 +95,14 @@ class ThinnerOil(Effect):
         return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force)))
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        """Return a mixture of both, and one that hardly leaks."""
+        """Return a mixture of fade and leak, and one with hardly any leak."""
         return [(1e-5, 5e-9), (4e-5, 1e-9)]
 
 
 class FadeByTemperature(Effect):
-    """By the measured temperature: F exp(-b (T - T0)), T0 at the beginning; no effect where none was recorded."""
+    """By the measured temperature: F exp(-b (T - T0)), T0 at the start; no effect without a temperature channel."""
 
-    name = "temperature_fade"
-    form = "measured"
-    stage = FLUID
-    needs = "a temperature channel"
+    name, form, stage, needs = "temperature_fade", "measured", FLUID, "a temperature channel"
     parameters = (PER_KELVIN,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -131,14 +111,14 @@ class FadeByTemperature(Effect):
 
 
 def _heat(trace: Trace, inputs: TraceInputs, force: F, cooling_s: float = np.inf) -> F:
-    """Return the heat [J] (n,) the damper holds: the work done on it, less what has left."""
-    kept = float(np.exp(-trace.step_s / cooling_s))
-    heat = lfilter([trace.step_s], [1.0, -kept], force * inputs.speed)
+    """Return the heat [J] (n,) in the damper: the work done on it minus the dissipated heat."""
+    decay = float(np.exp(-trace.step_s / cooling_s))
+    heat = lfilter([trace.step_s], [1.0, -decay], force * inputs.speed)
     return np.asarray(np.maximum(heat, 0.0))
 
 
 def _warming(trace: Trace) -> F:
-    """Return how much warmer [K] (n,) than at its beginning the recording's temperature channel is."""
+    """Return the rise [K] (n,) of the temperature channel since the start of the recording."""
     channel = trace.recording.channels.get("temperature")
     known = np.isfinite(channel.values) if channel is not None else np.zeros(0, bool)
     if channel is None or not known.any():

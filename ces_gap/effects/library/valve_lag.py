@@ -1,44 +1,40 @@
-"""Valve lag: coil, spool and pilot follow the logged current late."""
+"""Valve lag: coil, spool and pilot follow the logged current with a delay."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import shift
 
 from ces_gap.effects.effect import VALVE, Effect, EffectParameter
 from ces_gap.effects.effect_kernels import rise_fall_lag
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.trace import F, Trace, TraceInputs
 
-F = NDArray[np.float64]
+LONGEST_S = 0.3  # [s] a slower valve is defective
+TIME_CONSTANT = EffectParameter(
+    "time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant of the valve", magnitude=True
+)
 
-LONGEST_S = 0.3  # [s] beyond it a valve is broken rather than slow
 
-
-@dataclass(frozen=True)
 class FirstOrderLag(Effect):
-    """τ·di'/dt + i' = i, discretised exactly for a current that is straight between ticks.
+    """τ·di'/dt + i' = i, discretised exactly for a current that is linear between ticks.
 
-    Source: R-L coil behind a voltage source, or a pilot chamber filled through an orifice (Söderberg, KTH 2011, models
-    the valve so). CES and magneto-rheological valves take 2 to 50 ms; cold oil makes more.
+    Source: R-L coil behind a voltage source, or a pilot chamber filled through an orifice (Söderberg, KTH 2011,
+    models the valve in this way). CES (continuously controlled electronic suspension) and magneto-rheological valves
+    take 2 to 50 ms, with cold oil more.
     """
 
     name, form, stage, reruns, needs = "valve_lag", "first_order", VALVE, True, "a changing current"
-    parameters = (
-        EffectParameter("time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant of the valve", magnitude=True),
-    )
+    parameters = (TIME_CONSTANT,)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs with the current that acts."""
+        """Return the inputs with the acting current."""
         return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[0], trace.step_s))
 
 
-@dataclass(frozen=True)
 class RiseFall(Effect):
-    """The same with one time constant while the current that acts grows, another while it falls.
+    """The same with one time constant while the acting current grows and another while it falls.
 
     Source: a spool pushed by the solenoid and returned by its spring, or a driver that decays slowly through a diode.
     """
@@ -50,25 +46,24 @@ class RiseFall(Effect):
     )
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs with the current that acts."""
+        """Return the inputs with the acting current."""
         return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[1], trace.step_s))
 
 
-@dataclass(frozen=True)
 class DeadTime(Effect):
     """A dead time before the lag: τ·di'/dt + i' = i(t - delay).
 
-    Source: bus cycles and the spool's way through its overlap. Buses have 1 to 20 ms; 50 ms is a lost cycle or two.
+    Source: bus cycles and the spool's travel through its overlap. Buses have 1 to 20 ms; 50 ms is a lost cycle or two.
     """
 
     name, form, stage, reruns, needs = "valve_lag", "delay_and_lag", VALVE, True, "a changing current"
     parameters = (
         EffectParameter("delay_s", 0.0, 0.05, (0.003, 0.015), "dead time", magnitude=True),
-        EffectParameter("time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant of the valve", magnitude=True),
+        TIME_CONSTANT,
     )
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs with the current that acts."""
+        """Return the inputs with the acting current."""
         late = np.asarray(shift(inputs.current, values[0] * trace.rate_Hz, order=1, mode="nearest"), dtype=np.float64)
         return inputs.with_current(rise_fall_lag(late, values[1], values[1], trace.step_s))
 

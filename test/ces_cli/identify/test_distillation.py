@@ -142,4 +142,4 @@ def test_a_simulation_that_changed_is_one_line(work, capsys):
     assert ces("simulate", "--sim", path, "one", "--out", "x.csv") == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
-    assert "m.json has changed since; diagnose anew" in lines[0]
+    assert "m.json has changed since; run `ces diagnose` again" in lines[0]

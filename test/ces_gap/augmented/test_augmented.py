@@ -1,4 +1,4 @@
-"""An augmented simulation is what was saved, runs as any other, and a file that cannot be used is one line."""
+"""An augmented simulation survives saving and runs like any other; an invalid file is an error of one line."""
 
 import json
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ class Yielding(Effect):
 
 
 class Broken(Pull):
-    """One whose arithmetic fails."""
+    """An effect whose arithmetic fails."""
 
     form = "broken"
 
@@ -92,55 +92,55 @@ def recording(seconds=6.0, seed=0, **more):
     return Recording("made", {**channels, **more})
 
 
-def saved(folder, *settings, spec="here:damper", **more):
+def save(folder, *settings, spec="here:damper", **more):
     path = folder / "augmented.json"
     save_augmented(path, spec, Composition(settings), **more)
     return path
 
 
 def inner(force):
-    """The samples away from the ends, where filters run in."""
+    """The samples away from the ends, where filters settle."""
     return force[100:-100]
 
 
-def test_it_is_the_physics_that_was_saved(tmp_path):
+def test_the_loaded_simulation_has_the_saved_physics(tmp_path):
     ride = recording()
     x, i = ride.channel("position").values, ride.channel("current").values
     t = (ride.channel("position").stamps_ns - ride.channel("position").stamps_ns[0]) * 1e-9
-    augmented = load_augmented(saved(tmp_path, PULL, GAIN), open_here)
+    augmented = load_augmented(save(tmp_path, PULL, GAIN), open_here)
     expected = damper(t, x, 1.3 * i) + 3000.0 * x
     difference = inner(augmented.force(ride) - expected)
     assert np.abs(difference).max() < 0.004 * np.abs(expected).max()
     assert np.abs(inner(damper(t, x, i) - expected)).max() > 0.2 * np.abs(expected).max()
 
 
-def test_an_effect_that_needs_the_force_is_told_that_of_the_simulation(tmp_path):
+def test_an_effect_that_needs_the_force_gets_the_simulated_one(tmp_path):
     ride, stiffness = recording(), 4e5
     x, i = ride.channel("position").values, ride.channel("current").values
     t = np.arange(len(x)) / RATE
-    augmented = load_augmented(saved(tmp_path, Setting(Yielding(), (stiffness,))), open_here)
+    augmented = load_augmented(save(tmp_path, Setting(Yielding(), (stiffness,))), open_here)
     own = damper(t, x, i)
     expected = damper(t, x - own / stiffness, i)
     assert inner(augmented.force(ride) - expected).std() < 0.03 * inner(own - expected).std()
 
 
-def test_without_effects_it_is_the_simulation_to_the_last_digit(tmp_path):
+def test_without_effects_the_force_is_exactly_that_of_the_simulation(tmp_path):
     ride = recording()
-    np.testing.assert_array_equal(load_augmented(saved(tmp_path), open_here).force(ride), open_here("x").force(ride))
+    np.testing.assert_array_equal(load_augmented(save(tmp_path), open_here).force(ride), open_here("x").force(ride))
 
 
-def test_where_the_simulation_gives_no_force_there_is_none(tmp_path):
+def test_without_a_simulated_force_the_result_is_nan(tmp_path):
     ride = recording()
     spoiled = ride.channel("position").values.copy()
     spoiled[1000:1010] = np.nan
     channel = ride.channel("position")
     gapped = Recording("gap", {**ride.channels, "position": Channel("position", "m", channel.stamps_ns, spoiled)})
-    force = load_augmented(saved(tmp_path, PULL), open_here).force(gapped)
+    force = load_augmented(save(tmp_path, PULL), open_here).force(gapped)
     np.testing.assert_array_equal(np.flatnonzero(~np.isfinite(force)), np.arange(1000, 1010))
 
 
-def test_values_class_and_history_come_back(tmp_path):
-    path = saved(tmp_path, PULL, GAIN, provenance={"real": [{"recording": "road", "sha256": "ab"}]})
+def test_values_class_and_provenance_survive_a_round_trip(tmp_path):
+    path = save(tmp_path, PULL, GAIN, provenance={"real": [{"recording": "road", "sha256": "ab"}]})
     augmented = load_augmented(path, open_here)
     assert augmented.composition == Composition((PULL, GAIN))
     assert augmented.provenance["real"] == [{"recording": "road", "sha256": "ab"}]
@@ -148,8 +148,8 @@ def test_values_class_and_history_come_back(tmp_path):
     assert is_augmented(path)
 
 
-def taught(ride):
-    """A correction that adds 7 N whatever happens, and a surrogate of the damper's force."""
+def learn_parts(ride):
+    """A correction that always adds 7 N, and a surrogate of the damper's force."""
     trace = make_trace(ride, open_here("x").force(ride))
     dictionary = Dictionary(Scales((0.0, 0.01), 0.1, (0.6, 0.1), (0.0, 100.0), True))
     features = dictionary.features(trace, trace.inputs, trace.simulated)
@@ -172,24 +172,24 @@ def stamps(ride):
 
 def test_the_correction_is_added(tmp_path):
     ride = recording()
-    correction, _ = taught(ride)
-    added = load_augmented(saved(tmp_path, correction=correction), open_here).force(ride) - open_here("x").force(ride)
+    correction, _ = learn_parts(ride)
+    added = load_augmented(save(tmp_path, correction=correction), open_here).force(ride) - open_here("x").force(ride)
     np.testing.assert_allclose(inner(added), 7.0, atol=1e-6)
 
 
 def test_recorded_predictions_change_through_the_surrogate(tmp_path):
     ride = recording()
-    _, surrogate = taught(ride)
+    _, surrogate = learn_parts(ride)
     assert isinstance(surrogate, Surrogate)
-    path = saved(tmp_path, GAIN, spec="topic:/p", surrogate=surrogate)
+    path = save(tmp_path, GAIN, spec="topic:/p", surrogate=surrogate)
     augmented = load_augmented(path, lambda spec: RecordedSimulation(spec.removeprefix("topic:")))
     own = open_here("x").force(ride)
     bag = Recording("bag", {**ride.channels, "sim_force": Channel("sim_force", "N", stamps(ride), own)})
     trace = make_trace(bag, own)
     more = trace.inputs.with_current(1.3 * trace.inputs.current)
-    told = surrogate.force(trace, more) - surrogate.force(trace, trace.inputs)
-    np.testing.assert_allclose(augmented.force(bag) - own, told, atol=1e-9)
-    assert np.corrcoef(inner(told), inner(damper_at(1.3, ride) - own))[0, 1] > 0.7
+    predicted = surrogate.force(trace, more) - surrogate.force(trace, trace.inputs)
+    np.testing.assert_allclose(augmented.force(bag) - own, predicted, atol=1e-9)
+    assert np.corrcoef(inner(predicted), inner(damper_at(1.3, ride) - own))[0, 1] > 0.7
 
 
 def damper_at(gain, ride):
@@ -197,12 +197,12 @@ def damper_at(gain, ride):
     return damper(seconds, ride.channel("position").values, gain * ride.channel("current").values)
 
 
-def test_the_simulation_is_found_from_wherever_one_is(tmp_path, monkeypatch):
+def test_the_simulation_is_found_from_any_working_directory(tmp_path, monkeypatch):
     (tmp_path / "out").mkdir()
     (tmp_path / "sims").mkdir()
     (tmp_path / "sims" / "rig.yaml").write_text("made: up\n")
     monkeypatch.chdir(tmp_path)
-    path = saved(tmp_path / "out", PULL, spec="sims/rig.yaml")
+    path = save(tmp_path / "out", PULL, spec="sims/rig.yaml")
     assert json.loads(path.read_text())["sim"]["spec"] == "../sims/rig.yaml"
     monkeypatch.chdir("/")
     opened = []
@@ -210,29 +210,29 @@ def test_the_simulation_is_found_from_wherever_one_is(tmp_path, monkeypatch):
     assert (tmp_path / "out" / opened[0]).resolve() == tmp_path / "sims" / "rig.yaml"
 
 
-def test_names_of_an_fmus_variables_stay(tmp_path, monkeypatch):
+def test_variable_names_of_an_fmu_are_kept(tmp_path, monkeypatch):
     (tmp_path / "d.fmu").write_bytes(b"PK")
     monkeypatch.chdir(tmp_path)
-    path = saved(tmp_path, spec="d.fmu:position=x,force=f")
+    path = save(tmp_path, spec="d.fmu:position=x,force=f")
     assert json.loads(path.read_text())["sim"]["spec"] == "d.fmu:position=x,force=f"
     opened = []
     load_augmented(path, lambda spec: opened.append(spec) or open_here(spec))
     assert opened == [f"{tmp_path}/d.fmu:position=x,force=f"]
 
 
-def test_another_simulation_under_its_name_is_refused(tmp_path, monkeypatch):
+def test_a_changed_or_missing_simulation_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rig.yaml").write_text("made: up\n")
-    path = saved(tmp_path, PULL, spec="rig.yaml")
+    path = save(tmp_path, PULL, spec="rig.yaml")
     (tmp_path / "rig.yaml").write_text("made: otherwise\n")
-    with pytest.raises(CesError, match=r"its simulation .*rig\.yaml has changed since; diagnose anew"):
+    with pytest.raises(CesError, match=r"its simulation .*rig\.yaml has changed since; run `ces diagnose` again"):
         load_augmented(path, open_here)
     (tmp_path / "rig.yaml").unlink()
-    with pytest.raises(CesError, match="is missing; put it there"):
+    with pytest.raises(CesError, match="is missing; restore it"):
         load_augmented(path, open_here)
 
 
-def changed(path, change):
+def change_file(path, change):
     document = json.loads(path.read_text())
     change(document)
     path.write_text(json.dumps(document))
@@ -251,14 +251,14 @@ def put(*keys, value):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (put("schema", value="ces-augmented/9"), "schema is 'ces-augmented/9'; this version reads 'ces-augmented/1'"),
+        (put("schema", value="ces-augmented/9"), "schema is 'ces-augmented/9'; expected 'ces-augmented/1'"),
         (put("effects", value={}), r"effects is \{\}; expected a list of 0 to 20 objects"),
         (put("effects", 0, "parameters", "stiffness_N_m", value=2e9), "a finite number from -100000 to 100000"),
         (put("effects", 0, "parameters", value={}), "key 'stiffness_N_m' is missing"),
-        (put("effects", 0, "parameters", "mass_kg", value=1.0), "mass_kg found; expected stiffness_N_m"),
+        (put("effects", 0, "parameters", "mass_kg", value=1.0), "unknown parameters mass_kg; expected stiffness_N_m"),
         (put("effects", 0, "form", value="cubic"), r"class is pull \(linear\); expected pull \(cubic\)"),
         (put("effects", 0, "class", value="test_augmented:Gone"), "cannot be imported: AttributeError"),
-        (put("effects", 0, "class", value="test_augmented:damper"), "is no effect"),
+        (put("effects", 0, "class", value="test_augmented:damper"), "not an effect"),
         (put("effects", 0, "class", value="os"), "expected module:Class"),
         (put("correction", value={"weights": [1.0]}), "correction: KeyError: 'dictionary'"),
         (put("correction", value=[]), "correction is .*; expected an object or null"),
@@ -266,8 +266,8 @@ def put(*keys, value):
         (lambda document: document.pop("provenance"), "key 'provenance' is missing"),
     ],
 )
-def test_a_spoiled_file_is_one_line(tmp_path, change, message):
-    path = changed(saved(tmp_path, PULL), change)
+def test_an_invalid_file_is_an_error_of_one_line(tmp_path, change, message):
+    path = change_file(save(tmp_path, PULL), change)
     with pytest.raises(CesError, match=message) as raised:
         load_augmented(path, open_here)
     assert str(raised.value).startswith(str(path))
@@ -275,8 +275,8 @@ def test_a_spoiled_file_is_one_line(tmp_path, change, message):
 
 
 def test_an_unknown_effect_of_the_library_is_named(tmp_path):
-    path = changed(saved(tmp_path, PULL), lambda document: document["effects"][0].pop("class"))
-    with pytest.raises(CesError, match="no effect 'pull'"):
+    path = change_file(save(tmp_path, PULL), lambda document: document["effects"][0].pop("class"))
+    with pytest.raises(CesError, match="unknown effect 'pull'"):
         load_augmented(path, open_here)
 
 
@@ -284,7 +284,7 @@ def test_an_unknown_effect_of_the_library_is_named(tmp_path):
     ("text", "message"),
     [("{", "not a JSON file"), ('{"schema": NaN}', "expected finite numbers"), ("[]", "expected an object")],
 )
-def test_no_json(tmp_path, text, message):
+def test_a_file_that_is_not_json_is_refused(tmp_path, text, message):
     path = tmp_path / "a.json"
     path.write_text(text)
     assert not is_augmented(path)
@@ -301,21 +301,21 @@ def test_a_file_too_large_is_not_read(tmp_path):
 
 
 @pytest.mark.parametrize("weights", [lambda w: w[:-1], lambda w: np.append(w, 1.0), lambda w: w[:, None]])
-def test_weights_that_do_not_belong_to_their_features_are_refused(tmp_path, weights):
-    correction, _ = taught(recording())
+def test_weights_that_do_not_match_the_features_are_refused(tmp_path, weights):
+    correction, _ = learn_parts(recording())
     spoiled = LearnedCorrection(correction.dictionary, weights(correction.weights))
     with pytest.raises(CesError, match=r"correction: ValueError: weights of shape .*; expected \d+ finite ones"):
-        load_augmented(saved(tmp_path, correction=spoiled), open_here)
+        load_augmented(save(tmp_path, correction=spoiled), open_here)
 
 
-def test_a_force_that_is_not_finite_is_told(tmp_path):
-    correction, _ = taught(recording())
+def test_a_force_that_is_not_finite_is_an_error(tmp_path):
+    correction, _ = learn_parts(recording())
     wild = LearnedCorrection(correction.dictionary, np.full_like(correction.weights, 1e308))
-    with np.errstate(all="ignore"), pytest.raises(CesError, match=r"gave a force that is not finite at 0\.\d+ s"):
-        load_augmented(saved(tmp_path, correction=wild), open_here).force(recording())
+    with np.errstate(all="ignore"), pytest.raises(CesError, match=r"the force is not finite at 0\.\d+ s"):
+        load_augmented(save(tmp_path, correction=wild), open_here).force(recording())
 
 
-def test_an_effect_of_the_users_own_that_fails_is_told(tmp_path):
-    path = saved(tmp_path, Setting(Broken(), (1.0,)))
+def test_a_failing_effect_of_the_user_is_an_error(tmp_path):
+    path = save(tmp_path, Setting(Broken(), (1.0,)))
     with pytest.raises(CesError, match="cannot be run: ValueError: operands could not be broadcast"):
         load_augmented(path, open_here).force(recording())

@@ -1,4 +1,4 @@
-"""The learner's dictionary: as many columns as it says, features of order one, weighted sums, and its JSON."""
+"""The learner's dictionary: size, features of order one, weighted sums and JSON."""
 
 from __future__ import annotations
 
@@ -31,41 +31,41 @@ def dictionary(trace: Trace, by_force: bool, by_time: bool) -> Dictionary:
 
 
 @pytest.mark.parametrize(("constant", "by_force", "by_time"), KINDS)
-def test_it_has_as_many_columns_as_it_says_and_none_without_use(
+def test_size_is_the_number_of_columns_and_every_column_is_used(
     constant: float | None, by_force: bool, by_time: bool
 ) -> None:
     trace = one(constant)
-    made = dictionary(trace, by_force, by_time)
-    features = made.features(trace, trace.inputs, trace.simulated)
-    assert features.shape == (len(trace), made.size + (5 if by_time else 0))
+    learner = dictionary(trace, by_force, by_time)
+    features = learner.features(trace, trace.inputs, trace.simulated)
+    assert features.shape == (len(trace), learner.size + (5 if by_time else 0))
     assert np.isfinite(features).all()
     assert (np.abs(features[trace.usable]).max(axis=0) > 0.0).all()  # a column beyond those filled would stay zero
     assert np.sqrt(np.mean(features**2, axis=0)).max() < 10.0
 
 
 @pytest.mark.parametrize(("constant", "by_force", "by_time"), KINDS)
-def test_what_is_told_is_the_weighted_sum_of_its_features(
+def test_the_prediction_is_the_weighted_sum_of_the_features(
     constant: float | None, by_force: bool, by_time: bool
 ) -> None:
     trace = one(constant)
-    made = dictionary(trace, by_force, by_time)
-    features = made.features(trace, trace.inputs, trace.simulated)
+    learner = dictionary(trace, by_force, by_time)
+    features = learner.features(trace, trace.inputs, trace.simulated)
     weights = np.random.default_rng(1).standard_normal(features.shape[1])
-    told = made.predict(trace, trace.inputs, trace.simulated, weights)
-    np.testing.assert_allclose(told, features @ weights, rtol=1e-9, atol=1e-9)
+    predicted = learner.predict(trace, trace.inputs, trace.simulated, weights)
+    np.testing.assert_allclose(predicted, features @ weights, rtol=1e-9, atol=1e-9)
 
 
-def test_it_forgets_position_units_and_currents_far_outside() -> None:
+def test_extreme_currents_are_clipped() -> None:
     trace = one(None)
-    made = dictionary(trace, True, False)
+    learner = dictionary(trace, True, False)
     far = trace.inputs.with_current(np.full(len(trace), 100.0))
     further = trace.inputs.with_current(np.full(len(trace), 1e4))
     np.testing.assert_array_equal(
-        made.features(trace, far, trace.simulated), made.features(trace, further, trace.simulated)
+        learner.features(trace, far, trace.simulated), learner.features(trace, further, trace.simulated)
     )
 
 
-def test_only_usable_ticks_make_the_scales() -> None:
+def test_only_usable_ticks_determine_the_scales() -> None:
     trace = one(None)
     spoiled = trace.simulated.copy()
     spoiled[~trace.usable] = 1e9
@@ -82,14 +82,14 @@ def test_a_current_that_hardly_changes_counts_as_constant() -> None:
 
 
 @pytest.mark.parametrize(("constant", "by_force", "by_time"), KINDS)
-def test_its_json_is_itself(constant: float | None, by_force: bool, by_time: bool) -> None:
-    made = dictionary(one(constant), by_force, by_time)
-    assert Dictionary.from_json(json.loads(json.dumps(made.as_json()))) == made
+def test_the_json_round_trip_is_exact(constant: float | None, by_force: bool, by_time: bool) -> None:
+    learner = dictionary(one(constant), by_force, by_time)
+    assert Dictionary.from_json(json.loads(json.dumps(learner.as_json()))) == learner
 
 
 @pytest.mark.parametrize("missing", ["scales", "by_force", "by_time"])
-def test_other_json_is_refused(missing: str) -> None:
-    given = dictionary(one(None), True, False).as_json()
-    del given[missing]
+def test_incomplete_json_is_refused(missing: str) -> None:
+    document = dictionary(one(None), True, False).as_json()
+    del document[missing]
     with pytest.raises(KeyError):
-        Dictionary.from_json(given)
+        Dictionary.from_json(document)

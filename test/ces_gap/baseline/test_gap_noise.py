@@ -1,4 +1,4 @@
-"""Autocorrelated noise: found again in simulated autoregressions, and made white."""
+"""Autocorrelated noise: identified from simulated autoregressions, and whitened."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def autocorrelation(values: F, lag: int) -> float:
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.7, -0.5, 0.97])
-def test_simulated_noise_is_recognised_and_made_white(pole: float) -> None:
+def test_simulated_noise_is_identified_and_whitened(pole: float) -> None:
     values = simulated(pole)
     noise = noise_of([values], [EVERYWHERE])
     assert noise.ar[0] == pytest.approx(pole, abs=0.03)
@@ -54,7 +54,7 @@ def test_only_usable_ticks_count() -> None:
     assert noise.ar[0] == pytest.approx(0.7, abs=0.03)
 
 
-def test_a_whitened_value_is_clean_if_it_rests_on_usable_ticks_alone() -> None:
+def test_a_whitened_value_is_usable_if_it_depends_on_usable_ticks_only() -> None:
     noise = noise_of([simulated(0.7)], [EVERYWHERE], order=3)
     usable = np.ones(20, bool)
     usable[[10]] = False
@@ -64,7 +64,7 @@ def test_a_whitened_value_is_clean_if_it_rests_on_usable_ticks_alone() -> None:
     np.testing.assert_array_equal(noise.whiten(values)[clean], noise.whiten(spoiled)[clean])
 
 
-def test_silence_is_noise_without_power_and_without_nonsense() -> None:
+def test_zero_residuals_give_finite_noise() -> None:
     noise = noise_of([np.zeros(500)], [np.ones(500, bool)])
     assert np.isfinite(noise.whiten(np.ones(500))).all()
     assert noise.rms_N < 1e-3

@@ -1,4 +1,4 @@
-"""The learner's compiled loops against a slow readable twin."""
+"""The learner's compiled loops against a slow readable version."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TURNS, MEMORIES_S, VALVE_S = np.array([0.05, 0.4]), np.array([0.004, 0.02, 0.1])
 
 
 def lagged(values: F, time_s: float) -> F:
-    """A first-order lag, started at rest on the first value."""
+    """A first-order lag, that starts at the first value."""
     out = [values[0]]
     for value in values[1:]:
         out.append(value + np.exp(-1.0 / (RATE_HZ * time_s)) * (out[-1] - value))
@@ -67,7 +67,7 @@ def signals(seed: int) -> tuple[F, F, F, F]:
     return x, 0.3 * v, i, f
 
 
-def filled(x: F, v: F, i: F, f: F, varies: bool, by_force: bool, weights: F, columns: int) -> F:
+def fill(x: F, v: F, i: F, f: F, varies: bool, by_force: bool, weights: F, columns: int) -> F:
     out = np.zeros((TICKS, columns))
     knots = (FINE, COARSE, LEVEL, TURNS, MEMORIES_S, VALVE_S)
     fill_features(x, v, i, f, RATE_HZ, varies, by_force, *knots, weights, out)
@@ -76,24 +76,24 @@ def filled(x: F, v: F, i: F, f: F, varies: bool, by_force: bool, weights: F, col
 
 @pytest.mark.parametrize("varies", [True, False])
 @pytest.mark.parametrize("by_force", [True, False])
-def test_the_features_are_those_of_the_slow_twin(varies: bool, by_force: bool) -> None:
-    given = signals(1)
-    expected = slow_features(*given, varies, by_force)
-    made = filled(*given, varies, by_force, np.empty(0), expected.shape[1])
-    np.testing.assert_allclose(made, expected, rtol=1e-12, atol=1e-12)
+def test_the_features_equal_those_of_the_slow_version(varies: bool, by_force: bool) -> None:
+    inputs = signals(1)
+    expected = slow_features(*inputs, varies, by_force)
+    features = fill(*inputs, varies, by_force, np.empty(0), expected.shape[1])
+    np.testing.assert_allclose(features, expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("varies", [True, False])
 @pytest.mark.parametrize("by_force", [True, False])
-def test_the_weighted_sum_is_that_of_the_features(varies: bool, by_force: bool) -> None:
-    given = signals(2)
-    expected = slow_features(*given, varies, by_force)
+def test_the_weighted_sum_equals_that_of_the_features(varies: bool, by_force: bool) -> None:
+    inputs = signals(2)
+    expected = slow_features(*inputs, varies, by_force)
     weights = np.random.default_rng(3).standard_normal(expected.shape[1])
-    told = filled(*given, varies, by_force, weights, 1)[:, 0]
-    np.testing.assert_allclose(told, expected @ weights, rtol=1e-11, atol=1e-11)
+    predicted = fill(*inputs, varies, by_force, weights, 1)[:, 0]
+    np.testing.assert_allclose(predicted, expected @ weights, rtol=1e-11, atol=1e-11)
 
 
-def test_a_lag_is_that_of_the_slow_twin_and_leaves_what_never_changes() -> None:
+def test_a_lag_equals_the_slow_version_and_keeps_a_constant() -> None:
     values = signals(4)[0]
     np.testing.assert_allclose(low_pass(values, 1.0 / RATE_HZ, 0.02), lagged(values, 0.02), rtol=1e-12)
     np.testing.assert_allclose(low_pass(np.full(9, 3.0), 1.0 / RATE_HZ, 0.02), 3.0)

@@ -20,7 +20,7 @@ CALLED = DirectSimulator(SIMULATION)
 
 
 class Late(Effect):
-    """The position read a little later, by the force that is there."""
+    """The position delayed in proportion to the force."""
 
     name, form, stage, reruns = "late", "shift", 0, True
     parameters = (EffectParameter("delay_s", 0.0, 0.1, (0.01,), "delay", magnitude=True),)
@@ -30,7 +30,7 @@ class Late(Effect):
 
 
 class Added(Effect):
-    """A constant outside."""
+    """A constant added to the force."""
 
     name, form, stage = "added", "constant", CELL
     parameters = (EffectParameter("offset_N", -100.0, 100.0, (10.0,), "offset", magnitude=True),)
@@ -46,15 +46,15 @@ class Tenth:
         return np.asarray(0.1 * simulated)
 
 
-class Unasked(TraceSimulator):
+class NeverCalled(TraceSimulator):
     """A simulation that may not be run again."""
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
         raise AssertionError
 
 
-def test_its_own_inputs_are_not_run_again() -> None:
-    assert Plant(Unasked()).alone(TRACE) is TRACE.simulated
+def test_recorded_inputs_do_not_run_the_simulation() -> None:
+    assert Plant(NeverCalled()).alone(TRACE) is TRACE.simulated
     np.testing.assert_array_equal(CALLED.force(TRACE, TRACE.inputs), TRACE.simulated)
     equal = replace(TRACE.inputs, position=TRACE.inputs.position.copy())  # what counts is the numbers
     np.testing.assert_array_equal(CALLED.force(TRACE, equal), TRACE.simulated)
@@ -86,7 +86,7 @@ def test_a_constant_current_can_be_changed_too() -> None:
     )
 
 
-def test_what_drives_again_leaves_recorded_predictions_and_all_else_as_logged() -> None:
+def test_a_rerun_keeps_other_channels_as_logged() -> None:
     recording = TRACE.recording
     stamps = recording.channel("position").stamps_ns
     both = replace(
@@ -104,7 +104,7 @@ def test_what_drives_again_leaves_recorded_predictions_and_all_else_as_logged() 
         np.testing.assert_array_equal(changed.channel(name).values, recording.channel(name).values)
 
 
-def test_the_correction_is_told_the_force_it_corrects() -> None:
+def test_the_correction_gets_the_force_that_it_corrects() -> None:
     weaker = TRACE.inputs.with_current(0.5 * TRACE.inputs.current)
     for inputs in (TRACE.inputs, weaker):
         np.testing.assert_allclose(Plant(CALLED, Tenth()).force(TRACE, inputs), 1.1 * CALLED.force(TRACE, inputs))
@@ -114,7 +114,7 @@ def test_no_effects_leave_the_plant_as_it_is() -> None:
     np.testing.assert_array_equal(Plant(CALLED).with_effects(Composition(), TRACE), TRACE.simulated)
 
 
-def test_effects_are_applied_from_inside_out_whatever_their_order() -> None:
+def test_effects_are_applied_from_inside_out_in_any_order() -> None:
     spring, added, scale = Setting(Spring(), (2000.0,)), Setting(Added(), (50.0,)), Setting(Scale(), (2.0,))
     one, other = Composition((spring, added)), Composition((added, spring))
     np.testing.assert_allclose(Plant(CALLED).with_effects(one, TRACE), Plant(CALLED).with_effects(other, TRACE))
@@ -122,7 +122,7 @@ def test_effects_are_applied_from_inside_out_whatever_their_order() -> None:
     np.testing.assert_allclose(scaled, 2.0 * TRACE.simulated + 50.0)
 
 
-def test_an_effect_on_the_input_reruns_and_those_around_see_its_inputs() -> None:
+def test_an_effect_on_the_input_reruns_and_outer_effects_get_its_inputs() -> None:
     late = Late().drive(TRACE, TRACE.inputs, TRACE.simulated, (0.01,))
     both = Composition((Setting(Spring(), (2000.0,)), Setting(Late(), (0.01,))))
     expected = CALLED.force(TRACE, late) + 2000.0 * late.position
@@ -136,7 +136,7 @@ def test_outer_effects_drive_first() -> None:
     np.testing.assert_allclose(inputs.position, Late().drive(TRACE, TRACE.inputs, TRACE.simulated, (0.01,)).position)
 
 
-def test_the_plants_own_force_at_hand_is_used() -> None:
+def test_a_known_force_of_the_plant_is_reused() -> None:
     alone = np.full(len(TRACE), 5.0)
     composition = Composition((Setting(Added(), (1.0,)),))
     np.testing.assert_array_equal(Plant(CALLED).with_effects(composition, TRACE, alone), np.full(len(TRACE), 6.0))
@@ -152,7 +152,7 @@ def test_the_plants_own_force_at_hand_is_used() -> None:
     ],
     ids=["linear", "log", "inverse", "infinite"],
 )
-def test_a_parameter_is_searched_and_found_again_inside_its_bounds(parameter: EffectParameter, value: float) -> None:
+def test_a_search_variable_converts_back_inside_the_bounds(parameter: EffectParameter, value: float) -> None:
     low, high = parameter.search_bounds()
     searched = parameter.to_search(value)
     assert low <= searched <= high and np.isfinite([low, high]).all()
@@ -161,7 +161,7 @@ def test_a_parameter_is_searched_and_found_again_inside_its_bounds(parameter: Ef
         assert parameter.low <= parameter.to_value(beyond) <= parameter.high
 
 
-def test_a_setting_and_a_composition_name_their_parts() -> None:
+def test_settings_and_compositions_name_their_parts() -> None:
     setting = Setting(Friction(), (40.0, 0.05))
     assert setting.values_by_name() == {"coulomb_N": 40.0, "transition_m_s": 0.05}
     assert Composition((setting, Setting(Spring(), (1.0,)))).names == ("friction", "spring")

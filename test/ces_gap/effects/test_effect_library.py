@@ -1,4 +1,4 @@
-"""What every form of every effect must keep: names, units, bounds, neutral values, finite forces, a section in docs."""
+"""The contract of every form of every effect: names, units, bounds, neutral values, finite forces, documentation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import output_plants as plants
 import pytest
 
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
-from ces_gap.effects.library import effect_names, library
+from ces_gap.effects.library import library
 from ces_gap.trace import Trace, TraceInputs, make_trace
 from ces_identify.recordings.recording import Channel, Recording
 
@@ -33,7 +33,7 @@ each = pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
 
 
 def moving() -> Trace:
-    """Return a rough recording: steps of current, a temperature that rises, a stroke that stands for a while."""
+    """Return a rough recording: steps of current, a temperature that rises, a stroke with a pause."""
     time = np.arange(round(SECONDS * 1000)) / 1000.0
     stroke = np.where(time < 1.6, 0.02 * np.sin(2 * np.pi * 2.3 * time) + 0.004 * np.sin(2 * np.pi * 9.1 * time), 0.0)
     current = np.where((time * 2.7).astype(int) % 2 == 0, 0.2, 0.9)
@@ -51,7 +51,7 @@ ROUGH = moving()
 
 
 def outcome(effect: Effect, trace: Trace, values: Sequence[float]) -> tuple[TraceInputs, np.ndarray]:
-    """Return what drives the damper and the force outside, the damper's force being the simulated one."""
+    """Return the inputs of the damper and the force outside; the damper has the simulated force."""
     composition = Composition((Setting(effect, tuple(values)),))
     inputs = composition.drive(trace, trace.simulated)
     return inputs, composition.respond(trace, inputs, trace.simulated)
@@ -75,7 +75,7 @@ def typical(effect: Effect) -> list[float]:
 
 
 def test_the_library_holds_the_effects_of_the_contract_one_module_each() -> None:
-    assert set(effect_names()) == DESIGNED
+    assert {e.name for e in EFFECTS} == DESIGNED
     assert len({(e.name, e.form) for e in EFFECTS}) == len(EFFECTS)
     for effect in EFFECTS:
         assert type(effect).__module__ == f"ces_gap.effects.library.{effect.name}"
@@ -105,7 +105,7 @@ def test_bounds_hold_the_starts_and_survive_the_search(effect: Effect) -> None:
 
 
 def first_values(effect: Effect) -> list[float]:
-    """Where the effect chooses its starts by the trace, the first of them."""
+    """The first starts, chosen by the trace if the effect does so."""
     own = type(effect).starts_for is not Effect.starts_for
     return list(effect.starts_for(ROUGH)[0]) if own else typical(effect)
 
@@ -136,13 +136,13 @@ def test_forces_are_finite_at_every_corner_of_the_bounds(effect: Effect) -> None
 
 
 @each
-def test_an_effect_never_looks_at_the_measured_force(effect: Effect) -> None:
+def test_an_effect_does_not_use_the_measured_force(effect: Effect) -> None:
     blind = replace(ROUGH, force=np.full_like(ROUGH.force, np.nan))
     assert np.array_equal(arrays(effect, ROUGH, typical(effect)), arrays(effect, blind, typical(effect)))
 
 
 @each
-def test_an_effect_leaves_what_it_is_given(effect: Effect) -> None:
+def test_an_effect_does_not_change_its_arguments(effect: Effect) -> None:
     before = unchanged(ROUGH).copy()
     arrays(effect, ROUGH, typical(effect))
     assert np.array_equal(before, unchanged(ROUGH))
@@ -150,14 +150,14 @@ def test_an_effect_leaves_what_it_is_given(effect: Effect) -> None:
 
 @each
 def test_force_varies_smoothly_with_the_values(effect: Effect) -> None:
-    """Two difference quotients of unlike step agree: what a Gauss-Newton search needs."""
+    """Difference quotients of different steps agree, as a Gauss-Newton search needs."""
     for k, p in enumerate(effect.parameters):
         small, large = (slope(effect, k, p, step) for step in (1e-5, 1e-4))
         assert np.linalg.norm(small - large) <= 0.2 * np.linalg.norm(large) + 1e-9, p.name
 
 
 def slope(effect: Effect, k: int, p: EffectParameter, share: float) -> np.ndarray:
-    """Return d(position, speed, current, force)/d(searched value), each in units of what it usually is."""
+    """Return d(position, speed, current, force)/d(searched value), each over its typical value."""
     values = first_values(effect)
     at = p.to_search(values[k])
     step = share * max(abs(at), 1e-3 * (p.search_bounds()[1] - p.search_bounds()[0]))
@@ -167,7 +167,7 @@ def slope(effect: Effect, k: int, p: EffectParameter, share: float) -> np.ndarra
 
 
 @each
-def test_the_docs_tell_of_the_effect(effect: Effect) -> None:
+def test_the_docs_describe_the_effect(effect: Effect) -> None:
     section = section_of(effect.name)
     assert f"`{effect.form}`" in section
     rows = [line for line in section.splitlines() if line.startswith("|")]
@@ -185,11 +185,11 @@ def section_of(name: str) -> str:
 
 def test_the_table_at_the_top_of_the_docs_names_every_effect() -> None:
     table = DOCS.read_text(encoding="utf-8").split("\n## ")[0]
-    for name in effect_names():
+    for name in dict.fromkeys(e.name for e in EFFECTS):
         assert f"\n| [`{name}`](#{name})" in table
 
 
-def test_forces_are_finite_where_nothing_moves() -> None:
+def test_forces_are_finite_at_standstill() -> None:
     still = plants.trace(seconds=2.0)
     rest = replace(
         still,

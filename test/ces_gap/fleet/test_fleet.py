@@ -1,4 +1,4 @@
-"""A fleet is diagnosed alike here and on a real Dask cluster, streams to disk, and goes on where it was cut."""
+"""A fleet is diagnosed equally here and on a Dask cluster, streams to disk, and resumes after an interruption."""
 
 import json
 import os
@@ -47,21 +47,22 @@ def on_this_machine(packed, work, processes, threads):
     return run_on_this_machine(diagnose_unit, tasks(work), {"question": packed}, processes, threads)
 
 
-def question(**more):
-    given = {"simulation": FunctionSimulation(SPEC, stand_in.damper), "spec": SPEC, "reference": ()}
-    given |= {"options": Options(), "diagnose": stand_in.diagnose, "files": stand_in.files}
-    return DiagnosisRequest(**{**given, **more})
+def make_request(**more):
+    arguments = {"simulation": FunctionSimulation(SPEC, stand_in.damper), "spec": SPEC, "reference": ()}
+    arguments |= {"options": Options(), "diagnose": stand_in.diagnose, "files": stand_in.files}
+    return DiagnosisRequest(**{**arguments, **more})
 
 
-def jobs(folder, names=tuple(OFFSETS_N), asked=None):
+def jobs(folder, names=tuple(OFFSETS_N), request=None):
     """Jobs with their recordings; each vehicle has two."""
     fleet = {name: [made(name, OFFSETS_N.get(name, 5.0), seed) for seed in (1, 2)] for name in names}
     return [
-        (job_of(name, recordings, asked or question(), "", folder), recordings) for name, recordings in fleet.items()
+        (job_of(name, recordings, request or make_request(), "", folder), recordings)
+        for name, recordings in fleet.items()
     ]
 
 
-def told(answers):
+def as_results(answers):
     return {
         a.row["name"]: (
             {k: v for k, v in a.row.items() if k != "seconds"},
@@ -73,13 +74,13 @@ def told(answers):
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory):
-    """What this process finds, one that fails and one that crashes among them; and the jobs."""
+    """The results of this process, with a failure and a crash, and the jobs."""
     work = jobs(tmp_path_factory.mktemp("fleet"), (*OFFSETS_N, "refused", "broken"))
-    packed = question().pack()
-    return work, packed, told(answer(job, packed, recordings) for job, recordings in work)
+    packed = make_request().pack()
+    return work, packed, as_results(answer(job, packed, recordings) for job, recordings in work)
 
 
-def test_a_row_says_what_was_found(expected):
+def test_a_row_describes_the_result(expected):
     _, _, answers = expected
     row, files = answers["c"]
     assert row["status"] == DONE
@@ -97,33 +98,33 @@ def test_a_row_says_what_was_found(expected):
     json.dumps([row for row, _ in answers.values()], allow_nan=False)
 
 
-def test_processes_on_this_machine_find_the_same(expected):
+def test_local_processes_give_the_same_results(expected):
     work, packed, answers = expected
-    assert told(on_this_machine(packed, work, processes=2, threads=1)) == answers
+    assert as_results(on_this_machine(packed, work, processes=2, threads=1)) == answers
 
 
 @pytest.fixture(scope="module")
 def cluster():
-    """The address of a scheduler with two workers, each a process of its own that does not know these tests."""
+    """The address of a scheduler with two workers, each in processes without these tests."""
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    kept = sys.path[:]
+    path = sys.path[:]
     sys.path[:] = [p for p in sys.path if not p.startswith(str(ROOT / "test"))]
     try:
         with distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
         ) as made_cluster:
-            sys.path[:] = kept
+            sys.path[:] = path
             yield made_cluster.scheduler_address
     finally:
-        sys.path[:] = kept
+        sys.path[:] = path
 
 
-def test_workers_of_a_dask_scheduler_find_the_same(expected, cluster):
+def test_dask_workers_give_the_same_results(expected, cluster):
     work, packed, answers = expected
-    assert told(on_cluster(packed, work, cluster)) == answers
+    assert as_results(on_cluster(packed, work, cluster)) == answers
 
 
-def test_tasks_are_taken_as_workers_get_free(expected, cluster):
+def test_tasks_are_taken_when_workers_are_free(expected, cluster):
     work, packed, _ = expected
     taken = []
 
@@ -138,7 +139,7 @@ def test_tasks_are_taken_as_workers_get_free(expected, cluster):
     assert len(list(answers)) == len(work) - 1
 
 
-def test_no_scheduler_is_one_line(expected, monkeypatch):
+def test_a_missing_scheduler_is_an_error_of_one_line(expected, monkeypatch):
     pytest.importorskip("distributed", reason="dask.distributed is not installed")
     monkeypatch.setattr(cluster_module, "CONNECT_S", 0.5)
     work, packed, _ = expected
@@ -149,41 +150,44 @@ def test_no_scheduler_is_one_line(expected, monkeypatch):
             list(on_cluster(packed, work, address))
 
 
-def test_users_own_code_travels_by_value(tmp_path, monkeypatch, cluster):
+def test_code_of_the_user_is_sent_by_value(tmp_path, monkeypatch, cluster):
     (tmp_path / "my_damper.py").write_text("GAIN = 1200.0\n\n\ndef force(t, x, i):\n    return GAIN * x * 0.0\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    mine = question(simulation=function_simulation("my_damper:force"), options=Options(effects=(Offset(),)))
+    mine = make_request(simulation=function_simulation("my_damper:force"), options=Options(effects=(Offset(),)))
     work = jobs(tmp_path, ("b",), mine)
     packed = mine.pack()
     (found,) = on_cluster(packed, work, cluster)
     assert found.row["status"] == DONE, found.row
-    assert told([found]) == told([answer(work[0][0], packed, work[0][1])])
+    assert as_results([found]) == as_results([answer(work[0][0], packed, work[0][1])])
 
 
-def test_keys_tell_answers_apart(tmp_path, monkeypatch):
+def test_different_requests_have_different_keys(tmp_path, monkeypatch):
     (tmp_path / "coded.py").write_text("def force(t, x, i):\n    return x\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    coded = question(simulation=function_simulation("coded:force"), spec="coded:force")
+    coded = make_request(simulation=function_simulation("coded:force"), spec="coded:force")
     (tmp_path / "m.json").write_text("1")
     monkeypatch.chdir(tmp_path)
-    filed = question(spec="m.json")
-    digests = [q.digest() for q in (question(), question(options=Options(seed=2)), coded, filed)]
-    digests.append(question(options=Options(effects=(Offset(),))).digest())
-    digests.append(question(reference=(made("r", 1.0),)).digest())
+    filed = make_request(spec="m.json")
+    digests = [q.digest() for q in (make_request(), make_request(options=Options(seed=2)), coded, filed)]
+    digests.append(make_request(options=Options(effects=(Offset(),))).digest())
+    digests.append(make_request(reference=(made("r", 1.0),)).digest())
     (tmp_path / "coded.py").write_text("def force(t, x, i):\n    return 2 * x\n")
     (tmp_path / "m.json").write_text("2")
     digests += [coded.digest(), filed.digest()]
     assert len(set(digests)) == len(digests)
-    assert question(options=Options(threads=9)).digest() == question().digest()
+    assert make_request(options=Options(threads=9)).digest() == make_request().digest()
     recordings = [made("a", 1.0)]
-    keys = [job_of("a", recordings, question(), "s", tmp_path), job_of("a", recordings, question(), "other", tmp_path)]
-    keys.append(job_of("a", [made("a", 2.0)], question(), "s", tmp_path))
+    keys = [
+        job_of("a", recordings, make_request(), "s", tmp_path),
+        job_of("a", recordings, make_request(), "other", tmp_path),
+    ]
+    keys.append(job_of("a", [made("a", 2.0)], make_request(), "s", tmp_path))
     assert len({job.key for job in keys}) == 3
     assert job_of("a", recordings, filed, "", tmp_path).sim["spec"] == "../../m.json"
-    assert job_of("renamed", recordings, question(), "s", tmp_path).key == keys[0].key
+    assert job_of("renamed", recordings, make_request(), "s", tmp_path).key == keys[0].key
 
 
-def test_rows_and_files_are_on_disk_as_they_come(tmp_path, expected):
+def test_rows_and_files_are_written_immediately(tmp_path, expected):
     _, packed, _ = expected
     with open_fleet(tmp_path) as fleet:
         for job, recordings in jobs(tmp_path, (*OFFSETS_N, "refused", "broken")):
@@ -214,7 +218,7 @@ sys.path[:0] = [*{test!r}, {root!r}]
 from pathlib import Path
 import test_fleet as t
 folder = Path(sys.argv[1])
-asked = t.question(options=t.Options(seed=77))
+asked = t.make_request(options=t.Options(seed=77))
 work = t.jobs(folder, tuple("abcdefgh"), asked)
 with t.open_fleet(folder) as fleet:
     for found in t.on_this_machine(asked.pack(), work, 2, 1):
@@ -222,7 +226,7 @@ with t.open_fleet(folder) as fleet:
 """
 
 
-def begun(folder):
+def start_run(folder):
     code = RUN.format(test=[str(Path(__file__).parent), str(ROOT / "test" / "support")], root=str(ROOT))
     return subprocess.Popen(
         [sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE, text=True, start_new_session=True
@@ -234,8 +238,8 @@ def lines_of(folder):
     return path.read_bytes().splitlines() if path.exists() else []
 
 
-def test_a_killed_run_goes_on(tmp_path):
-    run = begun(tmp_path)
+def test_a_killed_run_resumes(tmp_path):
+    run = start_run(tmp_path)
     deadline = time.monotonic() + 60.0
     while len(lines_of(tmp_path)) < 3:
         assert run.poll() is None
@@ -248,12 +252,12 @@ def test_a_killed_run_goes_on(tmp_path):
     assert 3 <= len(finished) < 8
     with (tmp_path / ROWS).open("ab") as file:
         file.write(b'{"key": "torn')
-    asked = question(options=Options(seed=77))
+    request = make_request(options=Options(seed=77))
     with open_fleet(tmp_path) as fleet:
-        missing = [(job, r) for job, r in jobs(tmp_path, "abcdefgh", asked) if not fleet.has(job)]
+        missing = [(job, r) for job, r in jobs(tmp_path, "abcdefgh", request) if not fleet.has(job)]
         assert len(missing) == 8 - len(finished)
         for job, recordings in missing:
-            fleet.add(answer(job, asked.pack(), recordings))
+            fleet.add(answer(job, request.pack(), recordings))
     lines = lines_of(tmp_path)
     assert lines[: len(finished)] == finished
     assert sorted(json.loads(line)["name"] for line in lines) == list("abcdefgh")

@@ -1,4 +1,4 @@
-"""What cannot be diagnosed is one line that says what to do; what is doubtful is a note; what is fine says nothing."""
+"""Errors of one line if a diagnosis is not possible, notes for doubts, nothing otherwise."""
 
 from dataclasses import dataclass, replace
 
@@ -47,7 +47,7 @@ def ride(name="ride", seed=1, noise=8.0, current=None, change=lambda force: forc
 
 
 def simulated(recording, factor=1.0, fidelity=1.0):
-    """The damper's force as a simulation that is somewhat wrong would give it, times a factor."""
+    """The damper's force of a slightly wrong simulation, times a factor."""
     position, current = recording.channel("position").values, recording.channel("current").values
     wrong = 1500.0 * np.gradient(position, 1.0 / RATE)
     return factor * (fidelity * force_of(position, current) + (1.0 - fidelity) * wrong)
@@ -71,14 +71,14 @@ def test_different_recordings_have_no_notes():
 @pytest.mark.parametrize(
     ("sets", "message"),
     [
-        (([1, 1], [], []), "a: the same recording twice under --real; give each once"),
-        (([1, 2], [2], []), "a: the same recording under --real and --held-out; what is judged on must not"),
-        (([1], [], [1]), "a: the same recording under --real and --reference; references are recordings free of"),
+        (([1, 1], [], []), "a: duplicate recording under --real; pass each recording once"),
+        (([1, 2], [2], []), "a: the same recording under --real and --held-out; held-out recordings must not"),
+        (([1], [], [1]), "a: the same recording under --real and --reference; references must be free of"),
         (([1], [2], [2]), "a: the same recording under --held-out and --reference"),
     ],
 )
 @pytest.mark.parametrize("hashed", [True, False])
-def test_a_recording_given_twice_is_refused(sets, message, hashed):
+def test_a_duplicate_recording_is_refused(sets, message, hashed):
     def recording(seed):
         return replace(ride("a", seed), sha256=f"{seed:064x}" if hashed else "")
 
@@ -116,16 +116,16 @@ def clipped(low=-1e9, high=1e9, step=0.0):
 
 
 @pytest.mark.parametrize("step", [0.0, 1.0, 10.0])
-def test_flat_tops_are_found_whatever_the_converter(step):
-    (found,) = find_saturations(ride(change=clipped(high=400.0, step=step)))
-    assert found.limit_N == 400.0
-    assert 0.01 < found.share < 0.4
+def test_flat_tops_are_detected_with_any_converter(step):
+    (result,) = find_saturations(ride(change=clipped(high=400.0, step=step)))
+    assert result.limit_N == 400.0
+    assert 0.01 < result.share < 0.4
     assert [s.limit_N for s in find_saturations(ride(change=clipped(-300.0, 350.0, step)))] == [-300.0, 350.0]
 
 
 @pytest.mark.parametrize("step", [0.0, 1.0, 10.0, 50.0])
 @pytest.mark.parametrize("noise", [0.0, 8.0])
-def test_a_force_that_only_turns_round_does_not_saturate(step, noise):
+def test_a_force_that_only_reverses_does_not_saturate(step, noise):
     assert find_saturations(ride(noise=noise, change=clipped(step=step))) == ()
 
 
@@ -135,10 +135,10 @@ def test_little_saturation_is_a_note_and_its_ticks_are_not_used():
     (note,) = check_recordings([recording], [], [])
     assert note.startswith(f"ride: the force channel saturates: 3.0% of the samples at {limit:.5g} N")
     whole = make_trace(recording, simulated(recording))
-    kept = exclude_saturated_ticks(whole)
+    remaining = exclude_saturated_ticks(whole)
     flat = np.interp(whole.time_s, T, (recording.channel("force").values == limit).astype(float)) > 0.0
-    assert not (kept.usable & flat).any()
-    assert 0.7 < kept.usable.sum() / whole.usable.sum() < 0.97
+    assert not (remaining.usable & flat).any()
+    assert 0.7 < remaining.usable.sum() / whole.usable.sum() < 0.97
     assert exclude_saturated_ticks(trace()).usable.sum() == trace().usable.sum()
 
 
@@ -152,46 +152,46 @@ def test_much_saturation_is_refused():
 
 @pytest.mark.parametrize("fidelity", [1.0, 0.7, 0.3])
 @pytest.mark.parametrize("factor", [1.0, 0.6, 1.5, 2.5])
-def test_a_simulation_that_is_only_wrong_passes(factor, fidelity):
+def test_a_simulation_with_a_plausible_error_passes(factor, fidelity):
     assert check_traces([trace(factor, fidelity)], SIM, "my:sim") == ()
 
 
 @pytest.mark.parametrize(
-    ("factor", "says", "mend"),
+    ("factor", "says", "remedy"),
     [
-        (-1.0, "the simulation's force goes against the measured one", "turn the simulation's output round"),
+        (-1.0, "the simulated force has the opposite sign of the measured one", "invert the simulation's output"),
         (1e-3, "the simulation's force is in kN", "multiply the simulation's output by 1000"),
-        (-1e-3, "goes against the measured one and the simulation's force is in kN", "output by -1000"),
-        (1e3, "the measured force is in kN", "give force scale: 1000 in the signals file"),
+        (-1e-3, "opposite sign of the measured one and the simulation's force is in kN", "output by -1000"),
+        (1e3, "the measured force is in kN", "set scale: 1000 for force in the signals file"),
         (1.0 / 4.4482, "the simulation's force is in lbf", "multiply the simulation's output by 4.44822"),
-        (4.4482, "the measured force is in lbf", "give force scale: 4.44822"),
+        (4.4482, "the measured force is in lbf", "set scale: 4.44822"),
         (1.0 / 9.80665, "the simulation's force is in kgf", "output by 9.80665"),
-        (9.80665, "the measured force is in kgf", "give force scale: 9.80665"),
+        (9.80665, "the measured force is in kgf", "set scale: 9.80665"),
         (1.0 / 0.00980665, "the simulation's force is in gf", "output by 0.00980665"),
         (90.0, "check the units of the simulation", "expected the same damper"),
         (0.02, "check the units of the simulation", "expected the same damper"),
     ],
 )
-def test_wrong_signs_and_units_are_said_with_what_to_do(factor, says, mend):
+def test_wrong_signs_and_units_are_errors_with_a_remedy(factor, says, remedy):
     with pytest.raises(GapError) as raised:
         check_traces([trace(factor, fidelity=0.95)], SIM, "my:sim")
-    told = str(raised.value)
-    assert told.startswith("my:sim: ")
-    assert says in told
-    assert mend in told
-    assert "\n" not in told
+    text = str(raised.value)
+    assert text.startswith("my:sim: ")
+    assert says in text
+    assert remedy in text
+    assert "\n" not in text
 
 
-def test_a_rough_simulation_in_the_wrong_sign_or_kilonewtons_is_still_found():
-    for factor, says in ((-1.0, "goes against"), (1e-3, "is in kN")):
+def test_wrong_sign_or_kilonewtons_are_detected_in_a_rough_simulation():
+    for factor, says in ((-1.0, "opposite sign"), (1e-3, "is in kN")):
         with pytest.raises(GapError, match=says):
             check_traces([trace(factor, fidelity=0.2, noise=150.0)], SIM, "my:sim")
 
 
 def test_the_gain_is_that_of_the_reduced_major_axis():
-    found = compare_forces([trace(factor=0.5, fidelity=1.0, noise=0.0)])
-    assert found.correlation == pytest.approx(1.0, abs=1e-6)
-    assert found.gain == pytest.approx(2.0, rel=1e-4)
+    result = compare_forces([trace(factor=0.5, fidelity=1.0, noise=0.0)])
+    assert result.correlation == pytest.approx(1.0, abs=1e-6)
+    assert result.gain == pytest.approx(2.0, rel=1e-4)
 
 
 def test_a_constant_force_is_refused():
@@ -203,24 +203,24 @@ def test_a_constant_force_is_refused():
         check_traces([make_trace(still, simulated(still))], SIM, "my:sim")
 
 
-def test_a_simulation_of_something_else_is_doubted():
+def test_an_unrelated_simulation_is_a_note():
     recording = ride()
     unrelated = 500.0 * np.sin(2 * np.pi * 3.1 * T)
     (note,) = check_traces([make_trace(recording, unrelated)], SIM, "my:sim")
-    assert "hardly goes with the measured one" in note
+    assert "hardly correlates with the measured one" in note
 
 
 # range -----------------------------------------------------------------------------------------------------------
 
 
 def model(**ranges):
-    given = {"position_m": (-0.02, 0.02), "speed_m_s": (-0.6, 0.6), "current_A": (0.3, 0.9), **ranges}
+    bounds = {"position_m": (-0.02, 0.02), "speed_m_s": (-0.6, 0.6), "current_A": (0.3, 0.9), **ranges}
     return Model(
-        Sampling(500.0, 60.0, 0.02), Polynomial((Term(900.0, (Factor("speed", 0),)),)), Envelope(**given), (-3e4, 3e4)
+        Sampling(500.0, 60.0, 0.02), Polynomial((Term(900.0, (Factor("speed", 0),)),)), Envelope(**bounds), (-3e4, 3e4)
     )
 
 
-def test_inside_the_envelope_nothing_is_said():
+def test_inside_the_envelope_there_is_no_note():
     assert check_traces([trace()], ModelSimulation(model()), "m.json") == ()
 
 
@@ -231,7 +231,7 @@ def test_little_outside_is_a_note_that_names_the_input():
 
 
 @pytest.mark.parametrize("depth", [0, 2])
-def test_no_overlap_is_refused_however_deep_the_model_lies(depth):
+def test_no_overlap_is_refused_for_a_nested_model(depth):
     simulation = ModelSimulation(model(current_A=(1.2, 1.6)))
     for _ in range(depth):
         simulation = AugmentedSimulation("a.json", simulation, Composition())
@@ -239,23 +239,23 @@ def test_no_overlap_is_refused_however_deep_the_model_lies(depth):
         check_traces([trace()], simulation, "m.json")
 
 
-def test_where_the_simulation_is_silent_is_told():
+def test_a_missing_simulated_force_is_a_note():
     recording = ride()
     force = simulated(recording)
     force[1000:3000] = np.nan
     (note,) = check_traces([make_trace(recording, force)], SIM, "my:sim")
     assert "ride: 4" in note
-    assert "the force of my:sim is missing there" in note
+    assert "the force of my:sim is missing" in note
 
 
-def test_parts_of_one_recording_are_one():
+def test_traces_of_one_recording_count_together():
     whole = trace()
     late = whole.time_s > 6.0
     parts = [replace(whole, usable=whole.usable & late), replace(whole, usable=whole.usable & ~late)]
     assert check_traces(parts, SIM, "my:sim") == ()
 
 
-def test_a_damper_that_hardly_moves_is_told():
+def test_slow_motion_is_a_note():
     slow = trace()
     inputs = replace(slow.inputs, speed=slow.inputs.speed * 0.01)
     (note,) = check_traces([replace(slow, inputs=inputs)], SIM, "my:sim")
@@ -282,10 +282,12 @@ class Gain(Effect):
     parameters = (EffectParameter("gain", 0.5, 2.0, (1.1,), "of the current"),)
 
 
-def test_a_constant_current_is_told_with_the_effects_that_cannot_be_seen():
+def test_a_constant_current_is_a_note_and_hides_effects():
     constant = [trace(current=0.6), trace(current=0.6, seed=2)]
     assert is_current_constant(constant)
-    assert check_traces(constant, SIM, "my:sim") == ("the current stays at 0.6 A: what the valve does cannot be seen",)
+    assert check_traces(constant, SIM, "my:sim") == (
+        "the current stays at 0.6 A: effects of the valve are not visible",
+    )
     assert find_invisible_effects([Lag(), Gain()], constant) == (
         ("lag", "it needs a changing current; the current stays at 0.6 A"),
     )
@@ -293,12 +295,12 @@ def test_a_constant_current_is_told_with_the_effects_that_cannot_be_seen():
     assert explain_invisibility(Lag(), constant) is not None
 
 
-def test_without_any_current_its_gain_cannot_be_seen_either():
+def test_at_zero_current_its_gain_is_not_visible():
     passive = [trace(current=0.0)]
     assert [name for name, _ in find_invisible_effects([Lag(), Gain()], passive)] == ["lag", "gain"]
 
 
-def test_a_current_that_differs_between_recordings_changes():
+def test_a_current_that_differs_between_recordings_is_not_constant():
     assert not is_current_constant([trace(current=0.3), trace(current=0.6)])
     assert find_invisible_effects([Lag(), Gain()], [trace()]) == ()
 
@@ -343,7 +345,7 @@ class Outside(Sound):
     parameters = (EffectParameter("gain", 0.0, 2.0, (3.0,), "of the force"),)
 
 
-def test_a_sound_effect_of_ones_own_is_taken():
+def test_a_sound_effect_of_the_user_is_accepted():
     effect = user_effect("test_gap_checks:Sound")
     assert effect == Sound()
     require_sound(effect, trace())
@@ -352,12 +354,12 @@ def test_a_sound_effect_of_ones_own_is_taken():
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        (Short, r"gave force of shape \(\d+,\); expected"),
+        (Short, r"returned force of shape \(\d+,\); expected"),
         (Wild, "force that is not finite"),
         (Raises, "raised RuntimeError: no"),
     ],
 )
-def test_an_effect_that_fails_is_named(kind, message):
+def test_a_failing_effect_is_named(kind, message):
     with pytest.raises(GapError, match=f"effect 'sound': .*{message}"):
         require_sound(kind(), trace())
 
@@ -366,14 +368,14 @@ def test_an_effect_that_fails_is_named(kind, message):
     ("spec", "message"),
     [
         ("nowhere:Sound", "cannot be imported: ModuleNotFoundError"),
-        ("test_gap_checks:ride", "is no effect"),
+        ("test_gap_checks:ride", "not an effect"),
         ("test_gap_checks", "expected module:Class"),
-        ("test_gap_checks:Nameless", "has no name, form or parameters"),
+        ("test_gap_checks:Nameless", "expected name, form and parameters"),
         ("test_gap_checks:Outside", r"gain has bounds \[0, 2\] and starts \(3.0,\)"),
         ("test_gap_checks:" + "x" * 900, "expected module:Class"),
     ],
 )
-def test_what_is_no_effect_is_one_line(spec, message):
+def test_an_invalid_effect_is_an_error_of_one_line(spec, message):
     with pytest.raises(CesError, match=message) as raised:
         user_effect(spec)
     assert len(str(raised.value)) < 500

@@ -1,4 +1,4 @@
-"""What a diagnosis is given, made ready: parts set aside, what is too short refused, who reruns the simulation."""
+"""Preparation: held-out parts, refusal of short recordings, choice of the simulator."""
 
 from __future__ import annotations
 
@@ -18,96 +18,96 @@ from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import RecordedSimulation
 
 
-def ready(real: list[Recording], held_out: list[Recording] | None = None, **more: list[Recording]) -> DiagnosisInput:
+def prepare(real: list[Recording], held_out: list[Recording] | None = None, **more: list[Recording]) -> DiagnosisInput:
     return prepare_recordings(SIMULATION, real, held_out or [], more.get("reference", []))
 
 
-@pytest.mark.parametrize(("count", "kept"), [(2, 1), (3, 2), (4, 3), (6, 4), (7, 5)])
-def test_the_last_third_of_the_recordings_is_set_aside(count: int, kept: int) -> None:
+@pytest.mark.parametrize(("count", "count_fitted"), [(2, 1), (3, 2), (4, 3), (6, 4), (7, 5)])
+def test_the_last_third_of_the_recordings_is_set_aside(count: int, count_fitted: int) -> None:
     traces = [traced(seed=s, seconds=1.0) for s in range(count)]
-    fitted, judged = set_aside(traces)
-    assert [t.name for t in fitted] == [t.name for t in traces[:kept]]
-    assert [t.name for t in judged] == [t.name for t in traces[kept:]]
+    fitted, held = set_aside(traces)
+    assert [t.name for t in fitted] == [t.name for t in traces[:count_fitted]]
+    assert [t.name for t in held] == [t.name for t in traces[count_fitted:]]
 
 
 @pytest.mark.parametrize("seconds", [4.0, 20.0, 60.0])
 def test_every_third_part_of_a_single_recording_is_set_aside(seconds: float) -> None:
     only = traced(seconds=seconds)
-    (fitted,), (judged,) = set_aside([only])
-    np.testing.assert_array_equal(fitted.usable | judged.usable, only.usable)
-    assert not (fitted.usable & judged.usable).any()
-    assert 0.15 < judged.usable.sum() / only.usable.sum() < 0.4
-    switches = int(np.abs(np.diff(judged.usable.astype(int))).sum())
+    (fitted,), (held,) = set_aside([only])
+    np.testing.assert_array_equal(fitted.usable | held.usable, only.usable)
+    assert not (fitted.usable & held.usable).any()
+    assert 0.15 < held.usable.sum() / only.usable.sum() < 0.4
+    switches = int(np.abs(np.diff(held.usable.astype(int))).sum())
     assert switches <= 8  # whole parts, not ticks here and there
 
 
-def test_recordings_are_sorted_by_what_they_are_for() -> None:
+def test_recordings_keep_their_roles() -> None:
     real, held_out, reference = [recorded(seed=s) for s in (1, 2)], [recorded(seed=3)], [recorded(seed=4)]
-    made = ready(real, held_out, reference=reference)
-    assert [t.name for t in made.real] == ["made1", "made2"]
-    assert [t.name for t in made.held_out] == ["made3"] and [t.name for t in made.reference] == ["made4"]
-    assert [t.name for t in ready(real).held_out] == ["made2"]
+    inputs = prepare(real, held_out, reference=reference)
+    assert [t.name for t in inputs.real] == ["made1", "made2"]
+    assert [t.name for t in inputs.held_out] == ["made3"] and [t.name for t in inputs.reference] == ["made4"]
+    assert [t.name for t in prepare(real).held_out] == ["made2"]
 
 
-def test_a_simulation_that_answers_at_once_is_asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fast_simulation_is_run_directly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
-    made = ready([recorded()])
-    assert isinstance(made.exact, DirectSimulator) and made.cheap is made.exact and made.surrogate is None
-    assert made.best is made.exact and made.slow is None
+    inputs = prepare([recorded()])
+    assert isinstance(inputs.exact, DirectSimulator) and inputs.cheap is inputs.exact and inputs.surrogate is None
+    assert inputs.best is inputs.exact and inputs.slow is None
 
 
-def test_a_slow_one_gets_a_surrogate_that_has_seen_changed_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slow_simulation_gets_a_surrogate_with_changed_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare_module, "SLOW_S", 0.0)
-    made = ready([recorded(seed=1), recorded(seed=2)])
+    inputs = prepare([recorded(seed=1), recorded(seed=2)])
     assert (
-        isinstance(made.exact, DirectSimulator)
-        and made.cheap is made.surrogate
-        and isinstance(made.surrogate, Surrogate)
+        isinstance(inputs.exact, DirectSimulator)
+        and inputs.cheap is inputs.surrogate
+        and isinstance(inputs.surrogate, Surrogate)
     )
-    assert made.best is made.exact and made.slow is made.exact
-    (trace, *_) = made.real
+    assert inputs.best is inputs.exact and inputs.slow is inputs.exact
+    (trace, *_) = inputs.real
     weaker = trace.inputs.with_current(0.95 * trace.inputs.current)
-    changed = made.exact.force(trace, weaker) - trace.simulated
-    told = made.cheap.force(trace, weaker) - trace.simulated
-    assert np.std((told - changed)[trace.usable]) < 0.5 * np.std(changed[trace.usable])
+    changed = inputs.exact.force(trace, weaker) - trace.simulated
+    predicted = inputs.cheap.force(trace, weaker) - trace.simulated
+    assert np.std((predicted - changed)[trace.usable]) < 0.5 * np.std(changed[trace.usable])
 
 
-def with_predictions(recording: Recording) -> Recording:
+def add_predictions(recording: Recording) -> Recording:
     channel = Channel("sim_force", "N", recording.channel("position").stamps_ns, SIMULATION.force(recording))
     return replace(recording, channels={**recording.channels, "sim_force": channel})
 
 
 def test_recorded_predictions_cannot_be_rerun() -> None:
-    recordings = [with_predictions(recorded(seed=s)) for s in (1, 2)]
-    made = prepare_recordings(RecordedSimulation("/prediction"), recordings, [], [])
-    assert made.exact is None and made.slow is None and made.best is made.cheap is made.surrogate
-    assert made.surrogate is not None and 0.0 < made.surrogate.cost_J < 20.0
+    recordings = [add_predictions(recorded(seed=s)) for s in (1, 2)]
+    inputs = prepare_recordings(RecordedSimulation("/prediction"), recordings, [], [])
+    assert inputs.exact is None and inputs.slow is None and inputs.best is inputs.cheap is inputs.surrogate
+    assert inputs.surrogate is not None and 0.0 < inputs.surrogate.cost_J < 20.0
 
 
-def spoilt(signal: str, spoil: Callable[[F], F], seconds: float = 8.0) -> Recording:
+def spoil(signal: str, spoil: Callable[[F], F], seconds: float = 8.0) -> Recording:
     recording = recorded(seconds=seconds)
     channel = recording.channel(signal)
     return replace(recording, channels={**recording.channels, signal: replace(channel, values=spoil(channel.values))})
 
 
 @pytest.mark.parametrize("signal", ["force", "current"])
-def test_what_is_known_for_less_than_a_second_is_refused_by_name(signal: str) -> None:
-    lost = spoilt(signal, lambda values: np.where(np.arange(len(values)) < 300, values, np.nan))
+def test_less_than_a_second_of_data_is_refused_by_name(signal: str) -> None:
+    lost = spoil(signal, lambda values: np.where(np.arange(len(values)) < 300, values, np.nan))
     if signal == "current":
         lost = replace(
             lost, channels={**lost.channels, "current": lost.channel("current").select(np.arange(4000) < 50)}
         )
-    with pytest.raises(GapError, match=r"made1.*expected at least 1 s") as told:
-        ready([lost])
-    assert "\n" not in str(told.value)
+    with pytest.raises(GapError, match=r"made1.*expected at least 1 s") as messages:
+        prepare([lost])
+    assert "\n" not in str(messages.value)
 
 
-def test_too_little_to_fit_on_is_refused() -> None:
-    with pytest.raises(GapError, match="to fit on; expected at least 4 s"):
-        ready([recorded(seconds=3.0)], [recorded(seed=2)])
+def test_too_little_data_for_the_fit_is_refused() -> None:
+    with pytest.raises(GapError, match="remain for the fit; expected at least 4 s"):
+        prepare([recorded(seconds=3.0)], [recorded(seed=2)])
 
 
-def test_progress_is_told_for_each_recording() -> None:
-    told: list[str] = []
-    prepare_recordings(SIMULATION, [recorded()], [recorded(seed=2)], [], lambda what, share: told.append(what))
-    assert [name in what for name, what in zip(("made1", "made2"), told, strict=False)] == [True, True]
+def test_progress_is_reported_for_each_recording() -> None:
+    messages: list[str] = []
+    prepare_recordings(SIMULATION, [recorded()], [recorded(seed=2)], [], lambda what, share: messages.append(what))
+    assert [name in what for name, what in zip(("made1", "made2"), messages, strict=False)] == [True, True]

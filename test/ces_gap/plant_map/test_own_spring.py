@@ -1,4 +1,4 @@
-"""The plant's own spring: found in a plant that has one, none in one that has not; a leak relaxes what it holds."""
+"""The plant's own spring: identified in a plant that has one, none otherwise; a leak relaxes its force."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LEAK = 3e-5  # [m/(s N)]
 
 @njit(cache=True)
 def leaky_brake(x, current, leak, step_s):
-    """A friction that holds, with a leak beside it: it moves by what has not leaked."""
+    """Friction with a leak in parallel: it moves by the stroke that has not leaked."""
     out = np.zeros_like(x)
     for k in range(1, len(x)):
         step = x[k] - x[k - 1] - leak * out[k - 1] * step_s
@@ -33,13 +33,13 @@ def leaking() -> Trace:
 
 
 def left(trace: Trace, leak: float) -> float:
-    """RMS [N] of what a leak leaves of the gap, over the usable ticks."""
+    """RMS [N] of the gap with a leak, over the usable ticks."""
     force = Plant(Brake()).with_effects(Composition((Setting(BothWays(), (leak,)),)), trace)
     return float(np.sqrt(np.mean((trace.force - force)[trace.usable] ** 2)))
 
 
 @pytest.mark.parametrize("stiffness", [9.5e5, 5e6])
-def test_the_spring_of_a_plant_is_found(stiffness: float) -> None:
+def test_the_spring_of_a_plant_is_identified(stiffness: float) -> None:
     trace = recorded(series(TABLE / stiffness))
     found = replace(trace, simulated=trace.force).sprung_map.compliance
     assert 0.5 < found * stiffness < 2.0  # compliances are tried by factors of 1.8
@@ -49,7 +49,7 @@ def test_a_plant_without_a_spring_has_none() -> None:
     assert plain().sprung_map.compliance == 0.0
 
 
-def test_a_map_is_learnt_once_for_a_trace_from_the_ticks_it_names() -> None:
+def test_a_map_is_learnt_once_for_a_trace_from_its_map_ticks() -> None:
     trace = plain()
     early = trace.usable & (trace.time_s < 0.5 * trace.time_s[-1])
     assert trace.sprung_map is trace.sprung_map and trace.pumped_map is trace.pumped_map
@@ -58,8 +58,8 @@ def test_a_map_is_learnt_once_for_a_trace_from_the_ticks_it_names() -> None:
     assert not np.array_equal(judged.sprung_map.map.table, trace.sprung_map.map.table)
 
 
-def test_a_leak_relaxes_the_force_that_a_friction_holds() -> None:
-    """Friction that knows no speed is the hardest plant: the leak is found a fifth too small, not missed."""
+def test_a_leak_relaxes_a_friction_force() -> None:
+    """Friction independent of speed is the hardest plant: the leak is found a fifth too small."""
     trace = leaking()
     shares = (0.0, 0.5, 0.8, 1.0, 1.5)
     errors = [left(trace, share * LEAK) for share in shares]

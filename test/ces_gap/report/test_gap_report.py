@@ -12,7 +12,7 @@ from diagnosed_traces import Friction, setting
 from diagnoses import ALL, ambiguous, experiment, explained, named, no_gap, pair, unknown
 
 from ces_gap.diagnosis import Diagnosis, Estimate, GapRegion, HeldOutSeries, Where
-from ces_gap.effects.library import effect_names, library
+from ces_gap.effects.library import library
 from ces_gap.report import report_page
 from ces_gap.report.before_after import _kinks, worst_second
 from ces_gap.report.causes import cause_rows, effects_without_row
@@ -310,7 +310,7 @@ def test_parameters_are_told_in_handy_units(name: str, value: float, expected: t
 
 
 def test_every_effect_of_the_library_is_told_in_words() -> None:
-    assert set(effect_names()) == set(EFFECTS)
+    assert {e.name for e in library()} == set(EFFECTS)
     for parameter in (p for form in library() for p in form.parameters):
         name, _, unit, _ = parameter_text(Estimate(parameter.name, parameter.low, (parameter.low, parameter.high)))
         assert unit or not re.search(r" (m\d?|s|s?N|A|K|J|kg|Pa|Hz|rad|rtN)$", name), parameter.name

@@ -62,7 +62,7 @@ def rms(values: F, trace: Trace) -> float:
 
 
 def refit(trace: Trace, effect: Effect, damper: Damper | Brake | None = None) -> tuple[tuple[float, ...], F]:
-    """The effect's values fitted to the measured force from its best start, and the residual [N] left (n,)."""
+    """The effect's values fitted to the measured force from its best start, and the remaining residual [N] (n,)."""
 
     def values(at: F) -> tuple[float, ...]:
         return tuple(p.to_value(float(u)) for p, u in zip(effect.parameters, at, strict=True))
@@ -78,18 +78,18 @@ def refit(trace: Trace, effect: Effect, damper: Damper | Brake | None = None) ->
     starts = effect.starts_for(trace)
     start = min((searched(s) for s in starts), key=lambda u: float(np.sum(residual(u) ** 2)))
     span = np.maximum(np.abs(start), 0.05 * (high - low))
-    found = least_squares(residual, start, bounds=(low, high), x_scale=span, diff_step=1e-3, max_nfev=10)
-    return values(found.x), residual(found.x)
+    fitted = least_squares(residual, start, bounds=(low, high), x_scale=span, diff_step=1e-3, max_nfev=10)
+    return values(fitted.x), residual(fitted.x)
 
 
 @pytest.mark.parametrize("form", PLANTED)
 def test_a_planted_effect_is_recovered(form: str) -> None:
     values, trace = PLANTED[form][0], planted(form)
     gap = rms(trace.force - trace.simulated, trace)
-    found, residual = refit(trace, FORMS[form])
+    fitted, residual = refit(trace, FORMS[form])
     left = float(np.sqrt(np.mean(residual**2)))
     assert left < 0.15 * gap
-    for value, expected in zip(found, values, strict=True):
+    for value, expected in zip(fitted, values, strict=True):
         assert value == pytest.approx(expected, rel=0.08)
 
 
@@ -110,7 +110,7 @@ def arrays_of(inputs: TraceInputs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_neutral_changes_nothing(form: str) -> None:
+def test_neutral_values_change_nothing(form: str) -> None:
     trace, values = plain(), neutral(FORMS[form])
     inputs = FORMS[form].drive(trace, trace.inputs, trace.simulated, values)
     force = FORMS[form].respond(trace, inputs, trace.simulated, values)
@@ -120,7 +120,7 @@ def test_neutral_changes_nothing(form: str) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_finite_in_every_corner_and_at_a_constant_current(form: str) -> None:
+def test_forces_are_finite_in_every_corner_and_at_constant_current(form: str) -> None:
     effect, still = FORMS[form], recorded(lambda x, v, i: valves(v, i), np.full(int(SECONDS * RATE_HZ), 0.7))
     for trace, values in product((plain(), still), corners(effect)):
         inputs = effect.drive(trace, trace.inputs, trace.simulated, values)
@@ -131,7 +131,7 @@ def test_finite_in_every_corner_and_at_a_constant_current(form: str) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_smooth_in_its_parameters(form: str) -> None:
+def test_forces_are_smooth_in_the_parameters(form: str) -> None:
     """One-sided differences of the steps that a fit takes agree with central ones."""
     effect, values, trace = FORMS[form], PLANTED[form][0], plain()
     for k, p in enumerate(effect.parameters):
@@ -149,12 +149,12 @@ def test_smooth_in_its_parameters(form: str) -> None:
         assert rms(forward - twice, trace) < 0.15 * rms(forward, trace), p.name
 
 
-def test_a_loose_brake_is_found_with_a_simulation_that_holds_its_force() -> None:
+def test_backlash_of_a_brake_is_recovered() -> None:
     trace = recorded(lambda x, v, i: loose_brake(x, i, 3e-3))
     trace = replace(trace, simulated=brakes(trace.inputs.position, trace.inputs.current))
     gap = rms(trace.force - trace.simulated, trace)
-    found, residual = refit(trace, FORMS["backlash-parted"], Brake())
-    assert found[0] == pytest.approx(3e-3, rel=0.1)  # a friction that knows no speed is no map with a spring
+    fitted, residual = refit(trace, FORMS["backlash-parted"], Brake())
+    assert fitted[0] == pytest.approx(3e-3, rel=0.1)  # a friction that knows no speed is no map with a spring
     assert float(np.sqrt(np.mean(residual**2))) < 0.2 * gap
 
 
@@ -178,8 +178,8 @@ def test_a_loose_brake_is_found_with_a_simulation_that_holds_its_force() -> None
         ("mount_compliance-linear", "position_delay-shift"),
     ],
 )
-def test_pairs_part(true: str, other: str) -> None:
-    """Refitted, the wrong effect leaves at least a quarter of the gap; the right one leaves a few per cent."""
+def test_similar_effects_are_separated(true: str, other: str) -> None:
+    """Refitted, the wrong effect leaves at least a quarter of the gap; the right one a few per cent."""
     trace = planted(true)
     gap = rms(trace.force - trace.simulated, trace)
     wrong = float(np.sqrt(np.mean(refit(trace, FORMS[other])[1] ** 2)))

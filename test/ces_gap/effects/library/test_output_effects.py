@@ -1,4 +1,4 @@
-"""Effects on the force: each is planted by textbook equations around a damper and found again through its Effect."""
+"""Effects on the force: each is planted by textbook equations around a damper and recovered by its Effect."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ CASES: list[tuple[tuple[str, str], Planted, Sequence[float], Sequence[float]]] =
 ]
 
 
-def recovered(effect: Effect, trace: Trace) -> tuple[float, ...]:
-    """Return the values that fit best from the effect's starts, as searched inside the bounds."""
+def refit(effect: Effect, trace: Trace) -> tuple[float, ...]:
+    """Return the values that fit best from the effect's starts, searched inside the bounds."""
     low, high = np.array([p.search_bounds() for p in effect.parameters]).T
     starts = effect.starts_for(trace)
 
@@ -96,12 +96,12 @@ def recovered(effect: Effect, trace: Trace) -> tuple[float, ...]:
 
 
 @pytest.mark.parametrize(("key", "planted", "true", "within"), CASES, ids=["-".join(case[0]) for case in CASES])
-def test_a_planted_effect_is_found_again(
+def test_a_planted_effect_is_recovered_from_its_starts(
     key: tuple[str, str], planted: Planted, true: Sequence[float], within: Sequence[float]
 ) -> None:
-    found = recovered(FORMS[key], plants.trace(planted))
-    off = [abs(f - t) / abs(t) for f, t in zip(found, true, strict=True)]
-    assert all(o <= w for o, w in zip(off, within, strict=True)), f"{found} for {tuple(true)}"
+    fitted = refit(FORMS[key], plants.trace(planted))
+    off = [abs(f - t) / abs(t) for f, t in zip(fitted, true, strict=True)]
+    assert all(o <= w for o, w in zip(off, within, strict=True)), f"{fitted} for {tuple(true)}"
 
 
 def test_bristles_follow_their_differential_equation() -> None:
@@ -122,7 +122,7 @@ def test_presliding_tends_to_coulomb_friction_as_its_stroke_vanishes() -> None:
     assert sharp[moving] == pytest.approx(50.0 * np.sign(trace.inputs.speed[moving]), abs=1e-6)
 
 
-def test_friction_takes_energy_out_of_every_stroke() -> None:
+def test_friction_dissipates_energy_in_every_stroke() -> None:
     trace = plants.trace(seconds=5.0)
     for form in ("coulomb_stribeck", "presliding", "lugre", "pressure_dependent"):
         effect = FORMS["friction", form]
@@ -150,7 +150,7 @@ def test_a_long_gas_column_is_a_linear_spring() -> None:
     assert not np.allclose(gas, trace.simulated, atol=20.0)
 
 
-def test_gas_about_the_mean_does_not_see_where_the_sensor_has_its_zero() -> None:
+def test_gas_about_the_mean_is_independent_of_the_sensor_zero() -> None:
     trace = plants.trace(seconds=5.0)
     moved = replace(trace, inputs=replace(trace.inputs, position=trace.inputs.position + 0.2))
     values = (1500.0, 0.3)
@@ -158,7 +158,7 @@ def test_gas_about_the_mean_does_not_see_where_the_sensor_has_its_zero() -> None
     assert respond("gas_spring", "about_mean", moved, values) == pytest.approx(here, abs=1e-6)
 
 
-def test_heat_that_does_not_leave_is_the_work_done() -> None:
+def test_heat_without_cooling_is_the_work_done() -> None:
     trace = plants.trace(seconds=10.0)
     faded = respond("temperature_fade", "heated", trace, (1e-5,))
     work = np.cumsum(trace.simulated * trace.inputs.speed) * trace.step_s
@@ -169,10 +169,10 @@ def test_heat_that_does_not_leave_is_the_work_done() -> None:
     assert slow == pytest.approx(faded, abs=2.0)
 
 
-def test_the_measured_temperature_fades_the_force_and_is_found_again() -> None:
+def test_fade_by_measured_temperature_is_recovered() -> None:
     warm = 25.0 + 1.5 * plants.motion().time
     trace = plants.trace(lambda m: m.force * np.exp(-0.004 * (warm - 25.0)), temperature=warm)
-    assert recovered(FORMS["temperature_fade", "measured"], trace)[0] == pytest.approx(0.004, rel=0.02)
+    assert refit(FORMS["temperature_fade", "measured"], trace)[0] == pytest.approx(0.004, rel=0.02)
 
 
 def test_without_a_temperature_channel_there_is_no_measured_fade() -> None:
@@ -180,7 +180,7 @@ def test_without_a_temperature_channel_there_is_no_measured_fade() -> None:
     assert np.array_equal(respond("temperature_fade", "measured", trace, (0.05,)), trace.simulated)
 
 
-def test_a_temperature_that_is_never_known_fades_nothing() -> None:
+def test_an_unknown_temperature_has_no_effect() -> None:
     trace = plants.trace(seconds=5.0, temperature=np.full(5 * plants.FINE_HZ, np.nan))
     assert np.array_equal(respond("temperature_fade", "measured", trace, (0.05,)), trace.simulated)
 
@@ -192,7 +192,7 @@ def test_the_lower_the_blow_off_the_smaller_the_force() -> None:
     assert peaks[1:] == pytest.approx([1500.0, 800.0, 300.0], rel=0.02)
 
 
-def test_a_stop_out_of_reach_does_nothing_and_within_reach_pushes_back() -> None:
+def test_a_stop_acts_only_within_the_stroke() -> None:
     trace = plants.trace(seconds=5.0)
     stop = respond("bump_stop", "both", trace, (1e6, 1e7, 0.4, -0.4)) - trace.simulated
     assert np.abs(stop).max() < 1e-6
@@ -201,7 +201,7 @@ def test_a_stop_out_of_reach_does_nothing_and_within_reach_pushes_back() -> None
     assert stop[trace.inputs.position < -0.011].max() < -900.0
 
 
-def test_stops_and_valves_are_searched_from_where_the_recording_goes() -> None:
+def test_starts_of_stops_and_valves_lie_within_the_recording() -> None:
     trace = plants.trace(seconds=5.0)
     furthest, hardest = trace.inputs.position.max(), -trace.simulated.min()
     contacts = [start[2] for start in FORMS["bump_stop", "compression"].starts_for(trace)]
