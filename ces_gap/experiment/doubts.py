@@ -53,7 +53,7 @@ def _compare_fits(plant: Plant, result: EffectSearchResult) -> Indistinguishable
         return None
     fitted = [f.composition.settings[0] for f in result.alone[:MAX_COMPARED_EFFECTS]]
     names = {s.name for s in fitted}
-    beside = Composition(tuple(s for s in result.best.composition.settings if s.name not in names))
+    others = Composition(tuple(s for s in result.best.composition.settings if s.name not in names))
     return find_indistinguishable_effects(
-        plant, result.evidence.traces, fitted, make_evidence_whitening(result.evidence), around=beside
+        plant, result.evidence.traces, fitted, make_evidence_whitening(result.evidence), around=others
     )

@@ -79,8 +79,8 @@ class Probe:
         columns = [np.zeros((len(t), len(point))) for t in self.traces]
         for j in range(len(point)):
             step = STEP if point[j] + STEP <= 1.0 else -STEP
-            beside = self.forces(from_unit(setting.effect, point + step * np.eye(len(point))[j]))
-            for column, f, g in zip(columns, forces, beside, strict=True):
+            shifted = self.forces(from_unit(setting.effect, point + step * np.eye(len(point))[j]))
+            for column, f, g in zip(columns, forces, shifted, strict=True):
                 column[:, j] = (g - f) / step
         return Signature(setting, forces, tuple(columns), sum(int(t.usable.sum()) for t in self.traces))
 

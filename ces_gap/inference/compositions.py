@@ -27,7 +27,7 @@ def split_composition(fit: EffectFit, forms: Sequence[EffectFit]) -> list[Effect
 
 
 def rank_additions(fit: EffectFit, forms: Sequence[EffectFit], baseline_residual: F) -> list[EffectFit]:
-    """Return one form of each effect that is not in `fit`, by its expected gain beside `fit`, largest first.
+    """Return one form of each effect that is not in `fit`, by its expected gain when added to `fit`, largest first.
 
     `baseline_residual` (r,) is the whitened residual without effects. The gain is the energy that a linear step along
     the tangents and the fitted signature explains; the signature helps where an effect is on its bound.

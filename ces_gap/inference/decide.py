@@ -98,7 +98,7 @@ def name_by_simpler_rules(result: EffectSearchResult) -> dict[str, str]:
 
 
 def _learn_rest(baseline: Baseline, result: EffectSearchResult, simulation: TraceSimulator) -> Ceiling:
-    """Return the generic learner fitted to what the best explanation leaves, evaluated on blocks it has not seen."""
+    """Return the generic learner fitted to the rest of the best explanation, cross-fitted over blocks."""
     if result.best is None:
         return baseline.ceiling
     plant, evidence = Plant(simulation, baseline.correction), result.evidence
