@@ -9,40 +9,43 @@ from ces_gap.inference.verdict import POSSIBLE
 
 
 def format_verdict(diagnosis: Diagnosis) -> str:
-    """Return the verdict of the diagnosis in one sentence."""
+    """Return the verdict in one sentence."""
     gap = diagnosis.gap
     if diagnosis.verdict == NO_GAP:
         if gap.rms_N > 1.5 * gap.corrected_N and gap.corrected_N < gap.rms_N:
             return (
-                f"No gap beyond the simulation's baseline error: of {gap.rms_N:.0f} N RMS the references explain "
-                f"all but {gap.corrected_N:.0f} N."
+                f"No gap beyond the baseline error: the references explain all but {gap.corrected_N:.0f} N of the "
+                f"{gap.rms_N:.0f} N RMS."
             )
         return f"No gap: the remaining {gap.corrected_N:.0f} N RMS cannot be distinguished from noise and calibration."
-    closure = _describe_closure(gap.rms_N, diagnosis.composition.gap_after_N)
-    words = _join(diagnosis.composition.effects, "and")
+    after_N = diagnosis.composition.gap_after_N
+    effects = _join(diagnosis.composition.effects, "and")
     if diagnosis.verdict == UNKNOWN:
-        nearest = f"; the closest, {words}, leaves {diagnosis.composition.gap_after_N:.0f} N" if words else ""
-        return f"None of the known effects explains the gap of {gap.rms_N:.0f} N RMS{nearest}."
+        closest = f"; the closest, {effects}, leaves {after_N:.0f} N" if effects else ""
+        return f"None of the known effects explains the gap of {gap.rms_N:.0f} N RMS{closest}."
+    shrink = _describe_shrink(gap.rms_N, after_N)
     if diagnosis.verdict == AMBIGUOUS:
-        return f"{_describe_doubt(diagnosis)}; with {words}, {closure}."
-    return f"The gap is caused by {words}: once added, {closure} on recordings that no fit has used."
+        return f"{_describe_doubt(diagnosis)}; with {effects}, {shrink}."
+    return f"The gap is caused by {effects}: with this effect added, {shrink} on held-out recordings."
 
 
 def _describe_doubt(diagnosis: Diagnosis) -> str:
-    """Return the open question: effects indistinguishable from a cause, or other possible causes."""
-    inside = diagnosis.composition.effects
-    group = next((g for g in diagnosis.indistinguishable if set(g) & set(inside)), ())
+    """Return what these recordings leave open: effects indistinguishable from a cause, or further possible causes."""
+    effects = diagnosis.composition.effects
+    group = next((g for g in diagnosis.indistinguishable if set(g) & set(effects)), ())
     if group:
         return f"These recordings cannot distinguish between {_join(group, 'and')}"
-    others = [c.effects[0] for c in diagnosis.causes if c.probability >= POSSIBLE and c.effects[0] not in inside]
+    others = [c.effects[0] for c in diagnosis.causes if c.probability >= POSSIBLE and c.effects[0] not in effects]
     return f"These recordings do not rule out {_join(others, 'or')}"
 
 
-def _join(names: Sequence[str], last: str) -> str:
-    return f" {last} ".join(n.replace("_", " ") for n in names)
+def _join(effects: Sequence[str], last: str) -> str:
+    """Return `a, b and c`."""
+    names = [e.replace("_", " ") for e in effects]
+    return f" {last} ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
-def _describe_closure(before_N: float, after_N: float) -> str:
+def _describe_shrink(before_N: float, after_N: float) -> str:
     if after_N < before_N:
         return f"the gap shrinks from {before_N:.0f} N to {after_N:.0f} N RMS"
-    return f"the gap does not shrink ({before_N:.0f} N before, {after_N:.0f} N RMS after)"
+    return f"the gap does not shrink ({before_N:.0f} N RMS before, {after_N:.0f} N after)"

@@ -1,6 +1,6 @@
-"""The menu of experiments that part one effect from another, cut to what the recordings already asked of the rig.
+"""Candidate experiments that separate effects, limited to about the operating range of the recordings.
 
-Each is a recipe that `ces rig FILE` runs; `waveforms.generate_waveforms` gives its position and current.
+Each is a recipe that `ces rig FILE` runs; `waveforms.generate_waveforms` returns its position and current.
 """
 
 from __future__ import annotations
@@ -10,24 +10,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ces_gap.trace import Trace
+from ces_gap.trace import F, Trace
 
-F = NDArray[np.float64]
 Recipe = dict[str, Any]
 
-TRAVEL, SPEED, ACCELERATION = 1.05, 1.1, 1.5  # how far beyond what was seen an experiment may go
+TRAVEL, SPEED, ACCELERATION = 1.05, 1.1, 1.5  # limits of an experiment over the range of the recordings
 MIN_AMPLITUDE_M, MIN_SPEED_M_S, MIN_ACCELERATION_M_S2 = 1e-3, 0.01, 1.0
 SAME_CURRENT = 0.05  # relative spread below which a current counts as constant
-CURRENT = 0.25  # by how much of itself a constant current is then moved up and down
+CURRENT = 0.25  # relative change, up and down, that experiments then command
 TOP_HZ = 16.0
 SEED = 1
 
 
 @dataclass(frozen=True)
 class Reach:
-    """What an experiment may ask for: a stroke `centre_m` ± `amplitude_m`, so much speed, acceleration, current.
+    """The limits of an experiment: a stroke of `centre_m` ± `amplitude_m`, speed, acceleration and current.
 
     The current cannot be commanded if `low_A` and `high_A` are equal.
     """
@@ -41,22 +39,20 @@ class Reach:
 
     @property
     def middle_A(self) -> float:
-        """The current half way up."""
+        """The mean of lowest and highest current."""
         return _round((self.low_A + self.high_A) / 2.0)
 
     def top_Hz(self, speed_share: float) -> float:
-        """Return the frequency at which a sine of this share of the speed has all of the acceleration, up to 16 Hz."""
+        """Return the frequency at which a sine with this share of the speed uses all acceleration, up to 16 Hz."""
         return min(TOP_HZ, self.acceleration_m_s2 / (2.0 * np.pi * speed_share * self.speed_m_s))
 
 
 def reach_of(traces: Sequence[Trace]) -> Reach:
-    """Return what experiments may ask for after recordings like these: their range and a little more."""
-    keep = [t.usable for t in traces]
+    """Return the limits of experiments: a little more than the range of the recordings."""
     x, v, i = (
-        np.concatenate([getattr(t.inputs, name)[k] for t, k in zip(traces, keep, strict=True)])
-        for name in ("position", "speed", "current")
+        np.concatenate([getattr(t.inputs, name)[t.usable] for t in traces]) for name in ("position", "speed", "current")
     )
-    a = np.concatenate([t.acceleration[k] for t, k in zip(traces, keep, strict=True)])
+    a = np.concatenate([t.acceleration[t.usable] for t in traces])
     low, high = np.quantile(x, (0.001, 0.999))
     currents = _currents(i, any("current" in t.recording.constants for t in traces))
     return Reach(
@@ -70,13 +66,15 @@ def reach_of(traces: Sequence[Trace]) -> Reach:
 
 
 def list_candidate_experiments(reach: Reach) -> list[Recipe]:
-    """Return the experiments within reach, each 10 to 40 s: keys `name`, `description`, `duration_s`, `seed`, `stroke`,
-    `current` as `ces rig` reads them. Those that need a commanded current are left out where there is none."""
-    made = [*_motions(reach), *(_changing_current_experiments(reach) if reach.high_A > reach.low_A else [])]
-    return [{**recipe, "seed": SEED} for recipe in made]
+    """Return recipes of 10 to 40 s within reach, with the keys that `ces rig` reads.
+
+    Without a current to command, the experiments with a changing current are left out.
+    """
+    changing = _changing_current_experiments(reach) if reach.high_A > reach.low_A else []
+    return [{**recipe, "seed": SEED} for recipe in (*_constant_current_experiments(reach), *changing)]
 
 
-def _motions(r: Reach) -> list[Recipe]:
+def _constant_current_experiments(r: Reach) -> list[Recipe]:
     """Return the experiments at constant current."""
     soft, middle, hard = (_constant(level) for level in (r.low_A, r.middle_A, r.high_A))
     slow_Hz, fast_Hz = _sine_Hz(r, 0.6, 0.4), r.top_Hz(0.5)
@@ -84,16 +82,16 @@ def _motions(r: Reach) -> list[Recipe]:
     beat_Hz = _sine_Hz(r, 1.0, 0.8)
     beats_Hz = (beat_Hz, beat_Hz - min(0.16, 0.2 * beat_Hz))
     return [
-        _recipe("slow_triangle", "creeping to and fro: friction, gas and end stops without the valve", 40.0,
+        _recipe("slow_triangle", "slow motion to and fro: friction, gas and end stops without the valve", 40.0,
                 _triangle(r, 1.0, 0.04), soft),
         _recipe("constant_speed", "constant speed to and fro at constant current", 20.0, _triangle(r, 0.9, 0.5), hard),
-        _recipe("fast_reversals", "short strokes with corners as sharp as the recordings had them", 15.0,
+        _recipe("fast_reversals", "short strokes with reversals as sharp as in the recordings", 15.0,
                 _triangle(r, 0.25, 0.9), middle),
-        _recipe("two_frequency_sine", "a slow stroke with a fast one on it", 20.0,
+        _recipe("two_frequency_sine", "a slow stroke with a fast one superimposed", 20.0,
                 _sines(r, (0.6 * r.amplitude_m, fast_m), (slow_Hz, fast_Hz)), middle),
-        _recipe("offset_dwell", "a small sine about a place that wanders slowly from end to end", 30.0,
+        _recipe("offset_dwell", "a small sine whose centre moves slowly from end to end", 30.0,
                 _sines(r, (0.65 * r.amplitude_m, 0.3 * r.amplitude_m), (1.0 / 15.0, _sine_Hz(r, 0.3, 0.7))), middle),
-        _recipe("amplitude_sweep", "two near frequencies: the amplitude swells and fades", 25.0,
+        _recipe("amplitude_sweep", "two close frequencies: the amplitude rises and falls", 25.0,
                 _sines(r, (0.5 * r.amplitude_m, 0.5 * r.amplitude_m), beats_Hz), middle),
         _recipe("frequency_sweep", "sine sweep at constant current", 30.0, _sweep(r), middle),
         _recipe("hard_sine", "the largest speed at the highest current", 15.0, _sine(r, 0.9, 1.0), hard),
@@ -108,39 +106,29 @@ def _changing_current_experiments(r: Reach) -> list[Recipe]:
                 _triangle(r, 0.9, 0.35), {"kind": "steps", "levels_A": steps, "hold_s": 0.37}),
         _recipe("current_prbs", "constant speed with a random binary current", 20.0,
                 _triangle(r, 0.9, 0.35), {"kind": "prbs", "low_A": r.low_A, "high_A": r.high_A, "hold_s": 0.05}),
-        _recipe("slow_current", "constant speed while the current goes slowly up and down: loop without lag", 40.0,
+        _recipe("slow_current", "constant speed, current slowly up and down: hysteresis without lag", 40.0,
                 _triangle(r, 0.9, 0.35), _sine_current(r, 0.05)),
-        _recipe("fast_current", "constant speed while the current goes fast up and down: lag beside loop", 15.0,
+        _recipe("fast_current", "constant speed, current quickly up and down: lag and hysteresis", 15.0,
                 _triangle(r, 0.9, 0.35), _sine_current(r, 5.0)),
         _recipe("standstill_steps", "no motion, steps of current", 10.0,
                 {"kind": "rest", "offset_m": _round(r.centre_m)}, {"kind": "steps", "levels_A": steps, "hold_s": 0.5}),
-        _recipe("heat_soak", "hard and soft turns of 8 s at high speed: heat comes and time passes", 40.0,
+        _recipe("heat_soak", "hard and soft for 8 s each at high speed: separates heat from elapsed time", 40.0,
                 _sine(r, 0.9, 0.8), {"kind": "steps", "levels_A": [r.high_A, r.low_A], "hold_s": 8.0}),
     ]  # fmt: skip
 
 
 def _recipe(name: str, description: str, duration_s: float, stroke: Recipe, current: Recipe) -> Recipe:
-    return {
-        "name": name,
-        "description": description,
-        "duration_s": duration_s,
-        "stroke": stroke,
-        "current": current,
-    }
+    fields = {"name": name, "description": description, "duration_s": duration_s}
+    return {**fields, "stroke": stroke, "current": current}
 
 
 def _triangle(r: Reach, amplitude: float, speed: float) -> Recipe:
-    """Shares of the reach; corners so long, or the speed so low, that the acceleration stays within it."""
+    """Return a triangle of these shares of the reach, with corners and speed limited by the acceleration."""
     amplitude_m = amplitude * r.amplitude_m
     speed_m_s = min(speed * r.speed_m_s, 0.5 * (r.acceleration_m_s2 * amplitude_m) ** 0.5)  # a corner is half a stroke
     corner = 4.0 * speed_m_s / r.acceleration_m_s2  # the peak of a raised cosine is twice its mean
-    return _about(
-        r,
-        kind="triangle",
-        amplitude_m=_round(amplitude_m),
-        speed_m_s=_round(speed_m_s),
-        corner_s=_round(min(max(corner, 0.004), 1.0)),
-    )
+    corner_s = _round(min(max(corner, 0.004), 1.0))
+    return _about(r, kind="triangle", amplitude_m=_round(amplitude_m), speed_m_s=_round(speed_m_s), corner_s=corner_s)
 
 
 def _sine(r: Reach, amplitude: float, speed: float) -> Recipe:
@@ -150,12 +138,8 @@ def _sine(r: Reach, amplitude: float, speed: float) -> Recipe:
 
 
 def _sines(r: Reach, amplitudes_m: tuple[float, ...], frequencies_Hz: tuple[float, ...]) -> Recipe:
-    return _about(
-        r,
-        kind="sum_of_sines",
-        amplitudes_m=[_round(a) for a in amplitudes_m],
-        frequencies_Hz=[_round(f) for f in frequencies_Hz],
-    )
+    amplitudes, frequencies = ([_round(v) for v in values] for values in (amplitudes_m, frequencies_Hz))
+    return _about(r, kind="sum_of_sines", amplitudes_m=amplitudes, frequencies_Hz=frequencies)
 
 
 def _sweep(r: Reach) -> Recipe:
@@ -183,17 +167,17 @@ def _about(r: Reach, **stroke: Any) -> Recipe:
 
 
 def _sine_Hz(r: Reach, amplitude: float, speed: float) -> float:
-    """Return the frequency at which a sine of these shares of amplitude and speed runs, within the acceleration."""
+    """Return the frequency of a sine with these shares of amplitude and speed, limited by the acceleration."""
     return min(speed * r.speed_m_s / (2.0 * np.pi * amplitude * r.amplitude_m), r.top_Hz(speed))
 
 
 def _amplitude(r: Reach, amplitude: float, speed: float, frequency_Hz: float) -> float:
-    """Return the amplitude [m] at a frequency that keeps to both shares."""
+    """Return the largest amplitude [m] at a frequency within both shares."""
     return min(amplitude * r.amplitude_m, speed * r.speed_m_s / (2.0 * np.pi * frequency_Hz))
 
 
 def _currents(current: F, fixed: bool) -> tuple[float, float]:
-    """Return the lowest and highest current to command; if the user's is fixed, that one twice."""
+    """Return the lowest and highest current to command; both are the median if the current is fixed."""
     low, high = np.quantile(current, (0.005, 0.995))
     middle = float(np.median(current))
     if fixed or (abs(middle) < 1e-9 and high - low < 1e-9):
@@ -204,5 +188,5 @@ def _currents(current: F, fixed: bool) -> tuple[float, float]:
 
 
 def _round(value: float) -> float:
-    """Return three significant digits: what a person would type."""
+    """Return the value to three significant digits."""
     return float(f"{value:.3g}")

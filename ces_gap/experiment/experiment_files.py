@@ -1,4 +1,4 @@
-"""The experiment that would tell more, and the files that describe it: one for `ces rig`, one for a real rig."""
+"""The next experiment and the files that describe it: one for `ces rig`, one for a real rig."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
-F = NDArray[np.float64]
+from ces_gap.trace import F
 
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """The experiment that would tell more: `recipe` for `ces rig`; `time_s`, `position_m`, `current_A` (n,) its CSV.
+    """The next experiment: `recipe` for `ces rig`; `time_s`, `position_m`, `current_A` (n,) for its CSV file.
 
-    `separates` are the effects it tells apart and `distance_N` by how much; empty where no twin asked for it.
+    `separates` are the effects that it distinguishes, `distance_N` [N] RMS the difference of their forces.
     """
 
     name: str
@@ -31,15 +30,10 @@ class NextExperiment:
 
 
 def experiment_files(experiment: NextExperiment) -> dict[str, str]:
-    """Return the texts by name: `next_experiment.yaml`, which `ces rig` runs, and `next_experiment.csv` for a real rig.
-
-    The columns are `time_s,position_m,current_A`.
-    """
-    text = StringIO()
+    """Return texts by name: `next_experiment.yaml`, which `ces rig` runs, and `next_experiment.csv` for a real rig."""
+    table, header = StringIO(), "time_s,position_m,current_A"
     columns = np.stack([experiment.time_s, experiment.position_m, experiment.current_A], axis=1)
-    np.savetxt(
-        text, columns, fmt=("%.3f", "%.7f", "%.4f"), delimiter=",", header="time_s,position_m,current_A", comments=""
-    )
+    np.savetxt(table, columns, fmt=("%.3f", "%.7f", "%.4f"), delimiter=",", header=header, comments="")
     purpose = " ".join(experiment.purpose.split())
-    described = f"# {purpose}\n" + yaml.safe_dump(experiment.recipe, sort_keys=False, allow_unicode=True)
-    return {"next_experiment.csv": text.getvalue(), "next_experiment.yaml": described}
+    recipe = f"# {purpose}\n" + yaml.safe_dump(experiment.recipe, sort_keys=False, allow_unicode=True)
+    return {"next_experiment.csv": table.getvalue(), "next_experiment.yaml": recipe}

@@ -1,7 +1,7 @@
 """How near one effect can come to another: the smallest ‖W(s_A − s_B)‖ over B's parameters, inside their bounds.
 
-s is the force that an effect adds, A at given values; W makes the noise white. It is found on a fan of B's tangents,
-which needs no simulation, and where it matters by a few Gauss-Newton steps on B itself.
+s is the force that an effect adds, with fixed parameters for A; W whitens the noise. The minimum is computed on a fan
+of B's tangents, which needs no simulation, and refined where necessary by a few Gauss-Newton steps on B itself.
 """
 
 from __future__ import annotations
@@ -10,24 +10,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from ces_gap.effects.effect import Setting
 from ces_gap.experiment.signatures import Signature, Tangent, from_unit, to_unit
+from ces_gap.trace import F
 
-F = NDArray[np.float64]
-
-TRUST = 0.25  # of a parameter's range: how far shape parameters are moved on a tangent
+TRUST = 0.25  # of a parameter's range: how far shape parameters may move on a tangent
 STEPS = 5  # of Gauss-Newton
-GAIN = 0.995  # a step that does not bring the distance below this share of what it was is the last
+GAIN = 0.995  # stop after a step that leaves more than this share of the distance
 
 
 @dataclass(frozen=True)
 class Match:
     """The nearest that B comes to A: at `setting` of B, ‖W(s_A − s_B)‖ is `index` and the RMS of s_A − s_B is `rms_N`.
 
-    If not `refined`, s_B is on a tangent: B was not run at these values.
+    If not `refined`, s_B lies on a tangent: B itself was not evaluated at these values.
     """
 
     setting: Setting
@@ -41,20 +39,20 @@ class Match:
         return self.index**2 / 2.0
 
 
-def nearest(a: Tangent, fan_b: Sequence[Tangent]) -> Match:
-    """Return how near B comes to A on B's tangents, inside its bounds; nothing is simulated."""
+def find_nearest(a: Tangent, fan_b: Sequence[Tangent]) -> Match:
+    """Return how near B comes to A on B's tangents, inside its bounds, without a simulation."""
     return min((_match_on_tangent(a, b, TRUST) for b in fan_b), key=lambda match: match.index)
 
 
 def refine_match(
     a: Tangent, fan_b: Sequence[Tangent], tangent: Callable[[Setting], Tangent], steps: int = STEPS
 ) -> Match:
-    """Return how near B comes to A when B is run: Gauss-Newton inside a trust region.
+    """Return how near B comes to A when B is evaluated: Gauss-Newton inside a trust region.
 
-    It begins where the tangents say that B is nearest, or at one of their own points if B is nearer there. `tangent`
-    returns B's tangent at a setting. What is returned was reached: the true distance is no larger.
+    The start is the nearest point according to the tangents, or the point of a tangent if that is nearer. `tangent`
+    returns B's tangent at a setting. The true distance is at most the one returned.
     """
-    best = min((tangent(nearest(a, fan_b).setting), *fan_b), key=lambda b: _whitened_distance(a, b))
+    best = min((tangent(find_nearest(a, fan_b).setting), *fan_b), key=lambda b: _whitened_distance(a, b))
     index, radius = _whitened_distance(a, best), TRUST
     for _ in range(steps):
         moved = tangent(_match_on_tangent(a, best, radius, free=False).setting)
@@ -62,8 +60,8 @@ def refine_match(
         if now >= index:
             radius /= 3.0
             continue
-        done, best, index, radius = now > GAIN * index, moved, now, 2.0 * radius
-        if done:
+        converged, best, index, radius = now > GAIN * index, moved, now, 2.0 * radius
+        if converged:
             break
     return Match(best.setting, index, _rms(a.signature, best.signature), refined=True)
 
@@ -71,7 +69,7 @@ def refine_match(
 def _match_on_tangent(a: Tangent, b: Tangent, trust: float, free: bool = True) -> Match:
     """Return how near B's tangent comes to A: bounded linear least squares, shape parameters inside `trust`.
 
-    With `free`, magnitudes may move over all of their range.
+    With `free`, magnitudes may move over their whole range.
     """
     goal = b.q.T @ (a.force - b.force)
     move = _solve_bounded_step(b.r, goal, *_box(b.setting, trust, free))
@@ -91,10 +89,10 @@ def _solve_bounded_step(r: F, goal: F, low: F, high: F) -> F:
     move: F = np.asarray(np.linalg.lstsq(r, goal, rcond=1e-9)[0], dtype=np.float64)
     if np.all((move >= low) & (move <= high)):
         return move
-    able = high - low > 1e-12
+    movable = high - low > 1e-12
     bounded = np.zeros(len(low))
-    if able.any():
-        bounded[able] = lsq_linear(r[:, able], goal, (low[able], high[able]), method="bvls").x
+    if movable.any():
+        bounded[movable] = lsq_linear(r[:, movable], goal, (low[movable], high[movable]), method="bvls").x
     return np.clip(bounded, low, high)
 
 

@@ -1,7 +1,7 @@
-"""The experiment that would tell most: each on the menu is simulated, and the effects in question are compared there.
+"""Choice of the next experiment: each candidate is simulated, and the effects in question are compared on it.
 
-What counts is the evidence a second of rig time is expected to give between the two effects hardest to tell apart,
-each in turn taken as true at its fitted values while the other is fitted anew to what it would then do.
+The criterion is the expected evidence per second of rig time between the two effects that are hardest to distinguish:
+each in turn is true at its fitted values, and the other is refitted to the force that results.
 """
 
 from __future__ import annotations
@@ -10,10 +10,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.baseline.surrogate import Surrogate
@@ -21,24 +19,23 @@ from ces_gap.effects.effect import Setting
 from ces_gap.experiment.candidate_experiments import Recipe, list_candidate_experiments, reach_of
 from ces_gap.experiment.experiment_files import NextExperiment
 from ces_gap.experiment.indistinguishable import EVIDENCE
-from ces_gap.experiment.matching import Match, nearest, refine_match
+from ces_gap.experiment.matching import Match, find_nearest, refine_match
 from ces_gap.experiment.signatures import Probe, Tangent, sample_tangents
 from ces_gap.experiment.waveforms import generate_waveforms
-from ces_gap.trace import Trace, make_trace
+from ces_gap.trace import F, Trace, make_trace
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import CesError
 
-F = NDArray[np.float64]
-TraceWhitening = Callable[[Trace], Callable[[F], F]]  # a trace -> how forces (n,) on it are whitened
+TraceWhitening = Callable[[Trace], Callable[[F], F]]  # trace -> whitening of forces (n,) on it
 Pair = tuple[Setting, Setting]
 
-FINALISTS = 3  # experiments for which the effects are run again rather than followed along tangents
-BUDGET_S = 20.0  # [s] of computing after which the experiments simulated so far have to do
+FINALISTS = 3  # experiments on which effects are evaluated again instead of along tangents
+BUDGET_S = 20.0  # [s] computing time after which no further experiment is simulated
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """An experiment, and the match of the pair that it tells apart least."""
+    """An experiment, and the match of the pair that it distinguishes least."""
 
     recipe: Recipe
     trace: Trace
@@ -47,7 +44,7 @@ class _Candidate:
 
     @property
     def rate(self) -> float:
-        """Expected log-likelihood ratio a second."""
+        """Expected log-likelihood ratio per second."""
         return self.match.evidence / float(self.recipe["duration_s"])
 
 
@@ -60,31 +57,31 @@ def choose_next_experiment(
     recipes: Sequence[Recipe] | None = None,
     budget_s: float = BUDGET_S,
 ) -> NextExperiment | None:
-    """Return the experiment that tells the `pairs` of fitted effects apart fastest; None without pairs or simulation.
+    """Return the experiment that distinguishes the `pairs` of fitted effects fastest, None if there is none.
 
-    Noise counts as white of `noise_N` RMS on a force whose zero is unknown. `exact` is asked once for each experiment,
-    where the plant's own simulation is a surrogate that knows differences best. `recipes` are those to choose from, by
-    default the menu within reach of the traces. An experiment that the simulation refuses is left out.
+    The noise is white, of `noise_N` RMS, on a force with unknown zero. `exact` runs once for each experiment if the
+    plant's own simulation is a surrogate. `recipes` are the candidates, by default those within reach of the traces.
+    Experiments that the simulation refuses are left out.
     """
     if not pairs:
         return None
     whiten = make_white_noise_whitening(noise_N)
-    choice = list_candidate_experiments(reach_of(traces)) if recipes is None else recipes
-    tried = list(_compare_candidates(plant, exact or plant.simulation, choice, pairs, whiten, budget_s))
-    if not tried:
+    recipes = list_candidate_experiments(reach_of(traces)) if recipes is None else recipes
+    compared = list(_compare_candidates(plant, exact or plant.simulation, recipes, pairs, whiten, budget_s))
+    if not compared:
         return None
-    finalists = sorted(tried, key=lambda t: -t.rate)[:FINALISTS]
+    finalists = sorted(compared, key=lambda t: -t.rate)[:FINALISTS]
     again = [_compare_effects(plant, t.recipe, t.trace, pairs, whiten, rerun=True) for t in finalists]
     return _make_next_experiment(max(again, key=lambda t: t.rate), noise_N)
 
 
 def make_white_noise_whitening(noise_N: float) -> TraceWhitening:
-    """Return the whitening for white noise of this RMS [N] on a force whose zero is unknown."""
+    """Return the whitening for white noise of this RMS [N] on a force with unknown zero."""
 
     def whitening(trace: Trace) -> Callable[[F], F]:
         def whiten(force: F) -> F:
-            kept = force[trace.usable]
-            return np.asarray((kept - kept.mean()) / noise_N)
+            usable = force[trace.usable]
+            return np.asarray((usable - usable.mean()) / noise_N)
 
         return whiten
 
@@ -92,20 +89,20 @@ def make_white_noise_whitening(noise_N: float) -> TraceWhitening:
 
 
 def simulate_experiment(simulation: TraceSimulator, recipe: Recipe) -> Trace:
-    """Return the trace of an experiment as commanded, without noise, with the force the simulation gives.
+    """Return the trace of an experiment as commanded, without noise, with the simulated force.
 
     Raises CesError if the simulation refuses.
     """
     seconds, position, current = generate_waveforms(recipe)
     stamps = np.round(seconds * 1e9).astype(np.int64)
-    given = {"position": ("m", position), "current": ("A", current), "force": ("N", np.zeros_like(position))}
-    channels = {name: Channel(name, unit, stamps, values) for name, (unit, values) in given.items()}
+    signals = {"position": ("m", position), "current": ("A", current), "force": ("N", np.zeros_like(position))}
+    channels = {name: Channel(name, unit, stamps, values) for name, (unit, values) in signals.items()}
     bare = make_trace(Recording(str(recipe["name"]), channels), np.zeros_like(position))
-    return replace(bare, simulated=_anew(simulation, bare))
+    return replace(bare, simulated=_simulate(simulation, bare))
 
 
-def _anew(simulation: TraceSimulator, trace: Trace) -> F:
-    """Return the force [N] (n,) on a trace that holds no simulated force yet."""
+def _simulate(simulation: TraceSimulator, trace: Trace) -> F:
+    """Return the force [N] (n,) on a trace that has no simulated force yet."""
     if isinstance(simulation, Surrogate):
         features = simulation.dictionary.features(trace, trace.inputs, np.zeros(len(trace)))
         return np.asarray(features @ simulation.weights)
@@ -117,26 +114,26 @@ def _compare_candidates(
     simulation: TraceSimulator,
     recipes: Sequence[Recipe],
     pairs: Sequence[Pair],
-    seen: TraceWhitening,
+    whitening: TraceWhitening,
     budget_s: float,
 ) -> Iterator[_Candidate]:
-    """Yield the experiments compared along tangents until the budget is spent, at least one if any can run."""
-    end, some = time.monotonic() + budget_s, False
+    """Yield experiments compared along tangents until the time is up, at least one if any can run."""
+    end, any_done = time.monotonic() + budget_s, False
     for recipe in recipes:
-        if some and time.monotonic() > end:
+        if any_done and time.monotonic() > end:
             return
         try:
             trace = simulate_experiment(simulation, recipe)
-            yield _compare_effects(plant, recipe, trace, pairs, seen, rerun=False)
+            yield _compare_effects(plant, recipe, trace, pairs, whitening, rerun=False)
         except CesError:
             continue
-        some = True
+        any_done = True
 
 
 def _compare_effects(
-    plant: Plant, recipe: Recipe, trace: Trace, pairs: Sequence[Pair], seen: TraceWhitening, rerun: bool
+    plant: Plant, recipe: Recipe, trace: Trace, pairs: Sequence[Pair], whitening: TraceWhitening, rerun: bool
 ) -> _Candidate:
-    whiten = seen(trace)
+    whiten = whitening(trace)
     probe = Probe(plant, [trace], lambda _, force: whiten(force))
     at = {s: probe.tangent(s) for pair in pairs for s in pair}
     matches = {pair: _match_pair(probe, at, pair, rerun) for pair in pairs}
@@ -145,44 +142,40 @@ def _compare_effects(
 
 
 def _match_pair(probe: Probe, at: dict[Setting, Tangent], pair: Pair, rerun: bool) -> Match:
-    """Return the match of a pair: that way round in which the one comes nearer to the other."""
-    found = []
-    for a, b in (pair, pair[::-1]):
-        if rerun:
-            found.append(refine_match(at[a], sample_tangents(probe, at[b], at[a].size), probe.tangent))
-        else:
-            found.append(nearest(at[a], [at[b]]))
-    return min(found, key=lambda match: match.index)
+    """Return the match of a pair in the direction in which they are nearer."""
+
+    def match(a: Setting, b: Setting) -> Match:
+        if not rerun:
+            return find_nearest(at[a], [at[b]])
+        return refine_match(at[a], sample_tangents(probe, at[b], at[a].size), probe.tangent)
+
+    return min((match(*pair), match(*pair[::-1])), key=lambda m: m.index)
 
 
 def _make_next_experiment(best: _Candidate, noise_N: float) -> NextExperiment:
     seconds, position, current = generate_waveforms(best.recipe)
-    names = best.worst[0].name, best.worst[1].name
     return NextExperiment(
         name=str(best.recipe["name"]),
-        purpose=_purpose(best, names, noise_N),
-        recipe=_plain(best.recipe),
+        purpose=_purpose(best, noise_N),
+        recipe=best.recipe,
         time_s=seconds,
         position_m=position,
         current_A=current,
-        separates=names,
+        separates=(best.worst[0].name, best.worst[1].name),
         distance_N=best.match.rms_N,
     )
 
 
-def _purpose(best: _Candidate, names: tuple[str, str], noise_N: float) -> str:
+def _purpose(best: _Candidate, noise_N: float) -> str:
+    first, second = (setting.name.replace("_", " ") for setting in best.worst)
     difference, seconds = best.match.rms_N, float(best.recipe["duration_s"])
-    expected = (
-        f"expected difference {difference:.2g} N RMS, {difference / noise_N:.2g} × the noise, over {seconds:.0f} s"
+    purpose = (
+        f"distinguishes {first} from {second}: expected difference {difference:.2g} N RMS "
+        f"({difference / noise_N:.2g} × the noise) over {seconds:.0f} s"
     )
-    told = f"tells {names[0]} from {names[1]}: {expected}"
     runs = ceil(EVIDENCE / max(best.match.evidence, 1e-9))
     if runs == 1:
-        return told
+        return purpose
     if runs > 20:
-        return f"{told}; too little: nothing on the menu tells them apart within the range of the recordings"
-    return f"{told}; to be repeated {runs} times"
-
-
-def _plain(recipe: Recipe) -> dict[str, Any]:
-    return {**recipe, "stroke": dict(recipe["stroke"]), "current": dict(recipe["current"])}
+        return f"{purpose}; this is too small: no candidate distinguishes them within the range of the recordings"
+    return f"{purpose}; repeat it {runs} times"

@@ -1,6 +1,6 @@
-"""What an effect looks like on given traces: the force it adds to the plant's, and how that turns with its values.
+"""Signatures of effects: the force that an effect adds to the plant on some traces, with derivatives by its parameters.
 
-Values are searched in the unit box: 0 and 1 are a parameter's bounds on its own scale. Derivatives are by that number.
+Parameters are scaled to the unit box: 0 and 1 are the bounds on a parameter's search scale.
 """
 
 from __future__ import annotations
@@ -10,25 +10,23 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
-from ces_gap.trace import Trace
+from ces_gap.trace import F, Trace
 
-F = NDArray[np.float64]
-Whiten = Callable[[int, F], F]  # index of the trace, a force [N] (n,) on it -> (m,) in which noise has unit variance
+Whiten = Callable[[int, F], F]  # index of a trace, force [N] (n,) on it -> (m,) with noise of unit variance
 
 STEP = 1e-3  # of a parameter's range: forward differences
-FAN, RERUN_FAN = 2, 1  # points of a fan besides the fitted one, of effects that rerun the simulation
+FAN, RERUN_FAN = 2, 1  # points of a fan besides the fitted one; of effects that rerun the simulation
 NONE = Composition()
 
 
 @dataclass(frozen=True)
 class Signature:
-    """An effect's added force on each trace, `forces` [N] each (n,), and its derivatives, `columns` [N] each (n, p).
+    """The force that an effect adds on each trace, `forces` [N] (n,), and its derivatives, `columns` [N] (n, p).
 
-    Ticks that are not usable hold zeros; `ticks` counts the others.
+    Unusable ticks are zero; `ticks` counts the usable ones.
     """
 
     setting: Setting
@@ -39,7 +37,7 @@ class Signature:
 
 @dataclass(frozen=True)
 class Tangent:
-    """A signature whitened, all traces in one: `force` (m,), and the derivatives (m, p) = `q` (m, p) @ `r` (p, p)."""
+    """A whitened signature on all traces, concatenated: `force` (m,), derivatives (m, p) = `q` (m, p) @ `r` (p, p)."""
 
     signature: Signature
     force: F
@@ -48,7 +46,7 @@ class Tangent:
 
     @property
     def setting(self) -> Setting:
-        """The effect and the values at which the tangent was taken."""
+        """The effect and the values at the point of contact."""
         return self.signature.setting
 
     @property
@@ -59,9 +57,9 @@ class Tangent:
 
 @dataclass(frozen=True)
 class Probe:
-    """Where signatures are taken: `plant` on `traces`, inside the effects of `around`, seen through `whiten`.
+    """Computes signatures for `plant` on `traces`, together with the effects of `around`.
 
-    `whiten` must be linear. `around` must not hold the effect that is probed.
+    `whiten` must be linear. `around` must not contain the effect itself.
     """
 
     plant: Plant
@@ -72,23 +70,29 @@ class Probe:
     def forces(self, setting: Setting) -> tuple[F, ...]:
         """Return the force [N] (n,) that `setting` adds on each trace."""
         forces = self._forces(Composition((*self.around.settings, setting)))
-        rows = zip(self.traces, forces, self._without, strict=True)
-        return tuple(np.where(t.usable, with_it - without, 0.0) for t, with_it, without in rows)
+        rows = zip(self.traces, forces, self._forces_without, strict=True)
+        return tuple(np.where(t.usable, force - without, 0.0) for t, force, without in rows)
 
-    def signature(self, setting: Setting) -> Signature:
+    def compute_signature(self, setting: Setting) -> Signature:
         """Return the signature at `setting`; the simulation runs 1 + p times on each trace if the effect reruns it."""
         forces, point = self.forces(setting), to_unit(setting)
         columns = [np.zeros((len(t), len(point))) for t in self.traces]
         for j in range(len(point)):
             step = STEP if point[j] + STEP <= 1.0 else -STEP
-            beside = self.forces(from_unit(setting.effect, point + step * np.eye(len(point))[j]))
-            for column, f, g in zip(columns, forces, beside, strict=True):
+            shifted = self.forces(from_unit(setting.effect, point + step * np.eye(len(point))[j]))
+            for column, f, g in zip(columns, forces, shifted, strict=True):
                 column[:, j] = (g - f) / step
         return Signature(setting, forces, tuple(columns), sum(int(t.usable.sum()) for t in self.traces))
 
     def tangent(self, setting: Setting) -> Tangent:
         """Return the tangent at `setting`."""
-        return whiten_signature(self.signature(setting), self.whiten)
+        signature = self.compute_signature(setting)
+        force = _whiten_forces(signature.forces, self.whiten)
+        columns = [
+            _whiten_forces([c[:, j] for c in signature.columns], self.whiten) for j in range(len(setting.values))
+        ]
+        q, r = np.linalg.qr(np.array(columns).T.reshape(len(force), -1))
+        return Tangent(signature, force, q, r)
 
     def size(self, setting: Setting) -> float:
         """Return the norm of the whitened signature."""
@@ -103,25 +107,14 @@ class Probe:
         return [(self.plant.prepare_for(t), self.plant.alone(t)) for t in self.traces]
 
     @cached_property
-    def _without(self) -> list[F]:
+    def _forces_without(self) -> list[F]:
         return self._forces(self.around)
-
-
-def whiten_signature(taken: Signature, whiten: Whiten) -> Tangent:
-    """Return the tangent of a signature."""
-    count = len(taken.setting.values)
-    force = _whiten_forces(taken.forces, whiten)
-    columns = np.empty((len(force), count))
-    for j in range(count):
-        columns[:, j] = _whiten_forces([c[:, j] for c in taken.columns], whiten)
-    q, r = np.linalg.qr(columns)
-    return Tangent(taken, force, q, r)
 
 
 def sample_tangents(probe: Probe, fitted: Tangent, size: float) -> list[Tangent]:
     """Return tangents of an effect at its fitted values and at a few of its starts.
 
-    There its magnitudes are scaled for a signature of norm `size`, that of the gap.
+    At the starts, magnitudes are scaled for a signature of norm `size`, that of the gap.
     """
     effect = fitted.setting.effect
     count = min(RERUN_FAN if effect.reruns else FAN, max((len(p.starts) for p in effect.parameters), default=0))
@@ -131,13 +124,13 @@ def sample_tangents(probe: Probe, fitted: Tangent, size: float) -> list[Tangent]
 
 
 def to_unit(setting: Setting) -> F:
-    """Return the values (p,) as shares of their searched ranges."""
+    """Return the values (p,) as shares of their search ranges."""
     pairs = list(zip(setting.effect.parameters, setting.values, strict=True))
     return np.array([(p.to_search(v) - p.search_bounds()[0]) / _width(p) for p, v in pairs])
 
 
 def from_unit(effect: Effect, point: F) -> Setting:
-    """Return the setting at the shares `point` (p,) of the searched ranges; the opposite of `to_unit`."""
+    """Return the setting at the shares `point` (p,) of the search ranges; the inverse of `to_unit`."""
     pairs = zip(effect.parameters, point, strict=True)
     return Setting(effect, tuple(p.to_value(p.search_bounds()[0] + float(u) * _width(p)) for p, u in pairs))
 
@@ -148,7 +141,7 @@ def _width(parameter: EffectParameter) -> float:
 
 
 def _scale_setting(setting: Setting, factor: float) -> Setting:
-    """Return the setting with its magnitudes moved away from their neutral values by `factor`, inside the bounds."""
+    """Return the setting with the distances of its magnitudes from neutral scaled by `factor`, inside the bounds."""
     pairs = zip(setting.effect.parameters, setting.values, strict=True)
     return Setting(setting.effect, tuple(_scale_magnitude(p, v, factor) if p.magnitude else v for p, v in pairs))
 

@@ -1,7 +1,6 @@
-"""Rivals: effects that explain the evidence as well as one of those that were found, put in its place.
+"""Alternatives: effects that replace one effect of the best composition and explain the evidence about as well.
 
-The others of the composition are refitted beside them: what two effects leave alone says little of what they leave
-with a third.
+The other effects of the composition are refitted with each alternative.
 """
 
 from __future__ import annotations
@@ -19,25 +18,25 @@ def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
     best = result.best
     if best is None:
         return []
-    some = result.alone if len(best.effects) == 1 else result.tried
-    return [f for f in some if len(f.names) == len(best.names) and len(set(best.names) - set(f.names)) == 1]
+    fits = result.alone if len(best.effects) == 1 else result.tried
+    return [f for f in fits if len(f.names) == len(best.names) and len(set(best.names) - set(f.names)) == 1]
 
 
 def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
-    """Return the least share of the gap's energy that each effect leaves: alone, in the best, in the place of another.
+    """Return the smallest share of the gap's energy that each effect leaves: alone, in the best, or as an alternative.
 
-    What a contender shares with the best says nothing of it, and is not counted.
+    An alternative counts only for the effect that it adds, not for those that it shares with the best.
     """
-    left = {fit.names[0]: fit.cost for fit in result.alone}
+    costs = {fit.names[0]: fit.cost for fit in result.alone}
     best = result.best
     for fit in (*find_alternatives(result), *([best] if best is not None else [])):
-        own = fit.names if best is None or fit is best else set(fit.names) - set(best.names)
-        left.update({name: min(left[name], fit.cost) for name in own})
-    return {name: (cost - len(result.baseline_residual)) / result.gap_energy for name, cost in left.items()}
+        names = fit.names if best is None or fit is best else set(fit.names) - set(best.names)
+        costs.update({name: min(costs[name], fit.cost) for name in names})
+    return {name: (cost - len(result.baseline_residual)) / result.gap_energy for name, cost in costs.items()}
 
 
 def interchangeable_effects(result: EffectSearchResult) -> tuple[tuple[str, ...], ...]:
-    """Return each effect of the best composition that others can replace, with those others, the best first."""
+    """Return groups: an effect of the best composition, followed by those that can replace it, best first."""
     best = result.best
     groups: dict[str, list[str]] = {}
     if best is None:
@@ -51,16 +50,16 @@ def interchangeable_effects(result: EffectSearchResult) -> tuple[tuple[str, ...]
 
 
 def merge_groups(groups: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
-    """Return all groups, largest first, those that are a part of another left out."""
-    kept: list[tuple[str, ...]] = []
+    """Return all groups, largest first, without those that are part of another."""
+    merged: list[tuple[str, ...]] = []
     for group in sorted((*groups, *classes), key=len, reverse=True):
-        if not any(set(group) <= set(larger) for larger in kept):
-            kept.append(group)
-    return tuple(kept)
+        if not any(set(group) <= set(larger) for larger in merged):
+            merged.append(group)
+    return tuple(merged)
 
 
-def _is_as_good(found: EffectSearchResult, best: EffectFit, fit: EffectFit) -> bool:
-    """True if what the best gains over the fit is next to nothing, or little and within twice its error."""
-    paired = compute_paired_gain(found.evidence, fit.left_out, best.left_out)
-    share = paired.energy / found.gap_energy
+def _is_as_good(result: EffectSearchResult, best: EffectFit, fit: EffectFit) -> bool:
+    """True if the best gains a negligible energy over the fit, or a small one that is within twice its error."""
+    paired = compute_paired_gain(result.evidence, fit.left_out, best.left_out)
+    share = paired.energy / result.gap_energy
     return share < NEGLIGIBLE_SHARE or (share < MIN_GAIN_SHARE and paired.z < MIN_GAIN_Z)

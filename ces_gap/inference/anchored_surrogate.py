@@ -1,7 +1,7 @@
-"""A slow simulation asked seldom: a cheap stand-in, set right where the simulation itself was run.
+"""Few runs of a slow simulation: a fast surrogate that is exact at an anchor, where the simulation itself was run.
 
-What the stand-in lacks at the anchor is added in proportion to how far the inputs were moved along the anchor's change,
-which is exact at the anchor and to first order along the line from the recorded inputs to it (space mapping; Bandler
+The surrogate's error at the anchor is added in proportion to how far the inputs moved along the anchor's change. The
+sum is exact at the anchor, and to first order along the line from the recorded inputs to it (space mapping; Bandler
 et al. 1994).
 """
 
@@ -11,85 +11,67 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.effects.effect import Effect
 from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.fit import EffectFit, polish
-from ces_gap.trace import Trace, TraceInputs
-
-F = NDArray[np.float64]
+from ces_gap.inference.fit import EffectFit, fit_from
+from ces_gap.trace import F, Trace, TraceInputs
 
 ROUNDS = 2
-SETTLED = 0.01  # relative change of the parameters from which another round is not worth a simulation
+MIN_CHANGE = 0.01  # relative change of the parameters below which another round is not worth a simulation
 
 
 @dataclass(frozen=True)
 class AnchoredSurrogate(TraceSimulator):
-    """The surrogate `cheap` on one trace; the anchor's `change` of inputs (2n,), what is `lacking` [N] (n,) there."""
+    """The surrogate `cheap` on one trace, with the anchor's `change` of inputs (2n,) and its `error` [N] (n,) there."""
 
     cheap: TraceSimulator
     change: F
-    lacking: F
+    error: F
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the simulated force [N] (n,)."""
         size = float(self.change @ self.change)
         share = float(self.change @ _change(trace, inputs)) / size if size > 0.0 else 0.0
-        return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.lacking
+        return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.error
 
 
 def _change(trace: Trace, inputs: TraceInputs) -> F:
-    """Return by how much inputs differ from the recorded ones (2n,), each over its spread."""
+    """Return how far inputs differ from the recorded ones (2n,), in units of their standard deviations."""
     pairs = ((inputs.position, trace.inputs.position), (inputs.current, trace.inputs.current))
     return np.concatenate([(new - old) / max(float(old.std()), 1e-9) for new, old in pairs])
 
 
 @dataclass(frozen=True)
 class Refinement:
-    """How fits are redone with the simulation itself, `exact`, where the evidence holds a surrogate for it.
-
-    Without `exact`, the evidence holds the simulation itself or nothing better is to be had, and all stays as it is.
-    """
+    """Repeats fits with the `exact` simulation where the evidence holds a surrogate; does nothing if it is None."""
 
     exact: TraceSimulator | None = None
 
     def refine(self, evidence: Evidence, fit: EffectFit) -> EffectFit:
-        """Return the fit redone with the simulation itself run where it stood."""
-        return fit if self.exact is None else refine_fit(evidence, fit, self.exact)
+        """Return the refined fit; each round runs the simulation once on every trace."""
+        if self.exact is None or not needs_rerun(fit.effects):
+            return fit
+        for _ in range(ROUNDS):
+            before = fit.searched
+            fit = fit_from(self.anchor(evidence, fit), fit.effects, before)
+            if np.abs(fit.searched - before).max() <= MIN_CHANGE * np.abs(before).max():
+                break
+        return fit
 
     def anchor(self, evidence: Evidence, fit: EffectFit) -> Evidence:
-        """Return evidence whose surrogate is right around the fit."""
-        return (
-            evidence
-            if self.exact is None or not needs_rerun(fit.effects)
-            else anchor_evidence(evidence, fit, self.exact)
-        )
-
-
-def anchor_evidence(evidence: Evidence, fit: EffectFit, exact: TraceSimulator) -> Evidence:
-    """Return the evidence, whose plants hold a surrogate, with the simulation itself run at the fit."""
-    plants = []
-    for plant, trace, alone in zip(evidence.plants, evidence.traces, evidence.alone, strict=True):
-        inputs = fit.composition.drive(trace, alone)
-        lacking = exact.force(trace, inputs) - plant.simulation.force(trace, inputs)
-        plants.append(replace(plant, simulation=AnchoredSurrogate(plant.simulation, _change(trace, inputs), lacking)))
-    return replace(evidence, plants=tuple(plants))
-
-
-def refine_fit(evidence: Evidence, fit: EffectFit, exact: TraceSimulator, rounds: int = ROUNDS) -> EffectFit:
-    """Return the fit redone with the simulation itself run once a round where it stood."""
-    if not needs_rerun(fit.effects):
-        return fit
-    for _ in range(rounds):
-        before = fit.searched
-        fit = polish(anchor_evidence(evidence, fit, exact), fit.effects, fit.searched)
-        if np.abs(fit.searched - before).max() <= SETTLED * np.abs(before).max():
-            break
-    return fit
+        """Return the evidence with surrogates that are exact at the fit."""
+        if self.exact is None or not needs_rerun(fit.effects):
+            return evidence
+        plants = []
+        for plant, trace, alone in zip(evidence.plants, evidence.traces, evidence.alone, strict=True):
+            inputs = fit.composition.drive(trace, alone)
+            error = self.exact.force(trace, inputs) - plant.simulation.force(trace, inputs)
+            plants.append(replace(plant, simulation=AnchoredSurrogate(plant.simulation, _change(trace, inputs), error)))
+        return replace(evidence, plants=tuple(plants))
 
 
 def needs_rerun(effects: Sequence[Effect]) -> bool:
-    """True if one of the effects changes what drives the simulation."""
+    """True if one of the effects changes the simulation's inputs."""
     return any(effect.reruns for effect in effects)

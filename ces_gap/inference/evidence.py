@@ -1,8 +1,8 @@
-"""What the recordings say, as whitened residuals: noise made white, the baseline's own error marginalised.
+"""The evidence: whitened residuals of all recordings, in which the uncertainty of the baseline error is marginalised.
 
-The baseline's error is a dictionary with weights w ~ N(ŵ, Σ) that references taught. Its mean is in the plant; what is
-not known of it is integrated out: a residual e of covariance σ²I + ΦΣΦᵀ is multiplied by that matrix' inverse root,
-each unit's with weights of its own.
+The baseline error is a dictionary Φ with weights w ~ N(ŵ, Σ) learned from references. Its mean is part of the plant.
+Its uncertainty is integrated out: a residual of covariance σ²I + ΦΣΦᵀ is multiplied by the inverse root of that matrix,
+separately for each unit.
 """
 
 from __future__ import annotations
@@ -16,20 +16,18 @@ from numpy.typing import NDArray
 from ces_gap.baseline.noise import NoiseModel
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition
-from ces_gap.trace import Trace
+from ces_gap.trace import F, Trace
 
-F = NDArray[np.float64]
-
-UNITS = 4  # data are cut into at least so many parts, each left out once
-BLOCK_S = 0.5  # [s] of a block whose residuals count as one in standard errors
-MIN_MODE_VARIANCE = 0.01  # variance, over the noise's, from which a direction of the discrepancy is marginalised
+UNITS = 4  # the data are divided into at least as many parts, each left out once
+BLOCK_S = 0.5  # [s] residuals within a block count as one sample in standard errors
+MIN_MODE_VARIANCE = 0.01  # of the noise's: a direction of the baseline error with less variance is ignored
 
 
 @dataclass(frozen=True)
 class EvidenceUnit:
-    """A part of one trace that is left out as a whole: its ticks (r,), and directions (r, m) with how much to take off.
+    """A part of one trace that is left out as a whole: its ticks (r,) and the block (r,) of each.
 
-    `block` (r,) numbers the blocks.
+    Along each of the `directions` (r, m), the share `removed_shares` (m,) of a signal is removed.
     """
 
     trace: int
@@ -43,15 +41,13 @@ class EvidenceUnit:
         rows: F = noise.whiten(values)[self.ticks]
         if not len(self.removed_shares):
             return rows
-        inside = self.directions.T @ rows
-        return rows - self.directions @ (
-            (self.removed_shares if rows.ndim == 1 else self.removed_shares[:, None]) * inside
-        )
+        shares = self.removed_shares if rows.ndim == 1 else self.removed_shares[:, None]
+        return rows - self.directions @ (shares * (self.directions.T @ rows))
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Traces with the plant's own force on each, the noise, and the units; whitened rows are in order of the units."""
+    """Traces with the plant's force on each, the noise, and the units; whitened rows are in the order of the units."""
 
     traces: tuple[Trace, ...]
     plants: tuple[Plant, ...]  # the plant prepared for each trace
@@ -70,11 +66,11 @@ class Evidence:
         return [plant.with_effects(composition, trace, alone) for plant, trace, alone in rows]
 
     def whiten(self, values: Sequence[F]) -> F:
-        """Return the whitened rows of values (n,) or (n, k) given on each trace's grid."""
+        """Return the whitened rows of values (n,) or (n, k) on each trace's grid."""
         return np.concatenate([unit.whiten(self.noise, values[unit.trace]) for unit in self.units])
 
     def residual(self, forces: Sequence[F]) -> F:
-        """Return the whitened rows of measured minus given force."""
+        """Return the whitened rows of measured force minus `forces`."""
         return self.whiten([trace.force - force for trace, force in zip(self.traces, forces, strict=True)])
 
     @property
@@ -97,8 +93,8 @@ def gather(
 ) -> Evidence:
     """Return the evidence of some traces.
 
-    `features` (n, q) of the discrepancy on each trace, with the posterior covariance (q, q) of their weights [N²];
-    None projects them out altogether.
+    `features` (n, q) describe the baseline error on each trace; `covariance` (q, q) is that of their weights [N²]. If
+    it is None, the features are projected out.
     """
     plants = tuple(plant.prepare_for(trace) for trace in traces)
     alone = tuple(plant.alone(trace) for trace in traces)
@@ -108,17 +104,18 @@ def gather(
         ticks = np.flatnonzero(noise.usable_after_whitening(trace.usable))
         rows = noise.whiten(features[number])
         for part in np.array_split(ticks, parts):
-            directions, taken = _directions(rows[part], covariance)
+            directions, shares = _directions(rows[part], covariance)
             block = np.unique((part / (BLOCK_S * trace.rate_Hz)).astype(np.int64), return_inverse=True)[1]
-            units.append(EvidenceUnit(number, part, directions, taken, block))
+            units.append(EvidenceUnit(number, part, directions, shares, block))
     return Evidence(tuple(traces), plants, alone, noise, tuple(units), covariance is not None)
 
 
 def _directions(rows: F, covariance: F | None) -> tuple[F, F]:
-    """Return orthonormal directions (r, m) of the discrepancy and what to take off along each."""
+    """Return orthonormal directions (r, m) of the baseline error and the share to remove along each."""
     if covariance is None:
         u, s, _ = np.linalg.svd(rows, full_matrices=False)
-        return u[:, s > 1e-6 * s[0]], np.ones(int((s > 1e-6 * s[0]).sum()))
+        rank = int((s > 1e-6 * s[0]).sum())
+        return u[:, :rank], np.ones(rank)
     values, vectors = np.linalg.eigh(covariance)
     spread = rows @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     variance, turn = np.linalg.eigh(spread.T @ spread)

@@ -1,4 +1,4 @@
-"""What effects explain, as records: their parameters with intervals, and what they leave of the gap."""
+"""Records of explanations: the parameters of effects with intervals, and the gap that they leave."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter's value with its 95 % interval, SI; `at_bound` if it stuck there, `drifts` if folds disagree."""
+    """A parameter's value with its 95 % interval (SI); `at_bound` if it is on a bound, `drifts` if folds disagree."""
 
     name: str
     value: float
@@ -22,7 +22,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What an effect, or several together, explain. Shrink and gap are on held-out recordings, noise taken out."""
+    """One or several effects, with gap and shrink on held-out recordings, without measurement noise."""
 
     effects: tuple[str, ...]
     forms: tuple[str, ...]
@@ -31,6 +31,6 @@ class Explanation:
     gap_after_N: float
     shrink: float
     shrink_ci95: Interval
-    gain: float = 0.0  # cross-fitted share of the gap's energy explained on the recordings the fit saw in part
+    gain: float = 0.0  # cross-fitted share of the gap's energy explained on the fitted recordings
     gain_error: float = 0.0
     probability: float = 0.0

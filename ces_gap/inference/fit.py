@@ -1,7 +1,7 @@
-"""Fitting effects: bounded Levenberg-Marquardt on whitened residuals, and what each unit left out says of the fit.
+"""Fitting effects: bounded Levenberg-Marquardt on whitened residuals, with cross-validation over units.
 
-Cross-validation is linearised: one Gauss-Newton step from the fit to all units gives the fit without one of them, and
-its residual there (exact for effects that are linear in their parameters).
+Cross-validation is linearised: one Gauss-Newton step from the fit of all units gives the fit without one unit and its
+residual on that unit (exact for effects that are linear in their parameters).
 """
 
 from __future__ import annotations
@@ -10,29 +10,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.effects.effect import Composition, Effect, Setting
 from ces_gap.inference.evidence import Evidence
-from ces_gap.trace import Trace
-
-F = NDArray[np.float64]
+from ces_gap.trace import F, Trace
 
 ITERATIONS = 8
 STEP = 1e-3  # of a parameter's range: step of the difference quotients
-ENOUGH = 3e-4  # stop when an iteration explains less than this share of the gap's energy
-HOPELESS = 0.005  # stop when all of it together explains less than this share
+MIN_GAIN = 3e-4  # share of the gap's energy: an iteration that explains less is the last
+MIN_EXPLAINED = 0.005  # of the gap's energy: a fit that explains less is not continued
 MAX_STARTS = 6
-NEAR_BOUND = 1e-3  # of the range: nearer than this, a parameter sticks to its bound
+NEAR_BOUND = 1e-3  # of the range: a parameter closer to its bound counts as on it
 
 
 @dataclass(frozen=True)
 class EffectFit:
     """Effects fitted together.
 
-    `searched` (p,) are the parameters as searched; `residual` (r,) and `jacobian` (r, p) whitened, the Jacobian that of
-    the modelled force. `left_out` (r,) is the residual of each unit under the fit without it, `by_unit` (u, p) those.
-    `covariance` (p, p) of the parameters is clustered by blocks.
+    `searched` (p,) are the parameters on their search scales. `residual` (r,) and `jacobian` (r, p) of the modelled
+    force are whitened. `by_unit` (u, p) are the parameters fitted without each unit, `left_out` (r,) the residuals on
+    the units left out. `covariance` (p, p) of the parameters is clustered by blocks.
     """
 
     effects: tuple[Effect, ...]
@@ -55,19 +52,14 @@ class EffectFit:
 
     @property
     def cost(self) -> float:
-        """Whitened squares of the units left out."""
+        """Whitened sum of squares on the units left out."""
         return float(self.left_out @ self.left_out)
 
 
 def make_composition(effects: Sequence[Effect], searched: F) -> Composition:
     """Return the composition of effects at searched values (p,)."""
-    made, first = [], 0
-    for effect in effects:
-        count = len(effect.parameters)
-        pairs = zip(effect.parameters, searched[first : first + count], strict=True)
-        made.append(Setting(effect, tuple(p.to_value(float(u)) for p, u in pairs)))
-        first += count
-    return Composition(tuple(made))
+    values = iter(searched.tolist())
+    return Composition(tuple(Setting(e, tuple(p.to_value(next(values)) for p in e.parameters)) for e in effects))
 
 
 def bounds(effects: Sequence[Effect]) -> tuple[F, F]:
@@ -79,19 +71,18 @@ def bounds(effects: Sequence[Effect]) -> tuple[F, F]:
 def fit_alone(evidence: Evidence, effect: Effect) -> EffectFit:
     """Return the best fit of one effect from its starts."""
     objective = _Objective(evidence, (effect,))
-    tried = [_scale_start(objective, start) for start in starts(evidence, effect)]
-    tried.sort(key=lambda pair: float(pair[1] @ pair[1]))
-    return polish(evidence, (effect,), tried[0][0], objective)
+    scaled = [_scale_start(objective, start) for start in starts(evidence, effect)]
+    return fit_from(evidence, (effect,), min(scaled, key=lambda pair: float(pair[1] @ pair[1]))[0], objective)
 
 
 def fit_together(evidence: Evidence, parts: Sequence[EffectFit]) -> EffectFit:
-    """Return the joint fit of the effects of some fits, begun where they ended."""
+    """Return the joint fit of the effects of some fits, started from their parameters."""
     effects = tuple(e for part in parts for e in part.effects)
-    return polish(evidence, effects, np.concatenate([part.searched for part in parts]))
+    return fit_from(evidence, effects, np.concatenate([part.searched for part in parts]))
 
 
 def starts(evidence: Evidence, effect: Effect) -> list[F]:
-    """Return where to begin (each (p,)): the effect's own starts for these traces, or products of its parameters'."""
+    """Return start points (each (p,)): the effect's own for these traces, or combinations of its parameters' starts."""
     values = effect.starts_for(_widest(evidence)) or Effect.starts_for(effect, _widest(evidence))
     spaced = values[:: max(1, -(-len(values) // MAX_STARTS))]
     searched = [[p.to_search(x) for p, x in zip(effect.parameters, v, strict=True)] for v in spaced]
@@ -100,7 +91,7 @@ def starts(evidence: Evidence, effect: Effect) -> list[F]:
 
 
 def _widest(evidence: Evidence) -> Trace:
-    """Return the trace with the longest stroke, where limits are reached if anywhere."""
+    """Return the trace with the longest stroke: if any reaches the limits, this one does."""
     return max(evidence.traces, key=lambda t: float(np.ptp(t.inputs.position[t.usable])))
 
 
@@ -134,26 +125,28 @@ class _Objective:
 
 def _scale_start(objective: _Objective, start: F) -> tuple[F, F]:
     """Return the start with its magnitude scaled to fit best, and the residual there."""
-    at = objective(start)
+    residual = objective(start)
     parameters = [p for e in objective.effects for p in e.parameters]
     magnitudes = [k for k, p in enumerate(parameters) if p.magnitude and p.scale != "log"]
     if not magnitudes:
-        return start, at
-    signature = objective.baseline_residual - at
+        return start, residual
+    signature = objective.baseline_residual - residual
     size = float(signature @ signature)
     if size <= 0.0:
-        return start, at
+        return start, residual
     factor = float(signature @ objective.baseline_residual) / size
     scaled = start.copy()
     for k in magnitudes:
         neutral = parameters[k].to_search(parameters[k].neutral) if np.isfinite(parameters[k].neutral) else 0.0
         scaled[k] = neutral + factor * (start[k] - neutral)
     scaled = np.clip(scaled, objective.low, objective.high)
-    there = objective(scaled)
-    return (scaled, there) if there @ there < at @ at else (start, at)
+    scaled_residual = objective(scaled)
+    return (scaled, scaled_residual) if scaled_residual @ scaled_residual < residual @ residual else (start, residual)
 
 
-def polish(evidence: Evidence, effects: tuple[Effect, ...], start: F, objective: _Objective | None = None) -> EffectFit:
+def fit_from(
+    evidence: Evidence, effects: tuple[Effect, ...], start: F, objective: _Objective | None = None
+) -> EffectFit:
     """Return the fit that Levenberg-Marquardt reaches from `start` (p,) inside the bounds."""
     goal = objective or _Objective(evidence, effects)
     searched = np.clip(start, goal.low, goal.high)
@@ -162,33 +155,33 @@ def polish(evidence: Evidence, effects: tuple[Effect, ...], start: F, objective:
     damping, whole = 1e-3, float(goal.baseline_residual @ goal.baseline_residual)
     for _ in range(ITERATIONS):
         before = float(residual @ residual)
-        moved, there, damping = _descend(goal, searched, residual, jacobian, damping)
-        if there is None:
+        moved, moved_residual, damping = _descend(goal, searched, residual, jacobian, damping)
+        if moved_residual is None:
             break
-        searched, residual = moved, there
+        searched, residual = moved, moved_residual
         jacobian = goal.jacobian(searched, residual)
         after = float(residual @ residual)
-        if before - after < ENOUGH * whole or whole - after < HOPELESS * whole:
+        if before - after < MIN_GAIN * whole or whole - after < MIN_EXPLAINED * whole:
             break
     return _complete_fit(evidence, effects, goal, searched, residual, jacobian)
 
 
 def _descend(goal: _Objective, searched: F, residual: F, jacobian: F, damping: float) -> tuple[F, F | None, float]:
-    """Return a better point, its residual and the next damping; no residual if none was found."""
+    """Return a better point, its residual and the next damping; no residual if no better point exists."""
     for _ in range(4):
         step = _bounded_step(jacobian, residual, searched, goal.low, goal.high, damping)
         moved = np.clip(searched + step, goal.low, goal.high)
-        there = goal(moved)
-        if there @ there < residual @ residual:
-            return moved, there, max(damping / 10.0, 1e-9)
+        moved_residual = goal(moved)
+        if moved_residual @ moved_residual < residual @ residual:
+            return moved, moved_residual, max(damping / 10.0, 1e-9)
         damping = max(damping, 1e-3) * 10.0
     return searched, None, damping
 
 
 def _bounded_step(jacobian: F, residual: F, at: F, low: F, high: F, damping: float) -> F:
-    """Return the damped Gauss-Newton step (p,) with parameters that would leave their bounds held there.
+    """Return the damped Gauss-Newton step (p,); parameters that would leave their bounds stop there.
 
-    Parameters differ by many orders of magnitude (metres beside newtons per metre), so columns are scaled to one.
+    Parameters differ by many orders of magnitude (metres and newtons per metre), so columns are scaled to unit norm.
     """
     size = _sizes(jacobian)
     scaled = jacobian / size
@@ -227,7 +220,7 @@ def _complete_fit(
 
 
 def _covariance(evidence: Evidence, residual: F, jacobian: F) -> F:
-    """Return the sandwich covariance (p, p), residuals of a block counting as one (Liang and Zeger 1986)."""
+    """Return the sandwich covariance (p, p), clustered by blocks (Liang and Zeger 1986)."""
     block = evidence.block_of_row
     scores = np.zeros((int(block[-1]) + 1, jacobian.shape[1]))
     np.add.at(scores, block, jacobian * residual[:, None])
@@ -236,11 +229,11 @@ def _covariance(evidence: Evidence, residual: F, jacobian: F) -> F:
     bread = np.linalg.pinv(scaled.T @ scaled + 1e-12 * np.eye(len(size))) / np.outer(size, size)
     covariance = np.asarray(bread @ (scores.T @ scores) @ bread)
     blind = np.flatnonzero(np.linalg.norm(jacobian, axis=0) == 0.0)
-    covariance[blind, blind] = np.inf  # what changes nothing is not known at all
+    covariance[blind, blind] = np.inf  # a parameter without any influence is unknown
     return covariance
 
 
 def _sizes(jacobian: F) -> F:
-    """Return the columns' norms (p,), one where a column is nothing."""
+    """Return the norms of the columns (p,), 1 for zero columns."""
     size = np.linalg.norm(jacobian, axis=0)
     return np.where(size > 0.0, size, 1.0)

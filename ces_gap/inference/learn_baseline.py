@@ -1,4 +1,4 @@
-"""The evidence stage: what is learnt of the simulation and of the noise before any effect is tried."""
+"""The baseline stage: correction, noise and generic learner, before any effect is tried."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from ces_gap.intake.prepare import DiagnosisInput
 
 @dataclass(frozen=True)
 class Baseline:
-    """The plant without effects and the evidence against it.
+    """The plant without effects, its evidence, and the generic learner fitted to the gap (`ceiling`).
 
-    `plant` is the quick simulation with the `correction` that references taught (None without references). `ceiling` is
-    what the generic learner makes of the gap.
+    `plant` is the fast simulation with the `correction` learned from references (None without references).
     """
 
     plant: Plant
@@ -28,7 +27,7 @@ class Baseline:
 
 
 def learn_baseline(inputs: DiagnosisInput) -> Baseline:
-    """Return what the references teach; without any, a smooth map is projected out and the noise estimated."""
+    """Return the baseline learned from references; without any, a static map is projected out and noise estimated."""
     if not inputs.reference:
         return _without_references(inputs)
     correction, learnt = learn_correction(inputs.reference)
@@ -39,7 +38,7 @@ def learn_baseline(inputs: DiagnosisInput) -> Baseline:
 
 
 def _without_references(inputs: DiagnosisInput) -> Baseline:
-    """Return the same with noise of no less than what the generic learner leaves."""
+    """Return the baseline with at least the noise that the generic learner leaves."""
     ceiling = learn_ceiling(inputs.real, [t.simulated for t in inputs.real])
     noise = make_white_noise(max(ceiling.learnt.noise.rms_N, *(t.noise_N for t in inputs.real)))
     plant = Plant(inputs.cheap)

@@ -1,6 +1,7 @@
-"""Without references: a smooth map of stroke, speed and current, which the simulation's calibration could absorb.
+"""The static map: a smooth function of stroke, speed and current that a recalibration of the simulation could absorb.
 
-It is projected out of everything, and effects that it could stand in for are said to be not separable from calibration.
+Without references it is projected out of the residuals. Effects that it could replace are reported as not separable
+from calibration.
 """
 
 from __future__ import annotations
@@ -8,16 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.dictionary import SAME_CURRENT
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import EffectFit
-from ces_gap.trace import Trace
+from ces_gap.trace import F, Trace
 
-F = NDArray[np.float64]
-
-MIN_ABSORBED_SHARE = 0.8  # share of a signature's energy inside the map from which the effect is not separable
+MIN_ABSORBED_SHARE = 0.8  # share of a signature's energy inside the map that makes the effect not separable
 
 
 def static_features(traces: Sequence[Trace]) -> list[F]:
@@ -53,7 +51,7 @@ def find_absorbed_effects(evidence: Evidence, fits: Sequence[EffectFit]) -> tupl
         forces = evidence.forces(fit.composition)
         added = [f - a for f, a in zip(forces, evidence.alone, strict=True)]
         whole = np.concatenate([evidence.noise.whiten(added[u.trace])[u.ticks] for u in evidence.units])
-        left = evidence.whiten(added)
-        if left @ left < (1.0 - MIN_ABSORBED_SHARE) * (whole @ whole):
+        outside = evidence.whiten(added)
+        if outside @ outside < (1.0 - MIN_ABSORBED_SHARE) * (whole @ whole):
             absorbed.append(fit.names[0])
     return tuple(absorbed)

@@ -1,7 +1,7 @@
-"""The verdict and its probabilities, from figures that mean the same on every plant.
+"""The verdict and its probabilities, from figures that are comparable between plants.
 
-The probabilities are those of a logistic model of these figures, fitted to cases on a plant unlike those it is judged
-on (calibration.json says which). Margins of likelihood are no probabilities: no form is exactly what is there.
+The probabilities come from a logistic model of these figures. It was calibrated on cases of a plant unlike those of its
+evaluation (`calibration.json` names them). Likelihoods would not do as probabilities: no form is exactly true.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
 
-F = NDArray[np.float64]
+from ces_gap.trace import F
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
-POSSIBLE = 0.1  # probability from which an effect that is not named makes a verdict ambiguous
-NEGLIGIBLE_SHARE = 0.01  # of the gap's energy: unexplained shares below this are alike
+POSSIBLE = 0.1  # probability at which an effect outside the composition makes the verdict ambiguous
+NEGLIGIBLE_SHARE = 0.01  # of the gap's energy: smaller unexplained shares are not distinguished
 
 
 @dataclass(frozen=True)
 class VerdictFigures:
-    """What decides. Shares are of the gap's energy above the noise, whitened, on units left out.
+    """The basis of the verdict: whitened energies on units left out, as shares of the gap's energy above the noise.
 
-    `energy` is that energy over the noise's; `gain_z` the best explanation's gain over its error; `ceiling_z` that of
-    the generic learner's. `unexplained` is what the best explanation leaves, `learnable` what the learner still finds
-    in that (both the same where the noise is not known), `learnable_z` over its error. `stuck` counts parameters at a
-    bound, `drift` is how far units disagree on parameters, in standard errors.
+    `energy` is the gap's energy over the noise's. `gain_z` and `ceiling_z` are the gains of the best explanation and of
+    the generic learner over their standard errors. `unexplained` is the share that the best explanation leaves,
+    `learnable` the part of it that the learner explains (equal if the noise is unknown), `learnable_z` over its
+    standard error. `stuck` counts parameters on a bound; `drift` is the largest disagreement between units on a
+    parameter, in standard errors.
     """
 
     energy: float
@@ -43,9 +43,10 @@ class VerdictFigures:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Weights of the logistic model: `gap` of `gap_features`, `unknown` of `unknown_features`; `sharpness` of choice.
+    """Weights of the logistic model for `gap_features` and `unknown_features`, and `sharpness` of the choice of effect.
 
-    Below `least_gap`, the probability of a gap, there is none; below `least_known`, that of a known effect, unknown.
+    The verdict is "no_gap" if the probability of a gap is below `least_gap`, "unknown" if that of a known effect is
+    below `least_known`.
     """
 
     gap: tuple[float, ...]
@@ -57,7 +58,7 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Probabilities:
-    """Of no gap, of something unknown, and of each effect by name; they sum to 1."""
+    """Probabilities of no gap, of an unknown cause and of each effect by name; they sum to 1."""
 
     none: float
     unknown: float
@@ -65,20 +66,20 @@ class Probabilities:
 
 
 def calibration() -> Calibration:
-    """Return the weights that come with the package."""
-    given = json.loads((files("ces_gap.inference") / "calibration.json").read_text(encoding="utf-8"))
-    gap, unknown = (tuple(map(float, given[name])) for name in ("gap", "unknown"))
-    return Calibration(gap, unknown, *(float(given[name]) for name in ("sharpness", "least_gap", "least_known")))
+    """Return the weights from `calibration.json`."""
+    weights = json.loads((files("ces_gap.inference") / "calibration.json").read_text(encoding="utf-8"))
+    gap, unknown = (tuple(map(float, weights[name])) for name in ("gap", "unknown"))
+    return Calibration(gap, unknown, *(float(weights[name]) for name in ("sharpness", "least_gap", "least_known")))
 
 
 def gap_features(figures: VerdictFigures) -> F:
-    """Return what the probability of a gap is made of."""
-    z = max(figures.gain_z, figures.ceiling_z, figures.energy, 0.1)  # a gap above a known noise needs no explanation
+    """Return the features of the probability of a gap."""
+    z = max(figures.gain_z, figures.ceiling_z, figures.energy, 0.1)  # a large gap needs no explanation
     return np.array([1.0, np.log(max(figures.energy, 1e-3)), np.log(z)])
 
 
 def unknown_features(figures: VerdictFigures) -> F:
-    """Return what the probability of something unknown is made of."""
+    """Return the features of the probability of an unknown cause."""
     share = float(np.clip(figures.unexplained, NEGLIGIBLE_SHARE, 2.0))
     return np.array([1.0, np.log(share), float(np.clip(figures.learnable, 0.0, 1.0)), float(figures.stuck > 0)])
 
@@ -86,9 +87,9 @@ def unknown_features(figures: VerdictFigures) -> F:
 def probabilities(
     figures: VerdictFigures, unexplained: Mapping[str, float], composition: Sequence[str], weights: Calibration
 ) -> Probabilities:
-    """Return the probabilities, given what each effect leaves unexplained and which compose the best one.
+    """Return the probabilities from the share that each effect leaves unexplained (`min_unexplained_shares`).
 
-    An effect leaves what it leaves alone, or less in the place of one of the best (`rivals.min_unexplained_shares`).
+    The effects of the best `composition` count as leaving what the composition leaves.
     """
     none = 1.0 - _logistic(gap_features(figures) @ np.array(weights.gap))
     unknown = (1.0 - none) * _logistic(unknown_features(figures) @ np.array(weights.unknown))
@@ -101,7 +102,7 @@ def probabilities(
 
 
 def has_alternatives(named: Sequence[str], odds: Probabilities) -> bool:
-    """Return True if an effect that is not named is possible, too."""
+    """True if an effect that is not named is possible, too."""
     return any(p >= POSSIBLE for name, p in odds.effects.items() if name not in named)
 
 

@@ -1,4 +1,4 @@
-"""The report: a diagnosis in, one self-contained HTML page out, understood in a minute, for screen and paper."""
+"""The report: a diagnosis goes in, one self-contained HTML page for screen and paper comes out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Before and after as plots: force over speed, the worst second over time, and the planned experiment."""
+"""Plots before and after: force over speed, the worst second over time, and the next experiment."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ces_identify.report.drawing import F, around_zero, axes, legend, note, pane
 from ces_identify.report.marks import dots, line
 
 MAX_DOTS = 2400  # of each force
-LAYERS = 12  # measured and simulated dots are laid in turn, so that neither hides the other
+LAYERS = 12  # measured and simulated dots are drawn in alternate layers, so that neither hides the other
 SPEED_FORCE = (530.0, 446.0)
 TIME = (660.0, 430.0)
 EXPERIMENT = (530.0, 300.0)
 WORST_S = 1.0  # [s]
-MAX_LEGEND_LETTERS = 13  # of a legend's entry
+MAX_LEGEND_LETTERS = 13  # per entry
 LEFT_OVER = "Gap, measured \N{MINUS SIGN} simulated [N]"
 
 
 @dataclass(frozen=True)
 class Worst:
-    """The stretch of ticks [start, stop) of one recording that has the most energy of the gap."""
+    """The ticks [start, stop) of one recording with the most energy of the gap."""
 
     series: HeldOutSeries
     start: int
@@ -32,25 +32,23 @@ class Worst:
 
 
 def speed_force(ident: str, held_out: Sequence[HeldOutSeries], effects: str) -> list[Markup]:
-    """Return force and gap over speed, with the simulation as given and, if `effects` are named, with these."""
-    dots_of = _pool_ticks(held_out)
-    before = _speed_force(f"{ident}-before", dots_of, "simulated", "simulation")
-    if not effects:
-        return [before]
-    return [before, _speed_force(f"{ident}-after", dots_of, "augmented", f"with {effects}")]
+    """Return force and gap over speed for the original simulation and, if there are `effects`, the augmented one."""
+    ticks = _sample_ticks(held_out)
+    before = _speed_force(f"{ident}-before", ticks, "simulated", "simulation")
+    return [before, _speed_force(f"{ident}-after", ticks, "augmented", f"with {effects}")] if effects else [before]
 
 
 def worst_second(held_out: Sequence[HeldOutSeries]) -> Worst | None:
     """Return the second in which measured minus simulated force has the most energy; None if no tick is usable."""
-    found = [w for s in held_out if (w := _worst_of(s)) is not None]
-    return max(found, key=lambda pair: pair[0])[1] if found else None
+    candidates = [w for s in held_out if (w := _find_worst(s)) is not None]
+    return max(candidates, key=lambda pair: pair[0])[1] if candidates else None
 
 
 def time_plot(ident: str, worst: Worst, effects: str) -> Markup:
-    """Return the forces over the worst second and, below, what is left of the gap; with `effects` if they are named."""
-    series, some = worst.series, slice(worst.start, worst.stop)
-    time, measured = series.trace.time_s[some], series.trace.force[some]
-    forces = {"simulated": series.trace.simulated[some], "augmented": series.augmented[some]}
+    """Return forces and gap over the worst second; if there are `effects`, with the augmented simulation as well."""
+    series, ticks = worst.series, slice(worst.start, worst.stop)
+    time, measured = series.trace.time_s[ticks], series.trace.force[ticks]
+    forces = {"simulated": series.trace.simulated[ticks], "augmented": series.augmented[ticks]}
     shown = {css: f for css, f in forces.items() if effects or css == "simulated"}
     span = float(time[0]), float(time[-1])
     top = panel(span, span_of(measured, *shown.values()), (58, 34, 590, 196))
@@ -70,7 +68,7 @@ def experiment_plot(ident: str, experiment: NextExperiment) -> Markup:
     time, stroke = experiment.time_s, 1e3 * experiment.position_m
     if len(time) < 2:
         p = panel((0.0, 1.0), (0.0, 1.0), (48, 34, 470, 220))
-        return svg(ident, EXPERIMENT, "The next experiment", "No course was given.", [note(p, "no course")])
+        return svg(ident, EXPERIMENT, "The next experiment", "No signals.", [note(p, "no signals")])
     span = float(time[0]), float(time[-1])
     top = panel(span, span_of(stroke), (48, 30, 470, 124))
     low = panel(span, span_of(experiment.current_A, np.zeros(1)), (48, 194, 470, 64))
@@ -78,26 +76,28 @@ def experiment_plot(ident: str, experiment: NextExperiment) -> Markup:
         axes(top, "", "Stroke [mm]", 8, 4),
         line(top, time, stroke, "stroke"),
         axes(low, "Time [s]", "Current [A]", 8, 2),
-        line(low, *_kinks(time, experiment.current_A), "feed"),
+        line(low, *_find_kinks(time, experiment.current_A), "feed"),
     ]
     return svg(ident, EXPERIMENT, "The next experiment", f"{experiment.name}, {span[1]:.3g} s.", parts)
 
 
-def _kinks(time: F, values: F) -> tuple[F, F]:
-    """Return the points that a polyline needs: ends, and where its slope changes."""
+def _find_kinks(time: F, values: F) -> tuple[F, F]:
+    """Return the points that a polyline needs: its ends and the points where its slope changes."""
     bent = np.abs(np.diff(values, 2)) > 1e-9 * max(float(np.ptp(values)), 1e-9)
-    kept = np.concatenate([[True], bent, [True]])
-    return time[kept], values[kept]
+    mask = np.concatenate([[True], bent, [True]])
+    return time[mask], values[mask]
 
 
-def _pool_ticks(held_out: Sequence[HeldOutSeries]) -> dict[str, F]:
-    """Return speed, measured, simulated and augmented force at ticks drawn from all recordings alike."""
+def _sample_ticks(held_out: Sequence[HeldOutSeries]) -> dict[str, F]:
+    """Return speed, measured, simulated and augmented force at random ticks of all recordings."""
 
     def usable(values: Callable[[HeldOutSeries], F]) -> F:
         return np.concatenate([values(s)[s.trace.usable] for s in held_out])
 
     speed = usable(lambda s: s.trace.inputs.speed)
-    chosen = np.random.default_rng(0).permutation(len(speed))[:MAX_DOTS]  # no stride: it would beat with a sine
+    chosen = np.random.default_rng(0).permutation(len(speed))[
+        :MAX_DOTS
+    ]  # random, because a stride would alias with a sine
     return {
         "speed": speed[chosen],
         "measured": usable(lambda s: s.trace.force)[chosen],
@@ -107,27 +107,22 @@ def _pool_ticks(held_out: Sequence[HeldOutSeries]) -> dict[str, F]:
 
 
 def _speed_force(ident: str, of: dict[str, F], css: str, name: str) -> Markup:
-    """Return measured force and that of `css`, called `name`, over speed; below, their difference."""
+    """Return measured force and the force of style `css`, labelled `name`, over speed, and their difference."""
     speed, measured = of["speed"], of["measured"]
     top = panel(span_of(speed), span_of(measured, of["simulated"], of["augmented"]), (58, 34, 460, 226))
     rest = around_zero(np.concatenate([measured - of["simulated"], measured - of["augmented"]]))
     low = panel(span_of(speed), rest, (58, 302, 460, 104))
     parts = [axes(top, "", "Force [N]", 6, 6)]
-    for some in np.array_split(np.arange(len(speed)), LAYERS):
-        parts += [dots(top, speed[some], of[c][some], f"{c} dots") for c in ("measured", css)]
+    for layer in np.array_split(np.arange(len(speed)), LAYERS):
+        parts += [dots(top, speed[layer], of[c][layer], f"{c} dots") for c in ("measured", css)]
     parts.append(axes(low, "Speed [m/s], positive in compression", LEFT_OVER, 6, None))
     parts.append(dots(low, speed, measured - of[css], f"{css} dots"))
-    parts.append(
-        legend(
-            top.x.stop,
-            23,
-            (("measured", "measured"), (css, name if len(name) <= MAX_LEGEND_LETTERS else "with effects")),
-        )
-    )
+    entry = name if len(name) <= MAX_LEGEND_LETTERS else "with effects"
+    parts.append(legend(top.x.stop, 23, (("measured", "measured"), (css, entry))))
     return svg(ident, SPEED_FORCE, f"Force over speed, measured and {name}", f"{len(speed)} ticks.", parts)
 
 
-def _worst_of(series: HeldOutSeries) -> tuple[float, Worst] | None:
+def _find_worst(series: HeldOutSeries) -> tuple[float, Worst] | None:
     trace = series.trace
     length = min(max(2, round(WORST_S * trace.rate_Hz)), len(trace))
     square = np.where(trace.usable, (trace.force - trace.simulated) ** 2, 0.0)

@@ -1,4 +1,4 @@
-"""The ranked causes as rows of a table: probability, parameters, what each leaves of the gap."""
+"""The ranked causes as rows of a table: probability, parameters, gap left."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from dataclasses import dataclass
 
 from ces_gap.diagnosis import Diagnosis, Estimate, Explanation
 from ces_gap.effects.effect import Setting
-from ces_gap.report.formatting import EFFECTS, effect_name, newtons, parameter_text, percent, percents
+from ces_gap.report.formatting import EFFECTS, effect_name, parameter_text, percent, percents
+from ces_identify.typesetting import three_figures
 
 MAX_ROWS = 6  # effects with a row of their own
-MIN_PROBABILITY = 0.005  # probability of an effect that is told beyond the first three
-ALWAYS = 3
+ALWAYS = 3  # as many effects always have a row
+MIN_PROBABILITY = 0.005  # of a further effect with a row
 
 
 @dataclass(frozen=True)
 class ParameterText:
-    """A parameter as text: what it is, and a warning if its value is not to be trusted."""
+    """A parameter as text: description, and a warning if its value is not reliable."""
 
     name: str
     value: str
@@ -28,7 +29,7 @@ class ParameterText:
 
 @dataclass(frozen=True)
 class CauseRow:
-    """An effect alone as a row; `bar` is its probability in percent, `named` that it or a twin is to blame."""
+    """One effect alone; `bar` is its probability [%], `named` if the verdict names it or one indistinguishable."""
 
     effect: str
     what: str
@@ -43,20 +44,20 @@ class CauseRow:
 
 
 def cause_rows(d: Diagnosis) -> list[CauseRow]:
-    """Return the causes worth a row, most probable first."""
-    kept = [c for i, c in enumerate(d.causes[:MAX_ROWS]) if i < ALWAYS or c.probability >= MIN_PROBABILITY]
-    blamed = _named_effects(d)
-    return [_row(c, c.effects[0] in blamed) for c in kept]
+    """Return the rows of the probable causes, most probable first."""
+    causes = [c for i, c in enumerate(d.causes[:MAX_ROWS]) if i < ALWAYS or c.probability >= MIN_PROBABILITY]
+    named = _named_effects(d)
+    return [_row(c, c.effects[0] in named) for c in causes]
 
 
 def effects_without_row(d: Diagnosis, rows: Sequence[CauseRow]) -> list[str]:
-    """Return the names of the effects that were tried and have no row."""
+    """Return the names of the effects that have no row."""
     shown = {row.effect for row in rows}
     return [n for n in (effect_name(c.effects[0]) for c in d.causes) if n not in shown]
 
 
 def composition_rows(d: Diagnosis) -> list[tuple[str, str, tuple[ParameterText, ...]]]:
-    """Return effect, form and jointly fitted parameters of a composition of several effects; none of a single one."""
+    """Return effect, form and jointly fitted parameters of a composition of several effects."""
     c = d.composition
     if len(c.effects) < 2:
         return []
@@ -65,9 +66,9 @@ def composition_rows(d: Diagnosis) -> list[tuple[str, str, tuple[ParameterText, 
 
 
 def _named_effects(d: Diagnosis) -> set[str]:
-    """Return the effects of the composition with their twins."""
-    found = set(d.composition.effects)
-    return found.union(*(twins for twins in d.indistinguishable if found & set(twins)))
+    """Return the effects of the composition and those indistinguishable from them."""
+    effects = set(d.composition.effects)
+    return effects.union(*(group for group in d.indistinguishable if effects & set(group)))
 
 
 def _row(cause: Explanation, named: bool) -> CauseRow:
@@ -79,7 +80,7 @@ def _row(cause: Explanation, named: bool) -> CauseRow:
         bar=100.0 * cause.probability,
         probability=percent(cause.probability),
         parameters=_parameters(cause.estimates[0], cause.composition.settings[0]),
-        gap_after=newtons(cause.gap_after_N),
+        gap_after=three_figures(cause.gap_after_N),
         shrink=percent(cause.shrink),
         interval=percents(cause.shrink_ci95),
     )
@@ -91,5 +92,4 @@ def _parameters(estimates: Sequence[Estimate], setting: Setting) -> tuple[Parame
 
 
 def _warning(estimate: Estimate) -> str:
-    said = ["stuck at its bound"] * estimate.at_bound + ["differs between folds"] * estimate.drifts
-    return ", ".join(said)
+    return ", ".join(["at its bound"] * estimate.at_bound + ["differs between folds"] * estimate.drifts)

@@ -1,4 +1,4 @@
-"""Names and numbers as people read them: effects, axes, parameters with their units, figures with their intervals."""
+"""Names and numbers for readers: effects, axes, parameters with units, figures with intervals."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ces_gap.diagnosis import Estimate, GapRegion, Interval
-from ces_identify.typesetting import minus, three_figures
+from ces_identify.typesetting import minus
 
 AXES = {
     "stroke_m": ("stroke", "mm", 1e3),
@@ -17,27 +17,27 @@ AXES = {
     "since_reversal_s": ("time since reversal", "ms", 1e3),
     "elapsed_s": ("elapsed time", "s", 1.0),
     "heat_J": ("dissipated heat", "kJ", 1e-3),
-}  # name, unit shown, SI to that unit
+}  # name, displayed unit, factor from SI to it
 EFFECTS = {
     "backlash": "free play in the linkage",
-    "blow_off": "a valve opens and the force saturates",
-    "bump_stop": "a stop touches near the end of the stroke",
-    "cavitation": "a void that must refill after a fast stroke",
-    "compressibility": "oil, hoses and bubbles give way",
-    "current_hysteresis": "the valve's magnet remembers its current",
+    "blow_off": "a relief valve opens and limits the force",
+    "bump_stop": "a stop engages near the end of the stroke",
+    "cavitation": "a void forms in a fast stroke and must refill",
+    "compressibility": "oil, hoses and bubbles are elastic",
+    "current_hysteresis": "magnetic hysteresis of the valve",
     "current_scale": "gain or offset of the measured current",
-    "force_drift": "the force's zero wanders",
-    "force_offset": "the force's zero is off",
-    "force_scale": "the force's gain is off",
-    "friction": "seals and bearings rub",
-    "gas_spring": "the gas pushes the rod out",
+    "force_drift": "the zero of the force drifts",
+    "force_offset": "the zero of the force is wrong",
+    "force_scale": "the gain of the force is wrong",
+    "friction": "friction of seals and bearings",
+    "gas_spring": "gas pressure pushes the rod out",
     "inertia": "mass between sensor and piston",
     "leakage": "oil bypasses the valves",
-    "mount_compliance": "a bushing gives way",
-    "position_delay": "position and force are out of step",
+    "mount_compliance": "elastic bushings",
+    "position_delay": "position and force are not synchronous",
     "temperature_fade": "warm oil damps less",
-    "valve_lag": "valve and pilot follow the current late",
-}  # what happens, in a few words
+    "valve_lag": "the valve follows the current with a lag",
+}  # short descriptions
 SIDES = ("rebound", "compression")
 UNITS = {
     "_m_s_rtN": "m/(s·√N)",
@@ -62,13 +62,13 @@ UNITS = {
     "_A": "A",
     "_K": "K",
     "_J": "J",
-}  # by the end of a parameter's name, longer ends first
-HANDY = {
+}  # by the suffix of a parameter's name, longer suffixes first
+DISPLAY_UNITS = {
     "m": ("mm", 1e3, 0.0, 0.1),
     "s": ("ms", 1e3, 0.0, 0.1),
     "A": ("mA", 1e3, 0.0, 0.1),
     "N/m": ("N/mm", 1e-3, 1e4, math.inf),
-}  # unit shown and its scale, where the largest number is from .. to below .. in SI
+}  # displayed unit, its factor, and the range of the largest number in SI for which it is used
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre"}
 
 
@@ -84,7 +84,7 @@ def join_effect_names(effects: Sequence[str], last: str = "and") -> str:
 
 
 def sentence_case(text: str) -> str:
-    """Return a text with its first letter in upper case."""
+    """Return the text with its first letter in upper case."""
     return text[:1].upper() + text[1:]
 
 
@@ -95,7 +95,7 @@ def axis_title(axis: str) -> str:
 
 
 def axis_figure(axis: str, value: float) -> str:
-    """Return a value on an axis, in the unit that is shown, as short as can be; `∞` for an open end."""
+    """Return a value on an axis to three digits in the displayed unit; `∞` for an open end."""
     if not math.isfinite(value):
         return minus("\N{INFINITY}" if value > 0 else "-\N{INFINITY}")
     return minus(f"{AXES[axis][2] * value + 0.0:.3g}")
@@ -104,9 +104,8 @@ def axis_figure(axis: str, value: float) -> str:
 def region_name(region: GapRegion) -> str:
     """Return a region as `speed 0.1 to 0.3 m/s`, `stroke above 20 mm`, `rebound`."""
     if region.axis == "direction":
-        return (
-            "rebound and compression" if region.low < 0.0 < region.high else SIDES[int(region.low + region.high > 0.0)]
-        )
+        both = region.low < 0.0 < region.high
+        return " and ".join(SIDES) if both else SIDES[int(region.low + region.high > 0.0)]
     name, unit, _ = AXES[region.axis]
     low, high = axis_figure(region.axis, region.low), axis_figure(region.axis, region.high)
     if math.isinf(region.high):
@@ -115,23 +114,18 @@ def region_name(region: GapRegion) -> str:
 
 
 def parameter_text(estimate: Estimate) -> tuple[str, str, str, str]:
-    """Return a parameter's name, value, unit and 95 % interval, in units in which the numbers are handy."""
-    ending = next((e for e in UNITS if estimate.name.endswith(e)), "")
-    unit, scale = UNITS.get(ending, ""), 1.0
-    shown, handy, at_least, below = HANDY.get(unit, (unit, scale, 0.0, math.inf))
+    """Return a parameter's name, value, unit and 95 % interval, in a unit that gives convenient numbers."""
+    suffix = next((e for e in UNITS if estimate.name.endswith(e)), "")
+    unit, scale = UNITS.get(suffix, ""), 1.0
+    display_unit, factor, at_least, below = DISPLAY_UNITS.get(unit, (unit, scale, 0.0, math.inf))
     if at_least <= max(abs(v) for v in (estimate.value, *estimate.ci95)) < below:
-        unit, scale = shown, handy
-    low, high = (format_number(scale * v) for v in estimate.ci95)
-    return (
-        effect_name(estimate.name.removesuffix(ending)),
-        format_number(scale * estimate.value),
-        unit,
-        f"{low} to {high}",
-    )
+        unit, scale = display_unit, factor
+    value, low, high = (format_number(scale * v) for v in (estimate.value, *estimate.ci95))
+    return effect_name(estimate.name.removesuffix(suffix)), value, unit, f"{low} to {high}"
 
 
 def format_number(value: float) -> str:
-    """Return a number to three significant digits, a dash if it is not known; large and small ones in powers of ten."""
+    """Return a number to three significant digits, with a power of ten if necessary; a dash if it is unknown."""
     if not math.isfinite(value):
         return minus("\N{EN DASH}" if math.isnan(value) else f"{value}".replace("inf", "\N{INFINITY}"))
     digits = f"{value:.3g}"
@@ -143,20 +137,15 @@ def format_number(value: float) -> str:
     return minus(f"{mantissa}·10") + "".join(_RAISED[c] for c in str(int(power)))
 
 
-def newtons(value: float) -> str:
-    """Return a force to three figures."""
-    return three_figures(value)
-
-
 def percent(share: float) -> str:
-    """Return a share as a whole percentage, a dash if it is not known."""
+    """Return a share as a whole percentage, a dash if it is unknown."""
     if not math.isfinite(share):
         return "\N{EN DASH}"
     return "<1" if 0.0 < share < 0.005 else minus(f"{100.0 * share:.0f}").replace("\N{MINUS SIGN}0", "0")
 
 
 def percents(interval: Interval) -> str:
-    """Return an interval of shares as `85 to 92 %`; a dash if it is not known."""
+    """Return an interval of shares as `85 to 92 %`, a dash if it is unknown."""
     if not all(map(math.isfinite, interval)):
         return "\N{EN DASH}"
     return f"{percent(interval[0])} to {percent(interval[1])}\N{NO-BREAK SPACE}%"

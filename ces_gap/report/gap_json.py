@@ -1,6 +1,6 @@
-"""`gap.json`: a diagnosis as numbers for programs, schema "ces-gap/1" (`gap.schema.json` beside this module).
+"""`gap.json`: a diagnosis for programs, with schema "ces-gap/1" (`gap.schema.json` in this folder).
 
-Numbers are rounded to six significant digits and always finite: what is not known, or has no end, is null.
+Numbers are finite and rounded to six significant digits; unknown or infinite values are null.
 """
 
 from __future__ import annotations
@@ -23,15 +23,19 @@ DIGITS = 6  # significant digits of a number
 
 
 def write_gap(path: Path, diagnosis: Diagnosis) -> None:
-    """Write `gap.json` to `path`, whole or not at all; raises CesError if it cannot be written."""
-    text = json.dumps(gap_document(diagnosis), indent=1, ensure_ascii=False, allow_nan=False)
-    write_atomically(path, text + "\n")
+    """Write `gap.json` to `path` atomically; raises CesError if it cannot be written."""
+    write_atomically(path, format_document(gap_document(diagnosis)))
+
+
+def format_document(document: Mapping[str, Any]) -> str:
+    """Return the text of `gap.json`."""
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the diagnosis as a JSON object of schema "ces-gap/1".
 
-    Raises GapError if a recipe of the next experiment holds what JSON cannot.
+    Raises GapError if the recipe of the next experiment contains a value that JSON cannot represent.
     """
     d = diagnosis
     document = {
@@ -95,23 +99,18 @@ def _cause(cause: Explanation) -> dict[str, Any]:
 
 def _composition(d: Diagnosis) -> dict[str, Any]:
     """Return all effects together; `parameters` by effect."""
-    composition = d.composition
-    pairs = zip(composition.effects, composition.estimates, strict=True)
+    c = d.composition
     return {
-        "effects": composition.effects,
-        "forms": composition.forms,
-        **_after(composition),
-        "parameters": {effect: _parameters(estimates) for effect, estimates in pairs},
+        "effects": c.effects,
+        "forms": c.forms,
+        **_after(c),
+        "parameters": {effect: _parameters(e) for effect, e in zip(c.effects, c.estimates, strict=True)},
         "by_region": [{"region": _region(region), "gap_after_N": after} for region, after in d.by_region],
     }
 
 
-def _after(explained: Explanation) -> dict[str, Any]:
-    return {
-        "gap_after_N": explained.gap_after_N,
-        "shrink": explained.shrink,
-        "shrink_ci95": explained.shrink_ci95,
-    }
+def _after(e: Explanation) -> dict[str, Any]:
+    return {"gap_after_N": e.gap_after_N, "shrink": e.shrink, "shrink_ci95": e.shrink_ci95}
 
 
 def _parameters(estimates: tuple[Estimate, ...]) -> dict[str, Any]:
@@ -119,7 +118,7 @@ def _parameters(estimates: tuple[Estimate, ...]) -> dict[str, Any]:
 
 
 def _controls(d: Diagnosis) -> dict[str, Any]:
-    """Return what any flexible effect closes, and what a learner without physics closes."""
+    """Return what the best wrong effect and the generic learner leave of the gap."""
     wrong = None if d.wrong is None else {"effect": d.wrong.effects[0], **_after(d.wrong)}
     return {"best_wrong_effect": wrong, "ceiling": _ceiling(d)}
 
@@ -133,13 +132,7 @@ def _experiment(experiment: NextExperiment | None) -> dict[str, Any]:
     """Return the next experiment; purpose and recipe are empty if none is needed."""
     if experiment is None:
         return {"purpose": "", "recipe": {}}
-    return {
-        "name": experiment.name,
-        "purpose": experiment.purpose,
-        "recipe": experiment.recipe,
-        "separates": experiment.separates,
-        "distance_N": experiment.distance_N,
-    }
+    return {key: getattr(experiment, key) for key in ("name", "purpose", "recipe", "separates", "distance_N")}
 
 
 def _held_out(series: HeldOutSeries) -> dict[str, Any]:
@@ -149,7 +142,7 @@ def _held_out(series: HeldOutSeries) -> dict[str, Any]:
 
 
 def to_plain_json(item: object, where: str) -> Any:
-    """Return `item` in JSON's types: finite rounded numbers, null for the others, lists, objects with text keys."""
+    """Return `item` in JSON's types: rounded finite numbers, null for other numbers, lists, objects with text keys."""
     if item is None or isinstance(item, str | bool | int):
         return item
     if isinstance(item, np.bool_ | np.integer | np.ndarray):

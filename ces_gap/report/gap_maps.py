@@ -1,4 +1,4 @@
-"""Maps of the gap over two axes, to look at."""
+"""Figures of the gap over two axes."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ SIZE = (360.0, 326.0)
 BOX = (48.0, 30.0, 304.0, 206.0)  # left, top, width, height [px]
 RAMP = (48.0, 290.0, 200.0)  # left, top, width [px]
 SCALE = (0.0, 0.5, 1.0)
-STAGGERED = "since_reversal_s"  # its regions grow with it: drawn as wide as each other
-ROOM = 34.0  # [px] for the label of a staggered edge
+EQUAL_WIDTH = "since_reversal_s"  # an axis whose regions are drawn with equal width
+ROOM = 34.0  # [px] for the label of an edge of it
 
 
 def draw_gap_maps(ident: str, maps: Sequence[GapMap]) -> list[Markup]:
@@ -45,19 +45,19 @@ def _figure(ident: str, m: GapMap, worst: float) -> Markup:
 
 
 def _displayed_edges(m: GapMap, k: int) -> F:
-    """Return the edges as drawn: in the unit that is shown, or counted."""
-    if m.axes[k] == STAGGERED:
+    """Return the edges as drawn: in the displayed unit, or as numbers 0, 1, 2 and so on."""
+    if m.axes[k] == EQUAL_WIDTH:
         return np.arange(len(m.edges[k]), dtype=np.float64)
     return np.asarray(AXES[m.axes[k]][2] * m.edges[k])
 
 
 def _axes(p: Panel, m: GapMap) -> str:
-    """Return grid and labels; a staggered axis, always the upright one, is labelled at its edges."""
-    if m.axes[1] != STAGGERED:
+    """Return grid and labels; an axis with equal widths, always the vertical one, is labelled at its edges."""
+    if m.axes[1] != EQUAL_WIDTH:
         return axes(p, axis_title(m.axes[0]), axis_title(m.axes[1]), 6, 5)
     out = [axes(p, axis_title(m.axes[0]), axis_title(m.axes[1]), 6, 0)]
     stride = max(1, round(ROOM / 2 / float(p.y.px(0.0) - p.y.px(1.0))))
-    texts = [axis_figure(STAGGERED, e) for e in m.edges[1]]
+    texts = [axis_figure(EQUAL_WIDTH, e) for e in m.edges[1]]
     shown = range(0, len(texts), stride)
     out += [label(p.x.start - 7, float(p.y.px(float(k))) + 4, texts[k], "tick end") for k in shown]
     return "\n".join(out)

@@ -1,4 +1,4 @@
-"""From a diagnosis to the text of the page: figures drawn, tables filled, template rendered."""
+"""From a diagnosis to the text of the page: figures, tables and template."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from ces_gap.report.causes import cause_rows, composition_rows, effects_without_
 from ces_gap.report.formatting import (
     effect_name,
     join_effect_names,
-    newtons,
     percent,
     percents,
     region_name,
@@ -33,124 +32,113 @@ from ces_gap.report.gap_maps import draw_gap_maps
 from ces_gap.report.gap_steps import build_gap_steps, has_correction
 from ces_gap.report.share_chart import draw_share_charts
 from ces_identify.report.shell import page_template, replace_unencodable
+from ces_identify.typesetting import three_figures
 
-CLEAR_Q, MAX_REGIONS = 0.05, 10  # false-discovery rate and number of the regions shown before and after
+CLEAR_Q, MAX_REGIONS = 0.05, 10  # false-discovery rate and number of the regions in the before-after table
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
-STANDS_OUT = 0.05  # p-value of the test over all regions
-EXPERIMENT_FILES = {"next_experiment.yaml": "for ces rig", "next_experiment.csv": "stroke and current for a real rig"}
+SIGNIFICANT = 0.05  # p-value of the test over all regions
+EXPERIMENT_FILES = {
+    "next_experiment.yaml": "recipe for ces rig",
+    "next_experiment.csv": "stroke and current for a real rig",
+}
 
 
 def report_page(
-    diagnosis: Diagnosis,
-    title: str = "Simulation and reality",
-    facts: Mapping[str, str] | None = None,
-    files: Mapping[str, str] | None = None,
+    diagnosis: Diagnosis, title: str = "Simulation and reality", facts: Mapping[str, str] | None = None
 ) -> str:
-    """Return the page as text that is both HTML and well-formed XML.
-
-    `facts` are shown under the verdict as they are: date, command and the like. `files` names what holds the next
-    experiment, with what each is for.
-    """
-    d, gap_there = diagnosis, diagnosis.verdict != NO_GAP
-    rows = cause_rows(d) if gap_there else []
+    """Return the page as text that is both HTML and well-formed XML; `facts` (date, command) follow the verdict."""
+    d, has_gap = diagnosis, diagnosis.verdict != NO_GAP
+    rows = cause_rows(d) if has_gap else []
     page = page_template("gap.html.j2", __package__, ("gap.css",)).render(
         title=title,
         d=d,
-        gap_there=gap_there,
+        has_gap=has_gap,
         verdict=VERDICTS[d.verdict],
         facts={"Simulation": d.simulation, **(facts or {})},
         warnings=_warnings(d),
-        ladder=build_gap_steps(d),
-        hero=_hero(d),
+        gap_steps=build_gap_steps(d),
+        key_figure=_key_figure(d),
         rows=rows,
-        others=effects_without_row(d, rows) if gap_there else [],
+        others=effects_without_row(d, rows) if has_gap else [],
         together=composition_rows(d),
         rest_rows=_probabilities(d),
-        unsure=_open_questions(d),
-        where=_where("where", "gap", d.where) if gap_there else None,
+        open_questions=_open_questions(d),
+        where=_where("where", "gap", d.where) if has_gap else None,
         rest=_where("rest", "rest", d.rest) if d.rest is not None else None,
-        plots=_plots(d, join_effect_names(d.composition.effects) if gap_there and d.composition.effects else ""),
-        by_region=_by_region(d.by_region) if gap_there else [],
-        experiment=_experiment(d.next_experiment, EXPERIMENT_FILES if files is None else files),
+        plots=_plots(d, join_effect_names(d.composition.effects) if has_gap and d.composition.effects else ""),
+        by_region=_by_region(d.by_region) if has_gap else [],
+        experiment=_experiment(d.next_experiment),
         held_out=[_held_out(s) for s in d.held_out],
-        learnt=has_correction(d),
+        has_correction=has_correction(d),
     )
     return replace_unencodable(page)
 
 
-def _hero(d: Diagnosis) -> dict[str, str]:
-    """Return the one figure to take away, with what it is."""
-    c, of = d.composition, "on recordings the fit never saw"
+def _key_figure(d: Diagnosis) -> dict[str, str]:
+    """Return the most important figure with its unit and an explanation."""
+    c = d.composition
     if d.verdict == UNKNOWN:
         left = percent(1.0 - c.shrink if c.effects else 1.0)
         most = percent(1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan)
-        text = f"of the gap stays unexplained by the known effects, {of}; a learner without physics explains {most}"
-        return {"figure": left, "unit": "%", "text": f"{text}\N{NO-BREAK SPACE}%."}
+        text = "of the gap on held-out recordings remains unexplained by known effects; a generic learner explains"
+        return {"figure": left, "unit": "%", "text": f"{text} {most}\N{NO-BREAK SPACE}%."}
     if d.verdict == NO_GAP or not c.effects:
-        text = f"between simulation and measurement, beside a measurement noise of {newtons(d.gap.noise_floor_N)} N."
-        return {"figure": newtons(d.gap.rms_N), "unit": "N", "text": text}
-    who = (
-        f"{join_effect_names(c.effects)}, the best that fits"
-        if d.verdict == AMBIGUOUS
-        else join_effect_names(c.effects)
-    )
-    text = f"of the gap closed by {who}, {of}; 95 % interval {percents(c.shrink_ci95)}."
+        text = f"between simulation and measurement; the measurement noise is {three_figures(d.gap.noise_floor_N)} N."
+        return {"figure": three_figures(d.gap.rms_N), "unit": "N", "text": text}
+    names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
+    text = f"of the gap on held-out recordings closed by {names}; 95 % interval {percents(c.shrink_ci95)}."
     return {"figure": percent(c.shrink), "unit": "%", "text": text}
 
 
 def _probabilities(d: Diagnosis) -> list[tuple[str, str, str, float, str]]:
-    """Return what the probabilities of the causes leave: class, label, remark, percent and text."""
+    """Return the rows of the remaining probabilities: class, label, remark, percent and text."""
     rows = (
         ("outside", "none of these", "an effect outside the library", d.probability_unknown),
-        ("nothing", "no effect", "noise and the simulation's own error only", d.probability_none),
+        ("nothing", "no effect", "only noise and baseline error", d.probability_none),
     )
     return [(css, label, remark, 100.0 * p, percent(p)) for css, label, remark, p in rows]
 
 
 def _warnings(d: Diagnosis) -> list[str]:
-    out = []
-    if d.surrogate_cost_J is not None:
-        out.append(
-            "Only predictions were given: effects on position and current were tried on a surrogate identified from "
-            f"them, whose cost J is {newtons(d.surrogate_cost_J)} % of the predictions."
-        )
-    return out
+    if d.surrogate_cost_J is None:
+        return []
+    return [
+        "The simulation is available only as recorded predictions. Effects on position and current were evaluated with "
+        f"a surrogate learned from these predictions; its cost J is {three_figures(d.surrogate_cost_J)} %."
+    ]
 
 
 def _open_questions(d: Diagnosis) -> list[tuple[str, list[str]]]:
-    """Return what these recordings cannot tell, in words: heading and sentences."""
-    same = "give the same force on these recordings, to within the noise."
-    absorbed = "recalibrating the simulation would look the same. Reference recordings free of the effect part them."
-    headed = (
-        (
-            "Cannot be told apart",
-            [f"{sentence_case(join_effect_names(group))} {same}" for group in d.indistinguishable],
-        ),
-        (
-            "Not separable from calibration",
-            [f"{sentence_case(join_effect_names(d.not_separable))}: {absorbed}"] * bool(d.not_separable),
-        ),
-        ("Invisible here", [f"{sentence_case(effect_name(e))}: {reason.rstrip('.')}." for e, reason in d.invisible]),
+    """Return headings and sentences about what these recordings leave open."""
+    same = "give the same force on these recordings, within the noise."
+    absorbed = "a recalibration of the simulation would have the same effect. Record references to separate the two."
+    alike = [f"{sentence_case(join_effect_names(group))} {same}" for group in d.indistinguishable]
+    static = [f"{sentence_case(join_effect_names(d.not_separable))}: {absorbed}"] * bool(d.not_separable)
+    invisible = [f"{sentence_case(effect_name(e))}: {reason.rstrip('.')}." for e, reason in d.invisible]
+    questions = (
+        ("Indistinguishable effects", alike),
+        ("Not separable from calibration", static),
+        ("Not visible in these recordings", invisible),
     )
-    return [(heading, said) for heading, said in headed if said]
+    return [(heading, sentences) for heading, sentences in questions if sentences]
 
 
 def _where(ident: str, what: str, where: Where) -> dict[str, Any]:
-    """Return a sentence and the figures of where `what` lies."""
+    """Return the sentence and the figures that locate `what`."""
     return {
         "sentence": _describe_strongest_region(what, where),
-        "strips": draw_share_charts(ident, where.regions),
+        "share_charts": draw_share_charts(ident, where.regions),
         "maps": draw_gap_maps(f"{ident}-map", where.maps),
     }
 
 
 def _describe_strongest_region(what: str, where: Where) -> str:
     r, p = where.strongest, where.max_p_value
-    if r is None or not p <= STANDS_OUT:
-        return f"No region stands out: the {what} lies wherever the damper works."
+    if r is None or not p <= SIGNIFICANT:
+        return f"No region stands out: the {what} is spread over the whole operating range."
     energy, samples = percent(r.share_of_energy), percent(r.share_of_samples)
     return (
-        f"The {what} stands out most at {region_name(r)}: {energy} % of its energy in {samples} % of the time "
+        f"The {what} is most concentrated at {region_name(r)}: {energy} % of its energy in {samples} % of the time "
         f"(p = {p:.2g} over all regions)."
     )
 
@@ -170,14 +158,14 @@ def _plots(d: Diagnosis, effects: str) -> dict[str, Any] | None:
 
 
 def _by_region(regions: Sequence[tuple[GapRegion, float]]) -> list[dict[str, Any]]:
-    """Return rows of before and after where the gap is clearly larger than elsewhere, with their bars in percent."""
+    """Return the gap before and after, with bars [%], in regions where it is significantly larger than elsewhere."""
     regions = [(r, after) for r, after in regions if r.q_value <= CLEAR_Q][:MAX_REGIONS]
     longest = max([max(r.rms_N, after) for r, after in regions] + [1e-9])
     return [
         {
             "region": region_name(r),
-            "before": newtons(r.rms_N),
-            "after": newtons(after),
+            "before": three_figures(r.rms_N),
+            "after": three_figures(after),
             "before_bar": 100.0 * r.rms_N / longest,
             "after_bar": 100.0 * after / longest,
         }
@@ -185,17 +173,17 @@ def _by_region(regions: Sequence[tuple[GapRegion, float]]) -> list[dict[str, Any
     ]
 
 
-def _experiment(experiment: NextExperiment | None, files: Mapping[str, str]) -> dict[str, Any] | None:
+def _experiment(experiment: NextExperiment | None) -> dict[str, Any] | None:
     if experiment is None:
         return None
     return {
         "name": effect_name(experiment.name),
         "purpose": experiment.purpose,
         "separates": join_effect_names(experiment.separates) if experiment.separates else "",
-        "distance": newtons(experiment.distance_N),
+        "distance": three_figures(experiment.distance_N),
         "recipe": to_plain_json(experiment.recipe, "recipe"),
         "plot": experiment_plot("next", experiment),
-        "files": files,
+        "files": EXPERIMENT_FILES,
     }
 
 

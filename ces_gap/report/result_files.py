@@ -1,8 +1,7 @@
-"""The files that tell a diagnosis: `gap.json`, `augmented.json`, `report.html`, and the next experiment if any."""
+"""The files of a diagnosis: `gap.json`, `augmented.json`, `report.html`, and the next experiment if there is one."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ from ces_gap.augmented.augmented_file import augmented_text
 from ces_gap.diagnosis import Diagnosis
 from ces_gap.experiment.experiment_files import experiment_files
 from ces_gap.report import report_page
-from ces_gap.report.gap_json import gap_document
+from ces_gap.report.gap_json import format_document, gap_document
 from ces_identify.recordings.recording import Recording
 
 GAP, AUGMENTED, REPORT = "gap.json", "augmented.json", "report.html"
@@ -24,14 +23,14 @@ def result_files(
 ) -> dict[str, str]:
     """Return the texts of the files by name.
 
-    `sim` names the simulation as seen from the files' folder (`ces_gap.augmented.augmented_file.name_simulation`).
-    `sources` are the recordings of each role ("real", "held_out", "reference"), for the provenance; `facts` stand in
-    the report as they are.
+    `sim` specifies the simulation relative to the files' folder (`ces_gap.augmented.augmented_file.name_simulation`).
+    `sources` are the recordings of each role ("real", "held_out", "reference") for the provenance; `facts` are shown in
+    the report.
     """
     document = gap_document(diagnosis)
     provenance = {role: [_origin(r) for r in recordings] for role, recordings in sources}
     return {
-        GAP: json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        GAP: format_document(document),
         AUGMENTED: augmented_text(
             sim,
             diagnosis.composition.composition,

@@ -1,4 +1,4 @@
-"""Where the gap lies along each axis: its energy in each region beside how much of the samples lies there."""
+"""Charts of the share of the gap's energy and of the samples in each region of an axis."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ces_gap.diagnosis import GapRegion
-from ces_gap.report.formatting import AXES, SIDES, axis_figure, axis_title, newtons, percent, region_name
+from ces_gap.report.formatting import AXES, SIDES, axis_figure, axis_title, percent, region_name
 from ces_identify.report.drawing import F, Panel, PlotAxis, label, svg
+from ces_identify.typesetting import three_figures
 
 SIZE = (300.0, 186.0)
 BOX = (34.0, 30.0, 258.0, 122.0)  # left, top, width, height [px]
 LETTER = 7.0  # [px] of a tick's label
-FALSE_DISCOVERIES = 0.05  # rate at which a region counts as exceeding the rest
+FALSE_DISCOVERIES = 0.05  # rate below which a region exceeds the rest of its axis
 ROOM = 1.08
 
 
 def draw_share_charts(ident: str, regions: Sequence[GapRegion]) -> list[Markup]:
     """Return a figure for each axis with more than one region, in the order of the axes' names."""
     by_axis = {a: sorted((r for r in regions if r.axis == a), key=lambda r: r.low) for a in AXES}
-    return [draw_share_chart(f"{ident}-{axis}", some) for axis, some in by_axis.items() if len(some) > 1]
+    return [draw_share_chart(f"{ident}-{axis}", part) for axis, part in by_axis.items() if len(part) > 1]
 
 
 def draw_share_chart(ident: str, regions: Sequence[GapRegion]) -> Markup:
-    """Return the figure of one axis; every region is as wide as any other, whatever its width on the axis."""
+    """Return the figure of one axis, with regions of equal width."""
     axis, (left, top, width, height) = regions[0].axis, BOX
     ends = shares_ci95(regions)
     highest = max(max(r.share_of_energy, r.share_of_samples) for r in regions)
@@ -40,7 +41,7 @@ def draw_share_chart(ident: str, regions: Sequence[GapRegion]) -> Markup:
 
 
 def shares_ci95(regions: Sequence[GapRegion]) -> F:
-    """Return intervals (r, 2) of the shares of energy on one axis, from those of its RMS, the whole held fixed."""
+    """Return intervals (r, 2) of the shares of energy on one axis, from those of the RMS with the total fixed."""
     fullest = max(regions, key=lambda r: r.share_of_energy)
     whole = _energy(fullest, fullest.rms_N) / max(fullest.share_of_energy, 1e-12)
     ends = [[_energy(r, end) for end in r.ci95_N] for r in regions]
@@ -48,7 +49,7 @@ def shares_ci95(regions: Sequence[GapRegion]) -> F:
 
 
 def _energy(region: GapRegion, rms_N: float) -> float:
-    """Return energy per sample of all: a band of frequencies holds all samples, other regions a part of them."""
+    """Return the energy per sample of the whole: a frequency band contains all samples, other regions a part."""
     return rms_N**2 * (1.0 if region.axis == "frequency_hz" else region.share_of_samples)
 
 
@@ -62,18 +63,18 @@ def _grid(p: Panel) -> str:
 
 
 def _region(p: Panel, k: int, region: GapRegion, ends: F) -> str:
-    """Return the bar of a region with its whisker, full if it exceeds the rest, and what hovering tells."""
+    """Return the bar of a region with whisker and tooltip, in full colour if it exceeds the rest."""
     css = "energy beyond" if region.q_value <= FALSE_DISCOVERIES else "energy"
     bar = p.rect(k + 0.06, k + 0.94, css, 0.0, 100.0 * region.share_of_energy)
     low, high = (float(v) for v in p.y.px(np.clip(100.0 * ends, 0.0, p.y.high)))
     middle = float(p.x.px(k + 0.5))
     whisker = f'<path class="span" d="M{middle:.1f},{low:.1f}V{high:.1f}"/>'
     samples = "of the measured force's" if region.axis == "frequency_hz" else "of the time"
-    tell = (
+    tooltip = (
         f"{region_name(region)}: {percent(region.share_of_energy)} % of the energy, "
-        f"{percent(region.share_of_samples)} % {samples}; RMS {newtons(region.rms_N)} N"
+        f"{percent(region.share_of_samples)} % {samples}; RMS {three_figures(region.rms_N)} N"
     )
-    return f"<g>{bar}{whisker}<title>{escape(tell)}</title></g>"
+    return f"<g>{bar}{whisker}<title>{escape(tooltip)}</title></g>"
 
 
 def _samples(p: Panel, regions: Sequence[GapRegion]) -> str:
@@ -85,7 +86,7 @@ def _samples(p: Panel, regions: Sequence[GapRegion]) -> str:
 
 
 def _ticks(p: Panel, regions: Sequence[GapRegion]) -> str:
-    """Return the edges' values, as many as there is room for; the sides of a direction by name."""
+    """Return labels of as many edges as fit; the sides of a direction by name."""
     axis, y = regions[0].axis, p.y.start + 17
     if axis == "direction" and len(regions) == 2:
         return "\n".join(label(float(p.x.px(k + 0.5)), y, SIDES[k], "tick mid") for k in (0, 1))

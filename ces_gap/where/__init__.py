@@ -1,4 +1,4 @@
-"""Where the gap lies: held-out gaps go in, regions of stroke, speed, current, frequency ... with their energy come out.
+"""Where the gap lies: gaps go in; regions of stroke, speed, current, frequency and so on come out, with their energy.
 
 Energies are corrected for noise, and false discoveries among regions are controlled.
 """

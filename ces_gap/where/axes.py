@@ -1,4 +1,4 @@
-"""The axes a gap is looked at along: their values at every tick of a trace, and edges that a person can read."""
+"""The axes along which a gap is located: their values at every tick of a trace, and readable edges of regions."""
 
 from __future__ import annotations
 
@@ -7,31 +7,29 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.trace import Trace
+from ces_gap.trace import F, Trace
 
-F = NDArray[np.float64]
 I = NDArray[np.int64]  # noqa: E741
 
 STROKE, SPEED, CURRENT, DIRECTION = "stroke_m", "speed_m_s", "current_A", "direction"
 FREQUENCY, REVERSAL, ELAPSED, HEAT = "frequency_hz", "since_reversal_s", "elapsed_s", "heat_J"
 OPERATING = (STROKE, SPEED, CURRENT, DIRECTION, REVERSAL, ELAPSED, HEAT)  # known tick by tick
 
-HYSTERESIS = 0.05  # of the speed's RMS: a reversal counts once the speed is beyond it on the other side
+HYSTERESIS = 0.05  # of the speed's RMS, which the speed must exceed after a reversal
 MIN_HYSTERESIS_M_S = 0.002  # [m/s]
-MIN_REGION_SHARE, MIN_REGION_TICKS = 0.003, 25  # of a region
-QUANTILES = (0.005, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 0.995)  # rare extremes keep regions of their own
-SPEED_QUANTILES = (0.15, 0.4, 0.7, 0.9, 0.97, 0.993)  # of its magnitude: equal edges on both sides
+MIN_REGION_SHARE, MIN_REGION_TICKS = 0.003, 25
+QUANTILES = (0.005, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 0.995)  # rare extremes get their own regions
+SPEED_QUANTILES = (0.15, 0.4, 0.7, 0.9, 0.97, 0.993)  # of its magnitude: the edges are symmetric
 REVERSAL_EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # [s]
-FEW_LEVELS = 12  # distinct values that each get a region
-FINEST = 500.0  # edges are rounded no finer than the axis' range over this
-CONSTANT = 0.02  # spread of a constant over its magnitude
+FEW_LEVELS = 12  # as many distinct values get a region each
+FINEST = 500.0  # edges are rounded to no less than the axis' range over this
+CONSTANT = 0.02  # range over magnitude below which a quantity is constant
 
 
 def axis_values(trace: Trace) -> dict[str, F]:
     """Return the value of each operating axis at every tick (n,), SI; `direction` is +1 in compression, −1 in rebound.
 
-    `since_reversal_s` counts from the last sign change of the speed (from the first tick before there was one);
-    `heat_J` is the work |F v| since the first tick.
+    `since_reversal_s` counts from the last reversal or the first tick; `heat_J` is the work |F v| since the first tick.
     """
     direction, since = reversals(trace)
     power = np.abs(np.where(trace.usable, trace.force, trace.simulated) * trace.inputs.speed)
@@ -49,8 +47,8 @@ def axis_values(trace: Trace) -> dict[str, F]:
 def reversals(trace: Trace) -> tuple[F, F]:
     """Return the direction of motion (n,), ±1, and the time since the last reversal [s] (n,).
 
-    A sign change counts if the speed then passes a hysteresis, so that noise near standstill is none; it is dated back
-    to where the speed crossed zero.
+    A sign change counts only if the speed then exceeds a hysteresis, so that noise near standstill does not count. Its
+    time is that of the zero crossing.
     """
     speed = trace.inputs.speed
     width = max(HYSTERESIS * float(np.sqrt((speed[trace.usable] ** 2).mean())), MIN_HYSTERESIS_M_S)
@@ -66,7 +64,7 @@ def reversals(trace: Trace) -> tuple[F, F]:
 
 
 def axis_edges(axis: str, values: F) -> F:
-    """Return the edges (m+1,) of an axis' regions from the values (n,) of the usable ticks of all recordings."""
+    """Return the edges (m+1,) of an axis' regions from its values (n,) on the usable ticks of all recordings."""
     if axis == DIRECTION:
         edges = np.array([-1.0, 0.0, 1.0])
     elif is_constant(values):
@@ -90,25 +88,22 @@ def region_indices(edges: F, values: F) -> I:
 
 
 def even_edges(values: F, count: int) -> F:
-    """Return about `count` + 1 even and readable edges over all values."""
+    """Return about `count` + 1 evenly spaced, readable edges over all values."""
     low, high = float(values.min()), float(values.max())
     ideal = (high - low) / count
-    step = min(
-        round_to_one_two_five(ideal, up=True),
-        round_to_one_two_five(ideal, up=False),
-        key=lambda s: abs(np.log(s / ideal)),
-    )
+    steps = (round_to_one_two_five(ideal, up) for up in (True, False))
+    step = min(steps, key=lambda s: abs(np.log(s / ideal)))
     first, last = np.floor(low / step + 1e-6), np.ceil(high / step - 1e-6)
     return _decimal(np.arange(first, last + 1.0), step)
 
 
 def is_constant(values: F) -> bool:
-    """Return whether an axis does not vary enough to be divided."""
+    """Return whether an axis varies too little to be divided."""
     return float(np.ptp(values)) <= CONSTANT * max(float(np.abs(values).max()), 1e-9)
 
 
 def whole_range(values: F) -> F:
-    """Return the two edges of an axis that is a single region."""
+    """Return the two edges of an axis with a single region."""
     low, high = float(values.min()), float(values.max())
     step = round_to_one_two_five(max(abs(low), abs(high), 1e-3) * CONSTANT, up=True)
     first, last = np.floor(low / step + 1e-6), np.ceil(high / step - 1e-6)
@@ -116,7 +111,7 @@ def whole_range(values: F) -> F:
 
 
 def round_to_one_two_five(value: float, up: bool) -> float:
-    """Return the next of 1, 2, 5 times a power of ten, above or below a positive value."""
+    """Return the next larger or smaller number of 1, 2, 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(max(value, 1e-12)))
     steps = np.array([1.0, 2.0, 5.0, 10.0]) * power
     fits = steps[steps >= value * (1 - 1e-9)] if up else steps[steps <= value * (1 + 1e-9)][::-1]
@@ -129,18 +124,18 @@ def _log_edges(values: F) -> F:
 
 
 def _levels(values: F) -> F | None:
-    """Return edges midway between the levels of a quantity that only takes a few, None if it takes many."""
+    """Return edges midway between the levels of a quantity with only a few, None if it has many."""
     grid = float(np.ptp(values)) / 100.0
     _, group, counts = np.unique(np.round(values / grid), return_inverse=True, return_counts=True)
-    often = np.flatnonzero(counts >= max(MIN_REGION_SHARE * len(values), MIN_REGION_TICKS))
-    if not 2 <= len(often) <= FEW_LEVELS or counts[often].sum() < 0.9 * len(values):
+    frequent = np.flatnonzero(counts >= max(MIN_REGION_SHARE * len(values), MIN_REGION_TICKS))
+    if not 2 <= len(frequent) <= FEW_LEVELS or counts[frequent].sum() < 0.9 * len(values):
         return None
-    levels = [float(np.median(values[group == k])) for k in often]
+    levels = [float(np.median(values[group == k])) for k in frequent]
     return np.array([values.min(), *(np.diff(levels) / 2.0 + levels[:-1]), values.max()])
 
 
 def _readable(edges: F) -> F:
-    """Return increasing edges rounded to a third of the distance to their neighbours, outer ones outwards."""
+    """Return increasing edges rounded to about a third of the distance to their neighbours, the outer ones outwards."""
     finest = float(edges[-1] - edges[0]) / FINEST
     gaps = np.maximum(np.diff(edges), finest)
     room = np.minimum(np.concatenate([gaps[:1], gaps]), np.concatenate([gaps, gaps[-1:]]))
@@ -153,12 +148,12 @@ def _readable(edges: F) -> F:
 
 
 def _merge_sparse_regions(edges: F, values: F) -> F:
-    """Return the edges without those that leave a region with too few ticks; it joins the smaller neighbour."""
-    least = max(MIN_REGION_SHARE * len(values), MIN_REGION_TICKS)
+    """Return the edges after merging each region with too few ticks into its smaller neighbour."""
+    min_ticks = max(MIN_REGION_SHARE * len(values), MIN_REGION_TICKS)
     while len(edges) > 2:
         counts = np.bincount(region_indices(edges, values), minlength=len(edges) - 1)
         small = int(np.argmin(counts))
-        if counts[small] >= least:
+        if counts[small] >= min_ticks:
             break
         edges = np.delete(edges, _smaller_side(counts, small))
     return edges
@@ -174,5 +169,5 @@ def _smaller_side(counts: Sequence[int] | I, small: int) -> int:
 
 
 def _decimal(multiples: F, step: float) -> F:
-    """Return multiples of a step, free of binary dust."""
+    """Return multiples of a step without binary rounding errors."""
     return np.round(multiples * step, max(0, 2 - int(np.floor(np.log10(step))))) + 0.0  # no negative zero

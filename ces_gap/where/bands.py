@@ -1,4 +1,4 @@
-"""Frequency bands: series cut into them without losing energy, and the noise's share of each."""
+"""Frequency bands: series split into bands without loss of energy, and the noise in each band."""
 
 from __future__ import annotations
 
@@ -6,21 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
 from ces_gap.baseline.noise import NoiseModel
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
+from ces_gap.trace import F
+from ces_gap.where.axes import I
 
 OCTAVES_HZ = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-MIN_LINES = 8  # of the shortest recording's spectrum in a band
+MIN_LINES = 8  # spectral lines of the shortest recording in a band
 
 
 @dataclass(frozen=True)
 class Spectra:
-    """The cosine transforms of some series end to end: `line` (n,), `frequency` [Hz] (n,), and `band` (n,) of each."""
+    """Cosine transforms of several series, concatenated: `line` (n,), with the `frequency` [Hz] and `band` of each."""
 
     line: F
     frequency: F
@@ -41,16 +39,16 @@ def spectra_of(series: Sequence[F], rates_Hz: Sequence[float], edges_Hz: F) -> S
 
 
 def octaves(series: Sequence[F], rates_Hz: Sequence[float]) -> F:
-    """Return the edges [Hz] of bands an octave wide, none narrower than the shortest recording resolves."""
+    """Return the edges [Hz] of octave bands, none narrower than the shortest recording resolves."""
     top = max(rates_Hz) / 2.0
     line = max(r / (2.0 * len(y)) for y, r in zip(series, rates_Hz, strict=True))
     return np.array([0.0, *(f for f in OCTAVES_HZ if MIN_LINES * line <= f < 0.75 * top), top])
 
 
 def split_into_bands(values: F, rate_Hz: float, edges_Hz: F) -> F:
-    """Return the parts (n, m) of a series (n,) in bands that cover all frequencies; energies over bands add up.
+    """Return the parts (n, m) of a series (n,) in bands that cover all frequencies; their energies add up.
 
-    By the orthogonal cosine transform, which continues a series by its mirror image and so sees no step at its ends.
+    The orthogonal cosine transform continues a series by its mirror image, without a step at its ends.
     """
     spectra = spectra_of([values], [rate_Hz], edges_Hz)
     masked = spectra.line[:, None] * (spectra.band[:, None] == np.arange(spectra.count))
@@ -58,16 +56,17 @@ def split_into_bands(values: F, rate_Hz: float, edges_Hz: F) -> F:
 
 
 def ar_spectrum(noise: NoiseModel, frequency_Hz: F, rate_Hz: float) -> F:
-    """Return the spectrum (n,) of autoregressive noise, to scale 1 for what is new in each tick."""
+    """Return the spectrum (n,) of autoregressive noise with unit variance of the innovations."""
     lag = np.exp(-2j * np.pi * frequency_Hz[:, None] / rate_Hz * np.arange(1, len(noise.ar) + 1))
     return np.asarray(np.abs(1.0 - lag @ noise.ar) ** -2.0)
 
 
 def estimate_noise_variance(whole: Spectra, rest: Spectra, noise_energy: float) -> F:
-    """Return the noise's variance (m,) [N2 per line] in each band, from what cannot be predicted there.
+    """Return the noise's variance (m,) [N² per line] in each band from the unpredictable part `rest`.
 
-    That may be more than noise: noise is what lies below a level, such that its sum is the `noise_energy` one [N2]
-    (reverse water-filling: Cover and Thomas, Elements of Information Theory, 2nd ed., section 10.3.3).
+    This part may contain more than noise. Its density is therefore limited to a level at which the noise sums to
+    `noise_energy` [N²] (reverse water-filling: Cover and Thomas, Elements of Information Theory, 2nd ed., section
+    10.3.3).
     """
     count = np.maximum(whole.sums(np.ones_like(whole.line)), 1.0)
     density = np.minimum(whole.sums(whole.line**2), rest.sums(rest.line**2)) / count

@@ -1,8 +1,8 @@
-"""How much of a gap is real: its energy at every tick and in every frequency band, measurement noise taken out.
+"""The energy of a gap at every tick and in every frequency band, without measurement noise.
 
-That is the gap's square less the noise's variance. Where that is not known, the generic learner predicts each block of
-the gap from what it learnt on others, and what it leaves counts as noise: the mean energy is then the cross-fitted
-explained one, never too large on average, and a gap that the learner cannot see still stands out where it lies.
+It is the square of the gap minus the variance of the noise. If that is unknown, the generic learner predicts each block
+of the gap from the other blocks, and its residual counts as noise. The mean energy is then not too large on average,
+and a gap that the learner cannot predict still shows where it is concentrated.
 """
 
 from __future__ import annotations
@@ -11,28 +11,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_gap.baseline.dictionary import Dictionary, Scales
 from ces_gap.baseline.learner import learn
 from ces_gap.baseline.noise import NoiseModel
 from ces_gap.errors import GapError
-from ces_gap.trace import Trace, require_usable
+from ces_gap.trace import F, Trace, require_usable
 from ces_gap.where.bands import ar_spectrum, estimate_noise_variance, octaves, spectra_of, split_into_bands
 
-F = NDArray[np.float64]
-NoiseSpec = (
-    NoiseModel | float | Sequence[float] | None
-)  # the noise: with its autocorrelation; RMS [N], or of each trace; unknown
+NoiseSpec = NoiseModel | float | Sequence[float] | None  # autocorrelated; RMS [N], of all or each trace; unknown
 
 
 @dataclass(frozen=True)
 class Energy:
-    """The energy of a gap [N2] on the usable ticks of all recordings, end to end; means may be negative.
+    """The energy of a gap [N²] on the usable ticks of all recordings, concatenated; means may be negative.
 
-    `step_s` (n,); `tick` (n,); `band` (n, m) between `edges_Hz` (m+1,), which over all ticks sum to the same. For each
-    band `noise_error` (m,) is what the noise alone leaves uncertain of its mean energy, `lines` (m,) the number of
-    spectral lines in it, and `force` (m,) its share of the measured force's energy.
+    `tick` (n,) and `band` (n, m), between `edges_Hz` (m+1,), have the same sum. For each band, `noise_error` (m,) is
+    the standard error of its mean energy due to noise alone, `lines` (m,) the number of its spectral lines, and `force`
+    (m,) its share of the measured force's energy.
     """
 
     step_s: F
@@ -44,18 +40,10 @@ class Energy:
     force: F
 
 
-def gap_energy(
-    traces: Sequence[Trace],
-    gap: Sequence[F],
-    noise: NoiseSpec,
-    predicted: Sequence[F] | None = None,
-    edges_Hz: F | None = None,
-) -> Energy:
-    """Return the energy of gaps [N] (n,) on the grids of traces.
+def gap_energy(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec, edges_Hz: F | None = None) -> Energy:
+    """Return the energy of gaps [N] (n,) on the grids of traces, in bands between `edges_Hz` (octaves by default).
 
-    `noise` is known with its autocorrelation, by its RMS [N] per tick for all traces or each, or not (None).
-    `predicted` are cross-fitted predictions of the gaps, made here if needed. Raises GapError if a gap is not finite
-    at usable ticks.
+    Raises GapError if a gap is not finite at usable ticks.
     """
     series, rates = [_usable(t, g) for t, g in zip(traces, gap, strict=True)], [t.rate_Hz for t in traces]
     edges = octaves(series, rates) if edges_Hz is None else edges_Hz
@@ -63,11 +51,11 @@ def gap_energy(
     if isinstance(noise, NoiseModel):
         rms, shape = np.full(len(series), noise.rms_N), ar_spectrum(noise, spectra.frequency, rates[0])
     else:
-        predicted = cross_fit_gap(traces, gap) if predicted is None else predicted
+        predicted = cross_fit_gap(traces, gap)
         rests = [y - p[t.usable] for t, y, p in zip(traces, series, predicted, strict=True)]
         rms = _noise_rms_N(noise, series, rests)
-        wanted = float(np.repeat(rms**2, lengths).sum())
-        shape = estimate_noise_variance(spectra, spectra_of(rests, rates, edges), wanted)[spectra.band]
+        noise_energy = float(np.repeat(rms**2, lengths).sum())
+        shape = estimate_noise_variance(spectra, spectra_of(rests, rates, edges), noise_energy)[spectra.band]
     floor = _scale_to_rms(shape, rms, lengths)
     parts = [split_into_bands(y, r, edges) ** 2 for y, r in zip(series, rates, strict=True)]
     owner = np.repeat(np.arange(len(series)), lengths)
@@ -84,7 +72,7 @@ def gap_energy(
 
 
 def cross_fit_gap(traces: Sequence[Trace], gap: Sequence[F]) -> tuple[F, ...]:
-    """Return predictions [N] (n,) of gaps from the inputs, each block's learnt on other blocks."""
+    """Return predictions [N] (n,) of gaps from the inputs; each block is predicted from the other blocks."""
     dictionary = Dictionary(Scales.of(traces, [t.simulated for t in traces]), by_time=True)
     features = [dictionary.features(t, t.inputs, t.simulated) for t in traces]
     return learn(features, gap, [t.usable for t in traces], traces[0].rate_Hz, passes=1).crossfitted
@@ -101,15 +89,14 @@ def _usable(trace: Trace, gap: F) -> F:
 
 
 def _noise_rms_N(noise: float | Sequence[float] | None, series: Sequence[F], rests: Sequence[F]) -> F:
-    """Return the RMS [N] of each trace's noise, of what the learner leaves if it is not given."""
+    """Return the RMS [N] of each trace's noise; if it is unknown, that of the learner's residual."""
     if noise is not None:
         return np.array(np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(series),)))
-    left, whole = (float((np.concatenate(parts) ** 2).mean()) for parts in (rests, series))
-    return np.full(len(series), np.sqrt(min(left, whole)))
+    return np.full(len(series), np.sqrt(min(float((np.concatenate(y) ** 2).mean()) for y in (rests, series))))
 
 
 def _scale_to_rms(shape: F, rms_N: F, lengths: Sequence[int]) -> F:
-    """Return a spectrum (n,) with the variance of each trace's noise on its lines [N2 per line]."""
+    """Return a spectrum (n,) [N² per line] of this shape, scaled to the RMS of each trace's noise."""
     starts = np.cumsum([0, *lengths[:-1]])
     mean = np.add.reduceat(shape, starts) / np.asarray(lengths)
     scaled: F = shape * np.repeat(rms_N**2 / np.maximum(mean, 1e-300), lengths)

@@ -1,26 +1,21 @@
-"""The locating stage: where the gap lies, what is left of it in each region, and where an unknown rest lies."""
+"""The locating stage: the regions of the gap, what is left in each of them, and the regions of an unexplained rest."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ces_gap.baseline.noise import NoiseModel
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.held_out import HeldOutSeries
-from ces_gap.trace import Trace
+from ces_gap.trace import F, Trace
 from ces_gap.where.locate import locate, rms_within_regions
 from ces_gap.where.regions import GapRegion, Where
-
-F = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class GapLocation:
-    """Where the gap lies, the gap after [N] in each of its regions, and where the rest lies if it was looked for."""
+    """Where the gap lies, the gap after [N] in each of its regions, and where the rest lies if requested."""
 
     where: Where
     by_region: tuple[tuple[GapRegion, float], ...]
@@ -28,18 +23,18 @@ class GapLocation:
 
 
 def locate_gap(evidence: Evidence, held_out: Sequence[HeldOutSeries], seed: int, with_rest: bool) -> GapLocation:
-    """Return where the gap of all recordings lies, and what the effects leave of it on the held-out ones."""
-    judged = [s.trace for s in held_out]
-    traces, corrected = [*evidence.traces, *judged], [*evidence.alone, *(s.corrected for s in held_out)]
+    """Return where the gap of all recordings lies, and what the effects leave of it on held-out recordings."""
+    held_out_traces = [s.trace for s in held_out]
+    traces, corrected = [*evidence.traces, *held_out_traces], [*evidence.alone, *(s.corrected for s in held_out)]
     where = locate(traces, _gaps(traces, corrected), _noise(evidence, traces), seed)
-    left, noise = _gaps(judged, [s.augmented for s in held_out]), _noise(evidence, judged)
-    within = rms_within_regions(where.regions, judged, left, noise)
-    rest = locate(judged, left, noise, seed) if with_rest else None
+    after, noise = _gaps(held_out_traces, [s.augmented for s in held_out]), _noise(evidence, held_out_traces)
+    within = rms_within_regions(where.regions, held_out_traces, after, noise)
+    rest = locate(held_out_traces, after, noise, seed) if with_rest else None
     return GapLocation(where, tuple(zip(where.regions, within, strict=True)), rest)
 
 
 def _gaps(traces: Sequence[Trace], forces: Sequence[F]) -> list[F]:
-    """Return measured less modelled force [N] (n,) on each trace."""
+    """Return measured minus modelled force [N] (n,) on each trace."""
     return [t.force - f for t, f in zip(traces, forces, strict=True)]
 
 

@@ -1,10 +1,10 @@
-"""Where the gap lies: its energy over what the damper does, with intervals and control of false discoveries.
+"""Where the gap lies: its energy over the damper's operating range, with intervals and control of false discoveries.
 
-Every axis is cut into regions. For each region: its share of the gap's energy, noise taken out, beside its share of
-the time; the gap's RMS with a block-bootstrap interval; and whether its mean energy exceeds that of the rest of its
-axis, as judged against blocks of the same energy drawn at random. The largest excess over all regions is judged
-against the largest of each scattering, every region on the scale of its own null, so that a rare one counts as much as
-a common one. Over frequency, where time has no rest, a band exceeds if it has more of the gap than of the force.
+Each axis is divided into regions. A region has a share of the gap's energy and of the time, and the gap's RMS with a
+block-bootstrap interval. Its mean energy is compared with that of the rest of its axis; the null distribution comes
+from redrawing blocks of the energy at random. The largest excess over all regions is compared with the largest of each
+redraw, with every region on the scale of its own null, so that a rare region counts as much as a common one. A
+frequency band exceeds the rest if its share of the gap's energy is larger than its share of the force's energy.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_gap.trace import Trace
-from ces_gap.where.axes import FREQUENCY, OPERATING, F, I, axis_edges, axis_values, region_indices
+from ces_gap.trace import F, Trace
+from ces_gap.where.axes import FREQUENCY, OPERATING, I, axis_edges, axis_values, region_indices
 from ces_gap.where.block_bootstrap import (
     block_s,
     effective_blocks,
@@ -31,13 +31,13 @@ from ces_gap.where.maps import compute_gap_maps
 from ces_gap.where.regions import GapRegion, Where
 
 RESAMPLES = 400
-RESOLVED = 1e-9  # of the mean energy: a smaller excess is of rounding
-CELLS = 12_000  # ticks are joined to about so many cells for resampling
+RESOLVED = 1e-9  # of the mean energy: a smaller excess is a rounding error
+CELLS = 12_000  # approximate number of cells into which ticks are merged for resampling
 
 
 @dataclass(frozen=True)
 class _Axis:
-    """The regions of one operating axis: `edges` (m+1,) and the region (n,) of each tick."""
+    """The regions of one operating axis: `edges` (m+1,), and the region `code` (n,) of each tick."""
 
     name: str
     edges: F
@@ -46,31 +46,21 @@ class _Axis:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Runs of a few ticks: their mean energy (c,), and their `seconds` in each operating region (c, r).
-
-    `band` (c, m) is the energy in each frequency band over a cell [N2 s].
-    """
+    """Runs of a few ticks: mean energy (c,), `seconds` in operating regions (c, r), energy in bands (c, m) [N² s]."""
 
     energy: F
     seconds: F
     band: F
 
 
-def locate(
-    traces: Sequence[Trace],
-    gap: Sequence[F],
-    noise: NoiseSpec,
-    seed: int = 1,
-    predicted: Sequence[F] | None = None,
-) -> Where:
-    """Return where gaps [N] (n,), measured less simulated force on the grids of traces, lie.
+def locate(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec, seed: int = 1) -> Where:
+    """Return where gaps [N] (n,), measured minus simulated force on the grids of traces, lie.
 
-    `noise` and `predicted` as for `gap_energy`: the noise with its autocorrelation, by its RMS [N] per tick, or unknown
-    (None), and the generic learner's cross-fitted predictions of the gaps, if they were made before.
-    `share_of_samples` is the share of time, in frequency bands that of the measured force's energy. `strongest` is
-    the operating region with the largest standardised excess. Raises GapError for too few ticks or a gap not finite.
+    `share_of_samples` is the share of the time; for frequency bands, that of the measured force's energy. `strongest`
+    is the operating region with the largest standardised excess. Raises GapError for too few ticks or a gap that is
+    not finite.
     """
-    energy = gap_energy(traces, gap, noise, predicted)
+    energy = gap_energy(traces, gap, noise)
     values = _values(traces)
     axes = [_Axis(n, e, region_indices(e, values[n])) for n, e in ((n, axis_edges(n, values[n])) for n in OPERATING)]
     cells = _cells(energy, axes)
@@ -93,17 +83,13 @@ def locate(
 
 
 def rms_within_regions(
-    regions: Sequence[GapRegion],
-    traces: Sequence[Trace],
-    gap: Sequence[F],
-    noise: NoiseSpec,
-    predicted: Sequence[F] | None = None,
+    regions: Sequence[GapRegion], traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec
 ) -> tuple[float, ...]:
-    """Return the RMS [N] of another gap, noise taken out, in each region, so that one sees where it shrank."""
+    """Return the RMS [N] of another gap in each region, without noise, which shows where the gap shrank."""
     values = _values(traces)
     bands = [r for r in regions if r.axis == FREQUENCY]
     edges = np.unique([0.0, max(t.rate_Hz for t in traces) / 2.0, *(e for r in bands for e in (r.low, r.high))])
-    energy = gap_energy(traces, gap, noise, predicted, edges)
+    energy = gap_energy(traces, gap, noise, edges)
     return tuple(_root(_mean_within(r, energy, values)) for r in regions)
 
 
@@ -135,13 +121,13 @@ def _cells(energy: Energy, axes: Sequence[_Axis]) -> _Cells:
 
 
 def _block(cells: _Cells) -> int:
-    """Return how many cells a block has."""
+    """Return the number of cells in a block."""
     cell_s = float(cells.seconds.sum()) / len(OPERATING) / len(cells.energy)
     return max(1, round(block_s(cells.energy, cell_s) / cell_s))
 
 
 def _operating_scores(cells: _Cells, axes: Sequence[_Axis], length: int, rng: np.random.Generator) -> tuple[F, F]:
-    """Return the normal scores (r,) of regions' excess over the rest of their axes, and of scatterings (b, r)."""
+    """Return the normal scores (r,) of regions' excess over the rest of their axes, and those of redraws (b, r)."""
     first = len(axes[0].edges) - 1
     members = np.c_[cells.seconds, cells.seconds[:, :first].sum(axis=1)]
     within = members.sum(axis=0)
@@ -153,15 +139,15 @@ def _operating_scores(cells: _Cells, axes: Sequence[_Axis], length: int, rng: np
         return np.where(alone, 0.0, difference)
 
     scattered = scattered_sums(cells.energy, members, length, RESAMPLES, rng)
-    least = RESOLVED * float(np.abs(cells.energy).mean())
-    return normal_scores(excess((cells.energy @ members)[None, :])[0], excess(scattered), least)
+    min_spread = RESOLVED * float(np.abs(cells.energy).mean())
+    return normal_scores(excess((cells.energy @ members)[None, :])[0], excess(scattered), min_spread)
 
 
 def _bootstrap_errors(cells: _Cells, energy: Energy, length: int, rng: np.random.Generator) -> tuple[F, F, F]:
     """Return scores of the bands (m,), and standard errors of mean energies [N2] in bands (m,) and regions (r,).
 
-    A mean is a ratio of sums; what is resampled is its linearisation, which no empty resample can break. Blocks are
-    too short for the slowest bands: theirs are at least the errors and the skewness of Gaussian noise.
+    A mean is a ratio of sums; its linearisation is resampled, because a resample may miss a region. Blocks are too
+    short for the slowest bands: their errors and skewness are at least those of Gaussian noise.
     """
     within, total_s = cells.seconds.sum(axis=0), float(energy.step_s.sum())
     means = cells.energy @ cells.seconds / within
@@ -199,7 +185,7 @@ def _band_regions(energy: Energy, errors: F, blocks: float, q: F) -> list[GapReg
 
 
 def _regions(axis: str, edges: F, sums: F, amount: F, means: tuple[F, F, F], q: F) -> list[GapRegion]:
-    """Return regions from sums of energy, how much of the samples each has, and mean energies with their intervals."""
+    """Return regions from sums of energy, amounts of samples, and mean energies with their intervals."""
     positive = np.maximum(sums, 0.0)
     share = positive / max(float(positive.sum()), 1e-300)
     return [

@@ -1,4 +1,4 @@
-"""Maps of the gap over two axes, for a person to look at."""
+"""Maps of the gap over two axes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ces_gap.trace import F
 from ces_gap.where.axes import (
     CURRENT,
     REVERSAL,
     SPEED,
     STROKE,
-    F,
     axis_edges,
     even_edges,
     is_constant,
@@ -21,12 +21,12 @@ from ces_gap.where.axes import (
 from ces_gap.where.regions import GapMap
 
 MAPS = ((SPEED, STROKE), (SPEED, CURRENT), (SPEED, REVERSAL))
-FIELDS = {SPEED: 16, STROKE: 12, CURRENT: 8}  # about so many along an axis
-MIN_FIELD_TICKS = 25  # in a field that is shown
+FIELDS = {SPEED: 16, STROKE: 12, CURRENT: 8}  # approximate number along an axis
+MIN_FIELD_TICKS = 25  # a field with fewer is left empty
 
 
 def compute_gap_maps(values: Mapping[str, F], energy: F) -> tuple[GapMap, ...]:
-    """Return the maps of a gap's energy [N2] (n,), noise taken out, over axes whose values (n,) are given."""
+    """Return the maps of a gap's energy [N²] (n,), without noise, over axes with these values (n,)."""
     return tuple(_map(axes, values, energy) for axes in MAPS)
 
 

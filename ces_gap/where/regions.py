@@ -1,22 +1,18 @@
-"""Where a gap lies, as records: regions of an axis, maps over two axes."""
+"""Records of where a gap lies: regions of an axis, maps over two axes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ces_gap.inference.explanation import Interval
-
-F = NDArray[np.float64]
+from ces_gap.trace import F
 
 
 @dataclass(frozen=True)
 class GapRegion:
-    """One region of one axis; `low` and `high` in the axis' unit. `share_of_energy` of the noise-corrected gap.
+    """One region from `low` to `high` of an axis, in its unit; `share_of_energy` of the gap without noise.
 
-    `q_value` is the false-discovery rate at which the region's mean energy exceeds the rest of its axis.
+    `q_value` is the false-discovery rate at which the region's mean energy exceeds that of the rest of its axis.
     """
 
     axis: str
@@ -31,7 +27,7 @@ class GapRegion:
 
 @dataclass(frozen=True)
 class GapMap:
-    """The gap over two axes: `rms_N` (b, a), NaN where fewer than enough samples lie; edges (a+1,), (b+1,)."""
+    """The gap over two axes: `rms_N` (b, a), NaN where there are too few samples; edges (a+1,), (b+1,)."""
 
     axes: tuple[str, str]
     edges: tuple[F, F]
@@ -41,7 +37,7 @@ class GapMap:
 
 @dataclass(frozen=True)
 class Where:
-    """Regions of all axes, most energy first; the largest standardised excess over regions and its p-value; maps."""
+    """Regions of all axes, largest energy first; the one with the largest standardised excess, its p-value; maps."""
 
     regions: tuple[GapRegion, ...]
     strongest: GapRegion | None

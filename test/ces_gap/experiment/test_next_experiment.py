@@ -1,4 +1,4 @@
-"""The next experiment: it parts what the recordings could not, the rig runs it, and its promise is kept."""
+"""The next experiment: it separates what the recordings could not, the rig can run it, and its prediction holds."""
 
 from __future__ import annotations
 
@@ -27,33 +27,36 @@ from ces_rig.experiment import load_experiment
 F = NDArray[np.float64]
 NOISE_N = 8.0
 STILL, STEPS = drive("constant"), drive("steps")
-MENU = [{**r, "duration_s": 5.0} for r in list_candidate_experiments(reach_of([STEPS]))]  # shorter than in earnest
-PAIR = (Setting(CurrentOffset(), (0.03,)), Setting(Scale(), (1.06,)))  # twins at a constant current of 0.5 A
+RECIPES = [{**r, "duration_s": 5.0} for r in list_candidate_experiments(reach_of([STEPS]))]  # shorter than usual
+PAIR = (
+    Setting(CurrentOffset(), (0.03,)),
+    Setting(Scale(), (1.06,)),
+)  # indistinguishable at a constant current of 0.5 A
 
 
 @pytest.fixture(scope="module")
 def proposed() -> NextExperiment:
-    found = choose_next_experiment(PLANT, [STILL], [PAIR], NOISE_N, recipes=MENU)
-    assert found is not None
-    return found
+    experiment = choose_next_experiment(PLANT, [STILL], [PAIR], NOISE_N, recipes=RECIPES)
+    assert experiment is not None
+    return experiment
 
 
-def test_twins_at_constant_current_are_parted_by_another_current(proposed: NextExperiment) -> None:
+def test_another_current_separates_effects_alike_at_constant_current(proposed: NextExperiment) -> None:
     assert np.ptp(proposed.current_A) > 0.1 or abs(proposed.current_A[0] - 0.5) > 0.1
     assert proposed.separates == ("current_offset", "scale")
-    assert proposed.purpose.startswith("tells current_offset from scale: expected difference ")
+    assert proposed.purpose.startswith("distinguishes current offset from scale: expected difference ")
 
 
 def test_the_promised_difference_is_what_a_refit_leaves() -> None:
-    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=MENU)
+    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
     assert proposed is not None
     trace = simulate_experiment(PLANT.simulation, proposed.recipe)
     keep = trace.usable
     shape = damper(proposed.time_s, proposed.position_m, np.ones(len(proposed.time_s)))[::2][: len(keep)]
     current = proposed.current_A[::2][: len(keep)]
     by_offset, by_scale = (0.03 * shape)[keep], (0.06 * shape * current)[keep]
-    left = [_left(by_offset, by_scale), _left(by_scale, by_offset)]
-    assert proposed.distance_N == pytest.approx(min(left), rel=0.05)
+    residuals = [_left(by_offset, by_scale), _left(by_scale, by_offset)]
+    assert proposed.distance_N == pytest.approx(min(residuals), rel=0.05)
     assert f"{proposed.distance_N:.2g} N RMS" in proposed.purpose
 
 
@@ -63,12 +66,12 @@ def _left(a: F, b: F) -> float:
     return float(np.sqrt(np.mean((a - (a0 @ b0) / (b0 @ b0) * b) ** 2)))
 
 
-def test_it_is_the_fastest_of_the_menu_for_the_pair_hardest_to_part() -> None:
+def test_it_is_the_fastest_candidate_for_the_most_similar_pair() -> None:
     other = Setting(Spring(), (20000.0,))
-    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR, (other, PAIR[1])], NOISE_N, recipes=MENU)
+    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR, (other, PAIR[1])], NOISE_N, recipes=RECIPES)
     assert proposed is not None
     rates = {}
-    for recipe in MENU:
+    for recipe in RECIPES:
         trace = simulate_experiment(PLANT.simulation, recipe)
         plain = drive_force(trace.inputs.speed)
         whiten = make_white_noise_whitening(NOISE_N)(trace)
@@ -87,17 +90,17 @@ def _sine_of(a: F, b: F) -> float:
     return float(np.linalg.norm(a - (a @ b) / max(float(b @ b), 1e-12) * b))
 
 
-def test_what_nothing_can_part_is_said() -> None:
+def test_purpose_says_if_no_candidate_is_enough() -> None:
     same = (Setting(Friction(), (40.0, 0.05)), Setting(Rubbing(), (800.0, 0.05)))
-    proposed = choose_next_experiment(PLANT, [STEPS], [same], NOISE_N, recipes=MENU[:3])
-    assert proposed is not None and "nothing on the menu tells them apart" in proposed.purpose
+    proposed = choose_next_experiment(PLANT, [STEPS], [same], NOISE_N, recipes=RECIPES[:3])
+    assert proposed is not None and "no candidate distinguishes them" in proposed.purpose
     proposed = choose_next_experiment(
-        PLANT, [STEPS], [PAIR], 800.0, recipes=[r for r in MENU if r["name"] == "current_steps"]
+        PLANT, [STEPS], [PAIR], 800.0, recipes=[r for r in RECIPES if r["name"] == "current_steps"]
     )
-    assert proposed is not None and "to be repeated" in proposed.purpose
+    assert proposed is not None and "; repeat it " in proposed.purpose
 
 
-def test_nothing_to_part_needs_no_experiment() -> None:
+def test_without_pairs_there_is_no_experiment() -> None:
     assert choose_next_experiment(PLANT, [STEPS], [], NOISE_N) is None
 
 
@@ -109,7 +112,7 @@ def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
 
     plant = Plant(DirectSimulator(FunctionSimulation("careful", careful)))
     pair = (Setting(Friction(), (40.0, 0.05)), Setting(Scale(), (1.06,)))
-    proposed = choose_next_experiment(plant, [STEPS], [pair], NOISE_N, recipes=MENU)
+    proposed = choose_next_experiment(plant, [STEPS], [pair], NOISE_N, recipes=RECIPES)
     assert proposed is not None and np.ptp(proposed.current_A) == 0.0
 
     def never(time_s: F, position_m: F, current_A: F) -> F:
@@ -117,7 +120,7 @@ def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
 
     assert (
         choose_next_experiment(
-            Plant(DirectSimulator(FunctionSimulation("never", never))), [STEPS], [pair], NOISE_N, recipes=MENU
+            Plant(DirectSimulator(FunctionSimulation("never", never))), [STEPS], [pair], NOISE_N, recipes=RECIPES
         )
         is None
     )
@@ -126,26 +129,26 @@ def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
 def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
     surrogate = learn_surrogate(make_recorded_examples([STEPS]))
     plant = Plant(surrogate)
-    proposed = choose_next_experiment(plant, [STEPS], [PAIR], NOISE_N, recipes=MENU)
+    proposed = choose_next_experiment(plant, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
     assert proposed is not None and proposed.distance_N > 1.0
     trace = simulate_experiment(surrogate, proposed.recipe)
     true = simulate_experiment(DirectSimulator(SIMULATION), proposed.recipe).simulated
     assert np.corrcoef(trace.simulated, true)[0, 1] > 0.9
 
 
-def test_an_exact_simulation_is_asked_once_for_each_experiment() -> None:
-    asked = 0
+def test_an_exact_simulation_runs_once_for_each_experiment() -> None:
+    runs = 0
 
     def counted(time_s: F, position_m: F, current_A: F) -> F:
-        nonlocal asked
-        asked += 1
+        nonlocal runs
+        runs += 1
         return damper(time_s, position_m, current_A)
 
     exact = DirectSimulator(FunctionSimulation("counted", counted))
     choose_next_experiment(
-        Plant(learn_surrogate(make_recorded_examples([STEPS]))), [STEPS], [PAIR], NOISE_N, exact=exact, recipes=MENU
+        Plant(learn_surrogate(make_recorded_examples([STEPS]))), [STEPS], [PAIR], NOISE_N, exact=exact, recipes=RECIPES
     )
-    assert asked == len(MENU)
+    assert runs == len(RECIPES)
 
 
 def test_no_time_still_gives_an_experiment() -> None:

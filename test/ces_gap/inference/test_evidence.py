@@ -1,4 +1,4 @@
-"""Whitened evidence: the dense inverse root, noise made white, units that hold every tick once."""
+"""Whitened evidence: equal to the dense inverse root, white noise, every tick in exactly one unit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PLANT = Plant(DirectSimulator(SIMULATION))
 TRACES = [traced(seed=1, seconds=1.6), traced(seed=2, seconds=1.6)]
 
 
-def drawn(seed: int, columns: int) -> list[F]:
+def draw_values(seed: int, columns: int) -> list[F]:
     rng = np.random.default_rng(seed)
     return [rng.standard_normal((len(t), columns)) for t in TRACES]
 
@@ -37,21 +37,21 @@ def inverse_root(matrix: F) -> F:
 @pytest.mark.parametrize("noise", [make_white_noise(8.0), ar(8.0, 0.8)], ids=["white", "coloured"])
 def test_marginalising_is_the_dense_inverse_root(noise: NoiseModel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(evidence_module, "MIN_MODE_VARIANCE", 0.0)
-    features, covariance = drawn(1, 5), covariance_of(5)
-    values = drawn(2, 2)
+    features, covariance = draw_values(1, 5), covariance_of(5)
+    values = draw_values(2, 2)
     evidence = gather(TRACES, PLANT, noise, features, covariance)
-    made = evidence.whiten(values)
+    whitened = evidence.whiten(values)
     expected = []
     for unit in evidence.units:
         spread = evidence.noise.whiten(features[unit.trace])[unit.ticks] @ np.linalg.cholesky(covariance)
         rows = evidence.noise.whiten(values[unit.trace])[unit.ticks]
         expected.append(inverse_root(np.eye(len(rows)) + spread @ spread.T) @ rows)
-    np.testing.assert_allclose(made, np.concatenate(expected), atol=1e-9)
+    np.testing.assert_allclose(whitened, np.concatenate(expected), atol=1e-9)
 
 
-def test_directions_that_are_as_good_as_known_are_left_alone() -> None:
-    values = drawn(2, 1)
-    features = drawn(1, 5)
+def test_directions_with_negligible_uncertainty_are_ignored() -> None:
+    values = draw_values(2, 1)
+    features = draw_values(1, 5)
     known = gather(TRACES, PLANT, make_white_noise(8.0), features, 1e-9 * np.eye(5))
     plain = gather(TRACES, PLANT, make_white_noise(8.0), features, np.zeros((5, 5)))
     np.testing.assert_allclose(known.whiten(values), plain.whiten(values), rtol=0.01, atol=1e-9)
@@ -64,18 +64,18 @@ def _norm(evidence: Evidence, values: list[F]) -> float:
 
 
 def test_without_a_covariance_the_features_are_projected_out() -> None:
-    features = drawn(1, 5)
+    features = draw_values(1, 5)
     features = [np.column_stack([x, x[:, 0] - x[:, 1]]) for x in features]  # dependent columns do no harm
     evidence = gather(TRACES, PLANT, make_white_noise(8.0), features, None)
     assert not evidence.noise_known
     assert np.abs(evidence.whiten(features)).max() < 1e-9
-    left, whole = evidence.whiten(drawn(2, 1)), evidence.unit_of_row
+    left, whole = evidence.whiten(draw_values(2, 1)), evidence.unit_of_row
     assert left.std() == pytest.approx(1.0 / 8.0, rel=0.1) and len(whole) == len(left)
 
 
-def test_noise_and_an_error_as_large_as_expected_come_out_as_white_of_unit_variance() -> None:
+def test_noise_and_baseline_error_as_expected_become_white_with_unit_variance() -> None:
     rng = np.random.default_rng(7)
-    noise, features, covariance = ar(8.0, 0.8), drawn(1, 5), covariance_of(5)
+    noise, features, covariance = ar(8.0, 0.8), draw_values(1, 5), covariance_of(5)
     evidence = gather(TRACES, PLANT, noise, features, covariance)
     squares = []
     for _ in range(60):
@@ -90,7 +90,7 @@ def test_noise_and_an_error_as_large_as_expected_come_out_as_white_of_unit_varia
 @pytest.mark.parametrize("count", [1, 2])
 def test_units_hold_every_clean_tick_once(count: int) -> None:
     noise = ar(8.0, 0.5)
-    evidence = gather(TRACES[:count], PLANT, noise, drawn(1, 3)[:count], covariance_of(3))
+    evidence = gather(TRACES[:count], PLANT, noise, draw_values(1, 3)[:count], covariance_of(3))
     assert len(evidence.units) >= 4
     for number, trace in enumerate(evidence.traces):
         ticks = np.concatenate([u.ticks for u in evidence.units if u.trace == number])
@@ -101,7 +101,7 @@ def test_units_hold_every_clean_tick_once(count: int) -> None:
 
 
 def test_blocks_are_half_seconds_numbered_through_all_units() -> None:
-    evidence = gather(TRACES, PLANT, make_white_noise(8.0), drawn(1, 3), covariance_of(3))
+    evidence = gather(TRACES, PLANT, make_white_noise(8.0), draw_values(1, 3), covariance_of(3))
     block = evidence.block_of_row
     counts = np.bincount(block)
     assert counts.min() > 0 and counts.max() <= 250
@@ -110,7 +110,7 @@ def test_blocks_are_half_seconds_numbered_through_all_units() -> None:
 
 
 def test_the_residual_is_that_of_the_force_and_louder_noise_makes_it_smaller() -> None:
-    evidence = gather(TRACES, PLANT, make_white_noise(8.0), drawn(1, 3), np.zeros((3, 3)))
+    evidence = gather(TRACES, PLANT, make_white_noise(8.0), draw_values(1, 3), np.zeros((3, 3)))
     residual = evidence.residual(evidence.alone)
     gaps = [evidence.noise.whiten(t.force - t.simulated) for t in TRACES]
     expected = [gaps[u.trace][u.ticks] for u in evidence.units]
@@ -119,15 +119,17 @@ def test_the_residual_is_that_of_the_force_and_louder_noise_makes_it_smaller() -
     assert evidence.scale_noise(2.0).noise.rms_N == 16.0
 
 
-class Lifting:
-    """A correction."""
+class ConstantCorrection:
+    """A correction of 7 N."""
 
     def force(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
         return np.full_like(simulated, 7.0)
 
 
 def test_the_correction_is_in_the_plants_own_force() -> None:
-    evidence = gather(TRACES, Plant(DirectSimulator(SIMULATION), Lifting()), make_white_noise(8.0), drawn(1, 3), None)
+    evidence = gather(
+        TRACES, Plant(DirectSimulator(SIMULATION), ConstantCorrection()), make_white_noise(8.0), draw_values(1, 3), None
+    )
     for trace, alone in zip(evidence.traces, evidence.alone, strict=True):
         np.testing.assert_allclose(alone, trace.simulated + 7.0)
         np.testing.assert_allclose(trace.simulated[trace.usable], damper_on(trace)[trace.usable], atol=15.0)

@@ -1,4 +1,4 @@
-"""Fitting: planted parameters come back, inside bounds and at them, however scaled; leaving out is refitting."""
+"""Fitting: planted parameters are recovered inside and at their bounds, at any scale; cross-validation is exact."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ces_gap.baseline.noise import make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.inference.fit import EffectFit, bounds, fit_alone, fit_together, make_composition, polish, starts
+from ces_gap.inference.fit import EffectFit, bounds, fit_alone, fit_from, fit_together, make_composition, starts
 from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
@@ -37,7 +37,7 @@ class Line(Effect):
         return np.asarray(force + values[0] + values[1] * inputs.position)
 
 
-class Badly(Effect):
+class BadlyScaled(Effect):
     """Parameters sixteen orders of magnitude apart."""
 
     name, form = "badly", "scaled"
@@ -76,7 +76,7 @@ def clean() -> tuple[Trace, ...]:
 
 
 def planted(composition: Composition, noise_N: float = NOISE_N, seed: int = 5) -> Evidence:
-    """Evidence of the plant with a composition around it, in white noise, nothing to be marginalised."""
+    """Evidence of the plant with a composition, in white noise, without baseline error."""
     rng = np.random.default_rng(seed)
     traces = [
         replace(t, force=PLANT.with_effects(composition, t) + noise_N * rng.standard_normal(len(t))) for t in clean()
@@ -89,14 +89,14 @@ def one(effect: Effect, *values: float) -> Composition:
 
 
 def errors(fit: EffectFit, *values: float) -> F:
-    """How far the searched values are from those planted, in standard errors."""
+    """Deviation of the fitted parameters from the planted ones in standard errors."""
     parameters = [p for e in fit.effects for p in e.parameters]
     true = [p.to_search(v) for p, v in zip(parameters, values, strict=True)]
     return np.asarray((fit.searched - true) / np.sqrt(np.diag(fit.covariance)))
 
 
 def columns(evidence: Evidence) -> F:
-    """What a line's parameters do to the whitened force (r, 2)."""
+    """Derivatives of the whitened force by the parameters of `Line` (r, 2)."""
     return evidence.whiten([np.stack([np.ones(len(t)), t.inputs.position], axis=1) for t in evidence.traces])
 
 
@@ -106,12 +106,12 @@ def columns(evidence: Evidence) -> F:
         (Line(), (25.0, -1500.0)),
         (Friction(), (40.0, 0.05)),
         (CurrentGain(), (1.07,)),
-        (Badly(), (5e-9, 2e8)),
+        (BadlyScaled(), (5e-9, 2e8)),
         (Compliance(), (2e4,)),
     ],
     ids=lambda x: x.name if isinstance(x, Effect) else "",
 )
-def test_planted_parameters_come_back_within_their_errors(effect: Effect, values: tuple[float, ...]) -> None:
+def test_planted_parameters_are_recovered_within_their_errors(effect: Effect, values: tuple[float, ...]) -> None:
     fit = fit_alone(planted(one(effect, *values)), effect)
     assert np.abs(errors(fit, *values)).max() < 4.0
     assert fit.composition.settings[0].values == pytest.approx(values, rel=0.1)
@@ -119,7 +119,7 @@ def test_planted_parameters_come_back_within_their_errors(effect: Effect, values
     assert fit.cost >= fit.residual @ fit.residual
 
 
-def test_what_lies_beyond_a_bound_ends_at_the_bound_and_the_rest_is_fitted_there() -> None:
+def test_a_parameter_beyond_its_bound_ends_there_and_the_others_are_fitted() -> None:
     beyond = Line()
     fit = fit_alone(planted(one(beyond, 700.0, 1500.0)), beyond)
     low, high = bounds((beyond,))
@@ -130,12 +130,12 @@ def test_what_lies_beyond_a_bound_ends_at_the_bound_and_the_rest_is_fitted_there
     assert (fit.by_unit >= low).all() and (fit.by_unit <= high).all()
 
 
-def test_planted_at_its_bound_a_parameter_is_found_there() -> None:
+def test_a_parameter_planted_at_its_bound_is_recovered() -> None:
     fit = fit_alone(planted(one(Friction(), 300.0, 0.05)), Friction())
     assert fit.composition.settings[0].values == pytest.approx((300.0, 0.05), rel=0.02)
 
 
-def test_a_parameter_without_a_trace_does_no_harm() -> None:
+def test_a_parameter_without_influence_does_no_harm() -> None:
     evidence = planted(one(Spring(), 3000.0))
     fit = fit_together(evidence, [fit_alone(evidence, Spring()), fit_alone(evidence, Useless())])
     assert fit.names == ("spring", "useless")
@@ -152,7 +152,7 @@ def test_two_effects_are_fitted_together() -> None:
     assert joint.cost < min(a.cost for a in alone)
 
 
-def test_the_linearised_leaving_out_is_refitting_for_a_linear_effect() -> None:
+def test_linearised_cross_validation_is_exact_for_a_linear_effect() -> None:
     evidence = planted(one(Line(), 25.0, -1500.0))
     fit = fit_alone(evidence, Line())
     design = columns(evidence)
@@ -165,15 +165,15 @@ def test_the_linearised_leaving_out_is_refitting_for_a_linear_effect() -> None:
 
 def test_the_covariance_is_how_estimates_scatter_over_repetitions() -> None:
     true = (25.0, -1500.0)
-    found = [polish(planted(one(Line(), *true), seed=s), (Line(),), np.array(true)) for s in range(60)]
-    scatter = np.cov(np.array([f.searched for f in found]).T)
-    told = np.mean([f.covariance for f in found], axis=0)
-    np.testing.assert_allclose(np.diag(told), np.diag(scatter), rtol=0.5)
-    inside = [np.abs(errors(f, *true)) < 1.96 for f in found]
+    fits = [fit_from(planted(one(Line(), *true), seed=s), (Line(),), np.array(true)) for s in range(60)]
+    scatter = np.cov(np.array([f.searched for f in fits]).T)
+    predicted = np.mean([f.covariance for f in fits], axis=0)
+    np.testing.assert_allclose(np.diag(predicted), np.diag(scatter), rtol=0.5)
+    inside = [np.abs(errors(f, *true)) < 1.96 for f in fits]
     assert np.mean(inside) > 0.85
 
 
-def test_starts_are_products_of_the_parameters_own_a_few_at_most() -> None:
+def test_starts_are_at_most_a_few_combinations_of_the_parameters_starts() -> None:
     evidence = planted(Composition())
     np.testing.assert_allclose(starts(evidence, Friction()), [[20.0, np.log(0.02)], [20.0, np.log(0.3)]])
 
@@ -193,7 +193,7 @@ def test_an_effect_may_choose_its_starts_by_the_longest_stroke() -> None:
     np.testing.assert_allclose(starts(evidence, Choosing()), [[1e4 * widest]])
 
 
-def test_nonsense_on_the_way_is_not_taken() -> None:
+def test_non_finite_forces_are_rejected() -> None:
     class Breaking(Spring):
         def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
             return super().respond(trace, inputs, force, values) if values[0] < 4000.0 else np.full_like(force, np.nan)
@@ -203,6 +203,8 @@ def test_nonsense_on_the_way_is_not_taken() -> None:
 
 
 def test_searched_values_become_settings_inside_their_bounds() -> None:
-    made = make_composition((Friction(), Compliance()), np.array([1e9, np.log(0.05), 1.0 / 5e4]))
-    assert made.names == ("friction", "compliance")
-    assert made.settings[0].values == pytest.approx((300.0, 0.05)) and made.settings[1].values == pytest.approx((5e4,))
+    composition = make_composition((Friction(), Compliance()), np.array([1e9, np.log(0.05), 1.0 / 5e4]))
+    assert composition.names == ("friction", "compliance")
+    assert composition.settings[0].values == pytest.approx((300.0, 0.05)) and composition.settings[
+        1
+    ].values == pytest.approx((5e4,))

@@ -1,4 +1,4 @@
-"""The search: a planted pair is found, a single stays single, noise stays noise, richer forms must earn their place."""
+"""The search: planted effects are found, noise gives none, and a form with more parameters must explain more."""
 
 from __future__ import annotations
 
@@ -50,54 +50,54 @@ EFFECTS: tuple[Effect, ...] = (Offset(), Spring(), CubicSpring(), Friction(), Cu
 OFFSET, SPRING, FRICTION = Setting(Offset(), (30.0,)), Setting(Spring(), (2500.0,)), Setting(Friction(), (40.0, 0.05))
 
 
-def planted(*there: Setting, seed: int = 5, traces: Sequence[Trace] = CLEAN) -> Evidence:
+def planted(*effects: Setting, seed: int = 5, traces: Sequence[Trace] = CLEAN) -> Evidence:
     rng = np.random.default_rng(seed)
-    composition = Composition(there)
+    composition = Composition(effects)
     real = [
         replace(t, force=PLANT.with_effects(composition, t) + NOISE_N * rng.standard_normal(len(t))) for t in traces
     ]
     return gather(real, PLANT, make_white_noise(NOISE_N), [np.zeros((len(t), 1)) for t in real], np.zeros((1, 1)))
 
 
-def searched(evidence: Evidence, threads: int = 1) -> EffectSearchResult:
+def run_search(evidence: Evidence, threads: int = 1) -> EffectSearchResult:
     return search(evidence, EFFECTS, Refinement(), threads)
 
 
-def found_values(found: EffectSearchResult) -> dict[str, tuple[float, ...]]:
-    return {s.name: s.values for s in found.best.composition.settings} if found.best is not None else {}
+def best_values(result: EffectSearchResult) -> dict[str, tuple[float, ...]]:
+    return {s.name: s.values for s in result.best.composition.settings} if result.best is not None else {}
 
 
 @pytest.mark.parametrize("single", [OFFSET, SPRING, FRICTION], ids=lambda s: s.name)
 def test_a_single_effect_stays_single(single: Setting) -> None:
-    found = searched(planted(single))
-    assert list(found_values(found)) == [single.name]
-    assert found_values(found)[single.name] == pytest.approx(single.values, rel=0.15)
-    assert found.alone[0].names == (single.name,)
-    assert sorted(f.names[0] for f in found.alone) == ["current_offset", "friction", "offset", "spring"]
+    result = run_search(planted(single))
+    assert list(best_values(result)) == [single.name]
+    assert best_values(result)[single.name] == pytest.approx(single.values, rel=0.15)
+    assert result.alone[0].names == (single.name,)
+    assert sorted(f.names[0] for f in result.alone) == ["current_offset", "friction", "offset", "spring"]
 
 
 @pytest.mark.parametrize("pair", [(OFFSET, FRICTION), (SPRING, FRICTION)], ids=lambda p: "+".join(s.name for s in p))
 def test_a_planted_pair_is_found(pair: tuple[Setting, ...]) -> None:
-    values = found_values(searched(planted(*pair)))
+    values = best_values(run_search(planted(*pair)))
     assert set(values) == {s.name for s in pair}
     for setting in pair:
         assert values[setting.name] == pytest.approx(setting.values, rel=0.15)
 
 
 def test_three_at_once_are_found() -> None:
-    assert set(found_values(searched(planted(OFFSET, SPRING, FRICTION)))) == {"offset", "spring", "friction"}
+    assert set(best_values(run_search(planted(OFFSET, SPRING, FRICTION)))) == {"offset", "spring", "friction"}
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_nothing_is_found_in_noise(seed: int) -> None:
-    assert searched(planted(seed=seed)).best is None
+    assert run_search(planted(seed=seed)).best is None
 
 
 def test_the_simpler_form_is_kept_while_the_richer_one_gains_nothing() -> None:
-    found = searched(planted(SPRING))
-    assert found.best is not None and found.best.effects[0].form == "linear"
-    bent = searched(planted(Setting(CubicSpring(), (1000.0, 8e6))))
-    assert bent.best is not None and bent.best.effects[0].form == "cubic"
+    result = run_search(planted(SPRING))
+    assert result.best is not None and result.best.effects[0].form == "linear"
+    cubic = run_search(planted(Setting(CubicSpring(), (1000.0, 8e6))))
+    assert cubic.best is not None and cubic.best.effects[0].form == "cubic"
 
 
 def test_best_forms_holds_one_form_of_each_effect_best_first() -> None:
@@ -110,32 +110,32 @@ def test_best_forms_holds_one_form_of_each_effect_best_first() -> None:
 
 def test_threads_change_nothing() -> None:
     evidence = planted(SPRING, FRICTION)
-    assert found_values(searched(evidence, threads=3)) == found_values(searched(evidence))
+    assert best_values(run_search(evidence, threads=3)) == best_values(run_search(evidence))
 
 
-def test_refining_is_asked_for_the_most_promising_and_its_answer_counts() -> None:
+def test_the_most_promising_fits_are_refined_and_the_result_counts() -> None:
     evidence = planted(SPRING)
-    asked: list[tuple[str, ...]] = []
+    refined_names: list[tuple[str, ...]] = []
 
-    class SpoiltSprings(Refinement):
+    class WithoutSprings(Refinement):
         """The simulation itself has no spring."""
 
         def refine(self, evidence: Evidence, fit: EffectFit) -> EffectFit:
-            asked.append(fit.names)
-            spoilt = replace(fit, residual=fit.residual * 30.0, left_out=fit.left_out * 30.0)
-            return spoilt if "spring" in fit.names else fit
+            refined_names.append(fit.names)
+            worse = replace(fit, residual=fit.residual * 30.0, left_out=fit.left_out * 30.0)
+            return worse if "spring" in fit.names else fit
 
-    found = search(evidence, EFFECTS, SpoiltSprings(), 1)
-    assert ("spring",) in asked
-    assert found.alone[0].names != ("spring",)
-    assert found.best is None or "spring" not in found.best.names
+    result = search(evidence, EFFECTS, WithoutSprings(), 1)
+    assert ("spring",) in refined_names
+    assert result.alone[0].names != ("spring",)
+    assert result.best is None or "spring" not in result.best.names
 
 
-def test_progress_is_told_in_shares() -> None:
-    told: list[tuple[str, float]] = []
-    search(planted(SPRING), EFFECTS, Refinement(), 1, lambda what, share: told.append((what, share)))
-    assert len(told) > len(EFFECTS)
-    assert all(what and 0.0 <= share <= 1.0 for what, share in told)
+def test_progress_is_reported_in_shares() -> None:
+    reports: list[tuple[str, float]] = []
+    search(planted(SPRING), EFFECTS, Refinement(), 1, lambda what, share: reports.append((what, share)))
+    assert len(reports) > len(EFFECTS)
+    assert all(what and 0.0 <= share <= 1.0 for what, share in reports)
 
 
 def test_a_gain_is_that_of_squares_and_its_error_that_of_blocks() -> None:

@@ -1,4 +1,4 @@
-"""How far a gap shrinks: noise taken out without bias, intervals that cover."""
+"""Shrink of the gap: unbiased without noise, with intervals that cover."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def plain() -> tuple[Trace, ...]:
 def gaps(rms_N: float, seed: int) -> list[F]:
     """A gap on each trace: slow, and of another strength every half second."""
     rng = np.random.default_rng(seed)
-    made = []
+    forces = []
     for trace in plain():
         strength = rng.gamma(4.0, 0.25, 30)[(trace.time_s / 0.5).astype(int)]
-        made.append(rms_N * strength * np.sqrt(2.0 / 1.25) * np.sin(9.0 * trace.time_s + rng.random()))
-    return made
+        forces.append(rms_N * strength * np.sqrt(2.0 / 1.25) * np.sin(9.0 * trace.time_s + rng.random()))
+    return forces
 
 
-def measured(gap: list[F], seed: int, noise_N: float = NOISE_N) -> Blocks:
+def make_blocks(gap: list[F], seed: int, noise_N: float = NOISE_N) -> Blocks:
     """The held-out traces with a gap and noise on their simulated force."""
     rng = np.random.default_rng(1000 + seed)
     traces = [
@@ -46,7 +46,7 @@ def simulated() -> list[F]:
     return [t.simulated for t in plain()]
 
 
-def halved(gap: list[F]) -> list[F]:
+def halve_gap(gap: list[F]) -> list[F]:
     return [t.simulated + 0.5 * g for t, g in zip(plain(), gap, strict=True)]
 
 
@@ -59,7 +59,7 @@ def test_the_rms_is_that_of_the_gap_without_the_noise() -> None:
     gap = gaps(6.0, 1)  # smaller than the noise
     squares = []
     for seed in range(40):
-        blocks = measured(gap, seed)
+        blocks = make_blocks(gap, seed)
         squares.append(blocks.rms(blocks.energy(simulated()))[0] ** 2)
     error = float(np.std(squares)) / np.sqrt(len(squares))
     assert np.mean(squares) == pytest.approx(rms(gap) ** 2, abs=4.0 * error)
@@ -70,12 +70,12 @@ def test_intervals_cover_the_rms_of_the_process_and_the_shrink() -> None:
     covers, covers_shrink, widths = [], [], []
     for seed in range(60):
         gap = gaps(20.0, seed)
-        blocks = measured(gap, seed)
+        blocks = make_blocks(gap, seed)
         before = blocks.energy(simulated())
         low, high = blocks.rms(before)[1]
         covers.append(low <= 20.0 <= high)
         widths.append(high - low)
-        low, high = blocks.shrink(before, blocks.energy(halved(gap)))[1]
+        low, high = blocks.shrink(before, blocks.energy(halve_gap(gap)))[1]
         covers_shrink.append(low <= 0.5 <= high)
     assert np.mean(covers) >= 0.82 and np.mean(covers_shrink) >= 0.85
     assert np.mean(widths) < 8.0  # not by being too wide
@@ -83,9 +83,9 @@ def test_intervals_cover_the_rms_of_the_process_and_the_shrink() -> None:
 
 def test_the_shrink_is_one_less_the_ratio_of_rms() -> None:
     gap = gaps(40.0, 1)
-    blocks = measured(gap, 1)
+    blocks = make_blocks(gap, 1)
     before = blocks.energy(simulated())
-    shrink, (low, high) = blocks.shrink(before, blocks.energy(halved(gap)))
+    shrink, (low, high) = blocks.shrink(before, blocks.energy(halve_gap(gap)))
     assert shrink == pytest.approx(0.5, abs=0.02) and low < shrink < high
     assert blocks.shrink(before, before)[0] == pytest.approx(0.0)
     worse = [t.simulated - g for t, g in zip(plain(), gap, strict=True)]
@@ -93,27 +93,27 @@ def test_the_shrink_is_one_less_the_ratio_of_rms() -> None:
 
 
 def test_without_a_gap_the_rms_is_near_zero_and_never_complex() -> None:
-    found = []
+    values = []
     for seed in range(10):
-        blocks = measured(gaps(0.0, 1), seed)
+        blocks = make_blocks(gaps(0.0, 1), seed)
         value, (low, high) = blocks.rms(blocks.energy(simulated()))
-        found.append(value)
+        values.append(value)
         assert np.isfinite([value, low, high]).all() and 0.0 <= low <= high
-    assert np.mean(found) < 0.15 * NOISE_N
+    assert np.mean(values) < 0.15 * NOISE_N
 
 
 def test_noise_is_no_more_than_what_an_explanation_leaves() -> None:
     gap = gaps(6.0, 1)
-    heard = [replace(t, noise_N=2.0 * NOISE_N) for t in measured(gap, 1).traces]  # the damper's own high frequencies
-    loud, quiet = cut_into_blocks(heard, 1), cut_into_blocks(heard, 1, NOISE_N)
+    noisy = [replace(t, noise_N=2.0 * NOISE_N) for t in make_blocks(gap, 1).traces]  # the damper's own high frequencies
+    loud, quiet = cut_into_blocks(noisy, 1), cut_into_blocks(noisy, 1, NOISE_N)
     assert loud.rms(loud.energy(simulated()))[0] == 0.0
     assert quiet.rms(quiet.energy(simulated()))[0] == pytest.approx(rms(gap), rel=0.1)
-    np.testing.assert_array_equal(cut_into_blocks(heard, 1, 1e3).noise, loud.noise)
+    np.testing.assert_array_equal(cut_into_blocks(noisy, 1, 1e3).noise, loud.noise)
 
 
-def test_only_usable_ticks_are_judged() -> None:
+def test_only_usable_ticks_are_scored() -> None:
     gap = gaps(20.0, 1)
-    blocks = measured(gap, 1)
+    blocks = make_blocks(gap, 1)
     assert blocks.ticks.sum() == sum(int(t.usable.sum()) for t in blocks.traces)
     spoiled = [np.where(t.usable, s, 1e9) for t, s in zip(blocks.traces, simulated(), strict=True)]
     np.testing.assert_array_equal(blocks.energy(spoiled), blocks.energy(simulated()))
@@ -123,9 +123,9 @@ def test_only_usable_ticks_are_judged() -> None:
 def test_the_same_seed_draws_the_same_interval() -> None:
     gap = gaps(20.0, 1)
     one, again, other = (
-        cut_into_blocks(measured(gap, 1).traces, 1),
-        cut_into_blocks(measured(gap, 1).traces, 1),
-        cut_into_blocks(measured(gap, 1).traces, 2),
+        cut_into_blocks(make_blocks(gap, 1).traces, 1),
+        cut_into_blocks(make_blocks(gap, 1).traces, 1),
+        cut_into_blocks(make_blocks(gap, 1).traces, 2),
     )
     intervals = [b.rms(b.energy(simulated()))[1] for b in (one, again, other)]
     assert intervals[0] == intervals[1] != intervals[2]

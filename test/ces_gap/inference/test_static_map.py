@@ -1,4 +1,4 @@
-"""The map that a calibration could absorb: smooth, of stroke, speed and current; and what lies inside it."""
+"""The static map: smooth in stroke, speed and current; effects inside it are reported."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_the_map_is_of_order_one_and_finite(constant: float | None) -> None:
     assert np.linalg.matrix_rank(together) == together.shape[1]
 
 
-def test_a_constant_current_takes_its_columns_along() -> None:
+def test_a_constant_current_has_no_columns() -> None:
     counts = [static_features([traced(constant_A=c)])[0].shape[1] for c in (None, 0.6)]
     assert counts[0] > counts[1] >= 5
 
@@ -59,7 +59,7 @@ def test_a_wrong_calibration_is_projected_out_and_what_is_not_static_stays(const
     assert left @ left > 0.9 * (whole @ whole)
 
 
-def test_effects_inside_the_map_are_told() -> None:
+def test_effects_inside_the_map_are_reported() -> None:
     rng = np.random.default_rng(1)
     both = Composition((Setting(Spring(), (3000.0,)), Setting(Chirps(), (40.0,))))
     traces = [traced(seed=s) for s in (1, 2)]

@@ -1,4 +1,4 @@
-"""Probabilities: they sum to one and go the right way; the weights that come with the package are complete."""
+"""Probabilities: they sum to one and respond in the right direction; the calibrated weights are complete."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ def test_probabilities_sum_to_one_and_none_is_negative(
 ) -> None:
     unexplained = {f"effect{k}": share for k, share in enumerate(left)}
     composition = tuple(name for k, name in enumerate(unexplained) if k in inside)
-    made = odds(figures, unexplained, composition)
-    every = [made.none, made.unknown, *made.effects.values()]
+    result = odds(figures, unexplained, composition)
+    every = [result.none, result.unknown, *result.effects.values()]
     assert min(every) >= 0.0
     assert sum(every) == pytest.approx(1.0)
-    assert set(made.effects) == set(unexplained)
+    assert set(result.effects) == set(unexplained)
 
 
 @pytest.mark.parametrize("figure", ["energy", "gain_z"])
@@ -70,30 +70,30 @@ def test_the_more_is_left_the_more_probable_is_something_unknown(figure: str) ->
     assert unknown == sorted(unknown) and unknown[0] < unknown[-1]
 
 
-def test_a_clear_cause_is_more_probable_than_all_else_and_chaff_is_not() -> None:
+def test_a_clear_cause_is_most_probable_and_a_marginal_one_is_not() -> None:
     clear = odds(CLEAR)
     assert clear.effects["friction"] > 0.5 > clear.none + clear.unknown
-    chaff = odds(VerdictFigures(0.01, 0.5, 0.5, 1.0, 0.0, 0.0, 0, 0.0))
-    assert chaff.none > 0.5
+    marginal = odds(VerdictFigures(0.01, 0.5, 0.5, 1.0, 0.0, 0.0, 0, 0.0))
+    assert marginal.none > 0.5
     strange = odds(replace(CLEAR, unexplained=0.8, learnable=0.7, learnable_z=20.0))
     assert strange.unknown > 0.5
 
 
 def test_effects_share_by_what_they_leave() -> None:
-    made = odds(CLEAR).effects
-    assert made["friction"] > made["gas_spring"] > made["inertia"] > 0.0
+    result = odds(CLEAR).effects
+    assert result["friction"] > result["gas_spring"] > result["inertia"] > 0.0
     even = odds(CLEAR, {"one": 0.3, "other": 0.3}, ()).effects
     assert even["one"] == pytest.approx(even["other"])
 
 
-def test_those_that_compose_the_best_explanation_count_as_it_does() -> None:
+def test_effects_of_the_best_composition_count_as_leaving_what_it_leaves() -> None:
     left = {"friction": 0.4, "inertia": 0.6, "gas_spring": 0.5}
-    made = odds(CLEAR, left, ("friction", "inertia")).effects
-    assert made["friction"] == pytest.approx(made["inertia"])
-    assert made["inertia"] > made["gas_spring"]
+    result = odds(CLEAR, left, ("friction", "inertia")).effects
+    assert result["friction"] == pytest.approx(result["inertia"])
+    assert result["inertia"] > result["gas_spring"]
 
 
-def test_weights_that_come_with_the_package_are_complete_and_finite() -> None:
+def test_calibrated_weights_are_complete_and_finite() -> None:
     weights = calibration()
     assert isinstance(weights, Calibration)
     for field in fields(weights):
@@ -101,7 +101,7 @@ def test_weights_that_come_with_the_package_are_complete_and_finite() -> None:
     assert 0.0 < weights.least_gap < 1.0 and 0.0 < weights.least_known < 1.0 and weights.sharpness > 0.0
 
 
-def test_an_effect_that_leaves_as_little_as_the_named_one_rivals_it() -> None:
+def test_an_effect_that_leaves_as_little_as_the_named_one_is_an_alternative() -> None:
     assert not has_alternatives(["friction"], odds(CLEAR))
     tied = odds(CLEAR, {**LEFT, "gas_spring": 0.02})
     assert tied.effects["gas_spring"] == pytest.approx(tied.effects["friction"]) and has_alternatives(

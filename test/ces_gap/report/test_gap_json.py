@@ -97,7 +97,7 @@ def test_probabilities_sum_to_one() -> None:
         assert total == pytest.approx(1.0, abs=0.015)
 
 
-def test_twins_are_told_with_what_would_part_them() -> None:
+def test_indistinguishable_effects_have_an_experiment_that_separates_them() -> None:
     document = gap_document(ambiguous())
     assert document["indistinguishable"] == [["valve_lag", "current_hysteresis"]]
     assert document["next_experiment"]["separates"] == ["valve_lag", "current_hysteresis"]
@@ -110,7 +110,7 @@ def test_recipes_become_plain_json() -> None:
     assert recipe["current"] == {"kind": "steps", "levels_A": [0.3, 1.2], "hold_s": 4}
 
 
-def test_rest_is_told_for_unknown_only() -> None:
+def test_rest_is_located_for_unknown_only() -> None:
     assert gap_document(unknown())["rest"]
     assert gap_document(named())["rest"] is None
 
@@ -139,12 +139,12 @@ def test_file_is_the_document(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["gap.json"]
 
 
-def test_a_missing_folder_is_told(tmp_path: Path) -> None:
+def test_a_missing_folder_is_reported(tmp_path: Path) -> None:
     with pytest.raises(CesError, match="cannot be written"):
         write_gap(tmp_path / "missing" / "gap.json", named())
 
 
-def test_a_recipe_that_json_cannot_hold_is_told() -> None:
+def test_a_recipe_that_json_cannot_represent_is_refused() -> None:
     experiment = named().next_experiment
     assert experiment is not None
     d = replace(named(), next_experiment=replace(experiment, recipe={"stroke": {1, 2}}))

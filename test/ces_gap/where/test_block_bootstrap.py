@@ -65,7 +65,7 @@ def test_intervals_on_few_blocks_are_wide():
     assert low == pytest.approx(-high)
 
 
-def test_scores_tell_the_tail_of_a_skewed_null():
+def test_scores_resolve_the_tail_of_a_skewed_null():
     rng = np.random.default_rng(4)
     draws = rng.gamma(3.0, size=(4000, 1)) - 3.0
     value = np.array([9.0])
@@ -75,7 +75,7 @@ def test_scores_tell_the_tail_of_a_skewed_null():
     assert norm.sf(9.0 / 3.0**0.5) < 0.01 * true  # the normal distribution would have it far too rare
 
 
-def test_a_null_spreads_no_less_than_told():
+def test_a_null_has_at_least_the_minimum_spread():
     draws = np.random.default_rng(5).normal(size=(4000, 1))
     (one,), (half,) = (normal_scores(np.array([3.0]), draws, least)[0] for least in (0.0, 2.0))
     assert one == pytest.approx(3.0, abs=0.2)

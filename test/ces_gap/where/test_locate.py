@@ -23,7 +23,7 @@ def along(where: Where, axis: str) -> list[GapRegion]:
     return sorted((r for r in where.regions if r.axis == axis), key=lambda r: r.low)
 
 
-def ended(trace: Trace, share: float, height_N: float) -> np.ndarray:
+def end_gap(trace: Trace, share: float, height_N: float) -> np.ndarray:
     """A gap at the outer end of the stroke, in a share of the ticks."""
     x = trace.inputs.position
     return np.where(x > np.quantile(x, 1.0 - share), height_N, 0.0)
@@ -36,7 +36,7 @@ def traces() -> list[Trace]:
 
 @pytest.mark.parametrize("noise", [NOISE_N, ar(NOISE_N, 0.6), [NOISE_N, NOISE_N], None])
 def test_a_gap_in_half_a_percent_of_the_ticks_is_found(traces, noise):
-    gap = [ended(t, 0.005, 40.0) + e for t, e in zip(traces, noisy(traces), strict=True)]
+    gap = [end_gap(t, 0.005, 40.0) + e for t, e in zip(traces, noisy(traces), strict=True)]
     where = locate(traces, gap, noise)
     assert where.strongest is not None
     assert (where.strongest.axis, where.strongest.high) == (STROKE, along(where, STROKE)[-1].high)
@@ -45,9 +45,9 @@ def test_a_gap_in_half_a_percent_of_the_ticks_is_found(traces, noise):
     assert where.strongest.q_value < 0.05
 
 
-def test_that_gap_is_drowned_in_the_mean_of_all_ticks(traces):
+def test_that_gap_is_small_in_the_mean_of_all_ticks(traces):
     """The test above means something: over all ticks the gap is an eighth of the noise's energy."""
-    rms = np.sqrt(np.mean([np.mean(ended(t, 0.005, 40.0) ** 2) for t in traces]))
+    rms = np.sqrt(np.mean([np.mean(end_gap(t, 0.005, 40.0) ** 2) for t in traces]))
     assert rms < 0.4 * NOISE_N
 
 
@@ -67,10 +67,10 @@ def test_shares_and_rms_are_those_of_the_gap_without_its_noise(traces, noise):
     truth = locate(traces, clean, 1e-6)
     where = locate(traces, [g + e for g, e in zip(clean, noisy(traces), strict=True)], noise)
     for axis in (*OPERATING, FREQUENCY):
-        for true, found in zip(along(truth, axis), along(where, axis), strict=True):
-            assert found.share_of_energy == pytest.approx(true.share_of_energy, abs=0.02)
+        for true, region in zip(along(truth, axis), along(where, axis), strict=True):
+            assert region.share_of_energy == pytest.approx(true.share_of_energy, abs=0.02)
             if axis != FREQUENCY and true.share_of_samples > 0.1 and true.rms_N > NOISE_N:
-                assert found.rms_N == pytest.approx(true.rms_N, rel=0.05)
+                assert region.rms_N == pytest.approx(true.rms_N, rel=0.05)
 
 
 def test_units_are_those_of_the_axes(traces):

@@ -1,4 +1,4 @@
-"""From fits to explanations: intervals in SI units, bounds and drift told, what is left on held-out recordings."""
+"""From fits to explanations: intervals in SI units, bounds, drift, and the gap left on scorer-out recordings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ces_gap.inference.fit import EffectFit
 from ces_gap.inference.shrinkage import cut_into_blocks
 from ces_gap.trace import Trace, TraceInputs
 
-CALLED = DirectSimulator(SIMULATION)
+SIMULATOR = DirectSimulator(SIMULATION)
 HELD_OUT = tuple(traced(seed=s) for s in (5, 6))
 
 
@@ -36,8 +36,8 @@ class Stiff(Effect):
     )
 
 
-def fitted(effects: tuple[Effect, ...], searched: list[float], errors: list[float], apart: float = 0.0) -> EffectFit:
-    """A fit as it would have ended; units disagree by `apart` standard errors of their own."""
+def make_fit(effects: tuple[Effect, ...], searched: list[float], errors: list[float], apart: float = 0.0) -> EffectFit:
+    """A fit with these results; units disagree by `apart` standard errors of their own."""
     at, spread = np.array(searched), np.array(errors)
     by_unit = at + apart * spread * np.array([[1.0], [-1.0], [0.5], [-0.5]]) / np.sqrt(3.0)
     nothing = np.zeros((8, len(at)))
@@ -45,78 +45,84 @@ def fitted(effects: tuple[Effect, ...], searched: list[float], errors: list[floa
 
 
 def test_intervals_are_of_two_standard_errors_in_si_units() -> None:
-    ((size, width),) = estimate_parameters(fitted((Friction(),), [40.0, float(np.log(0.05))], [2.0, 0.1]))
+    ((size, width),) = estimate_parameters(make_fit((Friction(),), [40.0, float(np.log(0.05))], [2.0, 0.1]))
     assert (size.name, size.value) == ("coulomb_N", 40.0) and size.ci95 == pytest.approx((36.08, 43.92), abs=0.01)
     assert width.value == pytest.approx(0.05) and width.ci95 == pytest.approx((0.05 / 1.2166, 0.05 * 1.2166), rel=1e-3)
     assert not (size.at_bound or width.at_bound or size.drifts or width.drifts)
 
 
 def test_intervals_stay_inside_the_bounds_and_in_order() -> None:
-    ((size, _),) = estimate_parameters(fitted((Friction(),), [295.0, -3.0], [20.0, 0.1]))
+    ((size, _),) = estimate_parameters(make_fit((Friction(),), [295.0, -3.0], [20.0, 0.1]))
     assert size.ci95[1] == 300.0
-    ((stiffness,),) = estimate_parameters(fitted((Stiff(),), [1e-5], [1e-6]))
+    ((stiffness,),) = estimate_parameters(make_fit((Stiff(),), [1e-5], [1e-6]))
     assert stiffness.value == pytest.approx(1e5)
     assert stiffness.ci95 == pytest.approx((1e5 / 1.196, 1e5 / 0.804), rel=1e-3)
 
 
 @pytest.mark.parametrize(("searched", "count"), [([300.0, -3.0], 1), ([300.0, 0.0], 2), ([0.0, -3.0], 0)])
-def test_a_parameter_at_a_bound_is_told_unless_it_means_no_effect(searched: list[float], count: int) -> None:
-    fit = fitted((Friction(),), searched, [1.0, 0.1])
+def test_a_parameter_at_a_bound_is_marked_unless_it_is_neutral(searched: list[float], count: int) -> None:
+    fit = make_fit((Friction(),), searched, [1.0, 0.1])
     assert count_stuck_parameters(fit) == count == sum(e.at_bound for e in estimate_parameters(fit)[0])
 
 
 def test_units_that_disagree_make_a_parameter_drift() -> None:
-    calm, torn = (fitted((Friction(),), [40.0, -3.0], [2.0, 0.1], apart) for apart in (1.0, 9.0))
-    assert measure_parameter_drift(calm) == pytest.approx(1.0) and measure_parameter_drift(torn) == pytest.approx(9.0)
-    assert not any(e.drifts for e in estimate_parameters(calm)[0]) and all(
-        e.drifts for e in estimate_parameters(torn)[0]
+    consistent, inconsistent = (make_fit((Friction(),), [40.0, -3.0], [2.0, 0.1], apart) for apart in (1.0, 9.0))
+    assert measure_parameter_drift(consistent) == pytest.approx(1.0) and measure_parameter_drift(
+        inconsistent
+    ) == pytest.approx(9.0)
+    assert not any(e.drifts for e in estimate_parameters(consistent)[0]) and all(
+        e.drifts for e in estimate_parameters(inconsistent)[0]
     )
 
 
-def test_estimates_go_with_their_effects() -> None:
-    made = estimate_parameters(fitted((Spring(), Friction()), [2000.0, 40.0, -3.0], [1.0, 1.0, 0.1]))
-    assert [[e.name for e in some] for some in made] == [["stiffness_N_m"], ["coulomb_N", "transition_m_s"]]
+def test_estimates_are_grouped_by_effect() -> None:
+    estimates = estimate_parameters(make_fit((Spring(), Friction()), [2000.0, 40.0, -3.0], [1.0, 1.0, 0.1]))
+    assert [[e.name for e in group] for group in estimates] == [["stiffness_N_m"], ["coulomb_N", "transition_m_s"]]
 
 
 @dataclass(frozen=True)
-class Deaf(TraceSimulator):
-    """A stand-in that hears nothing of changed inputs."""
+class ConstantSurrogate(TraceSimulator):
+    """A surrogate that ignores changes of the inputs."""
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
         return trace.simulated
 
 
-def scorer_of(setting: Setting, cheap: TraceSimulator = CALLED) -> HeldOutScorer:
+def scorer_of(setting: Setting, cheap: TraceSimulator = SIMULATOR) -> HeldOutScorer:
     rng = np.random.default_rng(2)
-    there = Composition((setting,))
+    composition = Composition((setting,))
     traces = [
-        replace(t, force=Plant(CALLED).with_effects(there, t) + NOISE_N * rng.standard_normal(len(t)), noise_N=NOISE_N)
+        replace(
+            t,
+            force=Plant(SIMULATOR).with_effects(composition, t) + NOISE_N * rng.standard_normal(len(t)),
+            noise_N=NOISE_N,
+        )
         for t in HELD_OUT
     ]
-    return build_scorer(cut_into_blocks(traces, 1), Plant(cheap), CALLED)
+    return build_scorer(cut_into_blocks(traces, 1), Plant(cheap), SIMULATOR)
 
 
-def explain(scorer: HeldOutScorer, fit: EffectFit, exactly: bool = True) -> Explanation:
-    return scorer.explain(fit, scorer.forces(fit, exactly))
+def explain(scorer: HeldOutScorer, fit: EffectFit, exact: bool = True) -> Explanation:
+    return scorer.explain(fit, scorer.forces(fit, exact))
 
 
 def test_the_right_effect_leaves_nothing_and_no_effect_leaves_the_gap() -> None:
-    held = scorer_of(Setting(Spring(), (3000.0,)))
-    right = explain(held, fitted((Spring(),), [3000.0], [10.0]))
-    half = explain(held, fitted((Spring(),), [1500.0], [10.0]))
+    scorer = scorer_of(Setting(Spring(), (3000.0,)))
+    right = explain(scorer, make_fit((Spring(),), [3000.0], [10.0]))
+    half = explain(scorer, make_fit((Spring(),), [1500.0], [10.0]))
     planted = np.concatenate([3000.0 * t.inputs.position[t.usable] for t in HELD_OUT])
     gap = float(np.sqrt(np.mean(planted**2)))
     assert right.effects == ("spring",) and right.forms == ("linear",)
     assert right.gap_after_N < 0.2 * NOISE_N and right.shrink > 0.95
     assert half.gap_after_N == pytest.approx(0.5 * gap, rel=0.05) and half.shrink == pytest.approx(0.5, abs=0.05)
     assert half.shrink_ci95[0] < 0.5 < half.shrink_ci95[1] or half.shrink_ci95[1] - half.shrink_ci95[0] < 0.05
-    nothing = held.nothing()
+    nothing = scorer.nothing()
     assert nothing.effects == () and nothing.shrink == pytest.approx(0.0, abs=1e-6)
     assert nothing.gap_after_N == pytest.approx(gap, rel=0.03)
 
 
-def test_only_what_is_asked_for_exactly_runs_the_simulation() -> None:
-    held = scorer_of(Setting(CurrentGain(), (1.1,)), Deaf())
-    fit = fitted((CurrentGain(),), [1.1], [0.01])
-    assert explain(held, fit).shrink > 0.9
-    assert explain(held, fit, False).shrink == pytest.approx(0.0, abs=1e-6)
+def test_only_exact_scores_run_the_simulation() -> None:
+    scorer = scorer_of(Setting(CurrentGain(), (1.1,)), ConstantSurrogate())
+    fit = make_fit((CurrentGain(),), [1.1], [0.01])
+    assert explain(scorer, fit).shrink > 0.9
+    assert explain(scorer, fit, False).shrink == pytest.approx(0.0, abs=1e-6)

@@ -1,4 +1,4 @@
-"""Twins: distances after refitting against brute force, and classes in which every one can stand for every other."""
+"""Indistinguishable effects: distances after refitting against brute force, and classes by complete linkage."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ces_gap.experiment.indistinguishable import (
     group_effects,
     make_evidence_whitening,
 )
-from ces_gap.experiment.matching import nearest, refine_match
+from ces_gap.experiment.matching import find_nearest, refine_match
 from ces_gap.experiment.signatures import Probe, from_unit, sample_tangents, to_unit
 from ces_gap.inference.evidence import gather
 from ces_gap.trace import Trace
@@ -44,13 +44,13 @@ def probe(trace: Trace, noise_N: float = NOISE_N) -> Probe:
 
 def test_a_signature_is_the_added_force_and_its_columns_are_its_derivatives() -> None:
     setting = Setting(Friction(), (40.0, 0.05))
-    taken = probe(STEPS).signature(setting)
+    signature = probe(STEPS).compute_signature(setting)
     speed = STEPS.inputs.speed
     expected = np.where(STEPS.usable, 40.0 * np.tanh(speed / 0.05), 0.0)
-    np.testing.assert_allclose(taken.forces[0], expected, atol=1e-9)
+    np.testing.assert_allclose(signature.forces[0], expected, atol=1e-9)
     by_transition = -40.0 * speed / 0.05 / np.cosh(speed / 0.05) ** 2 * np.log(1e3)  # by the share of its log range
-    np.testing.assert_allclose(taken.columns[0][:, 0], expected / 40.0 * 300.0, atol=1e-6)
-    np.testing.assert_allclose(taken.columns[0][:, 1], np.where(STEPS.usable, by_transition, 0.0), atol=0.8)
+    np.testing.assert_allclose(signature.columns[0][:, 0], expected / 40.0 * 300.0, atol=1e-6)
+    np.testing.assert_allclose(signature.columns[0][:, 1], np.where(STEPS.usable, by_transition, 0.0), atol=0.8)
 
 
 def test_a_tangent_is_the_whitened_signature() -> None:
@@ -73,15 +73,15 @@ def test_the_refined_distance_is_that_of_brute_force(transition: float) -> None:
     p = probe(STEPS)
     a = p.tangent(Setting(Scale(), (1.05,)))
     b = Setting(Friction(), (30.0, transition))
-    found = refine_match(a, sample_tangents(p, p.tangent(b), a.size), p.tangent, steps=8)
+    result = refine_match(a, sample_tangents(p, p.tangent(b), a.size), p.tangent, steps=8)
     least = np.inf
     for width in np.geomspace(0.01, 1.0, 400):
         shape = np.tanh(STEPS.inputs.speed[STEPS.usable] / width) / NOISE_N
         size = np.clip(shape @ a.force / (shape @ shape), 0.0, 300.0)
         least = min(least, float(np.linalg.norm(a.force - size * shape)))
-    assert found.refined
-    assert 0.999 * least <= found.index <= 1.01 * least
-    assert found.rms_N == pytest.approx(found.index * NOISE_N / np.sqrt(STEPS.usable.sum()))
+    assert result.refined
+    assert 0.999 * least <= result.index <= 1.01 * least
+    assert result.rms_N == pytest.approx(result.index * NOISE_N / np.sqrt(STEPS.usable.sum()))
 
 
 def test_a_bound_keeps_an_effect_from_matching() -> None:
@@ -92,18 +92,18 @@ def test_a_bound_keeps_an_effect_from_matching() -> None:
     assert match.index == pytest.approx(a.size)
 
 
-def test_the_same_physics_in_other_numbers_are_twins_and_what_differs_is_not() -> None:
+def test_reparametrised_effects_are_indistinguishable_and_different_ones_are_not() -> None:
     fitted = [Setting(Friction(), (40.0, 0.05)), Setting(Rubbing(), (700.0, 0.06)), Setting(Spring(), (2000.0,))]
-    found = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
-    assert found.classes == (("friction", "rubbing"),)
-    assert found.pairs() == (("friction", "rubbing"),)
-    match = found.matches["friction", "rubbing"]
+    result = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
+    assert result.classes == (("friction", "rubbing"),)
+    assert result.pairs() == (("friction", "rubbing"),)
+    match = result.matches["friction", "rubbing"]
     assert match.refined and match.index < 0.1
     assert match.setting.values == pytest.approx((40.0 / 0.05, 0.05), rel=0.01)
-    assert found.clearest_match("spring", "friction").evidence > 100.0 * EVIDENCE
+    assert result.clearest_match("spring", "friction").evidence > 100.0 * EVIDENCE
 
 
-def test_the_excitation_makes_twins() -> None:
+def test_excitation_determines_what_is_distinguishable() -> None:
     fitted = [Setting(CurrentGain(), (1.08,)), Setting(Scale(), (1.07,)), Setting(CurrentOffset(), (0.035,))]
     still = find_indistinguishable_effects(PLANT, [STILL], fitted, whiten_by([STILL], NOISE_N))
     assert still.classes == (("current_gain", "scale", "current_offset"),)
@@ -111,7 +111,7 @@ def test_the_excitation_makes_twins() -> None:
     assert steps.classes == (("current_gain", "scale"),)  # the force is in proportion to the current
 
 
-def test_noise_makes_twins() -> None:
+def test_noise_makes_effects_indistinguishable() -> None:
     fitted = [Setting(CurrentOffset(), (0.01,)), Setting(Scale(), (1.02,))]
     quiet = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], 8.0))
     loud = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], 100.0))
@@ -121,15 +121,15 @@ def test_noise_makes_twins() -> None:
     )
 
 
-def test_what_cannot_be_seen_is_silent_and_not_a_twin_of_everything() -> None:
+def test_invisible_effects_are_silent_and_in_no_class() -> None:
     fitted = [Setting(Scale(), (1.05,)), Setting(Spring(), (0.5,)), Setting(CurrentOffset(), (1e-5,))]
-    found = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
-    assert found.silent == ("spring", "current_offset") and found.classes == ()
+    result = find_indistinguishable_effects(PLANT, [STEPS], fitted, whiten_by([STEPS], NOISE_N))
+    assert result.silent == ("spring", "current_offset") and result.classes == ()
 
 
 def test_the_first_form_is_matched_by_any_form() -> None:
     stiff, loose = Setting(Friction(), (40.0, 0.05)), Setting(Scale(), (1.05,))
-    found = find_indistinguishable_effects(
+    result = find_indistinguishable_effects(
         PLANT, [STEPS], [Setting(Spring(), (900.0,)), stiff, loose], whiten_by([STEPS], NOISE_N)
     )
 
@@ -138,15 +138,15 @@ def test_the_first_form_is_matched_by_any_form() -> None:
 
     both = [Setting(Spring(), (900.0,)), Setting(OtherSpring(), (40.0, 0.05)), stiff, loose]
     more = find_indistinguishable_effects(PLANT, [STEPS], both, whiten_by([STEPS], NOISE_N))
-    assert more.matches["friction", "spring"].index < 0.1 < found.matches["friction", "spring"].index
-    assert more.matches["spring", "friction"].index == found.matches["spring", "friction"].index
+    assert more.matches["friction", "spring"].index < 0.1 < result.matches["friction", "spring"].index
+    assert more.matches["spring", "friction"].index == result.matches["spring", "friction"].index
 
 
 def test_a_chain_is_not_one_class() -> None:
     place = {"a": 0.0, "b": 2.0, "c": 4.1, "d": 30.0}
     index = {(m, n): abs(place[m] - place[n]) for m, n in permutations(place, 2)}
     assert group_effects(list(place), index) == (("a", "b"),)  # a and c are further than the limit of 2.45
-    index["b", "a"] = 9.0  # b stands for a but a not for b
+    index["b", "a"] = 9.0  # b can replace a, but a cannot replace b
     assert group_effects(list(place), index) == (("b", "c"),)
     assert group_effects(["a"], {}) == ()
 
@@ -154,7 +154,7 @@ def test_a_chain_is_not_one_class() -> None:
 def test_half_the_square_is_the_expected_log_likelihood_ratio() -> None:
     p = probe(STEPS)
     a = p.tangent(Setting(Scale(), (1.004,)))
-    b = nearest(a, [p.tangent(Setting(Spring(), (100.0,)))])
+    b = find_nearest(a, [p.tangent(Setting(Spring(), (100.0,)))])
     other = p.tangent(b.setting).force
     drawn = np.random.default_rng(1).standard_normal((400, len(a.force)))
     ratio = 0.5 * (np.sum((drawn + a.force - other) ** 2, axis=1) - np.sum(drawn**2, axis=1))
@@ -176,7 +176,7 @@ def test_evidence_of_a_diagnosis_whitens_signatures_too() -> None:
     whiten = make_evidence_whitening(evidence)
     assert (
         np.abs(whiten(1, np.full(len(STILL), 5.0))).max() < 1e-9
-    )  # an offset is not told from the baseline's own error
+    )  # an offset cannot be distinguished from the baseline error
     rng = np.random.default_rng(0)
     both = [rng.normal(size=len(t)) for t in (STEPS, STILL)]
     joined = np.concatenate([whiten(k, f) for k, f in enumerate(both)])

@@ -1,4 +1,4 @@
-"""The menu: what it commands is what the rig makes of the same recipe, and it keeps to what the recordings had."""
+"""Candidate experiments: the rig generates the same signals, and they stay within the range of the recordings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ALL = [
 
 
 @pytest.mark.parametrize(("reach", "recipe"), ALL)
-def test_the_rig_makes_the_same_of_a_recipe(reach: Reach, recipe: dict[str, Any]) -> None:
+def test_the_rig_generates_the_same_signals(reach: Reach, recipe: dict[str, Any]) -> None:
     experiment = parse_experiment(recipe, recipe["name"])
     time = np.arange(round(experiment.settings.duration_s / GRID_S) + 1) * GRID_S
     stroke = experiment.stroke.samples(time, np.random.default_rng([recipe["seed"], 0]))
@@ -49,7 +49,7 @@ def test_an_experiment_keeps_to_the_reach(reach: Reach, recipe: dict[str, Any]) 
     assert reach.low_A - 1e-9 <= current.min() and current.max() <= reach.high_A + 1e-9
 
 
-def test_every_kind_that_is_written_is_on_the_menu() -> None:
+def test_the_candidates_use_every_kind_of_waveform() -> None:
     recipes = list_candidate_experiments(REACHES["motorcycle"])
     assert {r["stroke"]["kind"] for r in recipes} == set(STROKES)
     assert {r["current"]["kind"] for r in recipes} == set(CURRENTS)
@@ -64,13 +64,13 @@ def test_the_reach_is_that_of_the_recordings_and_a_little_more() -> None:
     assert (reach.low_A, reach.high_A) == (0.3, 0.7)
 
 
-def test_a_current_that_stood_still_is_moved_a_little() -> None:
+def test_a_constant_current_is_varied_a_little() -> None:
     reach = reach_of([drive("constant")])
     assert (reach.low_A, reach.high_A) == (0.375, 0.625)
 
 
 @pytest.mark.parametrize("level", [0.0, 0.5])
-def test_a_current_that_is_no_signal_is_not_commanded(level: float) -> None:
+def test_a_fixed_current_is_not_commanded(level: float) -> None:
     time = np.arange(2000) / 500.0
     trace = trace_of(0.01 * np.sin(9.0 * time), np.full_like(time, level), constants=True)
     reach = reach_of([trace])
@@ -79,7 +79,7 @@ def test_a_current_that_is_no_signal_is_not_commanded(level: float) -> None:
     assert recipes and {r["current"]["kind"] for r in recipes} == {"constant"}
 
 
-def test_a_damper_that_hardly_moved_still_gets_a_menu_the_rig_can_run() -> None:
+def test_recordings_almost_without_motion_give_experiments_that_the_rig_can_run() -> None:
     time = np.arange(2000) / 500.0
     for recipe in list_candidate_experiments(reach_of([trace_of(np.zeros_like(time), np.full_like(time, 0.5))])):
         parse_experiment(recipe, recipe["name"])

@@ -1,0 +1,85 @@
+"""Alternatives: effects that can replace one of the best composition after refitting the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from engine_plant import NOISE_N
+from test_search import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, EffectSearchResult, Offset, planted, run_search
+
+from ces_gap.effects.effect import EffectParameter
+from ces_gap.inference.alternatives import (
+    find_alternatives,
+    interchangeable_effects,
+    merge_groups,
+    min_unexplained_shares,
+)
+from ces_gap.inference.anchored_surrogate import Refinement
+from ces_gap.inference.evidence import Evidence
+from ces_gap.inference.search import search
+from ces_gap.inference.verdict import NEGLIGIBLE_SHARE
+from ces_gap.trace import Trace, TraceInputs
+
+
+class Tare(Offset):
+    """The same constant with another name and an invisible trend."""
+
+    name, form = "tare", "creeping"
+    parameters = (EffectParameter("tare_N", -500.0, 500.0, (10.0,), "offset", magnitude=True),)
+
+    def respond(self, trace: Trace, inputs: TraceInputs, force: np.ndarray, values: object) -> np.ndarray:
+        return np.asarray(super().respond(trace, inputs, force, values) + 1e-3 * trace.time_s)  # type: ignore[arg-type]
+
+
+def with_tare(evidence: Evidence) -> EffectSearchResult:
+    return search(evidence, (*EFFECTS, Tare()), Refinement(), 1)
+
+
+def test_an_effect_that_replaces_another_beside_a_third_is_an_alternative() -> None:
+    result = with_tare(planted(OFFSET, FRICTION))
+    assert result.best is not None and len(result.best.effects) == 2 and "friction" in result.best.names
+    group = next(g for g in interchangeable_effects(result) if g[0] != "friction")
+    assert set(group) == {"offset", "tare"} and group[0] in result.best.names
+    shares = min_unexplained_shares(result)
+    assert shares["offset"] == pytest.approx(shares["tare"], abs=0.01)
+    alone = {f.names[0]: (f.cost - len(result.baseline_residual)) / result.gap_energy for f in result.alone}
+    assert shares["tare"] < 0.05 < alone["tare"]  # alone it leaves the friction as well
+
+
+def test_alternatives_to_a_single_effect_are_single_effects() -> None:
+    result = with_tare(planted(OFFSET))
+    assert {frozenset(g) for g in interchangeable_effects(result)} == {frozenset(("offset", "tare"))}
+    assert all(len(f.names) == 1 for f in find_alternatives(result))
+
+
+@pytest.mark.parametrize("effects", [(SPRING,), (SPRING, FRICTION)], ids=["one", "two"])
+def test_distinguishable_effects_are_not_interchangeable(effects: tuple) -> None:
+    result = run_search(planted(*effects))
+    assert interchangeable_effects(result) == () and find_alternatives(result)
+    shares = min_unexplained_shares(result)
+    assert min(shares[n] for n in shares if n not in {s.name for s in effects}) > NEGLIGIBLE_SHARE
+
+
+def test_without_a_cause_there_are_no_alternatives() -> None:
+    result = run_search(planted())
+    assert result.best is None and interchangeable_effects(result) == () and find_alternatives(result) == []
+
+
+def test_a_composition_that_differs_in_two_effects_is_no_alternative() -> None:
+    result = run_search(planted(SPRING, FRICTION))
+    assert result.best is not None
+    other = next(f for f in result.tried if f.names != result.best.names)
+    both = replace(other, effects=tuple(e for e in EFFECTS if e.name in ("offset", "current_offset")))
+    assert both not in find_alternatives(replace(result, tried=(both,)))
+
+
+def test_groups_and_classes_are_merged_without_subsets() -> None:
+    assert merge_groups((("b", "c"),), (("a", "b", "c"), ("d", "e"))) == (("a", "b", "c"), ("d", "e"))
+    assert merge_groups((("b", "a"),), (("a", "b"),)) == (("b", "a"),)
+    assert merge_groups((), ()) == ()
+
+
+def test_these_tests_use_the_usual_noise_and_no_correction() -> None:
+    assert planted(OFFSET).noise.rms_N == NOISE_N and PLANT.correction is None
