@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ces_cli.terminal.coverage_picture import write_picture
+from ces_cli.terminal.coverage_picture import style_axis, write_picture
 from ces_cli.terminal.tables import interval_text, percent
 from ces_identify.report.window import choose_window
 from ces_identify.validation.cost_interval import cost_interval
@@ -23,7 +23,7 @@ MEASURED, SIMULATED = "#3b6ea5", "#d9722e"
 
 
 def save_cost_picture(evaluations: Sequence[Evaluation], path: Path) -> None:
-    """Draw the first recordings, validation first, into an image file that appears only when it is complete."""
+    """Draw the first recordings, validation first, into an image file."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -51,7 +51,7 @@ def _speed_force(axis: Axes, evaluation: Evaluation) -> None:
     axis.plot(speed, evaluation.series.force[some], ".", ms=1.5, color=MEASURED, rasterized=True)
     axis.plot(speed, evaluation.run.force[some], ".", ms=1.5, color=SIMULATED, rasterized=True)
     axis.set_ylabel("force [N]")
-    _plain(axis)
+    style_axis(axis)
 
 
 def _time(axis: Axes, evaluation: Evaluation) -> None:
@@ -60,14 +60,8 @@ def _time(axis: Axes, evaluation: Evaluation) -> None:
     time = evaluation.series.time_s[ticks]
     axis.plot(time, evaluation.series.force[ticks], color=MEASURED, lw=1.4, label="measured")
     axis.plot(time, evaluation.run.force[ticks], color=SIMULATED, lw=1.1, label="simulated (free run)")
-    role = "validation" if evaluation.role == VALIDATION else "identification"
     interval = cost_interval([evaluation])
-    sure = f" ({interval_text(interval)})" if interval else ""
-    axis.set_title(f"{evaluation.name}, {role}: J = {percent(evaluation.cost)} %{sure}", fontsize=9, loc="left")
-    _plain(axis)
-
-
-def _plain(axis: Axes) -> None:
-    axis.grid(alpha=0.25, lw=0.6)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.tick_params(labelsize=8)
+    bounds = f" ({interval_text(interval)})" if interval else ""
+    title = f"{evaluation.name}, {evaluation.role}: J = {percent(evaluation.cost)} %{bounds}"
+    axis.set_title(title, fontsize=9, loc="left")
+    style_axis(axis)

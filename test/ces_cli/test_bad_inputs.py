@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ces_cli.identify.search_progress import SearchProgress
 from ces_cli.main import main
 from ces_cli.terminal import terminal
+from ces_cli.terminal.progress import SearchProgress
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import CesError

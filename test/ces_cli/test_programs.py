@@ -106,7 +106,7 @@ def test_validate_gives_the_cost_identify_gave(work, capsys):
 
 def test_validate_says_when_the_model_has_seen_the_recording(work, capsys):
     ces("validate", work / "model.json", work / "one")
-    assert "one: the model was identified on part of this" in capsys.readouterr().err
+    assert "one: the model was identified on part of these data" in capsys.readouterr().err
 
 
 def test_replay_and_simulate_agree(work):

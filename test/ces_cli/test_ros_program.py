@@ -45,4 +45,6 @@ def test_the_files_name_is_the_program(monkeypatch: pytest.MonkeyPatch, capsys: 
 def test_ces_is_no_node(capsys: pytest.CaptureFixture[str]) -> None:
     assert ces(["identify", "--ros-args"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("ces identify: error: --ros-args is of nodes; 'ros2 run ces_observer identify'")
+    assert line.startswith(
+        "ces identify: error: --ros-args is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer identify'"
+    )

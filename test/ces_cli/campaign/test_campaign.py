@@ -84,7 +84,7 @@ def test_everything_is_written(work):
     assert len(rows) == len(models) == len(lines_of(work / "whole")) == CELLS
     assert {row["status"] for row in rows.values()} == {"done"}
     assert (work / "whole" / "pareto.png").read_bytes().startswith(b"\x89PNG")
-    assert "validation costs beside it chose nothing" in (work / "whole" / "results.md").read_text()
+    assert "beside it decide nothing" in (work / "whole" / "results.md").read_text()
 
 
 def test_the_table_has_a_line_for_each_cell(work):
@@ -100,7 +100,7 @@ def test_the_table_has_a_line_for_each_cell(work):
 
 
 def test_a_run_that_has_everything_computes_nothing(work, capsys, monkeypatch):
-    monkeypatch.setattr("ces_cli.campaign.program.start_jobs", lambda *given: pytest.fail)
+    monkeypatch.setattr("ces_cli.campaign.program.run_jobs", lambda *given: pytest.fail)
     before = lines_of(work / "whole")
     assert ces("identify", "--campaign", work / "campaign.yaml", "--out", work / "whole") == 0
     assert lines_of(work / "whole") == before
@@ -120,7 +120,7 @@ def test_a_killed_run_goes_on_and_ends_as_one_that_was_not(work, capsys):
         file.write(b'{"key": "torn')
     capsys.readouterr()
     assert ces("identify", "--campaign", work / "campaign.yaml", "--out", folder, "--jobs", 2) == 0
-    assert f"{len(finished)} of {CELLS} cells are there from an earlier run" in capsys.readouterr().err
+    assert f"{len(finished)} of {CELLS} cells are done from an earlier run" in capsys.readouterr().err
     lines = lines_of(folder)
     assert lines[: len(finished)] == finished
     assert len(lines) == len({json.loads(line)["key"] for line in lines}) == CELLS
@@ -135,7 +135,7 @@ def test_ctrl_c_ends_with_what_is_there(work):
     _, complaints = run.communicate(timeout=30)
     assert run.returncode == 130
     assert "Traceback" not in complaints
-    assert f"of {CELLS} cells; the same command goes on from there" in complaints
+    assert f"of {CELLS} cells; run the same command to continue" in complaints
     rows, models = told(folder)
     assert 2 <= len(rows) < CELLS
     whole = told(work / "whole")
@@ -153,17 +153,17 @@ def test_cells_that_fail_are_told_and_not_tried_again(work, tmp_path, capsys):
     assert len(lines_of(tmp_path / "out")) == 6
     (work / "none.yaml").write_text((work / "some.yaml").read_text().replace("  one: [one]\n", ""))
     assert ces("identify", "--campaign", work / "none.yaml", "--out", tmp_path / "none", "--jobs", 2) == 2
-    assert "none of the 3 cells gave a model" in capsys.readouterr().err.splitlines()[-1]
+    assert "all 3 cells failed" in capsys.readouterr().err.splitlines()[-1]
     assert not (tmp_path / "none" / "results.csv").exists()
 
 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("--out", "o", "--terms", 9), "--terms has no effect with --campaign; say it in"),
+        (("--out", "o", "--terms", 9), "--terms has no effect with --campaign; set it in"),
         (("one", "--out", "o"), "BAG has no effect with --campaign"),
         ((), "give --out DIR"),
-        (("--out", "o", "--dask", "here:1", "--jobs", 2), "--jobs is about this machine"),
+        (("--out", "o", "--dask", "here:1", "--jobs", 2), "--jobs applies to this machine"),
         (("--out", "campaign.yaml"), "campaign.yaml: cannot be written"),
     ],
 )
@@ -173,7 +173,7 @@ def test_wrong_words(work, monkeypatch, capsys, words, expected):
 
 
 def test_options_of_campaigns_need_one(capsys):
-    assert "give --campaign FILE.yaml" in complaint(capsys, "one", "--jobs", 2)
+    assert "add --campaign FILE.yaml" in complaint(capsys, "one", "--jobs", 2)
 
 
 def test_a_missing_bag_is_named_before_anything_is_computed(work, tmp_path, capsys):

@@ -175,9 +175,9 @@ def test_the_next_experiment_of_an_earlier_run_does_not_stay(quick):
     ("made", "says"),
     [
         (diagnoses.named, ["NAMED: The simulation lacks seal friction", "friction (coulomb)", "speed 0.1 to 0.3 m/s",
-                           "cannot be seen: bump_stop", "ces rig gap/next_experiment.yaml", "--teacher gap"]),
-        (diagnoses.ambiguous, ["AMBIGUOUS: Valve lag or current hysteresis", "not told apart by these recordings: va",
-                               "not separable from a calibration", "surrogate of J = 2.70 %"]),
+                           "not observable: bump_stop", "ces rig gap/next_experiment.yaml", "--teacher gap"]),
+        (diagnoses.ambiguous, ["AMBIGUOUS: Valve lag or current hysteresis", "indistinguishable on these recordings: v",
+                               "not separable from a calibration", "surrogate with J = 2.70 % replaced"]),
         (diagnoses.unknown, ["UNKNOWN: None of the known effects", "unexplained: ", "at its bound", "0.92"]),
         (diagnoses.no_gap, ["NO GAP: No gap", "gap: 2.1 N RMS [0.0, 3.4]"]),
     ],
@@ -207,7 +207,7 @@ def test_every_verdict_is_told(made, says, capsys, monkeypatch):
         (("--sim", SIM, "--real", "fleet/red", "--reference", "fleet/red/town"), "references are recordings free of"),
         (("--sim", SIM, "--real", "reference", "--effects", "diagnosed_damper:force"), "is no effect"),
         (("--sim", SIM, "--real", "reference", "--effects", "nowhere:Own"), "cannot be imported"),
-        (("--sim", SIM, "--real", "reference", "--jobs", 2), "--jobs and --dask are of fleets"),
+        (("--sim", SIM, "--real", "reference", "--jobs", 2), "--jobs and --dask apply to fleets"),
         (("--sim", SIM, "--real", "reference", "--each", "recording", "--held-out", "x"), "--held-out has no effect"),
         (("--sim", SIM, "--real", "reference", "--each", "recording", "--jobs", 2, "--dask", "x:1"), "--jobs is about"),
         (("--sim", SIM, "--real", "reference", "--seed", "-1"), "outside 0 to"),
@@ -336,7 +336,7 @@ def test_a_fleet_of_which_nothing_can_be_diagnosed(quick, capsys, tmp_path):
     assert ces("diagnose", *words) == 2
     told = capsys.readouterr().err.splitlines()
     assert "warning: refused: refused: too short" in told
-    assert told[-1] == "ces diagnose: error: none of the 1 could be diagnosed, for the reasons above"
+    assert told[-1] == "ces diagnose: error: all 1 diagnoses failed, for the reasons above"
 
 
 def test_a_dask_scheduler_does_the_work(quick, capsys):

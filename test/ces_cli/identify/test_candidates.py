@@ -3,8 +3,7 @@ import argparse
 import pytest
 import yaml
 
-from ces_cli.identify.candidates import add_candidates, candidate_rules
-from ces_cli.identify.structures import add_structure
+from ces_cli.identify.structures import add_candidates, add_structure, candidate_rules
 from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
 from ces_observer.errors import CesError
 
@@ -41,5 +40,5 @@ def test_constructed_inputs_and_blends_add_up_and_may_build_on_each_other(tmp_pa
 @pytest.mark.parametrize("option", [("--construct", "frequency"), ("--blend", "speed:0,1")])
 @pytest.mark.parametrize("structure", ["sigmoid", "anfis"])
 def test_other_structures_have_no_candidates_to_add_to(structure, option):
-    with pytest.raises(CesError, match=f"are of polynomials only, not of --structure {structure}"):
+    with pytest.raises(CesError, match=f"apply to polynomials only, not to --structure {structure}"):
         rules("--structure", structure, *option)

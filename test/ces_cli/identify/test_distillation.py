@@ -114,8 +114,8 @@ def test_a_model_learns_it_and_says_what_was_lost(work, capsys):
         assert 0.2 < row["teacher_to_measured"] < 100.0 * 3.0 * NOISE_N / spread
         assert row["model_to_measured"] >= row["teacher_to_measured"]
         assert row["loss"] == pytest.approx(row["model_to_measured"] - row["teacher_to_measured"], abs=2e-4)
-    assert "J above is against the teacher out/augmented.json" in told
-    assert "what the distillation loses" in told
+    assert "J above compares with the teacher out/augmented.json" in told
+    assert "distillation loss" in told
     assert f"{facts['cost_J_percent'][1]['loss']:+.2f}" in told
 
 

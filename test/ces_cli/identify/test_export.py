@@ -77,10 +77,10 @@ def test_what_the_file_says_of_its_stability_is_not_believed(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("out", "more", "message"),
     [
-        ("m.cpp", (), "m.cpp: expected a name that ends in .c (C99, its header is written beside it) or .fmu (FMI 2.0"),
+        ("m.cpp", (), "m.cpp: expected a name that ends in .c (C99, with its header beside it) or .fmu (FMI 2.0"),
         ("m.c", ("--format", "fmu"), "m.c: expected a name that ends in .fmu (FMI 2.0 co-simulation)"),
         ("m", ("--format", "c"), "m: expected a name that ends in .c"),
-        ("m.c", ("--sources-only",), "--sources-only: is for --format fmu"),
+        ("m.c", ("--sources-only",), "--sources-only: applies to --format fmu"),
         ("missing/m.fmu", ("--sources-only",), "missing/m.fmu: cannot be written"),
         ("m.fmu", ("--name", "2; x"), "name '2; x': not usable in C"),
         ("missing/m.c", (), "missing/m.h: cannot be written"),

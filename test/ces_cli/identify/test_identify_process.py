@@ -93,7 +93,7 @@ def test_progress_is_a_line_and_figures():
     assert state.as_status()[0] == "searching: no model yet"
     state.update({"cost": 12.345, "size": 7, "ended": 3})
     assert state.as_status() == (
-        "searching: selection cost J = 12.35 % of size 7, 3 of 8 starts ended, 5 s",
+        "searching: selection cost J = 12.35 %, size 7, 3 of 8 starts done, 5 s",
         {
             "stage": SEARCHING,
             "elapsed [s]": "5.0",
