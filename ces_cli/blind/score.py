@@ -88,8 +88,8 @@ def _opening(
 ) -> str:
     simulation = "known from recorded predictions only" if settings["predictions"] else "run by the diagnosis"
     lines = [
-        f"Seed {about['seed']}: {len(cases)} of {sealed} sealed cases, {about['seconds']:g} s per recording, simulation "
-        f"{simulation}, {'with' if settings['reference'] else 'without'} reference recordings; "
+        f"Seed {about['seed']}: {len(cases)} of {sealed} sealed cases, {about['seconds']:g} s per recording, "
+        f"simulation {simulation}, {'with' if settings['reference'] else 'without'} reference recordings; "
         f"{np.median([case.seconds for case in cases]):.1f} s per case (median, one thread)."
     ]
     lines += [f"Case {case} could not be diagnosed: {reason}" for case, reason in failed.items()]
