@@ -42,7 +42,7 @@ products: [[], [speed], [position], [current], [speed, current], [force]]
 
 
 def make_channels(seconds=12.0, seed=1, rate=500.0, driven=None, **scales):
-    """Return the channels of an invented damper; `scales` multiply them, `driven` computes the current from the position."""
+    """Return the channels of an invented damper, multiplied by `scales`; `driven` computes the current."""
     dice = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate)) / rate
     x = 0.01 * np.sin(2 * np.pi * 3 * t) + 0.004 * np.sin(2 * np.pi * 7.3 * t + seed)

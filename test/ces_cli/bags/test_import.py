@@ -74,7 +74,7 @@ def test_files_of_the_same_name(files, capsys):
     (files / "a.csv").rename(files / "sub" / "b.csv")
     words = ("--mapping", files / "map.yaml", "--out", files / "bags")
     assert run(files / "b.csv", files / "sub" / "b.csv", *words) == 2
-    assert "2 files are called 'b'" in errors(capsys)[0]
+    assert "2 files are named 'b'" in errors(capsys)[0]
 
 
 def test_recording_that_cannot_be_identified_is_imported_with_a_warning(files, capsys):

@@ -139,7 +139,7 @@ def test_results_of_other_cases_are_refused(cases, tmp_path, capsys):
         (["make", "--out", "x", "--seed", "1", "--effects", "magic"], "--effects 'magic': expected friction,"),
         (["make", "--out", "x", "--seed", "1", "--kind", "odd"], "--kind 'odd': expected effect, none, outside, pair"),
         (["make", "--out", ".", "--seed", "1", "--cases", "1"], ".: is not empty; choose another folder"),
-        (["run", "nowhere", "--out", "y"], "nowhere: holds no cases/NNNN/case.json"),
+        (["run", "nowhere", "--out", "y"], "nowhere: contains no cases/NNNN/case.json"),
         (["score", "nowhere", "y"], "nowhere: not a sealed blind test"),
         ([], "the following arguments are required: make|run|score"),
     ],

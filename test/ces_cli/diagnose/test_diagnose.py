@@ -209,11 +209,11 @@ def test_every_verdict_is_printed(made, message, capsys, monkeypatch):
         (("--sim", SIM, "--real", "reference", "--effects", "nowhere:Own"), "cannot be imported"),
         (("--sim", SIM, "--real", "reference", "--jobs", 2), "--jobs and --dask apply to fleets"),
         (("--sim", SIM, "--real", "reference", "--each", "recording", "--held-out", "x"), "--held-out has no effect"),
-        (("--sim", SIM, "--real", "reference", "--each", "recording", "--jobs", 2, "--dask", "x:1"), "--jobs is about"),
+        (("--sim", SIM, "--real", "reference", "--each", "recording", "--jobs", 2, "--dask", "x:1"), "--jobs applies"),
         (("--sim", SIM, "--real", "reference", "--seed", "-1"), "outside 0 to"),
         (("--sim", "topic:/none", "--real", "reference"), "no topic /none; it has /joint_states"),
         (("--sim", "broken.fmu", "--real", "reference"), "broken.fmu: "),
-        (("--sim", f"{SIM}", "--real", "reference", "--out", "diagnosed_damper.py"), "cannot be made"),
+        (("--sim", f"{SIM}", "--real", "reference", "--out", "diagnosed_damper.py"), "cannot be created"),
     ],
 )
 def test_wrong_arguments(quick, capsys, words, message):
