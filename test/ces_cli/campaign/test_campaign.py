@@ -162,7 +162,7 @@ def test_failed_cells_are_reported_and_not_tried_again(work, tmp_path, capsys):
     [
         (("--out", "o", "--terms", 9), "--terms has no effect with --campaign; set it in"),
         (("one", "--out", "o"), "BAG has no effect with --campaign"),
-        ((), "give --out DIR"),
+        ((), "add --out DIR"),
         (("--out", "o", "--dask", "here:1", "--jobs", 2), "--jobs applies to this machine"),
         (("--out", "campaign.yaml"), "campaign.yaml: cannot be written"),
     ],

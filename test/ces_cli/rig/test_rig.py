@@ -65,8 +65,8 @@ def test_list(capsys):
     ("words", "message"),
     [
         (["none", "--out", "x"], "ces rig: error: none: no such file, and no packaged experiment"),
-        ([], "EXPERIMENT and --out BAG are needed"),
-        (["sweep"], "EXPERIMENT and --out BAG are needed"),
+        ([], "expected EXPERIMENT and --out BAG"),
+        (["sweep"], "expected EXPERIMENT and --out BAG"),
         (["sweep", "--out", "x", "--seed", "-1"], "outside 0 to 2147483648"),
     ],
 )
