@@ -80,7 +80,7 @@ def test_a_value_with_a_dash_is_no_option():
 
 
 def test_a_missing_recording_and_a_wrong_choice_are_named():
-    with pytest.raises(CesError, match="parameter 'bags' is not set; give the recordings' paths"):
+    with pytest.raises(CesError, match="parameter 'bags' is not set; set it to the paths of recordings"):
         build_command_line(DEFAULTS)
     with pytest.raises(CesError, match="parameter 'method' is 'best'; expected one of both, random, gauss-newton"):
         BY_NAME["method"].check_value("best")
