@@ -1,7 +1,6 @@
-"""Entry of what `ros2 run ces_observer NAME` finds beside the observer and the controller: the file's name is NAME.
+"""Entry point of `ros2 run ces_observer NAME` for every program of `ces`; the executable's file name is NAME.
 
-NAME is a program of `ces`. Two of them are nodes, too: with `--ros-args`, which ros2 launch always gives, `identify`
-runs as a node, and so does `rig`, which is one without any arguments as well.
+With `--ros-args`, which ros2 launch always adds, `identify` and `rig` run as nodes; `rig` also without any arguments.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ NODES = {"identify": "ces_cli.identify.node", "rig": "ces_rig.live.node"}
 
 
 def main() -> int:
-    """Run the node or program that this process was started as; returns the exit status."""
+    """Run the node or program named by this process's executable; returns the exit status."""
     name, words = Path(sys.argv[0]).name, sys.argv[1:]
     if not is_node(name, words):
         return ces.main([name, *words])
@@ -26,5 +25,5 @@ def main() -> int:
 
 
 def is_node(name: str, words: Sequence[str]) -> bool:
-    """Tell whether NAME with these arguments is meant as a node."""
+    """Return whether NAME runs as a node with these arguments."""
     return name in NODES and (ces.ROS_ARGS in words or (name == "rig" and not words))

@@ -1,4 +1,4 @@
-"""`ces import`: dyno logs (CSV, JSON, MAT) into bags that all other programs read."""
+"""`ces import`: converts dyno logs (CSV, JSON, MAT) to bags that all other programs read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ces_observer.signals import Signals
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the program; returns the exit status. Raises CesError; no bag is written unless all files could be read."""
+    """Run the program; returns the exit status. Raises CesError; writes no bag unless all files can be read."""
     parser = _parser()
     options = parser.parse_args(argv)
     if options.template:
@@ -28,47 +28,47 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("expected FILE, --mapping and --out (or --template)")
     mapping = load_dyno_mapping(options.mapping)
     signals = terminal.load_described_signals(options)
-    places = bag_paths(options.files, options.out)
+    paths = _bag_paths(options.files, options.out)
     with terminal.err.status("reading"):
         recordings = [import_log(path, mapping) for path in options.files]
-    for recording, place in zip(recordings, places, strict=True):
-        _write(recording, place, signals, options.overwrite)
+    for recording, path in zip(recordings, paths, strict=True):
+        _write(recording, path, signals, options.overwrite)
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = terminal.parser(
         "import",
-        "Turn dyno logs into bags. The mapping file says which columns hold time, position,\n"
-        "current and force and how they scale to s, m, A and N. One FILE becomes the bag --out;\n"
-        "several become one bag each in the folder --out.",
+        "Convert dyno logs to bags. The mapping file says which columns hold time, position, current and force, and "
+        "how to scale them to s, m, A and N. One FILE becomes the bag --out; several FILEs become one bag each in the "
+        "folder --out.",
         "ces import sweep_*.csv --mapping config/import/utfsm_mr.yaml --out recordings\n"
         "  ces import --template > my_dyno.yaml",
     )
     parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="log: .csv .txt .dat .tsv, .json or .mat")
-    parser.add_argument("--mapping", type=Path, metavar="MAP.yaml", help="which column is what")
+    parser.add_argument("--mapping", type=Path, metavar="MAP.yaml", help="mapping of columns to signals")
     parser.add_argument("--out", type=Path, metavar="BAG", help="bag to write, or folder for several")
     terminal.add_signals(parser)
-    parser.add_argument("--overwrite", action="store_true", help="replace bags that exist (default: refuse)")
+    parser.add_argument("--overwrite", action="store_true", help="replace existing bags (default: refuse)")
     parser.add_argument("--template", action="store_true", help="print a commented mapping file and exit")
     return parser
 
 
-def bag_paths(files: Sequence[Path], out: Path) -> list[Path]:
-    """Return where the bag of each file goes; raises RecordingError if two would go to the same place."""
+def _bag_paths(files: Sequence[Path], out: Path) -> list[Path]:
+    """Return the bag to write for each file; raises RecordingError if two would have the same path."""
     if len(files) == 1:
         return [out]
     stem, count = Counter(path.stem for path in files).most_common(1)[0]
     if count > 1:
-        raise RecordingError(f"{count} files are called '{stem}', so their bags would be too; import them one by one")
+        raise RecordingError(f"{count} files are named '{stem}' and would give the same bag; import them one by one")
     return [out / path.stem for path in files]
 
 
-def _write(recording: Recording, place: Path, signals: Signals, overwrite: bool) -> None:
+def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool) -> None:
     for finding in findings(recording):
         terminal.print_warning(f"{recording.source}: {finding.text}")
     notes = {"imported_from": Path(recording.source).name}
-    write_bag(place, recording_topics(recording, signals), overwrite=overwrite, notes=notes)
+    write_bag(path, recording_topics(recording, signals), overwrite=overwrite, notes=notes)
     position = recording.channel("position")
     rate = mean_rate(position)
-    print(f"{place}: {len(position)} samples of {', '.join(recording.channels)} at {rate:.1f} Hz")
+    print(f"{path}: {len(position)} samples of {', '.join(recording.channels)} at {rate:.1f} Hz")

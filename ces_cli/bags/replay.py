@@ -1,4 +1,4 @@
-"""`ces replay`: the estimator over a recording, sample by sample as the observer node would run it, into a new bag."""
+"""`ces replay`: runs the estimator over a recording as the observer node would, and writes a new bag."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     model = load_model(options.model)
     recording = terminal.read_one(options.bag, signals)
     with terminal.err.status(f"replaying {recording.name}"):
-        rows, reasons = replay_recording(model, recording)
+        rows, reasons = _replay(model, recording)
         topics = (*recording_topics(recording, signals), _estimate_topic(rows, signals))
         write_bag(options.out, topics, overwrite=options.overwrite, notes={"model_sha256": model.digest()})
-    print(f"{len(rows)} forces estimated of {len(recording.channel('position'))} position samples")
+    print(f"{len(rows)} forces estimated from {len(recording.channel('position'))} position samples")
     for reason, count in reasons.most_common():
         print(f"  withheld {count}: {reason}")
     print(f"bag: {options.out}")
     return 0
 
 
-def replay_recording(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Counter[str]]:
-    """Return rows (n, 4) of stamp index, position, speed and force where one was given, and the reasons where not."""
+def _replay(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Counter[str]]:
+    """Return rows (n, 4) of stamp [ns], position [m], speed [m/s] and force [N], and the reasons where none."""
     estimator = Estimator(model)
     position = recording.channel("position")
     current = hold_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
@@ -55,29 +55,25 @@ def replay_recording(model: Model, recording: Recording) -> tuple[NDArray[np.flo
 
 
 def _estimate_topic(rows: NDArray[np.float64], signals: Signals) -> TopicData:
-    joint = _joint(signals)
+    """Return the estimates under the joint name in the position signal's field path, `damper` if it has none."""
+    position = signals["position"]
+    steps = position.field.steps if isinstance(position, Signal) else ()
+    joint = next((element for _, element in steps if isinstance(element, str)), "damper")
     names = (f"position[{joint}]", f"velocity[{joint}]", f"effort[{joint}]")
     columns = {name: rows[:, i + 1].astype(np.float64) for i, name in enumerate(names)}
     return TopicData(ESTIMATE_TOPIC, "sensor_msgs/msg/JointState", rows[:, 0].astype(np.int64), columns)
 
 
-def _joint(signals: Signals) -> str:
-    """Return the joint's name in the position signal's field path, `damper` if it has none."""
-    position = signals["position"]
-    steps = position.field.steps if isinstance(position, Signal) else ()
-    return next((element for _, element in steps if isinstance(element, str)), "damper")
-
-
 def _parser() -> terminal.Parser:
     p = terminal.parser(
         "replay",
-        "Run the estimator over a recording as the observer node would, and write its inputs and estimates as a bag "
-        f"(topic {ESTIMATE_TOPIC}: position, speed used, estimated force as effort).",
+        "Run the estimator over a recording as the observer node would, and write its inputs and estimates to a bag "
+        f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort).",
         "ces replay model.json bags/road --out out/road_replayed",
     )
     p.add_argument("model", type=Path, metavar="MODEL.json")
     p.add_argument("bag", type=Path, metavar="BAG")
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="BAG2", help="bag folder to write")
-    p.add_argument("--overwrite", action="store_true", help="replace BAG2 if it is there")
+    p.add_argument("--overwrite", action="store_true", help="replace BAG2 if it exists")
     return p

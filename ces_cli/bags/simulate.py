@@ -1,4 +1,4 @@
-"""`ces simulate`: the force of any simulation over a recording, as CSV."""
+"""`ces simulate`: runs any simulation over a recording and writes its force as CSV."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> terminal.Parser:
     p = terminal.parser(
         "simulate",
-        "Run a simulation over the position and current of a recording and write time_s,force_N, one row for each "
-        "position sample (nan where the simulation gives no force, as while an estimator warms up).",
+        "Run a simulation with the position and current of a recording and write time_s,force_N, one row for each "
+        "position sample (nan where the simulation returns no force, such as while an estimator warms up).",
         "ces simulate --sim model.json bags/road --out road.csv",
     )
     p.add_argument("bag", type=Path, metavar="BAG")

@@ -1,8 +1,8 @@
-"""One blind case in a process of its own: its recordings are diagnosed, what was found is replayed on the fresh one.
+"""Diagnoses one blind case from its recordings and replays the augmented simulation on the held-out ones.
 
-Into the results go `gap.json`, `augmented.json`, `decision.json` (the figures behind the verdict), `replay.npz` with
-forces [N] at the position samples of the fresh recordings (`NAME_augmented_N` replayed from the file,
-`NAME_corrected_N` without the effects), and last `row.json`.
+The results are `gap.json`, `augmented.json`, `decision.json` (the figures behind the verdict), `replay.npz` with forces
+[N] at the position samples of the held-out recordings (`NAME_augmented_N` from the saved file, `NAME_corrected_N`
+without the effects), and last `row.json`.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ ROW, GAP, AUGMENTED, REPLAY, DECISION = "row.json", "gap.json", "augmented.json"
 
 @dataclass(frozen=True)
 class Mode:
-    """`predictions`: the simulation is known by what it predicted only; `reference`: use the reference recordings."""
+    """`predictions`: use recorded predictions instead of the simulation; `reference`: use the reference recordings."""
 
     predictions: bool = False
     reference: bool = True
 
 
 def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
-    """Diagnose the case, write its results and return a row: what was found or why it failed, and the seconds."""
+    """Diagnose the case, write its results and return a row: the summary or the reason of failure, and the seconds."""
     start = time.perf_counter()
     out.mkdir(parents=True, exist_ok=True)
     row: dict[str, Any] = {"case": case.name, "status": "done"}
@@ -49,7 +49,7 @@ def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
         row["summary"] = _diagnose(case, out, mode)
     except CesError as error:
         row |= {"status": "failed", "reason": str(error)}
-    except Exception as error:  # a fault of the diagnosis is its result for this case; the others go on
+    except Exception as error:  # a fault of the diagnosis counts as its result; the other cases continue
         row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
     row["seconds"] = round(time.perf_counter() - start, 2)
     write_atomically(out / ROW, json.dumps(row) + "\n")
@@ -57,6 +57,7 @@ def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
 
 
 def _diagnose(case: Path, out: Path, mode: Mode) -> str:
+    from ces_gap.augmented.augmented_file import save_augmented
     from ces_gap.pipeline import DiagnoseOptions, diagnose
     from ces_gap.report.gap_json import write_gap
 
@@ -67,7 +68,7 @@ def _diagnose(case: Path, out: Path, mode: Mode) -> str:
     reference = _read(simulation, case, described["reference"]) if mode.reference else []
     diagnosis = diagnose(simulation, spec, real, held_out, reference, DiagnoseOptions(threads=1, experiment=False))
     write_gap(out / GAP, diagnosis)
-    _save_augmented_simulation(out / AUGMENTED, spec, diagnosis)
+    save_augmented(out / AUGMENTED, spec, diagnosis.composition.composition, diagnosis.correction, diagnosis.surrogate)
     _save_decision(out / DECISION, diagnosis)
     _replay(out, held_out)
     return _summary(json.loads((out / GAP).read_text(encoding="utf-8")))
@@ -76,25 +77,19 @@ def _diagnose(case: Path, out: Path, mode: Mode) -> str:
 def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Recording]:
     signals = load_signals()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the current's message has no header stamp; said of every case
+        warnings.simplefilter("ignore")  # every case: the message of the current has no header
         bags = [(case / name, read_recording(case / name, signals, ("position", "current", "force"))) for name in names]
         return [with_predictions(simulation, path, recording, signals) for path, recording in bags]
 
 
-def _save_augmented_simulation(path: Path, spec: str, diagnosis: Diagnosis) -> None:
-    from ces_gap.augmented.augmented_file import save_augmented
-
-    save_augmented(path, spec, diagnosis.composition.composition, diagnosis.correction, diagnosis.surrogate)
-
-
 def _save_decision(path: Path, diagnosis: Diagnosis) -> None:
-    """Write what the verdict was decided by, and what simpler ways of choosing would have named."""
+    """Write the figures behind the verdict, and the causes that simpler methods would have named."""
     figures = None if diagnosis.figures is None else asdict(diagnosis.figures)
     write_atomically(path, json.dumps({"baselines": diagnosis.baselines, "figures": figures}, indent=1) + "\n")
 
 
 def _replay(out: Path, held_out: Sequence[Recording]) -> None:
-    """Run the augmented simulation, opened from its file, over the fresh recordings: as it is, and without effects."""
+    """Run the augmented simulation from its file over the held-out recordings, with and without its effects."""
     from ces_gap.augmented.augmented_file import load_augmented
     from ces_gap.effects.effect import Composition
 

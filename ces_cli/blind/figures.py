@@ -1,9 +1,10 @@
-"""What is counted over a set of cases: each figure by name, with its target where the project has set one."""
+"""The metrics of a set of cases, by name, with the project's targets."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ Count = Callable[[Cases], Statistic]
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure of a set of cases: `percent` if it is a share; `target` with references, and from predictions only."""
+    """A figure of a set of cases, `percent` if it is a share; targets with the simulation and from predictions only."""
 
     name: str
     count: Count
@@ -44,48 +45,32 @@ def _summarize_figure(name: str, kinds: tuple[str, ...], summary: Callable[[Sequ
     return count
 
 
-def _median(values: Sequence[float]) -> Statistic:
-    return quantile(values, 0.5)
-
-
-def _tenth(values: Sequence[float]) -> Statistic:
-    return quantile(values, 0.1)
-
-
-def _ninetieth(values: Sequence[float]) -> Statistic:
-    return quantile(values, 0.9)
-
-
 def candidates(cases: Cases) -> tuple[F, F]:
-    """Return probabilities and truth, each (cases, candidates): every effect that was a candidate, none and unknown.
+    """Return probabilities and truth, each (cases, candidates), for all candidate effects, none and unknown.
 
-    Pairs are left out: neither of two effects is the cause.
+    Pairs are left out: neither of two effects is the only cause.
     """
-    judged = [case for case in cases if case.kind != "pair"]
-    names = sorted({name for case in judged for name in (*case.probability, case.answer)})
-    said = [[case.probability.get(name, 0.0) for name in names] for case in judged]
-    right = [[float(case.answer == name) for name in names] for case in judged]
-    return np.array(said).reshape(len(judged), len(names)), np.array(right).reshape(len(judged), len(names))
+    single = [case for case in cases if case.kind != "pair"]
+    names = sorted({name for case in single for name in (*case.probability, case.answer)})
+    claimed = [[case.probability.get(name, 0.0) for name in names] for case in single]
+    right = [[float(case.answer == name) for name in names] for case in single]
+    return np.array(claimed).reshape(len(single), len(names)), np.array(right).reshape(len(single), len(names))
 
 
 def _over_candidates(figure: Callable[[F, F], float]) -> Count:
     def count(cases: Cases) -> Statistic:
-        said, right = candidates(cases)
-        return bootstrap_statistic(np.stack([said, right], axis=1), lambda part: figure(part[:, 0], part[:, 1]))
+        claimed, right = candidates(cases)
+        return bootstrap_statistic(np.stack([claimed, right], axis=1), lambda part: figure(part[:, 0], part[:, 1]))
 
     return count
 
 
-def _top_calibration(said: F, right: F) -> float:
-    first = np.argmax(said, axis=1)
-    rows = np.arange(len(said))
-    return calibration_error(said[rows, first], right[rows, first])
+def _top_calibration(claimed: F, right: F) -> float:
+    rows, first = np.arange(len(claimed)), np.argmax(claimed, axis=1)
+    return calibration_error(claimed[rows, first], right[rows, first])
 
 
-def _every_calibration(said: F, right: F) -> float:
-    return calibration_error(said.ravel(), right.ravel())
-
-
+_median, _tenth, _ninetieth = (partial(quantile, share=share) for share in (0.5, 0.1, 0.9))
 LIBRARY = ("effect", "pair")
 KINDS_WITH_GAP = ("effect", "pair", "outside")
 METRICS: tuple[Metric, ...] = (
@@ -94,7 +79,7 @@ METRICS: tuple[Metric, ...] = (
     target_predictions=0.90),
     Metric("top-3", _count_hits(("effect",), lambda c: c.is_in_top(3)), target=0.99, target_predictions=0.95),
     Metric("verdict names exactly the effect", _count_hits(("effect",), CaseOutcome.names_exactly)),
-    Metric("verdict `no_gap` although there is one", _count_hits(KINDS_WITH_GAP, lambda c: c.verdict == "no_gap"),
+    Metric("verdict `no_gap` although there is a gap", _count_hits(KINDS_WITH_GAP, lambda c: c.verdict == "no_gap"),
     target_is_minimum=False),
     Metric("confidently wrong", _count_hits((*KINDS_WITH_GAP, NONE), CaseOutcome.is_confidently_wrong),
     target_is_minimum=False),
@@ -120,19 +105,19 @@ METRICS: tuple[Metric, ...] = (
     Metric("`where`: misplaced energy over speed, mean", _summarize_figure("where_speed_m_s", KINDS_WITH_GAP, mean),
     target_is_minimum=False),
     Metric("ECE of the first candidate", _over_candidates(_top_calibration), False, False, 0.05),
-    Metric("ECE of all candidates", _over_candidates(_every_calibration), False, False),
+    Metric("ECE of all candidates", _over_candidates(calibration_error), False, False),
     Metric("Brier score", _over_candidates(brier), False, False),
 )  # fmt: skip
 BY_NAME: Mapping[str, Metric] = {metric.name: metric for metric in METRICS}
 
 
 def baselines(cases: Cases) -> dict[str, Statistic]:
-    """Return the top-1 rate of simpler ways to name a cause: those the results carry, and drawing one at random."""
+    """Return the top-1 rates of the simpler methods in the results, and of drawing a cause at random."""
     effects = cases_of_kind(cases, "effect")
     names = sorted({name for case in effects for name in case.baselines})
     rates = {
         name: rate([case.baselines[name] in case.truth for case in effects if name in case.baselines]) for name in names
     }
     rng = np.random.default_rng(0)
-    drawn = [bool(case.ranked) and case.ranked[int(rng.integers(len(case.ranked)))] in case.truth for case in effects]
-    return {**rates, "one drawn at random": rate(drawn)}
+    hits = [bool(case.ranked) and case.ranked[int(rng.integers(len(case.ranked)))] in case.truth for case in effects]
+    return {**rates, "one drawn at random": rate(hits)}

@@ -1,21 +1,22 @@
-"""What was withheld in a case beside what the diagnosis said of it: one record, from which every figure is counted."""
+"""One record per case: the withheld effects and the result of the diagnosis, from which all metrics are computed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import permutations
 from typing import Any
 
-NONE, UNKNOWN = "none", "unknown"  # the candidates beside the effects
-SURE_PROBABILITY = 0.9  # probability from which a wrong name is called confidently wrong
+NONE, UNKNOWN = "none", "unknown"  # candidates besides the effects
+SURE_PROBABILITY = 0.9  # from here on a wrong cause counts as confidently wrong
 
 
 @dataclass(frozen=True)
 class CaseOutcome:
-    """A case: what it is (sealed), what was said (`gap.json`), and how far the gap truly shrank (`Closure`, if any).
+    """A case: its sealed description, its diagnosis (`gap.json`) and the true figures from the sealed arrays.
 
-    `ranked` are the causes, most probable first; `probability` by candidate, with `none` and `unknown`; `composition`
-    are the effects of the composition; `indistinguishable` are classes that the diagnosis declared indistinguishable.
+    `ranked` are the causes, most probable first; `probability` is by candidate, with `none` and `unknown`;
+    `composition` names the effects; `indistinguishable` are groups that the diagnosis reported.
     """
 
     case: str
@@ -37,39 +38,40 @@ class CaseOutcome:
 
     @property
     def answer(self) -> str:
-        """The candidate that is right: an effect's name, `none` or `unknown`; for a pair both names."""
+        """The right candidate: an effect's name, `none` or `unknown`; for a pair both names."""
         return {NONE: NONE, "outside": UNKNOWN}.get(self.kind, " + ".join(self.truth))
 
     def is_in_top(self, count: int) -> bool:
-        """True if the withheld effect is among the first so many causes."""
+        """Return whether a withheld effect is among the first `count` causes."""
         return bool(set(self.truth) & set(self.ranked[:count]))
 
     def is_first_by_class(self) -> bool:
-        """True if the first cause is the withheld effect or was declared indistinguishable from it."""
+        """Return whether the first cause is a withheld effect or was reported as indistinguishable from it."""
         return bool(self.ranked) and any(self.is_same_class(self.ranked[0], name) for name in self.truth)
 
     def is_same_class(self, a: str, b: str) -> bool:
-        """True if two names are equal or of one class."""
+        """Return whether two names are equal or in one group."""
         return a == b or any({a, b} <= group for group in self.indistinguishable)
 
     def names_exactly(self) -> bool:
-        """True if exactly the withheld effects were named."""
+        """Return whether the verdict names exactly the withheld effects."""
         return self.verdict == "named" and set(self.composition) == set(self.truth)
 
     def finds_exactly(self) -> bool:
-        """True if the composition is exactly what was withheld."""
-        return set(self.composition) == set(self.truth) and len(self.composition) == len(self.truth)
+        """Return whether the composition is exactly the withheld effects."""
+        return sorted(self.composition) == sorted(self.truth)
 
     def finds_by_class(self) -> bool:
-        """True if found and withheld effects can be matched one to one, each equal or indistinguishable."""
-        return len(self.composition) == len(self.truth) and _can_match(self.truth, self.composition, self)
+        """Return whether composition and withheld effects match one to one, each equal or indistinguishable."""
+        return len(self.composition) == len(self.truth) and any(
+            all(map(self.is_same_class, self.truth, order)) for order in permutations(self.composition)
+        )
 
     def is_confidently_wrong(self) -> bool:
-        """True if a cause was named with a probability of at least 0.9 and is not what was withheld."""
+        """Return whether a cause that was not withheld was named with a probability of at least 0.9."""
         first = self.ranked[0] if self.ranked else ""
-        return (
-            self.verdict == "named" and self.probability.get(first, 0.0) >= SURE_PROBABILITY and first not in self.truth
-        )
+        is_sure = self.probability.get(first, 0.0) >= SURE_PROBABILITY
+        return self.verdict == "named" and is_sure and first not in self.truth
 
 
 def build_case_outcome(
@@ -79,9 +81,8 @@ def build_case_outcome(
     baselines: Mapping[str, str],
     seconds: float,
 ) -> CaseOutcome:
-    """Return the record of a case from its label, its `gap.json`, and what simpler ways would have named."""
-    causes = gap["causes"]
-    rest = gap["probabilities"]
+    """Return the record of a case from its label, its `gap.json` and the causes that simpler methods name."""
+    causes, rest = gap["causes"], gap["probabilities"]
     return CaseOutcome(
         case=label["case"],
         kind=label["kind"],
@@ -99,13 +100,4 @@ def build_case_outcome(
         figures=figures,
         baselines=baselines,
         seconds=seconds,
-    )
-
-
-def _can_match(truth: Sequence[str], found: Sequence[str], by: CaseOutcome) -> bool:
-    if not truth:
-        return True
-    return any(
-        by.is_same_class(truth[0], name) and _can_match(truth[1:], [*found[:i], *found[i + 1 :]], by)
-        for i, name in enumerate(found)
     )

@@ -1,6 +1,6 @@
-"""`ces blind run`: the diagnosis of every case from its recordings alone, in processes; a cut run resumes.
+"""`ces blind run`: diagnoses every case from its recordings alone; an interrupted run can be continued.
 
-Nothing here opens the seal: a folder with a copy of `cases/` is enough.
+It never opens the seal: a folder with a copy of `cases/` is enough.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,40 +22,26 @@ from ces_observer.json_checks import write_atomically
 SETTINGS = "run.json"
 
 
-@dataclass(frozen=True)
-class CaseFolders:
-    """Folders of cases and of their results."""
-
-    cases: tuple[Path, ...]
-    results: Path
-
-    def find_missing(self) -> list[Path]:
-        """Return the cases without a finished diagnosis; one that failed is tried again."""
-        return [case for case in self.cases if not _is_done(self.results / case.name / ROW)]
-
-
 def run(options: argparse.Namespace) -> int:
-    """Diagnose the cases that are not there yet; returns the exit status. Raises CesError."""
+    """Diagnose the cases without a finished diagnosis, failed ones again; returns the exit status. Raises CesError."""
     mode = Mode(options.predictions, not options.no_reference)
-    todo = CaseFolders(_cases(options.cases, options.limit), options.out)
-    _require_same_settings(
-        options.out, {"predictions": mode.predictions, "reference": mode.reference, "seal": _seal(options.cases)}
-    )
-    missing = todo.find_missing()
-    failed = _diagnose(missing, todo, mode, options.jobs)
-    print(f"{options.out}: {len(todo.cases) - len(failed)} of {len(todo.cases)} cases diagnosed")
+    cases = _find_cases(options.cases, options.limit)
+    _require_same_settings(options.out, {**asdict(mode), "seal": read_seal(options.cases)})
+    failed = _diagnose(cases, options.out, mode, options.jobs)
+    print(f"{options.out}: {len(cases) - len(failed)} of {len(cases)} cases diagnosed")
     for case, reason in failed:
         terminal.print_warning(f"case {case}: {reason}")
-    if failed and len(failed) == len(todo.cases):
+    if failed and len(failed) == len(cases):
         raise CesError(f"{options.cases}: none of the cases could be diagnosed, for the reasons above")
     return 0
 
 
-def _diagnose(missing: Sequence[Path], todo: CaseFolders, mode: Mode, processes: int) -> list[tuple[str, str]]:
-    """Diagnose the missing cases and return those that failed, with the reason."""
+def _diagnose(cases: Sequence[Path], results: Path, mode: Mode, processes: int) -> list[tuple[str, str]]:
+    """Diagnose the cases without a result and return those that failed, with the reason."""
     failed = []
-    with JobsProgress(len(todo.cases), len(todo.cases) - len(missing), "cases") as progress:
-        tasks = [(case, todo.results / case.name, mode) for case in missing]
+    missing = [case for case in cases if not _is_done(results / case.name / ROW)]
+    with JobsProgress(len(cases), len(cases) - len(missing), "cases") as progress:
+        tasks = [(case, results / case.name, mode) for case in missing]
         for row in run_in_processes(diagnose_case, tasks, processes, threads=1):
             progress.count(_describe_row(row), failed=row["status"] != "done")
             if row["status"] != "done":
@@ -63,21 +49,21 @@ def _diagnose(missing: Sequence[Path], todo: CaseFolders, mode: Mode, processes:
     return sorted(failed)
 
 
-def _cases(folder: Path, limit: int | None) -> tuple[Path, ...]:
-    found = sorted(path.parent for path in folder.glob("cases/*/case.json"))
-    if not found:
-        raise CesError(f"{folder}: holds no cases/NNNN/case.json; expected what 'ces blind make' wrote")
-    return tuple(found[:limit])
+def _find_cases(folder: Path, limit: int | None) -> list[Path]:
+    cases = sorted(path.parent for path in folder.glob("cases/*/case.json"))
+    if not cases:
+        raise CesError(f"{folder}: contains no cases/NNNN/case.json; expected the output of 'ces blind make'")
+    return cases[:limit]
 
 
-def _seal(folder: Path) -> str:
-    """Return the published hash, by which results and cases are known to belong together."""
+def read_seal(folder: Path) -> str:
+    """Return the published hash that shows which results and cases belong together."""
     path = folder / "cases" / "seal.sha256"
     return path.read_text(encoding="utf-8").strip() if path.is_file() else ""
 
 
 def _require_same_settings(results: Path, settings: dict[str, Any]) -> None:
-    """Write the run's settings beside the results; raises CesError if there are results of other settings."""
+    """Write the run's settings beside the results; raises CesError if results with other settings exist."""
     path = results / SETTINGS
     if path.is_file() and json.loads(path.read_text(encoding="utf-8")) != settings:
         raise CesError(f"{results}: holds results of other cases or options; choose another folder for --out")
@@ -90,4 +76,5 @@ def _is_done(row: Path) -> bool:
 
 
 def _describe_row(row: dict[str, Any]) -> str:
-    return f"case {row['case']}: {row['summary'] if row['status'] == 'done' else row['reason']}, {row['seconds']:.1f} s"
+    text = row["summary"] if row["status"] == "done" else row["reason"]
+    return f"case {row['case']}: {text}, {row['seconds']:.1f} s"

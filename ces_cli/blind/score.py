@@ -1,4 +1,4 @@
-"""`ces blind score`: the seal is opened, its hashes checked, and what was diagnosed compared with what was withheld."""
+"""`ces blind score`: opens the seal, checks its hashes and compares the diagnoses with the withheld effects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rich.progress import track
 from ces_cli.blind.case import DECISION, GAP, REPLAY, ROW
 from ces_cli.blind.closure import closure, where_error
 from ces_cli.blind.outcome import CaseOutcome, build_case_outcome
-from ces_cli.blind.run import SETTINGS
+from ces_cli.blind.run import SETTINGS, read_seal
 from ces_cli.blind.tables import (
     baseline_table,
     case_rows,
@@ -30,25 +30,27 @@ from ces_observer.json_checks import write_atomically
 from ces_rig.blind.draw import HELD_OUT, REAL
 from ces_rig.blind.seal import open_arrays, open_seal
 
-TARGET_GAP = 3.0  # the targets are set for this gap-to-noise
+TARGET_GAP = 3.0  # the targets apply to this gap-to-noise ratio
 FAILED_DIAGNOSIS: Mapping[str, Any] = {
     "verdict": "failed",
     "causes": [],
     "composition": {"effects": [], "shrink": None},
     "probabilities": {"none": 0.0, "unknown": 0.0},
     "indistinguishable": [],
-}
-"""What a diagnosis that failed has said."""
+}  # in place of the gap.json of a failed diagnosis
 
 
 def score(options: argparse.Namespace) -> int:
     """Score results against the seal, print the tables and write them; returns the exit status. Raises CesError."""
     about, labels = open_seal(options.cases)
-    settings = _settings(options.results, options.cases)
+    settings = _read_settings(options.results, options.cases)
     outcomes, failed = _outcomes(options.cases, options.results, labels, settings["reference"])
     if not outcomes:
-        raise CesError(f"{options.results}: no case of {options.cases} is diagnosed there; run 'ces blind run' first")
-    text = report(outcomes, failed, len(labels), settings["predictions"], settings["reference"], about)
+        raise CesError(
+            f"{options.results}: contains no diagnosis of a case of {options.cases}; run 'ces blind run' first"
+        )
+    opening = _opening(outcomes, failed, len(labels), settings, about)
+    text = "\n\n".join(part for part in (opening, *_tables(outcomes, settings["predictions"])) if part)
     print(text)
     if options.out is not None:
         write_atomically(options.out, text + "\n")
@@ -57,21 +59,16 @@ def score(options: argparse.Namespace) -> int:
     return 0
 
 
-def report(
-    cases: Sequence[CaseOutcome],
-    failed: Mapping[str, str],
-    sealed: int,
-    predictions: bool,
-    reference: bool,
-    about: Mapping[str, Any],
-) -> str:
-    """Return the report as Markdown: the cell that the targets are for, then everything, by each level."""
-    target = [case for case in cases if case.gap_to_noise == TARGET_GAP]
-    parts = [_opening(cases, failed, sealed, predictions, reference, about)]
-    if target:
+def _tables(cases: Sequence[CaseOutcome], predictions: bool) -> list[str]:
+    """Return the tables as Markdown: the cases that the targets apply to, then all cases, also by their properties."""
+    parts = []
+    if target := [case for case in cases if case.gap_to_noise == TARGET_GAP]:
         parts += [f"### Gap-to-noise {TARGET_GAP:g}", headline_table(target, predictions), baseline_table(target)]
-    parts += ["### All cases", headline_table(cases, predictions), baseline_table(cases)]
-    parts += [
+    return [
+        *parts,
+        "### All cases",
+        headline_table(cases, predictions),
+        baseline_table(cases),
         slice_table(cases, "gap-to-noise", lambda case: case.gap_to_noise),
         slice_table(cases, "simulation's error / gap", lambda case: case.baseline_ratio),
         slice_table(cases, "excitation", lambda case: case.excitation),
@@ -80,22 +77,20 @@ def report(
         confusion_table(cases),
         no_effect_table(cases),
     ]
-    return "\n\n".join(part for part in parts if part)
 
 
 def _opening(
     cases: Sequence[CaseOutcome],
     failed: Mapping[str, str],
     sealed: int,
-    predictions: bool,
-    reference: bool,
+    settings: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> str:
-    simulation = "known by its recorded predictions only" if predictions else "run by the diagnosis"
+    simulation = "known from recorded predictions only" if settings["predictions"] else "run by the diagnosis"
     lines = [
-        f"Seed {about['seed']}: {len(cases)} of {sealed} sealed cases, {about['seconds']:g} s a recording, simulation "
-        f"{simulation}, {'with' if reference else 'without'} reference recordings; "
-        f"{np.median([case.seconds for case in cases]):.1f} s a case (median, one thread)."
+        f"Seed {about['seed']}: {len(cases)} of {sealed} sealed cases, {about['seconds']:g} s per recording, "
+        f"simulation {simulation}, {'with' if settings['reference'] else 'without'} reference recordings; "
+        f"{np.median([case.seconds for case in cases]):.1f} s per case (median, one thread)."
     ]
     lines += [f"Case {case} could not be diagnosed: {reason}" for case, reason in failed.items()]
     return "  \n".join(lines)
@@ -104,15 +99,15 @@ def _opening(
 def _outcomes(
     folder: Path, results: Path, labels: Sequence[dict[str, Any]], corrected: bool
 ) -> tuple[list[CaseOutcome], dict[str, str]]:
-    """Return the outcomes of the cases that were run, and why some failed: those count as wrong in every figure."""
+    """Return the outcomes of the cases, and the reasons of failures, which count as wrong."""
     outcomes, failed = [], {}
     for label in track(labels, "scoring", console=terminal.err, transient=True, disable=not terminal.err.is_terminal):
-        mine = results / label["case"]
-        if not (mine / ROW).is_file():
+        case_results = results / label["case"]
+        if not (case_results / ROW).is_file():
             continue
-        row = _json(mine / ROW)
+        row = _json(case_results / ROW)
         if row["status"] == "done":
-            outcomes.append(_outcome(folder, mine, label, row["seconds"], corrected))
+            outcomes.append(_outcome(folder, case_results, label, row["seconds"], corrected))
         else:
             outcomes.append(build_case_outcome(label, FAILED_DIAGNOSIS, {}, {}, row["seconds"]))
             failed[label["case"]] = row["reason"]
@@ -136,11 +131,10 @@ def _load_replay(path: Path) -> dict[str, NDArray[np.float64]]:
         return {name: replay[name].astype(np.float64) for name in replay.files}
 
 
-def _settings(results: Path, cases: Path) -> dict[str, Any]:
-    """Return the settings of the run; raises CesError if the results are of other cases."""
+def _read_settings(results: Path, cases: Path) -> dict[str, Any]:
+    """Return the settings of the run; raises CesError if the results belong to other cases."""
     settings = _json(results / SETTINGS)
-    published = (cases / "cases" / "seal.sha256").read_text(encoding="utf-8").strip()
-    if settings.get("seal") not in ("", published):
+    if settings.get("seal") not in ("", read_seal(cases)):
         raise CesError(f"{results}: holds results of other cases than {cases}")
     return settings
 
@@ -149,4 +143,4 @@ def _json(path: Path) -> dict[str, Any]:
     try:
         return dict(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError) as error:
-        raise CesError(f"{path}: cannot be read ({error}); expected what 'ces blind run' wrote") from None
+        raise CesError(f"{path}: cannot be read ({error}); expected the output of 'ces blind run'") from None

@@ -1,4 +1,4 @@
-"""Rates and quantiles with 95 % intervals, and how far probabilities mean what they say."""
+"""Rates and quantiles with 95 % intervals, and the calibration of probabilities."""
 
 from __future__ import annotations
 
@@ -14,14 +14,12 @@ F = NDArray[np.float64]
 
 RESAMPLES = 500
 BINS = 10
-
-
 Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Statistic:
-    """A figure with the number of cases behind it, NaN if there are none; `interval` [95 %] is computed when asked."""
+    """A figure and its number of cases, NaN if there are none; `interval` computes the 95 % interval."""
 
     value: float
     count: int
@@ -55,19 +53,19 @@ def bootstrap_statistic(cases: F, figure: Callable[[F], float]) -> Statistic:
 
     def interval() -> Interval:
         rng = np.random.default_rng(0)
-        again = [figure(cases[rng.integers(n, size=n)]) for _ in range(RESAMPLES if n else 0)]
-        low, high = np.quantile(again, (0.025, 0.975)) if again else (nan, nan)
+        resampled = [figure(cases[rng.integers(n, size=n)]) for _ in range(RESAMPLES if n else 0)]
+        low, high = np.quantile(resampled, (0.025, 0.975)) if resampled else (nan, nan)
         return float(low), float(high)
 
     return Statistic(figure(cases) if n else nan, n, interval)
 
 
 def calibration_error(probability: F, right: F) -> float:
-    """Return the expected calibration error of probabilities (n,) against what was right (n,), in ten equal bins."""
-    place = np.minimum((probability * BINS).astype(int), BINS - 1)
-    sums = (np.bincount(place, weights=w, minlength=BINS) for w in (probability, right))
-    said, true = sums
-    return float(np.abs(said - true).sum() / len(probability))
+    """Return the expected calibration error of probabilities against the truth, arrays of one shape, in ten bins."""
+    probability, right = probability.ravel(), right.ravel()
+    bins = np.minimum((probability * BINS).astype(int), BINS - 1)
+    claimed, true = (np.bincount(bins, weights=weights, minlength=BINS) for weights in (probability, right))
+    return float(np.abs(claimed - true).sum() / len(probability))
 
 
 def brier(probability: F, right: F) -> float:

@@ -1,1 +1,1 @@
-"""`identify --campaign`: tables and pictures of many identifications."""
+"""`identify --campaign`: many identifications, with tables and pictures of their results."""

@@ -1,13 +1,13 @@
-"""A campaign as a picture: selection cost against parameters, a panel for each set of bags, with its front."""
+"""A campaign as a picture: selection cost against number of parameters, one panel with its front per set of bags."""
 
 from __future__ import annotations
 
 from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ces_cli.campaign.tables import Summary, mean_cost
-from ces_cli.terminal.coverage_picture import write_picture
+from ces_cli.terminal.coverage_picture import style_axis, write_picture
 from ces_identify.campaign.front import front, recommend_model
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
@@ -21,25 +21,24 @@ if TYPE_CHECKING:
 LOOKS = (("#3b6ea5", "o"), ("#d9722e", "s"), ("#4f8a4c", "^"), ("#8a4c7d", "D"), ("#9a8432", "v"), ("#2f8c8c", "P"))
 LOOK = dict(zip(KITS, cycle(LOOKS), strict=False))
 INK, PALE = "#333333", "#8a8a8a"
-WIDEST = 3  # panels in a row
-SPREAD = 8.0  # ratio of largest to smallest from which an axis is logarithmic
+MAX_COLUMNS = 3
+LOG_RATIO = 8.0  # ratio of largest to smallest above which an axis is logarithmic
 
 
 def save_pareto_picture(summary: Summary, path: Path) -> None:
-    """Draw the picture into a file, which appears under its name only when it is complete."""
+    """Draw the picture into a file."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
     names = [name for name in summary.bags if any(row["status"] == DONE for row in summary.of_bags(name))]
-    columns = min(WIDEST, len(names))
+    columns = min(MAX_COLUMNS, len(names))
     lines = -(-len(names) // columns)
     size = (max(7.2, 4.6 * columns), 3.7 * lines + 0.9)
     with mpl.rc_context({"svg.hashsalt": "ces", "svg.fonttype": "path"}):
-        figure, axes = plt.subplots(
-            lines, columns, figsize=size, squeeze=False, layout="constrained", sharey=True, facecolor="white"
-        )
+        look = {"squeeze": False, "layout": "constrained", "sharey": True, "facecolor": "white"}
+        figure, axes = plt.subplots(lines, columns, figsize=size, **look)  # type: ignore[call-overload]
         for axis, name in zip(axes.flat, names, strict=False):
             _panel(axis, name, summary)
         for axis in list(axes.flat)[len(names) :]:
@@ -60,31 +59,24 @@ def _panel(axis: Axes, name: str, summary: Summary) -> None:
     for row in best:
         _validation(axis, row, summary)
     _recommend(axis, name, recommend_model(rows))
-    axis.set_xlabel("terms" if _only_polynomials(summary) else "parameters (of a polynomial: terms)", fontsize=9)
+    only_polynomials = all(row["structure"] == POLYNOMIAL.option for row in summary.rows)
+    axis.set_xlabel("terms" if only_polynomials else "parameters (for a polynomial: terms)", fontsize=9)
     axis.set_ylabel("cost J [%]", fontsize=9)
     _axis_scale(axis, "x", [row["parameters"] for row in rows])
-    axis.grid(alpha=0.25, lw=0.6)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.tick_params(labelsize=8, labelleft=True)
+    style_axis(axis)
+    axis.tick_params(labelleft=True)
 
 
 def _mark(axis: Axes, row: Row, on_front: bool) -> None:
     color, marker = LOOK[row["structure"]]
     face = color if row["gain"] is not None else "white"
-    axis.plot(
-        row["parameters"],
-        row["selection_J"],
-        marker,
-        ms=7.0 if on_front else 5.5,
-        color=color,
-        markerfacecolor=face,
-        alpha=1.0 if on_front else 0.4,
-        zorder=4 if on_front else 3,
-    )
+    size, alpha, order = (7.0, 1.0, 4) if on_front else (5.5, 0.4, 3)
+    look: dict[str, Any] = {"ms": size, "color": color, "markerfacecolor": face, "alpha": alpha, "zorder": order}
+    axis.plot(row["parameters"], row["selection_J"], marker, **look)
 
 
 def _validation(axis: Axes, row: Row, summary: Summary) -> None:
-    """Draw the mean validation cost of a model on the front, tied to its selection cost."""
+    """Draw the mean validation cost of a model on the front, with a line to its selection cost."""
     costs = [cost for name in summary.sets if (cost := mean_cost(row, name)) is not None]
     if costs:
         mean = sum(costs) / len(costs)
@@ -93,16 +85,16 @@ def _validation(axis: Axes, row: Row, summary: Summary) -> None:
 
 
 def _recommend(axis: Axes, name: str, chosen: Row | None) -> None:
-    """Ring the recommended model and name it in the title, where no mark is in the way."""
-    words = ""
+    """Mark the recommended model with a ring and name it in the title."""
+    text = ""
     if chosen is not None:
         axis.plot(chosen["parameters"], chosen["selection_J"], "o", ms=14, mew=1.3, color=INK, mfc="none", zorder=5)
-        words = f"\nrecommended: {chosen['size']}, J = {chosen['selection_J']:.2f} %"
-    axis.set_title(f"identified on {name}{words}", loc="left", fontsize=9.5)
+        text = f"\nrecommended: {chosen['size']}, J = {chosen['selection_J']:.2f} %"
+    axis.set_title(f"identified on {name}{text}", loc="left", fontsize=9.5)
 
 
 def _scale(axis: Axes, summary: Summary) -> None:
-    """Choose the scale of the costs, which all panels share, from 0 or with room below for the words."""
+    """Set the cost scale shared by all panels: from 0, or logarithmic with a margin below."""
     rows = [row for row in summary.rows if row["status"] == DONE and row["selection_J"] is not None]
     shown = [cost for row in rows for name in summary.sets if (cost := mean_cost(row, name)) is not None]
     _axis_scale(axis, "y", [row["selection_J"] for row in rows] + shown)
@@ -113,15 +105,14 @@ def _scale(axis: Axes, summary: Summary) -> None:
 def _axis_scale(axis: Axes, which: str, values: list[float]) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-    it = getattr(axis, f"{which}axis")
-    if values and min(values) > 0.0 and max(values) > SPREAD * min(values):
+    scaled = getattr(axis, f"{which}axis")
+    if values and min(values) > 0.0 and max(values) > LOG_RATIO * min(values):
         axis.set(**{f"{which}scale": "log"})
-        it.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        it.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        it.set_minor_formatter(NullFormatter())
+        scaled.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        scaled.set_minor_formatter(NullFormatter())
     else:
-        it.set_major_locator(MaxNLocator(integer=which == "x", nbins=8))
-        it.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        scaled.set_major_locator(MaxNLocator(integer=which == "x", nbins=8))
+    scaled.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def _legend(figure: Figure, summary: Summary) -> None:
@@ -134,18 +125,12 @@ def _legend(figure: Figure, summary: Summary) -> None:
         if any(row["structure"] == structure for row in done)
     ]
     if any(row["gain"] is None for row in done):
-        handles.append(
-            Line2D([], [], color=INK, marker="o", markerfacecolor="white", ls="none", label="stability not proved")
-        )
+        label = "stability not proved"
+        handles.append(Line2D([], [], color=INK, marker="o", markerfacecolor="white", ls="none", label=label))
     handles.append(Line2D([], [], color=INK, lw=1.1, label="front, by selection cost"))
     handles.append(Line2D([], [], color=INK, marker="o", ms=11, markerfacecolor="none", ls="none", label="recommended"))
     if summary.sets:
-        label = "validation cost (mean), never used to choose"
+        label = "validation cost (mean), not used for selection"
         handles.append(Line2D([], [], color=PALE, marker="_", ms=10, mew=1.8, ls="none", label=label))
-    figure.legend(
-        handles=handles, loc="outside upper left", ncols=3 if len(handles) > 4 else 5, frameon=False, fontsize=8.5
-    )
-
-
-def _only_polynomials(summary: Summary) -> bool:
-    return all(row["structure"] == POLYNOMIAL.option for row in summary.rows)
+    columns = 3 if len(handles) > 4 else 5
+    figure.legend(handles=handles, loc="outside upper left", ncols=columns, frameon=False, fontsize=8.5)

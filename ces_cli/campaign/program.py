@@ -1,4 +1,4 @@
-"""`ces identify --campaign`: a description of many identifications in, a folder of results out; a cut run resumes."""
+"""`ces identify --campaign`: runs the identifications that a file describes; an interrupted run can be continued."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 
 from ces_cli.campaign.tables import Summary, summary_tables, write_csv, write_markdown
 from ces_cli.terminal import terminal
-from ces_cli.terminal.many_jobs import keep_results, require_one_place, start_jobs
+from ces_cli.terminal.many_jobs import add_jobs, report_failures, require_one_place, run_jobs
 from ces_cli.terminal.progress import JobsProgress
 from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.description import load_campaign
-from ces_identify.campaign.plan import Campaign, CampaignJob, jobs
+from ces_identify.campaign.plan import CampaignJob, jobs
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.results_folder import ResultsFolder, open_results
 from ces_identify.jobs.row_log import Row
@@ -21,7 +21,6 @@ from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_observer.errors import CesError
 
-FORCE = ("position", "current", "force")
 CAMPAIGN_OPTIONS = frozenset({"campaign", "dask", "jobs", "out"})
 MAX_ROWS_SHOWN = 40  # rows in the terminal
 RESULTS = "results.jsonl"
@@ -29,48 +28,40 @@ RESULTS = "results.jsonl"
 
 def add_campaign(to: argparse.ArgumentParser) -> None:
     """Add the options --campaign, --jobs and --dask."""
-    to.add_argument(
-        "--campaign",
-        type=Path,
-        metavar="FILE.yaml",
-        help="identify every combination that FILE.yaml describes and compare them; --out is then a folder, and the "
-        "same command goes on where a run was stopped",
+    text = (
+        "identify every combination that FILE.yaml describes and compare them; --out is then a folder, and the same "
+        "command continues an interrupted run"
     )
-    to.add_argument(
-        "--jobs",
-        type=terminal.integer_between(1, 256),
-        metavar="N",
-        help="campaign: processes (default: all processors)",
-    )
-    to.add_argument("--dask", metavar="ADDRESS", help="campaign: compute on this Dask scheduler's workers (host:port)")
+    to.add_argument("--campaign", type=Path, metavar="FILE.yaml", help=text)
+    add_jobs(to, "campaign")
 
 
 def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
-    """Run what --campaign describes; returns the exit status."""
+    """Run the campaign that --campaign describes; returns the exit status."""
     _require_own_options(options, parser)
     campaign = load_campaign(options.campaign)
     signals = load_signals(campaign.signals)
-    recordings = {path: terminal.read_one(path, signals, FORCE) for path in campaign.paths}
+    recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
     todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())))
     with open_results(options.out / RESULTS, "a campaign") as results:
         finished = _compute(todo, results, recordings, options)
         summary = Summary.from_rows(campaign, todo, results.rows)
         _write_and_print(summary, options.out)
-    return _status(campaign, summary, finished)
+    return report_failures(summary.rows, summary.planned, finished, "cells", summary.describe)
 
 
 def _require_own_options(options: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
-    """Raise CesError if an option was given that a campaign has in its file instead, or no folder to write to."""
+    """Raise CesError if an option belongs in the campaign's file instead, or if --out is missing."""
     if options.campaign is None:
-        raise CesError("--jobs and --dask are of campaigns; give --campaign FILE.yaml, too (threads: --threads)")
+        raise CesError("--jobs and --dask apply to campaigns; add --campaign FILE.yaml (for threads use --threads)")
     for action in parser._actions:  # argparse has no public list
         value = getattr(options, action.dest, action.default)
         if action.dest not in CAMPAIGN_OPTIONS and value not in (action.default, []):
-            given = action.option_strings[-1] if action.option_strings else action.metavar
-            raise CesError(f"{given} has no effect with --campaign; say it in {options.campaign} instead")
+            name = action.option_strings[-1] if action.option_strings else action.metavar
+            raise CesError(f"{name} has no effect with --campaign; set it in {options.campaign} instead")
     if options.out == parser.get_default("out"):
-        raise CesError("--campaign needs a folder for its results; give --out DIR")
-    require_one_place(options.jobs, options.dask)
+        raise CesError("--campaign needs a folder for its results; add --out DIR")
+    require_one_place(options)
 
 
 def _compute(
@@ -79,19 +70,17 @@ def _compute(
     recordings: Mapping[Path, Recording],
     options: argparse.Namespace,
 ) -> bool:
-    """Compute the cells that are not there yet; returns False if Ctrl-C ended it before the last."""
+    """Compute the cells that have no result yet; returns False if Ctrl-C came before the last."""
     missing = [job for job in todo if not results.has(job)]
     if not missing:
         return True
     tasks = [Task(job, job.paths) for job in missing]
     threads = max(job.limits.threads for job in missing)
-    started = start_jobs(compute_cell, tasks, recordings, options.jobs, options.dask, threads)
     progress = JobsProgress(len(todo), len(todo) - len(missing), "cells")
-    return keep_results(started, results, progress, describe_cell)
+    return run_jobs(compute_cell, tasks, recordings, threads, options, results, progress, _describe_cell)
 
 
-def describe_cell(row: Row) -> str:
-    """Return which cell a row belongs to and how it ended."""
+def _describe_cell(row: Row) -> str:
     name = f"{row['bags']}, {row['structure']}, seed {row['seed']}"
     if row["status"] != DONE:
         return f"{name}: {row['status']}: {row['reason']}"
@@ -113,17 +102,3 @@ def _write_and_print(summary: Summary, folder: Path) -> None:
     for line in summary.lines():
         terminal.out.print(line, highlight=False, soft_wrap=True)
     print(f"results: {folder}/results.md, results.csv, pareto.svg, pareto.png, models/")
-
-
-def _status(campaign: Campaign, summary: Summary, finished: bool) -> int:
-    failed = [row for row in summary.rows if row["status"] != DONE]
-    if not finished:
-        terminal.print_warning(
-            f"interrupted with {len(summary.rows)} of {summary.planned} cells; the same command goes on from there"
-        )
-        return terminal.INTERRUPTED
-    for row in failed:
-        terminal.print_warning(f"{summary.describe(row)}: {row['reason']}")
-    if len(failed) == len(summary.rows):
-        raise CesError(f"{campaign.source}: none of the {len(failed)} cells gave a model, for the reasons above")
-    return 0

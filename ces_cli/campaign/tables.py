@@ -1,17 +1,14 @@
-"""The table at the end of a campaign: for the terminal, as CSV with every recording, and as Markdown."""
+"""The results of a campaign as tables: for the terminal, as CSV with every recording, and as Markdown."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from rich import box
 from rich.table import Table
 
+from ces_cli.terminal.terminal import as_csv, make_table
 from ces_identify.campaign.front import COST_TOLERANCE, front, recommend_model
 from ces_identify.campaign.plan import Campaign, CampaignJob
 from ces_identify.jobs.job import DONE
@@ -21,14 +18,14 @@ from ces_observer.json_checks import write_atomically
 IDENTIFICATION = "identification"
 FRONT, BEST = "○", "●"
 SELECTION_NOTE = (
-    "The front and the recommendation go by the selection cost, which the search had; the validation costs beside it "
-    "chose nothing."
+    "The selection cost, which the search used, decides the front and the recommendation; the validation costs beside "
+    "it decide nothing."
 )
 
 
 @dataclass(frozen=True)
 class Summary:
-    """The rows of a campaign that are there, in the plan's sets of bags and by size; and what varies among them."""
+    """The finished rows of a campaign, by set of bags and size; `varied` are the settings that differ among them."""
 
     rows: tuple[Row, ...]
     planned: int
@@ -37,9 +34,9 @@ class Summary:
     varied: tuple[str, ...]
 
     @classmethod
-    def from_rows(cls, campaign: Campaign, todo: Sequence[CampaignJob], found: Mapping[str, Row]) -> Summary:
-        """Take the rows of the plan's cells from all that were found; names are the plan's."""
-        rows = [{**found[j.key], "bags": j.cell.bags, **j.cell.settings} for j in todo if j.key in found]
+    def from_rows(cls, campaign: Campaign, todo: Sequence[CampaignJob], results: Mapping[str, Row]) -> Summary:
+        """Take the rows of the plan's cells from all results; names come from the plan."""
+        rows = [{**results[j.key], "bags": j.cell.bags, **j.cell.settings} for j in todo if j.key in results]
         bags = tuple(campaign.bags)
         rows.sort(key=lambda r: (bags.index(r["bags"]), r.get("parameters", 1e9), r.get("selection_J") or 1e9))
         sets = dict.fromkeys(cost["set"] for row in rows for cost in row.get("costs", ()))
@@ -53,15 +50,15 @@ class Summary:
         return [row for row in self.rows if row["bags"] == name]
 
     def describe(self, row: Row) -> str:
-        """Tell a row from the others in words."""
+        """Return the bags, structure and settings of a row."""
         return ", ".join([row["bags"], row["structure"], *filter(None, [self.settings(row)])])
 
     def settings(self, row: Row) -> str:
-        """Return the settings of a row on the axes that vary."""
-        return ", ".join(f"{name} {_word(row[name])}" for name in self.varied if name in row)
+        """Return the settings of a row that vary."""
+        return ", ".join(f"{name} {_format_setting(row[name])}" for name in self.varied if name in row)
 
     def marks(self) -> dict[str, str]:
-        """Return by key the marks of the models on a front and of those recommended."""
+        """Return by key the marks of the models on a front and of the recommended ones."""
         marks = {}
         for rows in map(self.of_bags, self.bags):
             marks.update({row["key"]: FRONT for row in front(rows)})
@@ -70,12 +67,12 @@ class Summary:
         return marks
 
     def lines(self) -> list[str]:
-        """Say what the marks mean and which model is recommended for each set of bags."""
+        """Return lines that explain the marks and name the recommended model for each set of bags."""
         lines = [
-            f"{FRONT} on the front of selection cost against size, {BEST} recommended: the smallest on it within "
-            f"{COST_TOLERANCE:.0%} of the lowest cost"
+            f"{FRONT} on the front of selection cost against size, {BEST} recommended: the smallest model on the "
+            f"front within {COST_TOLERANCE:.0%} of the lowest cost",
+            SELECTION_NOTE,
         ]
-        lines.append(SELECTION_NOTE)
         for name in self.bags:
             best = recommend_model(self.of_bags(name))
             if best is not None:
@@ -84,20 +81,23 @@ class Summary:
 
 
 def mean_cost(row: Row, name: str) -> float | None:
-    """Return the mean J [%] of a row over the recordings of a set; None if it has none, or one diverged."""
+    """Return the mean J [%] of a row over the recordings of a set; None if there are none or one diverged."""
     costs = [cost["J"] for cost in row.get("costs", ()) if cost["set"] == name]
     return sum(costs) / len(costs) if costs and None not in costs else None
 
 
 def summary_tables(summary: Summary, max_rows: int) -> list[Table]:
-    """Return a table for each set of bags; of more than `max_rows` rows in all only those on a front."""
+    """Return a table for each set of bags; with more than `max_rows` rows in total, only rows on a front."""
     marks = summary.marks()
     done = [row for row in summary.rows if row["status"] == DONE]
     shown = [row for row in done if row["key"] in marks] if len(done) > max_rows else done
-    told = f"{len(done)} models of {summary.planned} cells" + ("; those on a front" if len(shown) < len(done) else "")
+    count = f"{len(done)} models of {summary.planned} cells" + (
+        "; only those on a front" if len(shown) < len(done) else ""
+    )
     tables = []
     for name in dict.fromkeys(row["bags"] for row in shown):
-        tables.append(_empty_table(f"identified on {name} ({told}); costs J in %", summary))
+        headings = [heading.removeprefix("J ").replace(IDENTIFICATION, "fit") for heading in _headings(summary)[4:-1]]
+        tables.append(make_table(f"identified on {name} ({count}); costs J in %", ("", "model"), headings))
         for row in (row for row in shown if row["bags"] == name):
             mark, _, structure, settings, *numbers, _ = _cells(summary, row, marks)
             model = ", ".join(filter(None, (structure, settings)))
@@ -105,24 +105,16 @@ def summary_tables(summary: Summary, max_rows: int) -> list[Table]:
     return tables
 
 
-def _empty_table(title: str, summary: Summary) -> Table:
-    """Return a table with structure and settings in one column, and none of bags, which the title names, and keys."""
-    look: dict[str, Any] = {"title_justify": "left", "header_style": "bold", "box": box.SIMPLE_HEAD}
-    table = Table(title=title, padding=0, pad_edge=False, **look)
-    table.add_column("")
-    table.add_column("model", no_wrap=True)
-    for heading in _headings(summary)[4:-1]:
-        table.add_column(heading.removeprefix("J ").replace(IDENTIFICATION, "fit"), justify="right")
-    return table
-
-
 def write_markdown(summary: Summary, path: Path) -> None:
-    """Write the table of all models, what failed, and how to read it."""
+    """Write the table of all models, how to read it, and the failures."""
     marks, headings = summary.marks(), _headings(summary)
     right = ["---:" if i > 3 else "---" for i in range(len(headings))]
     rows = [_cells(summary, row, marks) for row in summary.rows if row["status"] == DONE]
     lines = ["| " + " | ".join(cells) + " |" for cells in (headings, right, *rows)]
-    lines += ["", "Costs J in percent, means over a set's recordings. Size: parameters, of a polynomial its terms."]
+    lines += [
+        "",
+        "Costs J in percent are means over the recordings of a set. Size: parameters; for a polynomial, terms.",
+    ]
     lines += ["Models: `models/KEY….json`.", ""]
     lines += ["* " + line for line in summary.lines()]
     lines += [f"* {row['status']}: {summary.describe(row)}: {row['reason']}" for row in summary.rows if "reason" in row]
@@ -130,20 +122,18 @@ def write_markdown(summary: Summary, path: Path) -> None:
 
 
 def write_csv(summary: Summary, path: Path) -> None:
-    """Write a line for each cell, with the cost on each recording in a column of its own."""
+    """Write a line for each cell, with one column for the cost on each recording."""
     columns = dict.fromkeys(_column(cost) for row in summary.rows for cost in row.get("costs", ()))
     plain = ["key", "status", "bags", "structure"]
     plain += list(dict.fromkeys(name for row in summary.rows for name in row if name not in (*plain, "costs")))
     marks = {FRONT: "front", BEST: "recommended"}
-    found = summary.marks()
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*plain, "mark", *columns])
+    mark_of = summary.marks()
+    lines: list[list[object]] = [[*plain, "mark", *columns]]
     for row in summary.rows:
         costs = {_column(cost): cost["J"] for cost in row.get("costs", ())}
-        mark = marks.get(found.get(row["key"], ""), "")
-        writer.writerow([*(row.get(name) for name in plain), mark, *(costs.get(name) for name in columns)])
-    write_atomically(path, text.getvalue())
+        mark = marks.get(mark_of.get(row["key"], ""), "")
+        lines.append([*(row.get(name) for name in plain), mark, *(costs.get(name) for name in columns)])
+    write_atomically(path, as_csv(lines))
 
 
 def _column(cost: Row) -> str:
@@ -156,9 +146,11 @@ def _headings(summary: Summary) -> list[str]:
 
 
 def _cells(summary: Summary, row: Row, marks: Mapping[str, str]) -> list[str]:
-    costs = [mean_cost(row, name) for name in (IDENTIFICATION, *summary.sets)]
-    seen = [any(cost["set"] == name for cost in row["costs"]) for name in (IDENTIFICATION, *summary.sets)]
-    told = [_number(cost, "diverged" if there else "–") for cost, there in zip(costs, seen, strict=True)]
+    evaluated = {cost["set"] for cost in row["costs"]}
+    costs = [
+        _number(mean_cost(row, name), "diverged" if name in evaluated else "–")
+        for name in (IDENTIFICATION, *summary.sets)
+    ]
     return [
         marks.get(row["key"], ""),
         row["bags"],
@@ -166,7 +158,7 @@ def _cells(summary: Summary, row: Row, marks: Mapping[str, str]) -> list[str]:
         summary.settings(row),
         str(row["parameters"]),
         _number(row["selection_J"], "–"),
-        *told,
+        *costs,
         "not proved" if row["gain"] is None else f"{row['gain']:.3f}",
         f"{row['seconds']:.1f}",
         row["key"][:8],
@@ -177,5 +169,5 @@ def _number(value: float | None, otherwise: str) -> str:
     return otherwise if value is None else f"{value:.2f}"
 
 
-def _word(value: object) -> str:
-    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
+def _format_setting(value: object) -> str:
+    return ("yes" if value else "no") if isinstance(value, bool) else str(value)

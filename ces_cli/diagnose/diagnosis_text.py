@@ -1,4 +1,4 @@
-"""The words and figures of a diagnosis on the terminal."""
+"""Regions, parameters and numbers of a diagnosis as text for the terminal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ces_gap.report.formatting import parameter_text, region_name
 
 
 def region_text(region: GapRegion) -> str:
-    """Return a region in words with what it holds of the gap."""
+    """Return a region with its share of the gap's energy and of the time."""
     energy = f"{region.share_of_energy:.0%} of the gap's energy"
     if region.axis == "frequency_hz":
         return f"{energy} at {region_name(region)}"
@@ -24,7 +24,7 @@ def effect_name(cause: Explanation) -> str:
 
 
 def estimate(parameter: Estimate) -> str:
-    """Return a parameter with its value and interval, and what is doubtful about it."""
+    """Return a parameter with its value, interval and doubts."""
     marks = (" at its bound" if parameter.at_bound else "") + (" drifts" if parameter.drifts else "")
     name, value, unit, bounds = parameter_text(parameter)
     return f"{' '.join(filter(None, (name, value, unit)))} [{bounds}]{marks}"
@@ -41,15 +41,15 @@ def interval(bounds: tuple[float, float]) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share, a dash if it is not known."""
+    """Return a share, a dash if it is unknown."""
     return f"{100.0 * share:.0f} %" if math.isfinite(share) else "-"
 
 
 def percent_interval(bounds: tuple[float, float]) -> str:
-    """Return an interval of shares in percent, a dash if it is not known."""
+    """Return an interval of shares in percent, a dash if it is unknown."""
     return f"[{100.0 * bounds[0]:.0f}, {100.0 * bounds[1]:.0f}]" if all(map(math.isfinite, bounds)) else "-"
 
 
 def probability(value: float) -> str:
-    """Return a probability, however small."""
+    """Return a probability; small ones as `<0.01`."""
     return "<0.01" if 0.0 < value < 0.005 else f"{value:.2f}"

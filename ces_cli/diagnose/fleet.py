@@ -1,4 +1,4 @@
-"""`ces diagnose --each`: one diagnosis for each recording or vehicle, a row for each; a cut run resumes."""
+"""`ces diagnose --each`: diagnoses every recording or vehicle; an interrupted run can be continued."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 
 from ces_cli.diagnose.fleet_page import write_page
 from ces_cli.diagnose.fleet_tables import describe_diagnosis, fleet_table, write_csv
-from ces_cli.diagnose.inputs import FORCE, build_diagnose_options, read_with_predictions
+from ces_cli.diagnose.inputs import build_diagnose_options, read_with_predictions
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import FleetUnit, find_bags, find_fleet_units
-from ces_cli.terminal.many_jobs import keep_results, require_one_place, start_jobs
+from ces_cli.terminal.many_jobs import report_failures, require_one_place, run_jobs
 from ces_cli.terminal.progress import JobsProgress
 from ces_cli.terminal.simulations import open_simulation, with_predictions
 from ces_gap.fleet.request import DiagnosisJob, DiagnosisRequest, job_of
@@ -30,51 +30,46 @@ from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 from ces_observer.signals import Signals
 
-ONE_THREAD = 1  # for each of many diagnoses at once
 RESULTS = "fleet.jsonl"
-QUESTION = "question"  # the one object that all tasks share
+REQUEST = "request"  # key of the object that all tasks share
 
 
 def run_fleet(options: argparse.Namespace) -> int:
     """Diagnose every unit of --real; returns the exit status."""
-    _require_own_options(options)
-    signals, question = terminal.load_described_signals(options), _question(options)
+    if options.held_out:
+        raise CesError("--held-out has no effect with --each: a part of each recording or vehicle is held out")
+    require_one_place(options)
+    signals = terminal.load_described_signals(options)
+    request = _build_request(options, signals)
     units = find_fleet_units(options.real, options.each)
     with open_results(options.out / RESULTS, "a fleet") as results:
-        jobs, unread = _jobs(units, question, signals, options.out)
+        jobs, unread = _plan_jobs(units, request, signals, options.out)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
-        finished = _compute(results, missing, question, signals, options, len(units))
+        finished = _compute(results, missing, request, signals, options, len(units))
         rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread
         _write_and_print(rows, options.out)
-    return _status(rows, len(units), finished)
+    return report_failures(rows, len(units), finished, "diagnoses", lambda row: str(row["name"]))
 
 
-def _require_own_options(options: argparse.Namespace) -> None:
-    if options.held_out:
-        raise CesError("--held-out has no effect with --each: a part of each recording or vehicle is set aside")
-    require_one_place(options.jobs, options.dask)
-
-
-def _question(options: argparse.Namespace) -> DiagnosisRequest:
-    signals, simulation = terminal.load_described_signals(options), open_simulation(options.sim)
+def _build_request(options: argparse.Namespace, signals: Signals) -> DiagnosisRequest:
+    simulation = open_simulation(options.sim)
     reference = tuple(read_with_predictions(simulation, path, signals) for path in find_bags(options.reference))
-    return DiagnosisRequest(
-        simulation, options.sim, reference, build_diagnose_options(options, ONE_THREAD), diagnose, result_files
-    )
+    how = build_diagnose_options(options, threads=1)
+    return DiagnosisRequest(simulation, options.sim, reference, how, diagnose, result_files)
 
 
-def _jobs(
-    units: Sequence[FleetUnit], question: DiagnosisRequest, signals: Signals, folder: Path
+def _plan_jobs(
+    units: Sequence[FleetUnit], request: DiagnosisRequest, signals: Signals, folder: Path
 ) -> tuple[dict[DiagnosisJob, FleetUnit], list[Row]]:
-    """Return a job for each unit that can be read, and a row for each that cannot; recordings are not kept."""
+    """Return a job for each unit that can be read, and a row for each that cannot; keeps no recordings in memory."""
     described = repr(sorted(signals.by_name.items()))
     jobs: dict[str, tuple[DiagnosisJob, FleetUnit]] = {}
     unread = []
     for number, unit in enumerate(units, start=1):
         with terminal.err.status(f"reading {unit.name} ({number} of {len(units)})"):
             try:
-                recordings = _read(question.simulation, unit, signals)
-                job = job_of(unit.name, recordings, question, described, folder)
+                recordings = _read(request.simulation, unit, signals)
+                job = job_of(unit.name, recordings, request, described, folder)
                 if job.key in jobs:
                     raise CesError(f"the same recordings as {jobs[job.key][0].name}")
                 jobs[job.key] = (job, unit)
@@ -84,12 +79,12 @@ def _jobs(
 
 
 def _read(simulation: Simulation, unit: FleetUnit, signals: Signals) -> list[Recording]:
-    """Read and check the recordings of a unit without a word on the terminal."""
+    """Read and check the recordings of a unit without printing warnings."""
     recordings = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for path in unit.paths:
-            recording = with_predictions(simulation, path, read_recording(path, signals, FORCE), signals)
+            recording = with_predictions(simulation, path, read_recording(path, signals, terminal.FORCE), signals)
             require_usable(recording)
             recordings.append(recording)
     return recordings
@@ -98,38 +93,25 @@ def _read(simulation: Simulation, unit: FleetUnit, signals: Signals) -> list[Rec
 def _compute(
     results: ResultsFolder,
     missing: Mapping[DiagnosisJob, FleetUnit],
-    question: DiagnosisRequest,
+    request: DiagnosisRequest,
     signals: Signals,
     options: argparse.Namespace,
     total: int,
 ) -> bool:
-    """Diagnose what is not there yet; returns False if Ctrl-C ended it before the last."""
+    """Run the diagnoses that have no result yet; returns False if Ctrl-C came before the last."""
     if not missing:
         return True
-    tasks = (Task(job, [QUESTION], _read(question.simulation, unit, signals)) for job, unit in missing.items())
-    shared = {QUESTION: question.pack()}
-    started = start_jobs(diagnose_unit, tasks, shared, options.jobs, options.dask, question.options.threads)
-    return keep_results(started, results, JobsProgress(total, total - len(missing), "diagnoses"), describe_diagnosis)
+    tasks = (Task(job, [REQUEST], _read(request.simulation, unit, signals)) for job, unit in missing.items())
+    shared = {REQUEST: request.pack()}
+    progress = JobsProgress(total, total - len(missing), "diagnoses")
+    threads = request.options.threads
+    return run_jobs(diagnose_unit, tasks, shared, threads, options, results, progress, describe_diagnosis)
 
 
 def _write_and_print(rows: Sequence[Row], folder: Path) -> None:
-    """Write the tables, and print the one for the terminal."""
+    """Write the tables and print the terminal's."""
     write_csv(rows, folder / "fleet.csv")
     write_page(rows, folder / "fleet.html")
     if any(row["status"] == DONE for row in rows):
         terminal.out.print(fleet_table(rows))
     print(f"written: {folder}/fleet.html, fleet.csv, fleet.jsonl, units/")
-
-
-def _status(rows: Sequence[Row], planned: int, finished: bool) -> int:
-    if not finished:
-        terminal.print_warning(
-            f"interrupted with {len(rows)} of {planned} diagnoses; the same command goes on from there"
-        )
-        return terminal.INTERRUPTED
-    failed = [row for row in rows if row["status"] != DONE]
-    for row in failed:
-        terminal.print_warning(f"{row['name']}: {row['reason']}")
-    if len(failed) == len(rows):
-        raise CesError(f"none of the {len(rows)} could be diagnosed, for the reasons above")
-    return 0

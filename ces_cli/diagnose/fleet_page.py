@@ -1,4 +1,4 @@
-"""The rows of a fleet as one self-contained page that leads to every report."""
+"""The rows of a fleet as one self-contained page with links to all reports."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ th, td {{ padding: .45rem .7rem .45rem 0; border-bottom: 1px solid var(--line); 
 </style></head><body>
 <h1>Sim-to-real gap of a fleet</h1>
 <p>{summary}<span class="key"><i style="background:var(--rest)"></i>gap
-<i style="background:var(--bar)"></i>left with the effects added</span></p>
+<i style="background:var(--bar)"></i>left after adding the effects</span></p>
 <table><thead><tr><th>vehicle or recording</th><th>verdict</th><th class="n">probability</th><th>gap</th>
 <th class="n">N RMS</th><th class="n">left</th><th class="n">shrink</th></tr></thead><tbody>
 {rows}
@@ -53,8 +53,8 @@ def write_page(rows: Sequence[Row], path: Path) -> None:
 def _summary(rows: Sequence[Row]) -> str:
     done = [row for row in rows if row["status"] == DONE]
     counts = Counter(verdict_text(row) for row in done)
-    told = "; ".join(f"{count} × {verdict}" for verdict, count in counts.most_common(6))
-    return f"{len(done)} of {len(rows)} diagnosed. {told}"
+    verdicts = "; ".join(f"{count} × {verdict}" for verdict, count in counts.most_common(6))
+    return f"{len(done)} of {len(rows)} diagnosed. {verdicts}"
 
 
 def _row(row: Row, largest: float) -> str:

@@ -1,44 +1,22 @@
-"""The rows of a fleet as a table for the terminal and as CSV, those with the largest gap first."""
+"""The rows of a fleet as a table for the terminal and as CSV, largest gap first."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich import box
 from rich.markup import escape
 from rich.table import Table
 
+from ces_cli.terminal.terminal import as_csv, make_table
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
 from ces_observer.json_checks import write_atomically
 
 MAX_ROWS_SHOWN = 60
 COLUMNS = (
-    "name",
-    "status",
-    "verdict",
-    "effects",
-    "cause",
-    "probability",
-    "gap_N",
-    "gap_low_N",
-    "gap_high_N",
-    "noise_floor_N",
-    "cost_J",
-    "gap_after_N",
-    "shrink",
-    "shrink_low",
-    "shrink_high",
-    "sentence",
-    "notes",
-    "recordings",
-    "folder",
-    "seconds",
-    "reason",
-    "key",
+    "name status verdict effects cause probability gap_N gap_low_N gap_high_N noise_floor_N cost_J "
+    "gap_after_N shrink shrink_low shrink_high sentence notes recordings folder seconds reason key"
 )
 
 
@@ -48,7 +26,7 @@ def sort_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def describe_diagnosis(row: Row) -> str:
-    """Say in a few words how a diagnosis ended."""
+    """Return the result of a diagnosis in a few words."""
     if row["status"] != DONE:
         return f"{row['name']}: {row['status']}: {row['reason']}"
     return f"{row['name']}: {verdict_text(row)}, gap {format_number(row['gap_N'], '.1f')} N, {row['seconds']:.1f} s"
@@ -62,7 +40,7 @@ def verdict_text(row: Row) -> str:
 
 
 def shrink_text(row: Row) -> str:
-    """Return by how much the effects named shrink the gap, a dash if none is."""
+    """Return by how much the named effects shrink the gap, a dash if there are none."""
     return "-" if row["shrink"] is None or not row["effects"] else f"{100.0 * row['shrink']:.0f} %"
 
 
@@ -72,14 +50,10 @@ def format_number(value: float | None, form: str) -> str:
 
 
 def fleet_table(rows: Sequence[Row]) -> Table:
-    """Return a table of the diagnoses, for a terminal."""
+    """Return a table of the diagnoses for the terminal."""
     done = [row for row in sort_rows(rows) if row["status"] == DONE]
     title = f"{len(done)} of {len(rows)} diagnosed" + ("; the largest gaps" if len(done) > MAX_ROWS_SHOWN else "")
-    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("vehicle or recording", overflow="fold")
-    table.add_column("verdict", overflow="fold")
-    for heading in ("P", "gap N", "after N", "shrink"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = make_table(title, ("vehicle or recording", "verdict"), ("P", "gap N", "after N", "shrink"))
     for row in done[:MAX_ROWS_SHOWN]:
         gaps = (format_number(row["gap_N"], ".1f"), format_number(row["gap_after_N"], ".1f"))
         names = (escape(row["name"]), verdict_text(row))
@@ -88,12 +62,10 @@ def fleet_table(rows: Sequence[Row]) -> Table:
 
 
 def write_csv(rows: Sequence[Row], path: Path) -> None:
-    """Write a line for each row; lists are joined with ` + `."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows([_cell(row.get(name)) for name in COLUMNS] for row in sort_rows(rows))
-    write_atomically(path, text.getvalue())
+    """Write a line for each row, with lists joined by ` + `."""
+    columns = COLUMNS.split()
+    lines = [[_cell(row.get(name)) for name in columns] for row in sort_rows(rows)]
+    write_atomically(path, as_csv([columns, *lines]))
 
 
 def _cell(value: object) -> object:

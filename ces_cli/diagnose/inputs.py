@@ -1,4 +1,4 @@
-"""What the options of `ces diagnose` name: recordings with their predictions, and how to diagnose."""
+"""From the options of `ces diagnose`: settings of the diagnosis, and recordings with their predictions."""
 
 from __future__ import annotations
 
@@ -13,16 +13,14 @@ from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.signals import Signals
 
-FORCE = ("position", "current", "force")
-
 
 def build_diagnose_options(options: argparse.Namespace, threads: int) -> DiagnoseOptions:
-    """Return how to diagnose, with the user's own effects imported; `threads` if the user gives no number."""
+    """Return the settings of the diagnosis, with the user's own effects; `threads` is the default of --threads."""
     import_from_here()
     effects = tuple(user_effect(spec) for spec in options.effects)
     return DiagnoseOptions(effects=effects, threads=options.threads or threads, seed=options.seed)
 
 
 def read_with_predictions(simulation: Simulation, path: Path, signals: Signals) -> Recording:
-    """Return a recording with its measured force and, if the simulation's force is recorded there, that."""
-    return with_predictions(simulation, path, terminal.read_one(path, signals, FORCE), signals)
+    """Return a recording with its measured force and, if recorded there, the simulation's force."""
+    return with_predictions(simulation, path, terminal.read_one(path, signals, terminal.FORCE), signals)

@@ -1,4 +1,4 @@
-"""A model file's certificate proved again, and compared with what the file claims."""
+"""Proves a model's stability again and compares the result with the certificate in its file."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ ROUNDING = 1e-9  # relative
 def verify_certificate(model: Model, name: str) -> int:
     """Prove `model` stable, print the bounds and compare them with the file's; return the exit status.
 
-    0 if it is proved and the file claims no more than that; else one line says what is not, and the status is UNPROVED.
+    The status is 0 if the proof succeeds and the file claims no more, else NOT_PROVED, and one line gives the reason.
     """
     proof = model.certify()
     if not proof.holds:
         print(f"not proved: {name}: {proof.doubt}")
         return NOT_PROVED
-    excess = find_overclaim(model.certificate, proof)
+    excess = _find_overclaim(model.certificate, proof)
     if excess:
-        print(f"not proved: {name}: the file claims {excess}: identify the model anew")
+        print(f"not proved: {name}: the file claims {excess}; identify the model again")
         return NOT_PROVED
     envelope = model.envelope
     print(f"proved: {proof.claim} ({proof.effort})")
@@ -33,15 +33,15 @@ def verify_certificate(model: Model, name: str) -> int:
         ("position", envelope.position_m, "m"),
         ("speed", envelope.speed_m_s, "m/s"),
         ("current", envelope.current_A, "A"),
-        ("force kept", model.force_envelope_N, "N"),
+        ("force within", model.force_envelope_N, "N"),
     ):
         print(f"  {label:<14}  {low:.6g} to {high:.6g} {unit}")
-    print(f"  in the file     {compare_certificates(model.certificate, proof)}")
+    print(f"  in the file     {_compare_certificates(model.certificate, proof)}")
     return 0
 
 
-def find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
-    """Return the first bound that the file states tighter than the proof, in words; empty if there is none."""
+def _find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
+    """Return the first bound in the file that is tighter than the proved one, as text; empty if there is none."""
     for key, proved in proof.bounds.items():
         claimed = _number(stored, key)
         if claimed is not None and claimed < proved * (1.0 - ROUNDING):
@@ -49,8 +49,8 @@ def find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
     return ""
 
 
-def compare_certificates(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
-    """Return how the file's certificate compares with a proof it does not exceed, in words."""
+def _compare_certificates(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
+    """Return as text how the file's certificate compares with a proof that covers it."""
     if stored is None:
         return "no certificate"
     claims = {key: _number(stored, key) for key in proof.bounds}

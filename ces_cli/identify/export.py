@@ -1,4 +1,4 @@
-"""`ces export`: a model as C source for a microcontroller, or as an FMU for a simulation tool."""
+"""`ces export`: writes a model as C source for a microcontroller, or as an FMU for a simulation tool."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from ces_observer.errors import CesError
 from ces_observer.json_checks import write_all_atomically, write_atomically
 from ces_observer.model import Model, load_model
 from ces_observer.proof.certificate import Certificate, summarize
+
+FORMATS = {"c": "C99, with its header beside it", "fmu": "FMI 2.0 co-simulation"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,18 +35,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _kind(options: argparse.Namespace) -> str:
-    """Return the format asked for, by name or by the ending of --out."""
+    """Return the format that --format names or the suffix of --out implies."""
     out: Path = options.out
     kind = str(options.format or out.suffix.removeprefix("."))
-    if kind not in _FORMATS or out.suffix != f".{kind}":
-        raise CesError(f"{out}: expected a name that ends in {' or '.join(_endings(options.format))}")
+    if kind not in FORMATS or out.suffix != f".{kind}":
+        allowed = [f".{name} ({what})" for name, what in FORMATS.items() if options.format in (None, name)]
+        raise CesError(f"{out}: expected a name that ends in {' or '.join(allowed)}")
     if options.sources_only and kind != "fmu":
-        raise CesError("--sources-only: is for --format fmu; C is source anyhow")
+        raise CesError("--sources-only: applies to --format fmu only; remove it for C")
     return kind
-
-
-def _endings(format_: str | None) -> list[str]:
-    return [f".{kind} ({what})" for kind, what in _FORMATS.items() if format_ in (None, kind)]
 
 
 def _certificate(model: Model, options: argparse.Namespace) -> Certificate:
@@ -52,8 +51,8 @@ def _certificate(model: Model, options: argparse.Namespace) -> Certificate:
         certificate = model.certify()
     if not (certificate.holds or options.allow_uncertified):
         raise CesError(
-            f"{options.model}: its stability cannot be proved ({certificate.doubt}); identify it anew with a "
-            "certificate, or give --allow-uncertified"
+            f"{options.model}: its stability cannot be proved ({certificate.doubt}); identify it again with a "
+            "certificate, or use --allow-uncertified"
         )
     return certificate
 
@@ -68,36 +67,34 @@ def _write_fmu(model: Model, name: str, out: Path, certificate: Certificate, com
     with terminal.err.status("compiling"):
         content = export_fmu(model, name, certificate, compiler)
     write_atomically(out, content)
-    made = binary_path(name) if compiler else "sources only, to be compiled as its sources/BUILD.txt says"
-    print(f"{out}: FMI 2.0 co-simulation {name}, {model.size}, {made}")
+    content_text = binary_path(name) if compiler else "sources only; sources/BUILD.txt says how to compile them"
+    print(f"{out}: FMI 2.0 co-simulation {name}, {model.size}, {content_text}")
 
 
 def _print_certificate(certificate: Certificate) -> None:
     if not certificate.holds:
-        terminal.print_warning("--allow-uncertified: nothing proves that this model stays stable; not for a vehicle")
+        terminal.print_warning(
+            "--allow-uncertified: the stability of this model is not proved; do not use it on a vehicle"
+        )
         return
     print(f"stable: {summarize(certificate.to_mapping())} (proved); |force| <= {certificate.force_N:.0f} N")
-
-
-_FORMATS = {"c": "C99, its header is written beside it", "fmu": "FMI 2.0 co-simulation"}
 
 
 def _parser() -> terminal.Parser:
     p = terminal.parser(
         "export",
-        "Write a model as one self-contained C99 file and its header, or as an FMU for co-simulation (FMI 2.0) that\n"
-        "holds the same C, compiled for this machine and as source for others. Either is the observer node's\n"
-        "estimator, with its differentiator and its reasons to withhold, without allocation in a step and with no\n"
-        "library but math.h. The FMU takes position [m] and current [A] and gives force [N], speed [m/s], valid,\n"
-        "clamped and reason; its communication points are the samples, at any distance, best at the model's rate.",
+        "Write a model as one self-contained C99 file with its header, or as an FMU for co-simulation (FMI 2.0) that "
+        "contains the same C code, compiled for this machine and as source for others. Both are the observer's "
+        "estimator with its differentiator and its reasons for withholding a force; they need only math.h and allocate "
+        "no memory in a step. The FMU takes position [m] and current [A] and returns force [N], speed [m/s], valid, "
+        "clamped and reason. Every communication point is a sample; any spacing works, best is the model's rate.",
         "ces export model.json --out rear_damper.c\n  ces export model.json --format fmu --out rear_damper.fmu",
     )
     p.add_argument("model", type=Path, metavar="MODEL.json")
     p.add_argument("--out", type=Path, required=True, metavar="FILE", help="FILE.c (FILE.h beside it) or FILE.fmu")
-    p.add_argument("--format", choices=tuple(_FORMATS), help="default: by the ending of FILE")
-    p.add_argument("--name", metavar="NAME", help="beginning of every identifier (default: made from FILE)")
-    p.add_argument("--sources-only", action="store_true", help="an FMU without a binary; needs no C compiler")
-    p.add_argument(
-        "--allow-uncertified", action="store_true", help="export a model whose stability cannot be proved (unsafe)"
-    )
+    p.add_argument("--format", choices=tuple(FORMATS), help="default: from the suffix of FILE")
+    p.add_argument("--name", metavar="NAME", help="prefix of every identifier (default: derived from FILE)")
+    p.add_argument("--sources-only", action="store_true", help="write an FMU without a binary; needs no C compiler")
+    text = "export a model whose stability cannot be proved (unsafe)"
+    p.add_argument("--allow-uncertified", action="store_true", help=text)
     return p

@@ -1,4 +1,4 @@
-"""One identification, as `ces identify` and the node `identify` both carry it out: options in, model and report out."""
+"""One identification, as `ces identify` and the node `identify` run it: options in, model and report out."""
 
 from __future__ import annotations
 
@@ -10,26 +10,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from ces_cli.identify.candidates import candidate_rules
 from ces_cli.identify.distillation import with_teacher
-from ces_cli.identify.structures import select_identify_function
+from ces_cli.identify.structures import candidate_rules, select_identify_function
 from ces_cli.terminal import terminal
 from ces_cli.terminal.simulations import open_simulation, with_teacher_force
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
+from ces_identify.recordings.consistency import require_consistent
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 
-FORCE = ("position", "current", "force")
-
 
 class Progress(Protocol):
-    """What hears of the search while it lasts; `listen` is called from any thread."""
+    """Receives the results of a search while it runs; `listen` is called from any thread."""
 
     def listen(self, result: SearchResult) -> None:
-        """Hear of an improvement or of the end of a start."""
+        """Receive an improvement or the end of a start."""
 
 
 ShowProgress = Callable[[Limits], AbstractContextManager[Progress]]
@@ -37,7 +35,10 @@ ShowProgress = Callable[[Limits], AbstractContextManager[Progress]]
 
 @dataclass(frozen=True)
 class Identification:
-    """What is identified from what: recordings with the force to learn, those to judge on, all as logged, and how."""
+    """The inputs of an identification.
+
+    `bags` and `validation` are recordings with the force to learn, `measured` all of them as logged.
+    """
 
     options: argparse.Namespace
     bags: Sequence[Recording]
@@ -46,10 +47,7 @@ class Identification:
     how: IdentifyOptions
 
     def run(self, show_progress: ShowProgress) -> IdentificationResult:
-        """Search while `show_progress` shows it, write the model and return it; raises CesError.
-
-        Ctrl-C ends the search with the best model so far.
-        """
+        """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
         with show_progress(self.how.limits) as progress:
             result = select_identify_function(self.options)(self.bags, self.validation, self.how, progress.listen)
         if self.options.teacher is not None:
@@ -59,27 +57,25 @@ class Identification:
 
 
 def prepare_identification(options: argparse.Namespace) -> Identification:
-    """Read and check all that `options` name; raises CesError, before the long work."""
+    """Read and check all files that `options` name, before the long search; raises CesError."""
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
     _require_writable(options.out, options.report, options.picture)
     rules = candidate_rules(options)
     weighting = parse_weighting(options.weight)
     measured = _read_recordings(options)
-    bags, validation = (
-        _apply_teacher(options, options.bags, measured),
-        _apply_teacher(options, options.validate, measured),
-    )
-    terminal.warn_of_differences([*bags, *validation])
+    bags, validation = (_apply_teacher(options, paths, measured) for paths in (options.bags, options.validate))
+    for finding in require_consistent([*bags, *validation]):
+        terminal.print_warning(finding.text)
     split = options.split if options.split is not None else 1.0 if validation else 0.75
-    how = IdentifyOptions(
-        split, rules, _limits(options), options.rate, options.bandwidth, not options.no_certificate, weighting
-    )
+    searches = (options.starts, options.seed, options.threads)
+    limits = Limits(options.terms, options.time, options.target, *searches, method=options.method)
+    how = IdentifyOptions(split, rules, limits, options.rate, options.bandwidth, not options.no_certificate, weighting)
     return Identification(options, bags, validation, tuple(measured.values()), how)
 
 
 def write_report_page(result: IdentificationResult, options: argparse.Namespace, command: str) -> None:
-    """Write the report to options.report; raises CesError if that cannot be written."""
+    """Write the report to options.report; raises CesError if it cannot be written."""
     from ces_identify.report import write_report
 
     best = result.search_results[0]
@@ -92,23 +88,11 @@ def write_report_page(result: IdentificationResult, options: argparse.Namespace,
     write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
 
 
-def _limits(options: argparse.Namespace) -> Limits:
-    return Limits(
-        options.terms,
-        options.time,
-        options.target,
-        options.starts,
-        options.seed,
-        options.threads,
-        method=options.method,
-    )
-
-
 def _read_recordings(options: argparse.Namespace) -> dict[Path, Recording]:
     """Return the recordings as logged; with a teacher, the force may be missing."""
     paths, signals = [*options.bags, *options.validate], terminal.load_described_signals(options)
-    need = FORCE if options.teacher is None else FORCE[:2]
-    return dict(zip(paths, terminal.read_all(paths, signals, need), strict=True))
+    need = terminal.FORCE if options.teacher is None else terminal.FORCE[:2]
+    return {path: terminal.read_one(path, signals, need) for path in paths}
 
 
 def _apply_teacher(
@@ -122,7 +106,7 @@ def _apply_teacher(
 
 
 def _require_writable(*paths: Path | None) -> None:
-    """Raise CesError before the long work if a result could not be written after it."""
+    """Raise CesError before the long search if its results cannot be written."""
     for path in paths:
         if path is not None and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
-            raise CesError(f"{path}: its folder does not exist or cannot be written; choose another")
+            raise CesError(f"{path}: the folder does not exist or cannot be written; choose another")

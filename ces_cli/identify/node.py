@@ -1,7 +1,7 @@
-"""The node `identify`: what `ces identify` does, told on topics, and the model latched for running observers to load.
+"""The node `identify`: runs `ces identify`, publishes progress and costs, and latches the model for running observers.
 
-The search runs in a process of its own; a timer hears it. The first Ctrl-C or SIGTERM ends the search with the best
-model so far, which is written and published, and then the node; a later one ends the node at once.
+The search runs in a separate process; a timer polls its messages. The first Ctrl-C or SIGTERM stops the search, writes
+and publishes the best model so far and ends the node; a second one ends the node at once.
 """
 
 from __future__ import annotations
@@ -29,36 +29,36 @@ from ces_observer.nodes.node_parameters import TableNode, declare_table
 from ces_observer.nodes.qos import LATCHED
 
 POLL_S = 0.1
-PROGRESS_PERIOD_S = 1.0  # period of ~/progress while nothing happens
+PROGRESS_PERIOD_S = 1.0  # period of ~/progress while nothing changes
 LOG_S = 5.0
-SIGNAL_MERGE_S = 2.0  # a terminal and ros2 launch each pass the same Ctrl-C on
+SIGNAL_MERGE_S = 2.0  # a terminal and ros2 launch both forward the same Ctrl-C
 ACKNOWLEDGE_TIMEOUT = Duration(seconds=1)
-SIGNALS = ("position", "current", "force")  # which a parameter file for several nodes may describe
+SIGNALS = ("position", "current", "force")  # a parameter file for several nodes may describe them
 
 
 class StopRequests:
-    """Counts the wishes to stop, each a signal that comes some time after the last."""
+    """Counts the requests to stop; signals in quick succession are one request."""
 
     def __init__(self) -> None:
-        self.wishes = 0
+        self.count = 0
         self._last_s = float("-inf")
 
     def __call__(self, number: int, frame: object) -> None:
-        """Hear of a signal."""
+        """Handle a signal."""
         now = monotonic()
-        self.wishes += now - self._last_s > SIGNAL_MERGE_S
+        self.count += now - self._last_s > SIGNAL_MERGE_S
         self._last_s = now
 
 
 class IdentifyNode(TableNode):
-    """The node; `status` is the future exit status. Raises what START_ERRORS lists if it cannot be built."""
+    """The node; `status` is the future exit status. Raises the START_ERRORS if it cannot be built."""
 
     def __init__(self, stop: StopRequests) -> None:
         super().__init__("identify")
         values = declare_table(self, (*PARAMETERS, EXIT_WHEN_DONE), SIGNALS)
         self._exits = values[EXIT_WHEN_DONE.name]
         self.status: Future = Future()
-        self._stop, self._obeyed = stop, 0
+        self._stop, self._handled_stops = stop, 0
         self._progress = self.create_publisher(DiagnosticArray, "~/progress", LATCHED)
         self._result = self.create_publisher(DiagnosticArray, "~/result", LATCHED)
         self._model = self.create_publisher(String, "~/model", LATCHED)
@@ -68,18 +68,18 @@ class IdentifyNode(TableNode):
         self._process: IdentifyProcess | None = IdentifyProcess(build_command_line(values))
 
     def end(self) -> None:
-        """End the search, if it goes on, and let those who listen have the last messages."""
+        """End the search if it is running, and wait until subscribers have the last messages."""
         if self._process is not None:
             self._process.end()
         self._model.wait_for_all_acked(ACKNOWLEDGE_TIMEOUT)
 
     def _poll(self) -> None:
-        """Pass on what the search told and what the user wishes."""
+        """Handle the messages of the search and the user's requests to stop."""
         if self._process is not None:
             for message in self._process.read_messages():
                 self._handle_message(message)
-        if self._stop.wishes > self._obeyed:
-            self._obeyed = self._stop.wishes
+        if self._stop.count > self._handled_stops:
+            self._handled_stops = self._stop.count
             self._handle_stop_request()
         if self._state.changed or (self._process is not None and monotonic() - self._published_s >= PROGRESS_PERIOD_S):
             self._publish_progress()
@@ -91,23 +91,23 @@ class IdentifyNode(TableNode):
             self._publish_result(message["result"])
         elif EXIT_STATUS in message:
             self._process = None
-            self._end_of_process(message[EXIT_STATUS])
+            self._handle_exit(message[EXIT_STATUS])
         else:
             self._state.update(message)
 
     def _handle_stop_request(self) -> None:
         if self._process is None:
             self._finish(0)
-        elif self._obeyed > 1 or self._state.stage not in (SEARCHING, WRITING):
+        elif self._handled_stops > 1 or self._state.stage not in (SEARCHING, WRITING):
             self.get_logger().warning("stopped without a model; nothing was written")
             self._finish(0)
         else:
-            self.get_logger().info("stopping with the best model so far; a second Ctrl-C stops without")
+            self.get_logger().info("stopping with the best model so far; press Ctrl-C again to stop without a model")
             if self._state.stage == SEARCHING:
                 self._process.interrupt()
 
     def _publish_progress(self) -> None:
-        """Publish the progress; log a new stage at once, the search's costs from time to time."""
+        """Publish the progress; log a new stage at once, the costs of the search every few seconds."""
         now = monotonic()
         message = DiagnosticArray(
             status=[_status(f"{self.get_fully_qualified_name()}: progress", *self._state.as_status())]
@@ -121,7 +121,7 @@ class IdentifyNode(TableNode):
         self._state.clear_changes()
 
     def _publish_result(self, result: dict[str, Any]) -> None:
-        """Publish costs and model, and log where they are."""
+        """Publish and log the costs and the model."""
         name = self.get_fully_qualified_name()
         message = DiagnosticArray(status=[_status(f"{name}: model", "identified", result["facts"])])
         for cost in result["costs"]:
@@ -134,17 +134,15 @@ class IdentifyNode(TableNode):
         self.get_logger().info(f"model: {result['facts']['model']}, latched on {self._model.topic_name}")
         self._state.update({"stage": DONE})
 
-    def _end_of_process(self, status: int) -> None:
+    def _handle_exit(self, status: int) -> None:
         if self._state.stage == DONE:
-            if self._exits or self._obeyed:
+            if self._exits or self._handled_stops:
                 self._finish(0)
-        elif self._obeyed:
-            self.get_logger().warning(
-                f"stopped without a model: {self._state.error or 'the search had found none yet'}"
-            )
+        elif self._handled_stops:
+            self.get_logger().warning(f"stopped without a model: {self._state.error or 'the search had no model yet'}")
             self._finish(0)
         else:
-            self.get_logger().fatal(self._state.error or f"the search's process ended with status {status}; see above")
+            self.get_logger().fatal(self._state.error or f"the search process exited with status {status}; see above")
             self._finish(USER_ERROR)
 
     def _finish(self, status: int) -> None:
@@ -153,12 +151,12 @@ class IdentifyNode(TableNode):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; returns 0 when stopped by a signal or done, 2 if a parameter or a recording cannot be used."""
+    """Run the node; returns 0 when done or stopped by a signal, 2 if a parameter or a recording cannot be used."""
     stop = StopRequests()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
     try:
-        # With rclpy's own handlers the context would be gone before the model found so far could be published.
+        # rclpy's own handlers would shut the context down before the best model so far could be published.
         rclpy.init(args=None if argv is None else list(argv), signal_handler_options=SignalHandlerOptions.NO)
         return _run(stop)
     except START_ERRORS as error:

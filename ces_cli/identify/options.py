@@ -1,7 +1,7 @@
-"""The parameters of the node `identify`: the options of `ces identify` by their names, as a table that knows no ROS.
+"""The parameters of the node `identify`, as a table without ROS: the options of `ces identify` under the same names.
 
-The node declares them from here, `build_command_line` makes the program's command line of their values, and the tests
-hold names, defaults and ranges against the program's own parser.
+The node declares them, `build_command_line` turns their values into the program's command line, and the tests compare
+names, defaults and ranges with the program's own parser.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ces_observer.nodes.parameter_table import NO_WORDS, ParameterSpec, Value
 
 @dataclass(frozen=True)
 class Option(ParameterSpec):
-    """An option of the program as a parameter; `unset` is the number that leaves it to the program."""
+    """An option of the program as a parameter; `unset` is the number that selects the program's own default."""
 
     unset: float | None = None
     is_path: bool = False
@@ -25,45 +25,47 @@ class Option(ParameterSpec):
 
 PARAMETERS = (
     Option("bags", NO_WORDS, "recordings with a measured force; at least one must be given", is_path=True),
-    Option("validate", NO_WORDS, "recordings only to judge the model on", is_path=True),
-    Option("signals", "", "file that says where each signal is; empty: the packaged one", is_path=True),
+    Option("validate", NO_WORDS, "recordings for validation only", is_path=True),
+    Option("signals", "", "signals file; empty: the packaged one", is_path=True),
     Option("out", "model.json", "model file to write; its folder must exist", is_path=True),
     Option("report", "", "report page to write (HTML); empty: none", is_path=True),
     Option("structure", next(iter(KITS)), "structure of the model", one_of=tuple(KITS)),
     *(Option(s.name, s.default, s.meaning, *(s.whole or ())) for kit in KITS.values() for s in kit.sizes),
     Option("split", 0.0, "first share of each recording to identify on; 0: 0.75, or 1 with validate", 0, 1, unset=0),
-    Option("teacher", "", "simulation whose force is learnt instead of the measured one; empty: none"),
+    Option("teacher", "", "simulation whose force replaces the measured force; empty: none"),
     Option("candidates", "", "file of candidate rules; empty: the built-in ones", is_path=True),
     Option("construct", NO_WORDS, "constructed inputs for terms to use, such as hysteresis:0.001"),
-    Option("blend", NO_WORDS, "sub-models blended between values of a signal, such as speed:-0.3,0.3"),
-    Option("method", "both", "how terms are chosen", one_of=("both", "random", "gauss-newton")),
-    Option("weight", NO_WORDS, "regions whose ticks count more, each as REGION=W"),
-    Option("terms", 25, "most terms", 1, 200),
-    Option("time", 60.0, "most time for the search [s]", 0.1, 1e6),
+    Option("blend", NO_WORDS, "sub-models with blending between values of a signal, such as speed:-0.3,0.3"),
+    Option("method", "both", "search method", one_of=("both", "random", "gauss-newton")),
+    Option("weight", NO_WORDS, "regions with more weight, each as REGION=W"),
+    Option("terms", 25, "maximum number of terms", 1, 200),
+    Option("time", 60.0, "maximum time of the search [s]", 0.1, 1e6),
     Option("target", 0.0, "cost at which the search stops [%]", 0, 100),
     Option("starts", 8, "starts of the search", 1, 10000),
     Option("seed", 1, "seed of the first start", 0, 2**31),
-    Option("threads", 0, "threads of the search; 0: as many as processors", 0, 256, unset=0),
-    Option("no_certificate", False, "consider models whose stability is not proved, too (unsafe)"),
+    Option("threads", 0, "threads of the search; 0: one per processor", 0, 256, unset=0),
+    Option("no_certificate", False, "also accept models whose stability is not proved (unsafe)"),
     Option("rate", 0.0, "rate of the model [Hz], at least 1; 0: from the data", 0, 1e5, unset=0),
-    Option("bandwidth", 0.0, "of the differentiator [Hz], at least 0.01; 0: from the data", 0, 5e4, unset=0),
+    Option("bandwidth", 0.0, "bandwidth of the differentiator [Hz], at least 0.01; 0: from the data", 0, 5e4, unset=0),
 )
-EXIT_WHEN_DONE = ParameterSpec("exit_when_done", False, "end when the model is published")
+EXIT_WHEN_DONE = ParameterSpec("exit_when_done", False, "end after publishing the model")
 
 
 def build_command_line(values: Mapping[str, Value]) -> list[str]:
-    """Return the command line of `ces identify` for values by name; raises CesError naming the parameter."""
-    given = {parameter.name: _texts(parameter, values[parameter.name]) for parameter in PARAMETERS}
-    bags = given.pop("bags")
+    """Return the command line of `ces identify` for these parameter values; raises CesError naming the parameter."""
+    texts_by_name = {parameter.name: _texts(parameter, values[parameter.name]) for parameter in PARAMETERS}
+    bags = texts_by_name.pop("bags")
     if not bags:
-        raise CesError("parameter 'bags' is not set; give the recordings' paths: -p bags:='[bags/noise, bags/sweep]'")
-    validate = given.pop("validate")
-    found = [f"--{name.replace('_', '-')}{text}" for name, texts in given.items() for text in texts]
-    return [*found, *(["--validate", *validate] if validate else []), "--", *bags]
+        raise CesError(
+            "parameter 'bags' is not set; set it to the paths of recordings: -p bags:='[bags/noise, bags/sweep]'"
+        )
+    validate = texts_by_name.pop("validate")
+    words = [f"--{name.replace('_', '-')}{text}" for name, texts in texts_by_name.items() for text in texts]
+    return [*words, *(["--validate", *validate] if validate else []), "--", *bags]
 
 
 def _texts(parameter: Option, value: Value) -> list[str]:
-    """Return what follows the option's name, once for each time it is given: nothing for what was left out."""
+    """Return the text after the option's name for each time it appears; nothing if it is left out."""
     if isinstance(value, bool):
         return [""] if value else []
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""The worker process of the node `identify`, seen from the node: start it, hear it without waiting, stop it."""
+"""The worker process of the node `identify`, as the node uses it: start it, poll its messages, stop it."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from typing import IO, Any
 
 WORKER = "ces_cli.identify.worker"
 WARNING, EXIT_STATUS = "warning", "exit_status"
-END_S = 5.0  # longest wait for a process that was killed
+END_S = 5.0  # maximum wait for a killed process
 
 
 class IdentifyProcess:
-    """An identification in a process of its own. It is in a session of its own, out of reach of a terminal's Ctrl-C.
+    """An identification in a separate process and session, so that a terminal's Ctrl-C does not reach it.
 
-    The node's end, however it comes, ends it: it reads from a pipe that closes then.
+    It ends with the node, however the node ends, because its standard input closes then.
     """
 
     def __init__(self, words: Sequence[str]) -> None:
@@ -40,9 +40,9 @@ class IdentifyProcess:
         threading.Thread(target=self._read_output, args=(self._process.stdout,), daemon=True).start()
 
     def read_messages(self) -> Iterator[dict[str, Any]]:
-        """Yield what arrived since last time, as ces_cli.identify.worker sends it.
+        """Yield the messages of ces_cli.identify.worker since the last call.
 
-        `warning` is a line of standard error, and `exit_status` comes last.
+        A `warning` is a line of its standard error; `exit_status` is the last message.
         """
         while True:
             try:
@@ -51,11 +51,11 @@ class IdentifyProcess:
                 return
 
     def interrupt(self) -> None:
-        """Let it end the search with the best model so far."""
+        """Stop the search with the best model so far."""
         self._process.send_signal(signal.SIGINT)
 
     def end(self) -> None:
-        """End it at once, whatever it does, and wait for that."""
+        """Kill the process and wait until it has ended."""
         self._process.kill()
         self._process.wait(END_S)
 

@@ -1,4 +1,4 @@
-"""How far the search of the node `identify` is: what its process tells comes in, a line and its figures go out."""
+"""Progress of the node `identify`: messages of its process come in; a status line and values go out."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ LINES = {
     STARTING: "starting",
     READING: "reading the recordings",
     SEARCHING: "searching: no model yet",
-    WRITING: "fitting the best model anew, judging and writing it",
+    WRITING: "refitting, evaluating and writing the best model",
     DONE: "done",
 }
 
 
 class SearchState:
-    """The stage, the best cost so far and the time spent. `error` is why the process gave up, if it did."""
+    """The stage, the best cost so far and the elapsed time; `error` is why the process failed, if it did."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s
@@ -29,7 +29,7 @@ class SearchState:
         self.changed = self.changed_stage = True
 
     def update(self, message: Mapping[str, Any]) -> None:
-        """Take in what the process sent: a stage, a better model, or an error."""
+        """Process a message: a stage, a better model, or an error."""
         self.changed = True
         if "stage" in message:
             self.stage, self.changed_stage = message["stage"], True
@@ -41,31 +41,31 @@ class SearchState:
             self._best = message
 
     def clear_changes(self) -> None:
-        """Forget that anything changed."""
+        """Mark all changes as published."""
         self.changed = self.changed_stage = False
 
     def as_status(self) -> tuple[str, dict[str, str]]:
-        """Return a line, and by name: stage, time in it [s], share of the search, cost [%], size, starts that ended."""
+        """Return a line and values by name: stage, its time [s], share of the search, cost [%], size, starts done."""
         return self._line(), {"stage": self.stage, "elapsed [s]": f"{self._elapsed_s:.1f}", **self._search()}
 
     def _line(self) -> str:
         if self.stage != SEARCHING or not self._best:
             return LINES[self.stage]
         return (
-            f"searching: selection cost J = {self._best['cost']:.2f} % of size {self._best['size']}, "
-            f"{self._best['ended']} of {self._limits['starts']} starts ended, {self._elapsed_s:.0f} s"
+            f"searching: selection cost J = {self._best['cost']:.2f} %, size {self._best['size']}, "
+            f"{self._best['ended']} of {self._limits['starts']} starts done, {self._elapsed_s:.0f} s"
         )
 
     def _search(self) -> dict[str, str]:
-        """Return the figures of the search; it may end before its time is up, and the share then is 1 at once."""
+        """Return the values of the search; if it ends before its time limit, the share jumps to 1."""
         if not self._limits:
             return {"share": "0.000"}
         share = min(1.0, self._elapsed_s / self._limits["seconds"]) if self.stage == SEARCHING else 1.0
-        found = {"share": f"{share:.3f}"}
+        values = {"share": f"{share:.3f}"}
         if self._best:
             cost, size, ended = (self._best[key] for key in ("cost", "size", "ended"))
-            found |= {"J [%]": f"{cost:.4f}", "size": str(size), "starts ended": str(ended)}
-        return found
+            values |= {"J [%]": f"{cost:.4f}", "size": str(size), "starts ended": str(ended)}
+        return values
 
     @property
     def _elapsed_s(self) -> float:

@@ -1,27 +1,39 @@
-"""The model structures `ces identify` can choose from, and the options that size them."""
+"""The options of `ces identify` that choose a model's structure, its size and the candidates for its terms."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from functools import partial
+from functools import partial, reduce
+from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_identify.identification import IdentificationResult, identify
+from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
+from ces_identify.polynomial.regressors import CandidateRules, load_rules
 from ces_identify.structures import KITS
 from ces_identify.structures.kit import SizeOption
+from ces_identify.structures.polynomial import POLYNOMIAL
+from ces_observer.errors import CesError
+
+CONSTRUCT_HELP = (
+    "let terms use a constructed input: hysteresis:M,... (stroke since the last reversal, at most M metres), "
+    "remanence:A,... (current with a hysteresis of A amperes), lag:S,... (current after a first-order lag of S "
+    "seconds, or auto: estimated from the data), frequency or frequency:S (of the displacement, over S seconds); "
+    "may be repeated"
+)
+BLEND_HELP = (
+    "divide the terms into sub-models, one for each of these values of a signal, with blending in between, such as "
+    "speed:-0.3,0.3; SIGNAL is position, speed, current or a constructed input such as valve; may be repeated"
+)
 
 
 def add_structure(to: argparse.ArgumentParser) -> None:
     """Add the option --structure, and those of each structure's sizes."""
     default, *_ = KITS
     about = ", ".join(f"{kit.option}: {kit.about}" for kit in KITS.values())
-    to.add_argument(
-        "--structure",
-        choices=tuple(KITS),
-        default=default,
-        help=f"{about} (default {default}); --candidates, --method and --terms are of polynomials only",
-    )
+    text = f"{about} (default {default}); --candidates, --method and --terms apply to polynomials only"
+    to.add_argument("--structure", choices=tuple(KITS), default=default, help=text)
     for size in (size for kit in KITS.values() for size in kit.sizes):
         to.add_argument(
             f"--{size.name}",
@@ -32,9 +44,25 @@ def add_structure(to: argparse.ArgumentParser) -> None:
         )
 
 
+def add_candidates(to: argparse.ArgumentParser) -> None:
+    """Add the options --candidates, --show-candidates, --construct and --blend."""
+    to.add_argument("--candidates", type=Path, metavar="FILE", help="candidate rules (YAML; see --show-candidates)")
+    to.add_argument("--show-candidates", action="store_true", help="print the built-in candidate rules and exit")
+    to.add_argument("--construct", action="append", default=[], metavar="INPUT", help=CONSTRUCT_HELP)
+    to.add_argument("--blend", action="append", default=[], metavar="SIGNAL:A,B,...", help=BLEND_HELP)
+
+
 def select_identify_function(options: argparse.Namespace) -> Callable[..., IdentificationResult]:
-    """Return the function that identifies the structure chosen: (recordings, validation, options, listener)."""
+    """Return the function that identifies the chosen structure: (recordings, validation, options, listener)."""
     return partial(identify, fitter=KITS[options.structure].fitter(vars(options)))
+
+
+def candidate_rules(options: argparse.Namespace) -> CandidateRules:
+    """Return the candidate rules that the options describe; raises CesError naming the option or file at fault."""
+    if options.structure != POLYNOMIAL.option and (options.construct or options.blend):
+        raise CesError(f"--construct and --blend: apply to polynomials only, not to --structure {options.structure}")
+    rules = reduce(add_constructed_inputs, options.construct, load_rules(options.candidates))
+    return reduce(add_blend, options.blend, rules)
 
 
 def _check_text(size: SizeOption, text: str) -> str:

@@ -1,4 +1,4 @@
-"""`ces validate`: a model's free run judged on recordings."""
+"""`ces validate`: evaluates a model's free run on recordings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.tables import cost_table
 from ces_identify.preparation.series import prepare
-from ces_identify.preparation.weighting import FORMS, Weighting, parse_weighting
+from ces_identify.preparation.weighting import Weighting, parse_weighting
 from ces_identify.validation.error_regions import error_cells
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.validation.residuals import residual_tests, verdicts
@@ -53,27 +53,27 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _evaluations(model: Model, options: argparse.Namespace) -> list[Evaluation]:
-    recordings = terminal.read_all(
-        options.bags, terminal.load_described_signals(options), ("position", "current", "force")
-    )
+    signals = terminal.load_described_signals(options)
+    recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in options.bags]
     shares = _read_identified_shares(model.provenance)
     evaluations = []
     for recording in recordings:
-        seen = _overlap(shares.get(recording.sha256, (0.0, 0.0)), options.part)
-        if seen:
-            terminal.print_warning(f"{recording.name}: the model was identified on part of this")
+        first, last = shares.get(recording.sha256, (0.0, 0.0))
+        overlaps = max(first, options.part[0]) < min(last, options.part[1])
+        if overlaps:
+            terminal.print_warning(f"{recording.name}: the model was identified on part of these data")
         series = prepare(recording, model.sampling).part(*options.part)
-        evaluations += evaluate(model, [series], IDENTIFICATION if seen else VALIDATION)
+        evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
     return evaluations
 
 
 def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> None:
-    """Print what the table has no room for: the weights, the residuals of each recording, where the error sits."""
+    """Print the weights, the residual tests of each recording, and the regions with the largest error."""
     if weighting:
         print(f"weights: {weighting}")
     for e in evaluations:
         tests = residual_tests(e)
-        for line in verdicts(tests) if tests else ("none to test: the free run diverged or is too short",):
+        for line in verdicts(tests) if tests else ("not tested: the free run diverged or is too short",):
             print(f"residual of {e.name}: {line}")
     for cell in error_cells(evaluations)[:WORST_CELLS]:
         print(
@@ -82,12 +82,8 @@ def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> N
         )
 
 
-def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    return max(one[0], other[0]) < min(one[1], other[1])
-
-
 def _read_identified_shares(provenance: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Return the shares of the recordings the model was identified on, by hash."""
+    """Return by hash the share of each recording that the model was identified on."""
     rows = provenance.get("identification")
     shares = {}
     for row in rows if isinstance(rows, list) else []:
@@ -100,8 +96,9 @@ def _read_identified_shares(provenance: Mapping[str, Any]) -> dict[str, tuple[fl
 def _parser() -> terminal.Parser:
     p = terminal.parser(
         "validate",
-        "Judge a model by the cost J of its free run on recordings with a measured force: with its interval, the noise "
-        "floor where cycles repeat, what the residuals still hold, and where the error sits. Or prove it stable again.",
+        "Evaluate a model by the cost J of its free run on recordings with a measured force, with the interval of J, "
+        "the noise floor where cycles repeat, tests of the residuals, and the regions with the largest error. Or prove "
+        "its stability again.",
         "ces validate model.json bags/road --weight zero_crossing=3 --report validation.html\n"
         "  ces validate model.json --certificate",
     )
@@ -109,19 +106,8 @@ def _parser() -> terminal.Parser:
     p.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings with a measured force")
     terminal.add_signals(p)
     terminal.add_part(p)
-    p.add_argument(
-        "--weight",
-        action="append",
-        default=[],
-        metavar="REGION=W",
-        help=f"show J with this region's ticks counted W times, too; may be repeated: {FORMS} "
-        "[m/s, share of the stroke, A, m]",
-    )
-    p.add_argument(
-        "--certificate",
-        action="store_true",
-        help="prove the model stable again and compare with the file; exit status 1 if it cannot be proved",
-    )
-    p.add_argument("--report", type=Path, metavar="FILE", help="write a report page (HTML)")
-    p.add_argument("--picture", type=Path, metavar="FILE", help="draw speed-force and time plots (.png, .svg, .pdf)")
+    terminal.add_weight(p, "also show J with W times the weight for ticks in this region")
+    text = "prove the model stable again and compare with the file; exit status 1 if it cannot be proved"
+    p.add_argument("--certificate", action="store_true", help=text)
+    terminal.add_report_and_picture(p)
     return p

@@ -1,8 +1,8 @@
-"""The process in which the node `identify` has its model identified, so that the search cannot hold up its executor.
+"""The separate process of the node `identify` that runs the search, so that it does not block the node's executor.
 
-The command line of `ces identify` comes in; one JSON object a line goes out on standard output, and warnings as
-text on standard error. The end of standard input, which is the node's end, ends the process. SIGINT does here what
-Ctrl-C does to the program: it ends the search with the best model so far, and anything else without a model.
+The command line of `ces identify` comes in. One JSON object per line goes out on standard output, warnings as text on
+standard error. The process ends when its standard input closes, which happens when the node ends. SIGINT acts as Ctrl-C
+does on the program: it stops the search with the best model so far, and any other stage without a model.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from ces_cli.identify.identification import prepare_identification, write_report
 from ces_cli.identify.program import parser
 from ces_cli.identify.progress import READING, SEARCHING, WRITING
 from ces_cli.terminal import terminal
+from ces_cli.terminal.progress import BestResults
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.limits import Limits, SearchResult
 from ces_identify.validation.evaluate import Evaluation
@@ -35,9 +36,9 @@ Send = Callable[[dict[str, Any]], None]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Identify a model; returns 0, 2 after a mistake of the user, or 130 if there was no model yet at SIGINT."""
+    """Identify a model; returns 0, 2 after a user's mistake, or 130 if SIGINT came before the first model."""
     send = _redirect_stdout()
-    threading.Thread(target=_end_with_the_node, daemon=True).start()
+    threading.Thread(target=_exit_with_node, daemon=True).start()
     try:
         terminal.interrupt_as_exception()
         send({"result": _identify(list(sys.argv[1:] if argv is None else argv), send)})
@@ -53,18 +54,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _identify(words: list[str], send: Send) -> dict[str, Any]:
-    """Identify, write model and report, and return what the node tells of them."""
+    """Identify, write model and report, and return the message that the node publishes."""
     options = _options(words)
     send({"stage": READING})
     work = prepare_identification(options)
     result = work.run(lambda limits: SearchReporter(limits, send))
     if options.report is not None:
         write_report_page(result, options, shlex.join(["ces", "identify", *words]))
-    return as_message(result, options)
+    return _as_message(result, options)
 
 
-def as_message(result: IdentificationResult, options: argparse.Namespace) -> dict[str, Any]:
-    """Return the model's text, where it is, and its costs, as JSON has them."""
+def _as_message(result: IdentificationResult, options: argparse.Namespace) -> dict[str, Any]:
+    """Return the model's text, facts such as its path, and its costs, ready for JSON."""
     best, model = result.search_results[0], result.model
     return {
         "text": model.to_json(),
@@ -89,8 +90,8 @@ class SearchReporter:
     def __init__(self, limits: Limits, send: Send) -> None:
         self._limits, self._send = limits, send
         self._lock = threading.Lock()
-        self._best: dict[int, SearchResult] = {}
-        self._began = self._sent_at = time.monotonic()
+        self._results = BestResults()
+        self._sent_at = time.monotonic()
 
     def __enter__(self) -> SearchReporter:
         self._send({"stage": SEARCHING, "seconds": self._limits.seconds, "starts": self._limits.starts})
@@ -102,19 +103,17 @@ class SearchReporter:
             self._send({"stage": WRITING})
 
     def listen(self, result: SearchResult) -> None:
-        """Hear of an improvement or of the end of a start."""
+        """Receive an improvement or the end of a start."""
         with self._lock:
-            self._best[result.seed] = result
+            self._results.update(result)
             if time.monotonic() - self._sent_at >= SEND_EVERY_S:
                 self._send_best()
 
     def _send_best(self) -> None:
         self._sent_at = time.monotonic()
-        best = min(self._best.values(), key=lambda found: found.cost, default=None)
-        if best is None:
-            return
-        ended = sum(found.ended != "running" for found in self._best.values())
-        self._send({"cost": best.cost, "size": len(best.chosen), "ended": ended})
+        best = self._results.best
+        if best is not None:
+            self._send({"cost": best.cost, "size": len(best.chosen), "ended": self._results.finished})
 
 
 def _cost(evaluation: Evaluation) -> dict[str, str]:
@@ -127,18 +126,18 @@ def _cost(evaluation: Evaluation) -> dict[str, str]:
 
 
 def _options(words: list[str]) -> argparse.Namespace:
-    """Return the options; raises CesError with what the parser would have printed."""
-    complaint = io.StringIO()
+    """Return the options; raises CesError with the parser's message."""
+    message = io.StringIO()
     try:
-        with redirect_stderr(complaint):
+        with redirect_stderr(message):
             return parser().parse_args(words)
     except SystemExit:
-        text = complaint.getvalue().strip().removeprefix("ces identify: error: ").partition("; see ")[0]
+        text = message.getvalue().strip().removeprefix("ces identify: error: ").partition("; see ")[0]
         raise CesError(text.replace("argument --", "parameter ", 1)) from None
 
 
 def _redirect_stdout() -> Send:
-    """Return who writes lines to standard output, and send what anybody else prints to standard error."""
+    """Return a function that writes messages to standard output; redirect all other output to standard error."""
     stream = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     lock = threading.Lock()
@@ -151,7 +150,7 @@ def _redirect_stdout() -> Send:
     return send
 
 
-def _end_with_the_node() -> None:
+def _exit_with_node() -> None:
     os.read(sys.stdin.fileno(), 1)  # not sys.stdin.read(), whose lock would be held when the interpreter ends
     os._exit(terminal.INTERRUPTED)
 

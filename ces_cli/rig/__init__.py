@@ -1,1 +1,1 @@
-"""The program `rig`: an experiment on the virtual rig becomes a recording."""
+"""The program `rig`: runs an experiment on the virtual rig and records it."""

@@ -1,4 +1,4 @@
-"""`ces rig`: run an experiment on the virtual rig and write what its sensors logged as a bag."""
+"""`ces rig`: runs an experiment on the virtual rig and writes its sensor signals as a bag."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Recording
 from ces_rig.errors import RigError
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, packaged_experiments, run, with_seed
 
@@ -20,8 +19,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.list:
         return _list()
     if options.experiment is None or options.out is None:
-        parser.error("EXPERIMENT and --out BAG are needed (or --list)")
-    _record(_experiment(options), options)
+        parser.error("expected EXPERIMENT and --out BAG (or --list)")
+    experiment = load_experiment(find_experiment(options.experiment))
+    _record(experiment if options.seed is None else with_seed(experiment, options.seed), options)
     return 0
 
 
@@ -31,19 +31,14 @@ def _parser() -> terminal.Parser:
         "Run an experiment on the virtual dyno rig and write a bag with position, current and force (synthetic data).",
         "ces rig sine_4hz --out sine_4hz",
     )
-    p.add_argument(
-        "experiment", nargs="?", metavar="EXPERIMENT", help="experiment file (YAML) or the name of a packaged one"
-    )
+    text = "experiment file (YAML) or the name of a packaged one"
+    p.add_argument("experiment", nargs="?", metavar="EXPERIMENT", help=text)
     p.add_argument("--out", type=Path, metavar="BAG", help="bag folder to write")
-    p.add_argument(
-        "--seed",
-        type=terminal.integer_between(0, 2**31),
-        metavar="N",
-        help="seed of everything random (default: the experiment's own)",
-    )
+    seed_type, text = terminal.integer_between(0, 2**31), "random seed (default: the experiment's own)"
+    p.add_argument("--seed", type=seed_type, metavar="N", help=text)
     terminal.add_signals(p)
     p.add_argument("--overwrite", action="store_true", help="replace BAG if it exists")
-    p.add_argument("--list", action="store_true", help="list the packaged experiments and leave")
+    p.add_argument("--list", action="store_true", help="list the packaged experiments and exit")
     return p
 
 
@@ -54,24 +49,17 @@ def _list() -> int:
     return 0
 
 
-def _experiment(options: argparse.Namespace) -> Experiment:
-    experiment = load_experiment(find_experiment(options.experiment))
-    return experiment if options.seed is None else with_seed(experiment, options.seed)
-
-
 def _record(experiment: Experiment, options: argparse.Namespace) -> None:
     signals = terminal.load_described_signals(options)
     with terminal.err.status(f"running {experiment.settings.name}"):
         recording = run(experiment)
     topics = recording_topics(recording, signals)
     if not topics:
-        raise RigError(f"{signals.source}: describes none of what the rig records: {', '.join(recording.channels)}")
+        raise RigError(
+            f"{signals.source}: describes none of the signals that the rig records: {', '.join(recording.channels)}"
+        )
     notes = {"ces_rig": f"synthetic: experiment {recording.name}, seed {experiment.settings.seed}"}
     write_bag(options.out, topics, overwrite=options.overwrite, notes=notes)
-    print(_summary(recording, options.out))
-
-
-def _summary(recording: Recording, out: Path) -> str:
     samples = ", ".join(f"{len(channel)} {name}" for name, channel in recording.channels.items())
     force = recording.channel("force").values
-    return f"{out}: {samples} samples; force {force.min():.0f} to {force.max():.0f} N"
+    print(f"{options.out}: {samples} samples; force {force.min():.0f} to {force.max():.0f} N")

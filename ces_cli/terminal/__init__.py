@@ -1,1 +1,1 @@
-"""What all programs share: options and exit status, reading of recordings, tables, pictures and progress."""
+"""Shared by all programs: options and exit status, reading of recordings, tables, pictures and progress."""

@@ -1,47 +1,71 @@
-"""Runs many jobs from a program: their results go to disk as they end, progress to the terminal; Ctrl-C keeps them."""
+"""Runs many jobs: writes each result to disk as its job ends and shows progress; Ctrl-C keeps finished results."""
 
 from __future__ import annotations
 
+import argparse
 import os
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 
+from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import JobsProgress
-from ces_identify.jobs.job import DONE, JobResult
+from ces_identify.jobs.job import DONE
 from ces_identify.jobs.results_folder import ResultsFolder
 from ces_identify.jobs.row_log import Row
 from ces_identify.jobs.workers import Shared, Task, Work, run_on_cluster, run_on_this_machine
 from ces_observer.errors import CesError
 
 
-def require_one_place(jobs: int | None, dask: str | None) -> None:
-    """Raise CesError if both a number of processes and a cluster are given."""
-    if dask is not None and jobs is not None:
-        raise CesError("--jobs is about this machine; with --dask the cluster's workers are what there is")
+def add_jobs(to: argparse.ArgumentParser, what: str) -> None:
+    """Add the options --jobs and --dask; `what` names the runs that they apply to."""
+    whole = terminal.integer_between
+    to.add_argument("--jobs", type=whole(1, 256), metavar="N", help=f"{what}: processes (default: all processors)")
+    to.add_argument("--dask", metavar="ADDRESS", help=f"{what}: use the workers of this Dask scheduler (host:port)")
 
 
-def start_jobs(
-    work: Work, tasks: Iterable[Task], shared: Shared, jobs: int | None, dask: str | None, threads: int
-) -> Generator[JobResult, None, None]:
-    """Yield results from the Dask scheduler at `dask`, or from `jobs` processes (default: one a processor)."""
-    if dask is not None:
-        return run_on_cluster(work, tasks, shared, dask)
-    return run_on_this_machine(work, tasks, shared, jobs or os.cpu_count() or 1, threads)
+def require_one_place(options: argparse.Namespace) -> None:
+    """Raise CesError if the options name both a number of processes and a cluster."""
+    if options.dask is not None and options.jobs is not None:
+        raise CesError("--jobs applies to this machine only; with --dask the cluster sets the number of workers")
 
 
-def keep_results(
-    started: Generator[JobResult, None, None],
+def run_jobs(
+    work: Work,
+    tasks: Iterable[Task],
+    shared: Shared,
+    threads: int,
+    options: argparse.Namespace,
     results: ResultsFolder,
     progress: JobsProgress,
     describe: Callable[[Row], str],
 ) -> bool:
-    """Write each result as its job ends; returns False if Ctrl-C came before the last."""
+    """Run the tasks on the cluster --dask or in --jobs processes (default: one per processor), and store the results.
+
+    Returns False if Ctrl-C came before the last.
+    """
+    if options.dask is not None:
+        running = run_on_cluster(work, tasks, shared, options.dask)
+    else:
+        running = run_on_this_machine(work, tasks, shared, options.jobs or os.cpu_count() or 1, threads)
     try:
-        with progress, closing(started):
-            for result in started:
+        with progress, closing(running):
+            for result in running:
                 results.add(result)
                 progress.count(describe(result.row), failed=result.row["status"] != DONE)
     except KeyboardInterrupt:
         results.refresh()
         return False
     return True
+
+
+def report_failures(rows: Sequence[Row], planned: int, finished: bool, things: str, name: Callable[[Row], str]) -> int:
+    """Warn of every failed job, or of an interruption; returns the exit status. Raises CesError if all failed."""
+    if not finished:
+        terminal.print_warning(f"interrupted after {len(rows)} of {planned} {things}; run the same command to continue")
+        return terminal.INTERRUPTED
+    failed = [row for row in rows if row["status"] != DONE]
+    for row in failed:
+        terminal.print_warning(f"{name(row)}: {row['reason']}")
+    if len(failed) == len(rows):
+        raise CesError(f"all {len(rows)} {things} failed, for the reasons above")
+    return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from types import TracebackType
 from typing import Self
@@ -11,18 +12,20 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
+    TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 
 from ces_cli.terminal import terminal
+from ces_identify.polynomial.limits import Limits, SearchResult
 
 LOG_EVERY_S = 5.0
 
 
 class LiveBar:
-    """A bar labelled `label` with one task, shown while the context is open and the error stream is a terminal."""
+    """A progress bar with one task, shown while the context is open and the error stream is a terminal."""
 
     def __init__(self, label: str, *columns: ProgressColumn, total: float, text: str = "", done: int = 0) -> None:
         self._bar = Progress(
@@ -35,6 +38,7 @@ class LiveBar:
             disable=not terminal.err.is_terminal,
         )
         self._task = self._bar.add_task(text, total=total, completed=done)
+        self._lock = threading.Lock()
         self._began = self._logged = time.monotonic()
 
     def __enter__(self) -> Self:
@@ -46,11 +50,11 @@ class LiveBar:
 
     @property
     def elapsed_s(self) -> float:
-        """Seconds since the bar was made."""
+        """Seconds since the bar was created."""
         return time.monotonic() - self._began
 
     def show(self, completed: float, text: str) -> None:
-        """Move the bar and change the text behind it."""
+        """Move the bar and change the text after it."""
         self._bar.update(self._task, completed=completed, description=text)
 
     def log(self, text: str) -> None:
@@ -59,25 +63,79 @@ class LiveBar:
             terminal.err.print(text, highlight=False, soft_wrap=True)
 
     def log_seldom(self, text: str) -> None:
-        """Print a line with the time if there is no terminal and the last one was some seconds ago."""
+        """Print a line with the elapsed time if there is no terminal and the last line is some seconds old."""
         if time.monotonic() - self._logged > LOG_EVERY_S:
             self._logged = time.monotonic()
             self.log(f"{self.elapsed_s:5.0f} s  {text}")
 
 
+class DiagnoseProgress(LiveBar):
+    """Shows the current step of a diagnosis; `listen` may be called from any thread."""
+
+    def __init__(self) -> None:
+        super().__init__("diagnosing", TaskProgressColumn(), TimeElapsedColumn(), total=1.0)
+
+    def listen(self, step: str, share: float) -> None:
+        """Show the step that begins and the share of the work that is done."""
+        with self._lock:
+            self.show(share, step)
+            self.log_seldom(f"{share:4.0%}  {step}")
+
+
+class BestResults:
+    """The best result of every start of a search so far."""
+
+    def __init__(self) -> None:
+        self._by_seed: dict[int, SearchResult] = {}
+
+    def update(self, result: SearchResult) -> None:
+        """Replace the result of its start."""
+        self._by_seed[result.seed] = result
+
+    @property
+    def best(self) -> SearchResult | None:
+        """The result with the lowest selection cost."""
+        return min(self._by_seed.values(), key=lambda result: result.cost, default=None)
+
+    @property
+    def finished(self) -> int:
+        """Number of starts that have finished."""
+        return sum(result.ended != "running" for result in self._by_seed.values())
+
+
+class SearchProgress(LiveBar):
+    """Shows the best cost of a search so far; `listen` may be called from any thread."""
+
+    def __init__(self, limits: Limits) -> None:
+        text = "no model yet (Ctrl-C keeps the best so far)"
+        super().__init__("searching", TimeElapsedColumn(), total=limits.seconds, text=text)
+        self._results = BestResults()
+
+    def listen(self, result: SearchResult) -> None:
+        """Show an improvement or the end of a start."""
+        with self._lock:
+            self._results.update(result)
+            best = self._results.best or result
+            text = (
+                f"selection cost J = {best.cost:.2f} %, size {len(best.chosen)}, {self._results.finished} starts done"
+            )
+            self.show(self.elapsed_s, text)
+            self.log_seldom(text)
+
+
 class JobsProgress(LiveBar):
-    """Counts the finished of `total` jobs, `already` of them from an earlier run; `things` is what they are called."""
+    """Counts finished jobs out of `total`, `already` of them from an earlier run; `things` is their name."""
 
     def __init__(self, total: int, already: int, things: str) -> None:
         self.total, self.finished, self.failed = total, already, 0
         columns = (MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-        text = f"{already} from an earlier run" if already else "(Ctrl-C keeps what is finished)"
+        text = f"{already} from an earlier run" if already else "(Ctrl-C keeps finished results)"
         super().__init__(things, *columns, total=total, text=text, done=already)
         if already:
-            self.log(f"{already} of {total} {things} are there from an earlier run")
+            self.log(f"{already} of {total} {things} are done from an earlier run")
 
     def count(self, text: str, failed: bool = False) -> None:
-        """Count a job that ended; `text` says how."""
+        """Count a finished job; `text` describes its result."""
         self.finished += 1
         self.failed += failed
         self.show(self.finished, text + (f"; {self.failed} failed" if self.failed else ""))

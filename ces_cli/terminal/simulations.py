@@ -25,8 +25,8 @@ from ces_observer.model import load_model
 from ces_observer.signals import Signal, Signals
 
 HELP = (
-    "MODEL.json, AUGMENTED.json, RIG.yaml, module:function, topic:/name, or a co-simulation FILE.fmu (native code, and "
-    "run: only from whom you trust; FILE.fmu:position=NAME,current=NAME,force=NAME names its variables)"
+    "MODEL.json, AUGMENTED.json, RIG.yaml, module:function, topic:/name, or a co-simulation FILE.fmu, which runs "
+    "native code: use only a file that you trust (FILE.fmu:position=NAME,current=NAME,force=NAME names its variables)"
 )
 EXPECTED = "MODEL.json, AUGMENTED.json, RIG.yaml, FILE.fmu, module:function or topic:/name"
 FIELDS = {
@@ -43,11 +43,12 @@ def open_simulation(spec: str) -> Simulation:
     if spec.startswith("topic:"):
         return RecordedSimulation(spec.removeprefix("topic:"))
     if SPEC.fullmatch(spec):
-        return _fmu(spec)
-    suffix = Path(spec).suffix.lower()
-    opener = _OPENERS.get(suffix)
-    if opener is not None:
-        return opener(Path(spec))
+        from ces_identify.simulations.fmu_simulation import open_fmu
+
+        return open_fmu(spec)
+    path = Path(spec)
+    if path.suffix.lower() in _OPENERS:
+        return _OPENERS[path.suffix.lower()](path)
     if ":" in spec:
         import_from_here()
         return function_simulation(spec)
@@ -62,23 +63,23 @@ def import_from_here() -> None:
 
 
 def with_predictions(simulation: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
-    """Return the recording with the predictions in its bag, if that is where the simulation's force comes from."""
+    """Return the recording with the predictions recorded in its bag, if the simulation reads its force from there."""
     predictions = find_predictions(simulation)
     if predictions is None:
         return recording
     topic = predictions.topic
-    types = {found.name.lstrip("/"): found.type for found in list_topics(path)}
+    types = {t.name.lstrip("/"): t.type for t in list_topics(path)}
     kind = types.get(topic.lstrip("/"))
     if kind is None:
         raise CesError(f"{path}: no topic {topic}; it has {', '.join('/' + t for t in sorted(types))}")
-    given = signals.by_name.get("sim_force")
-    if not isinstance(given, Signal) or given.topic.lstrip("/") != topic.lstrip("/"):
+    signal = signals.by_name.get("sim_force")
+    if not isinstance(signal, Signal) or signal.topic.lstrip("/") != topic.lstrip("/"):
         described = {"topic": topic, "type": kind, "field": FIELDS.get(kind, "data")}
-        given = Signals.from_mapping({"sim_force": described}, f"topic {topic}")["sim_force"]
-    only = replace(signals, by_name={**signals.by_name, "sim_force": given})
+        signal = Signals.from_mapping({"sim_force": described}, f"topic {topic}")["sim_force"]
+    extended = replace(signals, by_name={**signals.by_name, "sim_force": signal})
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # told when the recording was read
-        return read_recording(path, only, ("position", "current", "sim_force"))
+        warnings.simplefilter("ignore")  # printed when the recording was read
+        return read_recording(path, extended, ("position", "current", "sim_force"))
 
 
 def with_teacher_force(teacher: Simulation, path: Path, recording: Recording, signals: Signals) -> Recording:
@@ -93,14 +94,8 @@ def _json(path: Path) -> Simulation:
 
     if not is_augmented(path):
         return ModelSimulation(load_model(path))
-    import_from_here()  # effects of the user's own
+    import_from_here()  # for the user's own effects
     return load_augmented(path, open_simulation)
-
-
-def _fmu(spec: str) -> Simulation:
-    from ces_identify.simulations.fmu_simulation import open_fmu
-
-    return open_fmu(spec)
 
 
 def _rig(path: Path) -> Simulation:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from ces_cli.terminal.terminal import make_table
 from ces_identify.folds import CrossValidation
 from ces_identify.polynomial.problem import estimation_ticks
 from ces_identify.preparation.cost import weighted_cost
@@ -22,41 +22,34 @@ NONE = "-"
 def cost_table(
     evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL, exact: bool = True
 ) -> Table:
-    """Return a table with a row for each evaluation, and one for all that were held out together.
+    """Return a table with a row for each evaluation, and one for all held-out recordings together.
 
-    The columns: what the seconds served, J and its 95 % interval, the noise floor of J where cycles reveal it, the
-    weighted J if there are weights, the RMS error, and the share of ticks outside the envelope. `exact` tells that
-    what was identified on is shown in full, so that its seconds of estimation and selection are known.
+    Columns: use of the scored seconds, J and its 95 % interval, the noise floor of J where cycles repeat, the weighted
+    J if there are weights, the RMS error, and the share of ticks outside the envelope. With `exact` the evaluations
+    are those of the identification itself, whose seconds of estimation and selection are known.
     """
     floors = [cycle_noise(e.series) for e in evaluations]
-    revealed = any(isinstance(floor, CycleNoise) for floor in floors)
-    table = _table(title)
-    table.add_column("recording", overflow="fold", min_width=min(14, max(len(e.name) for e in evaluations)))
-    table.add_column("served", no_wrap=True)
-    headings = ("J %", "95 %", *(["floor"] if revealed else []), *(["weighted"] if weighting else []))
-    for heading in (*headings, "RMS N", "out %"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    has_floor = any(isinstance(floor, CycleNoise) for floor in floors)
+    headings = ("J %", "95 %", *(["floor"] if has_floor else []), *(["weighted"] if weighting else []))
+    table = make_table(title, ("recording", "used for"), (*headings, "RMS N", "out %"))
+    table.columns[0].min_width = min(14, max(len(e.name) for e in evaluations))
+    table.columns[1].no_wrap = True
     for e, floor in zip(evaluations, floors, strict=True):
         cells = [e.name, describe_use(e, exact), percent(e.cost), interval_text(cost_interval([e]))]
-        cells += [f"{floor.floor:.2f}" if isinstance(floor, CycleNoise) else NONE] if revealed else []
+        cells += [f"{floor.floor:.2f}" if isinstance(floor, CycleNoise) else NONE] if has_floor else []
         cells += [_format_weighted_cost(e, weighting)] if weighting else []
         table.add_row(*cells, f"{e.rms_N:.1f}" if math.isfinite(e.rms_N) else NONE, f"{100 * e.clamped_share:.1f}")
     held_out = [e for e in evaluations if e.role == VALIDATION and math.isfinite(e.cost)]
     if len(held_out) > 1:
         table.add_section()
-        table.add_row(
-            "all held out", _test(held_out), percent(pooled_cost(held_out)), interval_text(cost_interval(held_out))
-        )
+        costs = (percent(pooled_cost(held_out)), interval_text(cost_interval(held_out)))
+        table.add_row("all held out", _test(held_out), *costs)
     return table
 
 
 def fold_table(result: CrossValidation) -> Table:
-    """Return a table with a row for each recording held out, and their mean and spread."""
-    table = _table("each held out once")
-    table.add_column("recording", overflow="fold")
-    table.add_column("fold", justify="right")
-    for heading in ("J %", "95 %", "model"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    """Return a table with a row for each held-out recording, and the mean and spread of J."""
+    table = make_table("each recording held out once", ("recording",), ("fold", "J %", "95 %", "model"))
     for row in result.rows:
         table.add_row(row.recording, str(row.fold), percent(row.cost), interval_text(row.interval), row.model)
     table.add_section()
@@ -66,7 +59,7 @@ def fold_table(result: CrossValidation) -> Table:
 
 
 def describe_use(evaluation: Evaluation, exact: bool = True) -> str:
-    """Return what the scored seconds of an evaluation served."""
+    """Return the use of an evaluation's scored seconds."""
     series = evaluation.series
     if evaluation.role != IDENTIFICATION:
         return _test([evaluation])
@@ -85,10 +78,6 @@ def percent(cost: float) -> str:
 def interval_text(interval: CostInterval | None) -> str:
     """Return an interval as text, a dash if there is none."""
     return NONE if interval is None else f"{interval.low:.2f}-{interval.high:.2f}"
-
-
-def _table(title: str) -> Table:
-    return Table(title=title, title_justify="left", header_style="bold", padding=(0, 1, 0, 0), box=SIMPLE_HEAD)
 
 
 def _test(evaluations: Sequence[Evaluation]) -> str:

@@ -1,11 +1,14 @@
-"""What every program shares: options, one-line errors with exit status 2, reading recordings with their warnings."""
+"""What every program shares: options, tables, one-line errors with exit status 2, recordings read with warnings."""
 
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import os
 import signal
 import sys
+import textwrap
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -13,11 +16,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn, TextIO, TypeVar
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.table import Table
 
+from ces_identify.preparation.weighting import FORMS
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.checks import require_usable
-from ces_identify.recordings.consistency import require_consistent
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_observer.errors import CesError
@@ -25,6 +30,7 @@ from ces_observer.signals import Signals
 
 Number = TypeVar("Number", int, float)
 
+FORCE = ("position", "current", "force")  # signals of a recording with a measured force
 USER_ERROR = 2
 INTERRUPTED = 130
 
@@ -44,7 +50,7 @@ def parser(name: str, description: str, example: str) -> Parser:
     """Return the parser of the program `ces NAME`."""
     return Parser(
         prog=f"ces {name}",
-        description=description,
+        description=textwrap.fill(description, 100),
         epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -52,23 +58,29 @@ def parser(name: str, description: str, example: str) -> Parser:
 
 def add_signals(to: argparse.ArgumentParser) -> None:
     """Add the option --signals."""
-    told = "where each signal is; FILE#NAME for one of several dampers in it (default: the packaged ones)"
-    to.add_argument("--signals", type=Path, metavar="FILE", help=told)
+    text = "signals file (YAML); FILE#NAME for one of several dampers in it (default: the packaged file)"
+    to.add_argument("--signals", type=Path, metavar="FILE", help=text)
 
 
 def add_part(to: argparse.ArgumentParser) -> None:
     """Add the option --part."""
-    to.add_argument(
-        "--part",
-        type=parse_part,
-        default=(0.0, 1.0),
-        metavar="FROM:TO",
-        help="share of each recording to use (default 0:1)",
-    )
+    text = "part of each recording to use, from 0 to 1 (default 0:1)"
+    to.add_argument("--part", type=_parse_part, default=(0.0, 1.0), metavar="FROM:TO", help=text)
 
 
-def parse_part(text: str) -> tuple[float, float]:
-    """Read `FROM:TO`, two shares of a recording."""
+def add_weight(to: argparse.ArgumentParser, purpose: str) -> None:
+    """Add the option --weight; `purpose` says what the weights do."""
+    text = f"{purpose}; may be repeated: {FORMS} [m/s, share of the stroke, A, m]"
+    to.add_argument("--weight", action="append", default=[], metavar="REGION=W", help=text)
+
+
+def add_report_and_picture(to: argparse.ArgumentParser) -> None:
+    """Add the options --report and --picture."""
+    to.add_argument("--report", type=Path, metavar="FILE", help="write a report page (HTML)")
+    to.add_argument("--picture", type=Path, metavar="FILE", help="draw speed-force and time plots (.png, .svg, .pdf)")
+
+
+def _parse_part(text: str) -> tuple[float, float]:
     first, _, last = text.partition(":")
     try:
         share = float(first or 0.0), float(last or 1.0)
@@ -80,12 +92,12 @@ def parse_part(text: str) -> tuple[float, float]:
 
 
 def number_between(low: float, high: float) -> Callable[[str], float]:
-    """Return a reader of a number in [low, high]."""
+    """Return a function that parses a number in [low, high]."""
     return _parser_between(float, "a number", low, high)
 
 
 def integer_between(low: int, high: int) -> Callable[[str], int]:
-    """Return a reader of a whole number in [low, high]."""
+    """Return a function that parses a whole number in [low, high]."""
     return _parser_between(int, "a whole number", low, high)
 
 
@@ -102,13 +114,8 @@ def _parser_between(kind: Callable[[str], Number], name: str, low: Number, high:
     return number
 
 
-def read_all(paths: Iterable[Path], signals: Signals, need: Sequence[str] = ("position", "current")) -> list[Recording]:
-    """Read and check the recordings; warnings go to the terminal, one line each. Raises CesError."""
-    return [read_one(path, signals, need) for path in paths]
-
-
-def read_one(path: Path, signals: Signals, need: Sequence[str] = ("position", "current")) -> Recording:
-    """Read and check one recording; warnings go to the terminal, one line each. Raises CesError."""
+def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> Recording:
+    """Read and check a recording; warnings go to the terminal, one line each. Raises CesError."""
     with warnings.catch_warnings(record=True) as caught, err.status(f"reading {path}"):
         warnings.simplefilter("always")
         recording = read_recording(path, signals, need)
@@ -118,15 +125,26 @@ def read_one(path: Path, signals: Signals, need: Sequence[str] = ("position", "c
     return recording
 
 
-def warn_of_differences(recordings: Sequence[Recording]) -> None:
-    """Warn of differences between recordings that belong together; raises CesError if units or signs differ."""
-    for finding in require_consistent(recordings):
-        print_warning(finding.text)
-
-
 def print_warning(text: str) -> None:
     """Print a warning line to the error stream."""
     print(f"warning: {text}", file=sys.stderr)
+
+
+def make_table(title: str | None, left: Sequence[str], right: Sequence[str], padding: int = 1) -> Table:
+    """Return an empty table: columns headed `left` hold texts that may wrap, columns headed `right` hold numbers."""
+    table = Table(title=title, title_justify="left", header_style="bold", padding=(0, padding, 0, 0), box=SIMPLE_HEAD)
+    for heading in left:
+        table.add_column(heading, overflow="fold")
+    for heading in right:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
+def as_csv(rows: Iterable[Sequence[object]]) -> str:
+    """Return rows as CSV text."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def load_described_signals(options: argparse.Namespace) -> Signals:
@@ -135,7 +153,7 @@ def load_described_signals(options: argparse.Namespace) -> Signals:
 
 
 def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None = None) -> int:
-    """Run `program`; a user's mistake becomes one line on stderr and exit status 2, Ctrl-C status 130."""
+    """Run `program`; a user's mistake gives one line on stderr and exit status 2, Ctrl-C gives status 130."""
     try:
         interrupt_as_exception()
         status = program(argv)
@@ -156,7 +174,7 @@ def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequenc
 
 
 def interrupt_as_exception() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt from here on, whatever it did while modules were imported."""
+    """Let Ctrl-C raise KeyboardInterrupt; while modules were imported it ended the process at once."""
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -167,12 +185,12 @@ def _print_error(name: str, text: str) -> None:
 
 
 def _describe_system_error(error: OSError) -> str:
-    """Return what the system says, with the file if it says which."""
+    """Return the system's message, with the file if it is known."""
     what = error.strerror or str(error)
     return f"{error.filename}: {what}" if error.filename else f"{what}, while reading or writing"
 
 
 def _silence(stream: TextIO) -> None:
-    """Send what is left in a stream that cannot be written nowhere, so that Python's exit does not fail over it."""
+    """Discard the buffered rest of a stream that cannot be written, so that Python's exit does not fail."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

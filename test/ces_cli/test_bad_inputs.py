@@ -1,4 +1,4 @@
-"""What goes wrong in practice: data that cannot carry what is asked, recordings that do not belong together, Ctrl-C at
+"""What goes wrong in practice: insufficient data, recordings that do not belong together, Ctrl-C at
 any moment, a full disk. Each ends in one clear line, and nothing is ever half written."""
 
 import os
@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ces_cli.identify.search_progress import SearchProgress
 from ces_cli.main import main
 from ces_cli.terminal import terminal
+from ces_cli.terminal.progress import SearchProgress
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import CesError
@@ -41,8 +41,8 @@ products: [[], [speed], [position], [current], [speed, current], [force]]
 """
 
 
-def made(seconds=12.0, seed=1, rate=500.0, driven=None, **scales):
-    """Return the channels of a made-up damper; `scales` multiply them, `driven` makes the current of the position."""
+def make_channels(seconds=12.0, seed=1, rate=500.0, driven=None, **scales):
+    """Return the channels of an invented damper, multiplied by `scales`; `driven` computes the current."""
     dice = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate)) / rate
     x = 0.01 * np.sin(2 * np.pi * 3 * t) + 0.004 * np.sin(2 * np.pi * 7.3 * t + seed)
@@ -55,7 +55,7 @@ def made(seconds=12.0, seed=1, rate=500.0, driven=None, **scales):
 
 
 def bag(path, **how):
-    write_bag(path, recording_topics(Recording(path.name, made(**how)), DEFAULT))
+    write_bag(path, recording_topics(Recording(path.name, make_channels(**how)), DEFAULT))
     return path
 
 
@@ -78,8 +78,8 @@ def identify(folder, *bags, terms=4):
     return [*words, "--starts", 2, "--time", 10, "--threads", 2]
 
 
-def told(capsys, status, *words):
-    """Run a program that must end with `status`; return its one line, warnings left out."""
+def run_and_get_line(capsys, status, *words):
+    """Run a program that must end with `status`; return its error line without warnings."""
     capsys.readouterr()
     assert ces(*words) == status
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
@@ -87,7 +87,7 @@ def told(capsys, status, *words):
     return lines[0]
 
 
-# ------------------------------------------------------------------------------- data that cannot carry what is asked
+# ------------------------------------------------------------------------------------------------- insufficient data
 
 
 @pytest.mark.parametrize(
@@ -101,11 +101,11 @@ def told(capsys, status, *words):
 def test_too_few_samples(work, tmp_path, capsys, how, message):
     bag(tmp_path / "short", **how)
     words = [*identify(work, tmp_path / "short", terms=100), "--out", tmp_path / "m.json"]
-    assert message in told(capsys, 2, *words)
+    assert message in run_and_get_line(capsys, 2, *words)
     assert not (tmp_path / "m.json").exists()
 
 
-def test_more_terms_than_the_candidates_give_is_fewer_terms(work, tmp_path):
+def test_more_terms_than_candidates_gives_fewer_terms(work, tmp_path):
     assert ces(*identify(work, "one", terms=200), "--out", tmp_path / "m.json") == 0
     assert 1 <= len(load_model(tmp_path / "m.json").body.terms) <= 10
 
@@ -126,7 +126,7 @@ def test_rules_that_explode_are_refused_with_their_count(work, tmp_path, capsys)
     (tmp_path / "rules.yaml").write_text(
         "\n".join(["force: {lags: [1]}", *rows, "products: [[speed, current, position]]"])
     )
-    line = told(
+    line = run_and_get_line(
         capsys, 2, *identify(work, "one"), "--candidates", tmp_path / "rules.yaml", "--out", tmp_path / "m.json"
     )
     assert f"{1600**3} terms; at most" in line.replace(",", "")
@@ -148,7 +148,7 @@ def test_rules_that_explode_are_refused_with_their_count(work, tmp_path, capsys)
 def test_recordings_in_other_units_or_of_another_sign_are_refused(work, tmp_path, capsys, scales, message):
     odd = bag(tmp_path / "odd", seed=2, **scales)
     for words in ([*identify(work, "one", odd)], [*identify(work, "one"), "--validate", odd]):
-        line = told(capsys, 2, *words, "--out", tmp_path / "m.json")
+        line = run_and_get_line(capsys, 2, *words, "--out", tmp_path / "m.json")
         assert message in line
         assert " odd" in line
         assert " one" in line
@@ -184,7 +184,7 @@ def interrupt(*_, **__):
 def test_ctrl_c_leaves_nothing_half_written(work, tmp_path, capsys, monkeypatch, moment):
     monkeypatch.setattr(moment, interrupt)
     words = [*identify(work, "one"), "--out", tmp_path / "m.json", "--report", tmp_path / "r.html"]
-    assert told(capsys, 130, *words) == "ces identify: interrupted"
+    assert run_and_get_line(capsys, 130, *words) == "ces identify: interrupted"
     finished = ["m.json"] if moment == "ces_identify.report.render" else []
     assert [path.name for path in tmp_path.iterdir()] == finished
 
@@ -192,7 +192,7 @@ def test_ctrl_c_leaves_nothing_half_written(work, tmp_path, capsys, monkeypatch,
 def test_ctrl_c_leaves_an_old_file_as_it_was(work, tmp_path, capsys, monkeypatch):
     (tmp_path / "m.json").write_text("old")
     monkeypatch.setattr(Path, "replace", interrupt)
-    told(capsys, 130, *identify(work, "one"), "--out", tmp_path / "m.json")
+    run_and_get_line(capsys, 130, *identify(work, "one"), "--out", tmp_path / "m.json")
     assert (tmp_path / "m.json").read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -200,7 +200,7 @@ def test_ctrl_c_leaves_an_old_file_as_it_was(work, tmp_path, capsys, monkeypatch
 def test_ctrl_c_in_the_search_writes_the_best_so_far(work, tmp_path, monkeypatch):
     pressed = []
 
-    def listen(self, found):
+    def listen(self, result):
         if not pressed:
             pressed.append(threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)))
             pressed[0].start()
@@ -221,7 +221,7 @@ def test_ctrl_c_while_a_bag_or_table_is_written(work, tmp_path, capsys, monkeypa
     monkeypatch.setattr("ces_identify.recordings.bag_writer._move_into_place", interrupt)
     monkeypatch.setattr("ces_observer.json_checks.os.fsync", interrupt)
     paths = [work / word if word in ("model.json", "one") else word for word in words]
-    assert told(capsys, 130, *paths, tmp_path / "out") == f"ces {words[0]}: interrupted"
+    assert run_and_get_line(capsys, 130, *paths, tmp_path / "out") == f"ces {words[0]}: interrupted"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -229,7 +229,7 @@ def test_programs_turn_ctrl_c_into_an_exception_whatever_it_was_before():
     before = signal.signal(signal.SIGINT, lambda *_: None)
     try:
         assert terminal.run("x", lambda _: os.kill(os.getpid(), signal.SIGINT) or 0) == 130
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as nohup and shells in the background have it
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as under nohup and in background shells
         assert terminal.run("x", lambda _: os.kill(os.getpid(), signal.SIGINT) or 0) == 0
     finally:
         signal.signal(signal.SIGINT, before)
@@ -240,7 +240,7 @@ def test_programs_turn_ctrl_c_into_an_exception_whatever_it_was_before():
 
 @contextmanager
 def files_of_at_most(size):
-    """Let this process write files of at most so many bytes, as if the disk were full then."""
+    """Limit the files of this process to `size` bytes, as a full disk would."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -259,27 +259,27 @@ def files_of_at_most(size):
         (("validate", "model.json", "one", "--report"), "x.html", 5000),
     ],
 )
-def test_a_full_disk_is_one_line_and_leaves_nothing(work, tmp_path, capsys, words, name, size):
+def test_a_full_disk_gives_one_line_and_leaves_nothing(work, tmp_path, capsys, words, name, size):
     given = [work / word if word in ("model.json", "one") else word for word in words]
     with files_of_at_most(size):
-        line = told(capsys, 2, *given, tmp_path / name)
+        line = run_and_get_line(capsys, 2, *given, tmp_path / name)
     assert "cannot be written: File too large" in line
     assert str(tmp_path / "x") in line
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_keeps_the_model_that_was_there(work, tmp_path, capsys, monkeypatch):
+def test_a_full_disk_keeps_the_old_model(work, tmp_path, capsys, monkeypatch):
     def full(_):
         raise OSError(28, "No space left on device")
 
     (tmp_path / "m.json").write_text("old")
     monkeypatch.setattr("ces_observer.json_checks.os.fsync", full)
-    line = told(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json")
+    line = run_and_get_line(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json")
     assert line.endswith("m.json: cannot be written: No space left on device; choose a folder that can be")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("m.json", "old")]
 
 
-def test_files_that_belong_together_come_together_or_not_at_all(tmp_path):
+def test_several_files_are_written_together_or_not_at_all(tmp_path):
     (tmp_path / "a").write_text("old")
     with pytest.raises(CesError, match="missing/b: cannot be written"):
         write_all_atomically({tmp_path / "a": "new", tmp_path / "missing" / "b": b"new"})
@@ -289,7 +289,7 @@ def test_files_that_belong_together_come_together_or_not_at_all(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
-def test_an_output_stream_that_is_full_is_one_line(work):
+def test_a_full_output_stream_gives_one_line(work):
     with Path("/dev/full").open("w") as full:
         words = [sys.executable, "-m", "ces_cli.main", "info", str(work / "one")]
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)

@@ -27,7 +27,7 @@ products: [[], [speed], [speed, current], [force]]
 RATE = 500.0
 
 
-def made(seconds=12.0, seed=1, rate=RATE):
+def make_channels(seconds=12.0, seed=1, rate=RATE):
     random = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate)) / rate
     x = 0.01 * np.sin(2 * np.pi * 3 * t) + 0.004 * np.sin(2 * np.pi * 7.3 * t + seed)
@@ -40,13 +40,13 @@ def made(seconds=12.0, seed=1, rate=RATE):
 
 
 def bag(path, channels=None, more=()):
-    recording = Recording(path.name, channels or made())
+    recording = Recording(path.name, channels or make_channels())
     write_bag(path, (*recording_topics(recording, DEFAULT), *more))
     return path
 
 
 def changed(name, values):
-    channels = made()
+    channels = make_channels()
     c = channels[name]
     return {**channels, name: Channel(name, c.unit, c.stamps_ns, values(c.values.copy()))}
 
@@ -56,7 +56,7 @@ def work(tmp_path_factory):
     """A folder with two bags, rules, and a model identified from one of them."""
     folder = tmp_path_factory.mktemp("work")
     (folder / "rules.yaml").write_text(RULES)
-    bag(folder / "one"), bag(folder / "two", made(seed=2))
+    bag(folder / "one"), bag(folder / "two", make_channels(seed=2))
     words = ["identify", folder / "one", "--validate", folder / "two", "--out", folder / "model.json"]
     words += ["--report", folder / "report.html", "--candidates", folder / "rules.yaml", "--terms", 5]
     words += ["--starts", 2, "--time", 20, "--threads", 2]
@@ -68,17 +68,17 @@ def ces(*words):
     return main([str(word) for word in words])
 
 
-def complaint(capsys, *words):
-    """Run a program that must fail; return its one line."""
+def error_line(capsys, *words):
+    """Run a program that must fail; return its error line."""
     capsys.readouterr()
     try:
         status = ces(*words)
     except SystemExit as stop:
         status = stop.code
-    told = capsys.readouterr()
-    lines = [line for line in told.err.splitlines() if not line.startswith("warning: ")]
+    printed = capsys.readouterr()
+    lines = [line for line in printed.err.splitlines() if not line.startswith("warning: ")]
     assert status == 2
-    assert len(lines) == 1, told.err
+    assert len(lines) == 1, printed.err
     assert lines[0].startswith(f"ces {words[0]}: error: ")
     return lines[0]
 
@@ -91,7 +91,7 @@ def test_identify_writes_a_model_and_a_report(work):
     assert "<html" in (work / "report.html").read_text()
 
 
-def test_validate_gives_the_cost_identify_gave(work, capsys):
+def test_validate_and_identify_agree_on_the_cost(work, capsys):
     expected = next(
         row["J"]
         for row in json.loads((work / "model.json").read_text())["provenance"]["cost_J_percent"]
@@ -104,9 +104,9 @@ def test_validate_gives_the_cost_identify_gave(work, capsys):
     assert (work / "v.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_validate_says_when_the_model_has_seen_the_recording(work, capsys):
+def test_validate_warns_of_identification_data(work, capsys):
     ces("validate", work / "model.json", work / "one")
-    assert "one: the model was identified on part of this" in capsys.readouterr().err
+    assert "one: the model was identified on part of these data" in capsys.readouterr().err
 
 
 def test_replay_and_simulate_agree(work):
@@ -150,16 +150,16 @@ def test_a_function_is_a_simulation_and_a_teacher(work, monkeypatch, tmp_path):
 def test_help_reads_like_a_manual_page(name, capsys):
     with pytest.raises(SystemExit) as stop:
         ces(name, "--help")
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     assert stop.value.code == 0
-    assert told.startswith(f"usage: ces {name}")
-    assert "example" in told
+    assert printed.startswith(f"usage: ces {name}")
+    assert "example" in printed
 
 
 def test_ces_lists_its_programs(capsys):
     assert main([]) == 0
-    told = capsys.readouterr().out
-    assert all(name in told for name in PROGRAMS)
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in PROGRAMS)
     assert main(["nothing"]) == 2
 
 
@@ -174,7 +174,7 @@ def test_ces_lists_its_programs(capsys):
 )
 def test_unusable_samples(work, tmp_path, capsys, name, values, expected):
     path = bag(tmp_path / "bad", changed(name, values))
-    assert expected.lower() in complaint(capsys, "identify", path, "--out", tmp_path / "m.json").lower()
+    assert expected.lower() in error_line(capsys, "identify", path, "--out", tmp_path / "m.json").lower()
     assert not (tmp_path / "m.json").exists()
 
 
@@ -185,40 +185,40 @@ def test_a_few_bad_samples_are_left_out_with_a_warning(work, tmp_path, capsys):
 
 
 def test_current_absent_for_part_of_the_time(tmp_path, capsys):
-    channels = made()
+    channels = make_channels()
     c = channels["current"]
     half = len(c) // 2
     path = bag(tmp_path / "half", {**channels, "current": Channel("current", "A", c.stamps_ns[:half], c.values[:half])})
-    assert "current" in complaint(capsys, "identify", path, "--out", tmp_path / "m.json")
+    assert "current" in error_line(capsys, "identify", path, "--out", tmp_path / "m.json")
 
 
 def test_time_running_backwards(tmp_path, capsys):
-    channels = made()
+    channels = make_channels()
     p = channels["position"]
     stamps = p.stamps_ns.copy()
     stamps[3000:] -= 2 * 10**9
     path = bag(tmp_path / "back", {**channels, "position": Channel("position", "m", stamps, p.values)})
-    assert "backward" in complaint(capsys, "identify", path, "--out", tmp_path / "m.json")
+    assert "backward" in error_line(capsys, "identify", path, "--out", tmp_path / "m.json")
 
 
 def test_two_rates_a_hundred_times_apart(tmp_path, capsys):
-    channels = made()
+    channels = make_channels()
     c = channels["position"]
     slow = Channel("position", "m", c.stamps_ns[::120], c.values[::120])
     path = bag(tmp_path / "rates", {**channels, "position": slow})
-    assert "Hz" in complaint(capsys, "identify", path, "--out", tmp_path / "m.json")
+    assert "Hz" in error_line(capsys, "identify", path, "--out", tmp_path / "m.json")
 
 
-def test_a_missing_topic_names_those_there_are(tmp_path, capsys):
+def test_a_missing_topic_gives_the_existing_ones(tmp_path, capsys):
     stamps = np.arange(1, 100) * 10**7
     only = TopicData("/other", "std_msgs/msg/Float64", stamps, {"data": stamps * 1e-9})
     write_bag(tmp_path / "other", (only,))
-    assert "/other (std_msgs/msg/Float64)" in complaint(capsys, "identify", tmp_path / "other")
+    assert "/other (std_msgs/msg/Float64)" in error_line(capsys, "identify", tmp_path / "other")
 
 
-def test_a_field_that_is_not_there(work, tmp_path, capsys):
+def test_a_missing_field(work, tmp_path, capsys):
     (tmp_path / "s.yaml").write_text("position: {field: 'position[front_damper]'}\n")
-    line = complaint(capsys, "info", work / "one", "--signals", tmp_path / "s.yaml")
+    line = error_line(capsys, "info", work / "one", "--signals", tmp_path / "s.yaml")
     assert "front_damper" in line
     assert "rear_damper" in line
 
@@ -227,11 +227,11 @@ def test_a_truncated_and_an_empty_bag(work, tmp_path, capsys):
     whole = next((work / "one").glob("*.mcap")).read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: len(whole) // 2])
-    assert "cut.mcap" in complaint(capsys, "info", cut)
+    assert "cut.mcap" in error_line(capsys, "info", cut)
     cut.write_bytes(b"")
-    assert "cut.mcap" in complaint(capsys, "info", cut)
+    assert "cut.mcap" in error_line(capsys, "info", cut)
     write_bag(tmp_path / "none", ())
-    assert "none" in complaint(capsys, "info", tmp_path / "none")
+    assert "none" in error_line(capsys, "info", tmp_path / "none")
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_a_broken_model(work, tmp_path, capsys, change, expected):
     raw = json.loads((work / "model.json").read_text())
     change(raw)
     (tmp_path / "m.json").write_text(json.dumps(raw))
-    assert expected in complaint(capsys, "validate", tmp_path / "m.json", work / "two")
+    assert expected in error_line(capsys, "validate", tmp_path / "m.json", work / "two")
 
 
 @pytest.mark.parametrize(
@@ -267,9 +267,9 @@ def test_a_broken_model(work, tmp_path, capsys, change, expected):
         (("validate", "model.json", "two", "--picture", "p.bmp"), "p.bmp"),
     ],
 )
-def test_wrong_words(work, monkeypatch, capsys, words, expected):
+def test_wrong_arguments(work, monkeypatch, capsys, words, expected):
     monkeypatch.chdir(work)
-    assert expected in complaint(capsys, *words)
+    assert expected in error_line(capsys, *words)
 
 
 def test_a_read_only_folder(work, tmp_path):

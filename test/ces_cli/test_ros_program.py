@@ -1,4 +1,4 @@
-"""What `ros2 run ces_observer NAME` starts: a program of `ces`, or the node of the same name."""
+"""`ros2 run ces_observer NAME` starts a program of `ces`, or the node of the same name."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_every_node_is_a_program_and_has_a_module() -> None:
     assert all(find_spec(module) for module in NODES.values())
 
 
-def test_the_files_name_is_the_program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_file_name_selects_the_program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(sys, "argv", ["/opt/lib/ces_observer/identify", "--show-candidates"])
     assert ros_program.main() == 0
     assert "products:" in capsys.readouterr().out
@@ -45,4 +45,6 @@ def test_the_files_name_is_the_program(monkeypatch: pytest.MonkeyPatch, capsys: 
 def test_ces_is_no_node(capsys: pytest.CaptureFixture[str]) -> None:
     assert ces(["identify", "--ros-args"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("ces identify: error: --ros-args is of nodes; 'ros2 run ces_observer identify'")
+    assert line.startswith(
+        "ces identify: error: --ros-args is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer identify'"
+    )

@@ -31,7 +31,7 @@ def errors(capsys):
     return capsys.readouterr().err.splitlines()
 
 
-def test_one_file_becomes_the_bag_named(files, capsys):
+def test_one_file_becomes_the_bag_out(files, capsys):
     assert run(files / "a.csv", "--mapping", files / "map.yaml", "--out", files / "deep" / "bag") == 0
     recording = read_recording(files / "deep" / "bag", load_signals())
     np.testing.assert_array_equal(recording.channel("position").values, 0.001 * np.arange(5))
@@ -74,7 +74,7 @@ def test_files_of_the_same_name(files, capsys):
     (files / "a.csv").rename(files / "sub" / "b.csv")
     words = ("--mapping", files / "map.yaml", "--out", files / "bags")
     assert run(files / "b.csv", files / "sub" / "b.csv", *words) == 2
-    assert "2 files are called 'b'" in errors(capsys)[0]
+    assert "2 files are named 'b'" in errors(capsys)[0]
 
 
 def test_recording_that_cannot_be_identified_is_imported_with_a_warning(files, capsys):
@@ -90,7 +90,7 @@ def test_template_makes_a_mapping(files, capsys):
     assert run(files / "log.csv", "--mapping", files / "mine.yaml", "--out", files / "bag") == 0
 
 
-def test_missing_options_are_one_line(files, capsys):
+def test_missing_options_give_one_line(files, capsys):
     for words in ([], [files / "a.csv"], [files / "a.csv", "--out", files / "bag"]):
         with pytest.raises(SystemExit) as caught:
             run(*words)
@@ -110,8 +110,8 @@ def test_measured_logs_become_bags_without_loss(tmp_path, name, pattern, count):
     assert run(*logs, "--mapping", mapping, "--out", tmp_path / "bags") == 0
     bags = sorted((tmp_path / "bags").iterdir()) if count > 1 else [tmp_path / "bags"]
     for log, bag in zip(logs, bags, strict=True):
-        wanted = import_.import_log(log, import_.load_dyno_mapping(mapping))
-        found = read_recording(bag, load_signals())
-        for signal, channel in wanted.channels.items():
-            np.testing.assert_array_equal(found.channel(signal).values, channel.values)
-            np.testing.assert_array_equal(found.channel(signal).stamps_ns, channel.stamps_ns)
+        expected = import_.import_log(log, import_.load_dyno_mapping(mapping))
+        recording = read_recording(bag, load_signals())
+        for signal, channel in expected.channels.items():
+            np.testing.assert_array_equal(recording.channel(signal).values, channel.values)
+            np.testing.assert_array_equal(recording.channel(signal).stamps_ns, channel.stamps_ns)

@@ -29,17 +29,17 @@ def bag(path, more=(), **changed):
     return str(path)
 
 
-def test_report_tells_what_is_in_the_bag(tmp_path, capsys):
+def test_report_lists_the_contents_of_the_bag(tmp_path, capsys):
     extra = TopicData("/imu_count", "std_msgs/msg/Int32", np.arange(1, 6), {"data": np.zeros(5)})
     assert info.main([bag(tmp_path / "run", [extra])]) == 0
-    told = capsys.readouterr().out
-    assert "position: /joint_states position[rear_damper] (sensor_msgs/msg/JointState)" in told
-    assert "other topics: /imu_count (std_msgs/msg/Int32, 5)" in told
-    rows = {line.split()[0]: line.split() for line in told.splitlines() if line.split()[1:2] in (["m"], ["A"], ["N"])}
+    text = capsys.readouterr().out
+    assert "position: /joint_states position[rear_damper] (sensor_msgs/msg/JointState)" in text
+    assert "other topics: /imu_count (std_msgs/msg/Int32, 5)" in text
+    rows = {line.split()[0]: line.split() for line in text.splitlines() if line.split()[1:2] in (["m"], ["A"], ["N"])}
     assert rows["position"] == ["position", "m", "4000", "4.00", "1000.0", "0.000", "1.000", "0", "-0.02", "0.02"]
     assert rows["current"][-2:] == ["0.3", "0.4"]
-    assert "warning: current: std_msgs/msg/Float64 on /valve_current has no header" in told
-    assert "non-causal" in told
+    assert "warning: current: std_msgs/msg/Float64 on /valve_current has no header" in text
+    assert "non-causal" in text
 
 
 def test_map_shows_both_currents_and_the_range_of_speed(tmp_path, capsys):
@@ -52,13 +52,13 @@ def test_map_shows_both_currents_and_the_range_of_speed(tmp_path, capsys):
 
 def test_json_for_other_programs(tmp_path, capsys):
     info.main([bag(tmp_path / "a"), bag(tmp_path / "b", current=np.zeros(N)), "--json"])
-    told = json.loads(capsys.readouterr().out)
-    assert told["schema"] == "ces-info/1"
-    first = told["recordings"][0]
+    text = json.loads(capsys.readouterr().out)
+    assert text["schema"] == "ces-info/1"
+    first = text["recordings"][0]
     assert (first["name"], len(first["sha256"])) == ("a", 64)
     assert first["channels"]["position"]["rate_Hz"] == pytest.approx(1000.0)
     assert first["findings"][0]["severity"] == "warning"
-    assert np.sum(told["coverage"]["share"]) == pytest.approx(1.0)
+    assert np.sum(text["coverage"]["share"]) == pytest.approx(1.0)
 
 
 def test_constant_signal_and_own_signals_file(tmp_path, capsys):
@@ -103,11 +103,11 @@ BAD = {
 
 @pytest.mark.parametrize("bad", BAD)
 def test_unusable_bag_is_shown_and_ends_with_one_line_and_status_2(tmp_path, capsys, bad):
-    changed, told = BAD[bad]
+    changed, text = BAD[bad]
     status, lines = outcome(capsys, bag(tmp_path / "run", **changed))
     assert status == 2
     assert len(lines) == 1
-    assert lines[0].startswith(f"ces info: error: {tmp_path / 'run'}: {told}")
+    assert lines[0].startswith(f"ces info: error: {tmp_path / 'run'}: {text}")
 
 
 def test_all_positions_missing_is_still_shown(tmp_path, capsys):
@@ -127,7 +127,7 @@ def test_bags_that_cannot_be_read(tmp_path, capsys):
     assert "the file ends early" in lines[0]
     write_bag(tmp_path / "odd", [TopicData("x", "std_msgs/msg/Float64", np.arange(3), {"data": np.zeros(3)})])
     status, lines = outcome(capsys, tmp_path / "odd")
-    told = "no topic 'joint_states' for position; the bag has /x (std_msgs/msg/Float64)"
-    assert lines == [f"ces info: error: {tmp_path / 'odd'}: {told}"]
+    text = "no topic 'joint_states' for position; the bag has /x (std_msgs/msg/Float64)"
+    assert lines == [f"ces info: error: {tmp_path / 'odd'}: {text}"]
     with pytest.raises(CesError):
         info.main([str(tmp_path / "none")])

@@ -1,4 +1,4 @@
-"""`ces blind`: cases are made and sealed; scoring gives full marks to one who knows the answers, none to a liar."""
+"""`ces blind`: cases are created and sealed; right answers score fully, wrong ones not at all."""
 
 import json
 import shutil
@@ -26,8 +26,8 @@ def cases(tmp_path_factory):
     return folder
 
 
-def said(label, knows):
-    """Return the gap.json of a diagnosis that knows the label, or names something else with certainty."""
+def make_gap(label, knows):
+    """Return the gap.json of a diagnosis that knows the label, or names a wrong effect with certainty."""
     truth = [effect["name"] for effect in label["effects"]]
     named = truth if knows else ["bump_stop"]
     verdict = {"none": "no_gap", "outside": "unknown"}.get(label["kind"], "named") if knows else "named"
@@ -47,14 +47,14 @@ def said(label, knows):
 
 
 def write_results(folder: Path, results: Path, knows: bool):
-    """Write what `run` would have written, by one who has opened the seal."""
+    """Write results as `run` does, with answers from the opened seal."""
     results.mkdir()
     published = (folder / "cases" / "seal.sha256").read_text().strip()
     (results / "run.json").write_text(json.dumps({"predictions": False, "reference": True, "seal": published}))
     for label in open_seal(folder)[1]:
         mine = results / label["case"]
         mine.mkdir()
-        arrays, gap = open_arrays(folder, label), said(label, knows)
+        arrays, gap = open_arrays(folder, label), make_gap(label, knows)
         true, effect, simulated = (arrays[f"h1_{key}"] for key in ("force_N", "effect_N", "baseline_N"))
         corrected = true - effect if knows else simulated
         augmented = true if knows else simulated
@@ -75,7 +75,7 @@ def figures(text):
     return {row[0]: row[1] for row in rows if len(row) == 5}
 
 
-def test_a_sealed_test_holds_what_was_asked_for(cases):
+def test_the_sealed_cases_match_the_request(cases):
     about, labels = open_seal(cases)
     assert about["seed"] == 5
     assert [label["case"] for label in labels] == [f"{i:04d}" for i in range(1, CASES + 1)]
@@ -83,7 +83,7 @@ def test_a_sealed_test_holds_what_was_asked_for(cases):
     assert all(label["gap_N"] == pytest.approx(24.0, rel=0.11) for label in labels if label["kind"] != "none")
 
 
-def test_full_marks_for_one_who_knows(cases, tmp_path, capsys):
+def test_perfect_scores_for_right_answers(cases, tmp_path, capsys):
     results = write_results(cases, tmp_path / "results", knows=True)
     assert main(["score", str(cases), str(results), "--out", str(tmp_path / "report.md")]) == 0
     printed = capsys.readouterr().out
@@ -98,7 +98,7 @@ def test_full_marks_for_one_who_knows(cases, tmp_path, capsys):
     assert "not met" not in printed
 
 
-def test_none_for_a_liar(cases, tmp_path, capsys):
+def test_zero_scores_for_wrong_answers(cases, tmp_path, capsys):
     assert main(["score", str(cases), str(write_results(cases, tmp_path / "results", knows=False))]) == 0
     got = figures(capsys.readouterr().out)
     assert [got[name] for name in ("top-1", "top-3", "outside called `unknown`", "both of a pair")] == ["0.0 %"] * 4
@@ -109,7 +109,7 @@ def test_none_for_a_liar(cases, tmp_path, capsys):
 
 
 def test_the_diagnosis_itself(cases, tmp_path, capsys, monkeypatch):
-    """One case through the whole: only recordings are there to see; a second run has nothing left to do."""
+    """One case from the recordings alone; a second run has nothing left to do."""
     monkeypatch.setattr(pipeline, "library", lambda: tuple(form for form in library() if form.name in QUICK))
     blind = tmp_path / "blind"
     shutil.copytree(cases / "cases", blind / "cases")
@@ -134,17 +134,17 @@ def test_results_of_other_cases_are_refused(cases, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (["make", "--out", "x", "--seed", "1", "--effects", "magic"], "--effects 'magic': expected friction,"),
         (["make", "--out", "x", "--seed", "1", "--kind", "odd"], "--kind 'odd': expected effect, none, outside, pair"),
         (["make", "--out", ".", "--seed", "1", "--cases", "1"], ".: is not empty; choose another folder"),
-        (["run", "nowhere", "--out", "y"], "nowhere: holds no cases/NNNN/case.json"),
+        (["run", "nowhere", "--out", "y"], "nowhere: contains no cases/NNNN/case.json"),
         (["score", "nowhere", "y"], "nowhere: not a sealed blind test"),
         ([], "the following arguments are required: make|run|score"),
     ],
 )
-def test_mistakes(words, says, capsys, tmp_path, monkeypatch):
+def test_mistakes(words, message, capsys, tmp_path, monkeypatch):
     (tmp_path / "here").write_text("")
     monkeypatch.chdir(tmp_path)
     try:
@@ -153,5 +153,5 @@ def test_mistakes(words, says, capsys, tmp_path, monkeypatch):
         status = leaving.code
     assert status == 2
     error = capsys.readouterr().err
-    assert says in error
+    assert message in error
     assert error.count("\n") == 1

@@ -1,4 +1,4 @@
-"""What is counted of a blind test: known values of each statistic, and what counts as right."""
+"""Metrics of a blind test: known values of each statistic, and the criteria of a right answer."""
 
 from dataclasses import replace
 from math import isnan
@@ -40,7 +40,7 @@ def test_calibration_error_and_brier():
     assert brier(np.array([[0.8, 0.2], [0.0, 1.0]]), np.array([[1.0, 0.0], [0.0, 1.0]])) == pytest.approx(0.04)
 
 
-def test_what_is_right():
+def test_outcomes():
     assert RIGHT.is_in_top(1)
     assert RIGHT.names_exactly()
     assert not RIGHT.is_confidently_wrong()
@@ -62,14 +62,14 @@ def test_both_of_a_pair():
     assert not once.finds_by_class()
 
 
-def test_candidates_have_a_place_for_an_answer_that_was_never_one():
-    said, right = candidates([RIGHT, replace(RIGHT, kind="outside", truth=("hum",)), PAIR])
-    assert said.shape == right.shape == (2, 3)  # friction, none, unknown
+def test_candidates_include_an_answer_without_a_probability():
+    claimed, right = candidates([RIGHT, replace(RIGHT, kind="outside", truth=("hum",)), PAIR])
+    assert claimed.shape == right.shape == (2, 3)  # friction, none, unknown
     assert right.sum(axis=1).tolist() == [1.0, 1.0]
     assert right[1].tolist() == [0.0, 0.0, 1.0]
 
 
-def test_figures_count_the_cases_they_are_about():
+def test_metrics_count_only_their_own_kinds_of_case():
     cases = [RIGHT, WRONG, PAIR, replace(RIGHT, kind="none", truth=(), verdict="ambiguous")]
     figures = {name: BY_NAME[name].count(cases) for name in ("top-1", "false alarms", "both of a pair")}
     assert {name: (f.value, f.count) for name, f in figures.items()} == {

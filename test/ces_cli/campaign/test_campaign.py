@@ -25,8 +25,8 @@ def ces(*words):
     return main([str(word) for word in words])
 
 
-def complaint(capsys, *words):
-    """Run a campaign that must fail; return its one line."""
+def error_line(capsys, *words):
+    """Run a campaign that must fail; return its error line."""
     capsys.readouterr()
     assert ces("identify", *words) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
@@ -39,8 +39,8 @@ def lines_of(folder):
     return path.read_bytes().splitlines(keepends=True) if path.exists() else []
 
 
-def told(folder):
-    """What a run found, but for the time it took: rows and models by key."""
+def results_of(folder):
+    """Results of a run without its duration: rows and models by key."""
     rows = [json.loads(line) for line in lines_of(folder)]
     models = {path.stem: path.read_text() for path in (folder / "models").glob("*.json")}
     return {row["key"]: {k: v for k, v in row.items() if k != "seconds"} for row in rows}, models
@@ -48,13 +48,13 @@ def told(folder):
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory):
-    """A folder with bags, a campaign, and its results from a run without any trouble."""
+    """A folder with bags, a campaign, and its results from an undisturbed run."""
     folder = tmp_path_factory.mktemp("campaign")
     assert ces("identify", "--campaign", furnish(folder), "--out", folder / "whole", "--jobs", 2) == 0
     return folder
 
 
-def begun(work, out):
+def start_run(work, out):
     """Start a run of the campaign in a process group of its own."""
     words = ["identify", "--campaign", "campaign.yaml", "--out", out, "--jobs", "1"]
     code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
@@ -80,36 +80,36 @@ def wait_for_lines(run, folder, count):
 
 def test_everything_is_written(work):
     assert all((work / "whole" / name).stat().st_size > 0 for name in FILES)
-    rows, models = told(work / "whole")
+    rows, models = results_of(work / "whole")
     assert len(rows) == len(models) == len(lines_of(work / "whole")) == CELLS
     assert {row["status"] for row in rows.values()} == {"done"}
     assert (work / "whole" / "pareto.png").read_bytes().startswith(b"\x89PNG")
-    assert "validation costs beside it chose nothing" in (work / "whole" / "results.md").read_text()
+    assert "beside it decide nothing" in (work / "whole" / "results.md").read_text()
 
 
 def test_the_table_has_a_line_for_each_cell(work):
-    rows, _ = told(work / "whole")
+    rows, _ = results_of(work / "whole")
     table = list(csv.DictReader((work / "whole" / "results.csv").open()))
     assert {row["key"] for row in table} == set(rows)
     assert [row["mark"] for row in table if row["bags"] == "one"].count("recommended") == 1
     for row in table:
-        judged = {c["recording"]: c["J"] for c in rows[row["key"]]["costs"] if c["set"] == "other"}
-        assert row["J other: two"] == str(judged.get("two", ""))
-        assert bool(judged) == (row["bags"] == "one")
+        costs = {c["recording"]: c["J"] for c in rows[row["key"]]["costs"] if c["set"] == "other"}
+        assert row["J other: two"] == str(costs.get("two", ""))
+        assert bool(costs) == (row["bags"] == "one")
     assert len([line for line in (work / "whole" / "results.md").read_text().splitlines() if "seed" in line]) >= CELLS
 
 
-def test_a_run_that_has_everything_computes_nothing(work, capsys, monkeypatch):
-    monkeypatch.setattr("ces_cli.campaign.program.start_jobs", lambda *given: pytest.fail)
+def test_a_complete_run_computes_nothing(work, capsys, monkeypatch):
+    monkeypatch.setattr("ces_cli.campaign.program.run_jobs", lambda *arguments: pytest.fail)
     before = lines_of(work / "whole")
     assert ces("identify", "--campaign", work / "campaign.yaml", "--out", work / "whole") == 0
     assert lines_of(work / "whole") == before
     assert "identified on both" in capsys.readouterr().out
 
 
-def test_a_killed_run_goes_on_and_ends_as_one_that_was_not(work, capsys):
+def test_a_killed_run_continues_with_the_same_results(work, capsys):
     folder = work / "killed"
-    run = begun(work, "killed")
+    run = start_run(work, "killed")
     wait_for_lines(run, folder, 3)
     os.kill(run.pid, signal.SIGKILL)
     os.killpg(run.pid, signal.SIGTERM)  # its orphans, which would end by themselves some minutes later
@@ -120,30 +120,30 @@ def test_a_killed_run_goes_on_and_ends_as_one_that_was_not(work, capsys):
         file.write(b'{"key": "torn')
     capsys.readouterr()
     assert ces("identify", "--campaign", work / "campaign.yaml", "--out", folder, "--jobs", 2) == 0
-    assert f"{len(finished)} of {CELLS} cells are there from an earlier run" in capsys.readouterr().err
+    assert f"{len(finished)} of {CELLS} cells are done from an earlier run" in capsys.readouterr().err
     lines = lines_of(folder)
     assert lines[: len(finished)] == finished
     assert len(lines) == len({json.loads(line)["key"] for line in lines}) == CELLS
-    assert told(folder) == told(work / "whole")
+    assert results_of(folder) == results_of(work / "whole")
 
 
-def test_ctrl_c_ends_with_what_is_there(work):
+def test_ctrl_c_writes_the_finished_cells(work):
     folder = work / "interrupted"
-    run = begun(work, "interrupted")
+    run = start_run(work, "interrupted")
     wait_for_lines(run, folder, 2)
     os.killpg(run.pid, signal.SIGINT)
-    _, complaints = run.communicate(timeout=30)
+    _, errors = run.communicate(timeout=30)
     assert run.returncode == 130
-    assert "Traceback" not in complaints
-    assert f"of {CELLS} cells; the same command goes on from there" in complaints
-    rows, models = told(folder)
+    assert "Traceback" not in errors
+    assert f"of {CELLS} cells; run the same command to continue" in errors
+    rows, models = results_of(folder)
     assert 2 <= len(rows) < CELLS
-    whole = told(work / "whole")
+    whole = results_of(work / "whole")
     assert all(rows[key] == whole[0][key] and models[key] == whole[1][key] for key in rows)
     assert len(list(csv.DictReader((folder / "results.csv").open()))) == len(rows)
 
 
-def test_cells_that_fail_are_told_and_not_tried_again(work, tmp_path, capsys):
+def test_failed_cells_are_reported_and_not_tried_again(work, tmp_path, capsys):
     write_bag(work / "short", recording_topics(made(3, seconds=1.0, name="short"), DEFAULT))
     (work / "some.yaml").write_text(CAMPAIGN.replace("both: [one, two]", "short: short").replace("seeds: [1, 2]", ""))
     for _ in range(2):
@@ -153,30 +153,30 @@ def test_cells_that_fail_are_told_and_not_tried_again(work, tmp_path, capsys):
     assert len(lines_of(tmp_path / "out")) == 6
     (work / "none.yaml").write_text((work / "some.yaml").read_text().replace("  one: [one]\n", ""))
     assert ces("identify", "--campaign", work / "none.yaml", "--out", tmp_path / "none", "--jobs", 2) == 2
-    assert "none of the 3 cells gave a model" in capsys.readouterr().err.splitlines()[-1]
+    assert "all 3 cells failed" in capsys.readouterr().err.splitlines()[-1]
     assert not (tmp_path / "none" / "results.csv").exists()
 
 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("--out", "o", "--terms", 9), "--terms has no effect with --campaign; say it in"),
+        (("--out", "o", "--terms", 9), "--terms has no effect with --campaign; set it in"),
         (("one", "--out", "o"), "BAG has no effect with --campaign"),
-        ((), "give --out DIR"),
-        (("--out", "o", "--dask", "here:1", "--jobs", 2), "--jobs is about this machine"),
+        ((), "add --out DIR"),
+        (("--out", "o", "--dask", "here:1", "--jobs", 2), "--jobs applies to this machine"),
         (("--out", "campaign.yaml"), "campaign.yaml: cannot be written"),
     ],
 )
-def test_wrong_words(work, monkeypatch, capsys, words, expected):
+def test_wrong_arguments(work, monkeypatch, capsys, words, expected):
     monkeypatch.chdir(work)
-    assert expected in complaint(capsys, "--campaign", "campaign.yaml", *words)
+    assert expected in error_line(capsys, "--campaign", "campaign.yaml", *words)
 
 
 def test_options_of_campaigns_need_one(capsys):
-    assert "give --campaign FILE.yaml" in complaint(capsys, "one", "--jobs", 2)
+    assert "add --campaign FILE.yaml" in error_line(capsys, "one", "--jobs", 2)
 
 
 def test_a_missing_bag_is_named_before_anything_is_computed(work, tmp_path, capsys):
     (work / "missing.yaml").write_text(CAMPAIGN.replace("other: two", "other: nowhere"))
-    assert "nowhere: no such file" in complaint(capsys, "--campaign", work / "missing.yaml", "--out", tmp_path / "o")
+    assert "nowhere: no such file" in error_line(capsys, "--campaign", work / "missing.yaml", "--out", tmp_path / "o")
     assert not (tmp_path / "o").exists()

@@ -1,4 +1,4 @@
-"""`ces diagnose`: words in, files and a summary out; bad input is one line; a fleet is a row for each."""
+"""`ces diagnose`: arguments in, files and a summary out; bad input gives one line; a fleet gives a row per unit."""
 
 import csv
 import json
@@ -101,8 +101,8 @@ def quick(here, monkeypatch):
     return here
 
 
-def complaint(capsys, *words):
-    """Run a diagnosis that must fail; return its one line."""
+def error_line(capsys, *words):
+    """Run a diagnosis that must fail; return its error line."""
     capsys.readouterr()
     try:
         status = ces("diagnose", *words)
@@ -126,17 +126,17 @@ def test_bags_folders_and_globs_name_recordings(here):
     assert len(find_bags(["fleet"])) == 6
     assert len(find_bags(["fleet/**"])) == 6
     assert find_bags(["fleet/red/road/road.mcap"]) == [Path("fleet/red/road/road.mcap")]
-    assert find_bags(["nowhere"]) == [Path("nowhere")]  # reading it tells what is wrong
+    assert find_bags(["nowhere"]) == [Path("nowhere")]  # the reader reports the error
 
 
-@pytest.mark.parametrize(("word", "says"), [("fleet/*/none", "no bag matches"), (".", "no bag in this folder")])
-def test_words_that_name_no_bag(tmp_path, monkeypatch, word, says):
+@pytest.mark.parametrize(("word", "message"), [("fleet/*/none", "no bag matches"), (".", "no bag in this folder")])
+def test_arguments_that_name_no_bag(tmp_path, monkeypatch, word, message):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(CesError, match=says):
+    with pytest.raises(CesError, match=message):
         find_bags([word])
 
 
-def test_units_of_a_fleet_have_names_of_their_own(here):
+def test_units_of_a_fleet_have_distinct_names(here):
     assert [(u.name, len(u.paths)) for u in find_fleet_units(["fleet"], "vehicle")] == [
         ("blue", 2),
         ("green", 2),
@@ -150,12 +150,12 @@ def test_units_of_a_fleet_have_names_of_their_own(here):
 # one diagnosis -------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_found_is_told_and_written(quick, capsys):
+def test_the_result_is_printed_and_written(quick, capsys):
     words = ("--real", "fleet/blue", "--reference", "reference", "--out", "one", "--effects", "diagnosed_damper:Own")
     assert ces("diagnose", "--sim", SIM, *words) == 0
-    told = capsys.readouterr().out
-    assert "NAMED: the gap is 89.9 N" in told
-    assert "left, the gap shrinks by 97 % [87, 107]" in told
+    printed = capsys.readouterr().out
+    assert "NAMED: the gap is 89.9 N" in printed
+    assert "left, the gap shrinks by 97 % [87, 107]" in printed
     assert json.loads((quick / "one" / "gap.json").read_text())["rms_N"] == pytest.approx(90.0, abs=1.0)
     assert (
         "'real': ['road', 'town'], 'held_out': [], 'reference': ['reference']"
@@ -163,7 +163,7 @@ def test_what_is_found_is_told_and_written(quick, capsys):
     )
 
 
-def test_the_next_experiment_of_an_earlier_run_does_not_stay(quick):
+def test_files_of_an_earlier_run_are_removed(quick):
     (quick / "stale").mkdir()
     for name in ("next_experiment.yaml", "next_experiment.csv", "mine.txt"):
         (quick / "stale" / name).write_text("old")
@@ -172,32 +172,32 @@ def test_the_next_experiment_of_an_earlier_run_does_not_stay(quick):
 
 
 @pytest.mark.parametrize(
-    ("made", "says"),
+    ("made", "message"),
     [
         (diagnoses.named, ["NAMED: The simulation lacks seal friction", "friction (coulomb)", "speed 0.1 to 0.3 m/s",
-                           "cannot be seen: bump_stop", "ces rig gap/next_experiment.yaml", "--teacher gap"]),
-        (diagnoses.ambiguous, ["AMBIGUOUS: Valve lag or current hysteresis", "not told apart by these recordings: va",
-                               "not separable from a calibration", "surrogate of J = 2.70 %"]),
+                           "not observable: bump_stop", "ces rig gap/next_experiment.yaml", "--teacher gap"]),
+        (diagnoses.ambiguous, ["AMBIGUOUS: Valve lag or current hysteresis", "indistinguishable on these recordings: v",
+                               "not separable from a calibration", "surrogate with J = 2.70 % replaced"]),
         (diagnoses.unknown, ["UNKNOWN: None of the known effects", "unexplained: ", "at its bound", "0.92"]),
         (diagnoses.no_gap, ["NO GAP: No gap", "gap: 2.1 N RMS [0.0, 3.4]"]),
     ],
 )  # fmt: skip
-def test_every_verdict_is_told(made, says, capsys, monkeypatch):
+def test_every_verdict_is_printed(made, message, capsys, monkeypatch):
     from ces_cli.diagnose.diagnosis_tables import print_diagnosis
 
     monkeypatch.setattr("ces_cli.terminal.terminal.out.width", 120)
     print_diagnosis(made(), Path("gap"), ("gap.json", "report.html"))
-    told = capsys.readouterr().out
-    assert [text for text in says if text not in told] == []
-    assert told.splitlines()[-1] == "written: gap/gap.json, report.html"
-    assert ("--teacher" in told) == (made in (diagnoses.named, diagnoses.ambiguous))
+    printed = capsys.readouterr().out
+    assert [text for text in message if text not in printed] == []
+    assert printed.splitlines()[-1] == "written: gap/gap.json, report.html"
+    assert ("--teacher" in printed) == (made in (diagnoses.named, diagnoses.ambiguous))
 
 
 # bad input -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (("--sim", SIM, "--real", "nowhere"), "nowhere: no such file"),
         (("--sim", SIM, "--real", "fleet/x*"), "fleet/x*: no bag matches"),
@@ -207,32 +207,32 @@ def test_every_verdict_is_told(made, says, capsys, monkeypatch):
         (("--sim", SIM, "--real", "fleet/red", "--reference", "fleet/red/town"), "references must be free of"),
         (("--sim", SIM, "--real", "reference", "--effects", "diagnosed_damper:force"), "not an effect"),
         (("--sim", SIM, "--real", "reference", "--effects", "nowhere:Own"), "cannot be imported"),
-        (("--sim", SIM, "--real", "reference", "--jobs", 2), "--jobs and --dask are of fleets"),
+        (("--sim", SIM, "--real", "reference", "--jobs", 2), "--jobs and --dask apply to fleets"),
         (("--sim", SIM, "--real", "reference", "--each", "recording", "--held-out", "x"), "--held-out has no effect"),
-        (("--sim", SIM, "--real", "reference", "--each", "recording", "--jobs", 2, "--dask", "x:1"), "--jobs is about"),
+        (("--sim", SIM, "--real", "reference", "--each", "recording", "--jobs", 2, "--dask", "x:1"), "--jobs applies"),
         (("--sim", SIM, "--real", "reference", "--seed", "-1"), "outside 0 to"),
         (("--sim", "topic:/none", "--real", "reference"), "no topic /none; it has /joint_states"),
         (("--sim", "broken.fmu", "--real", "reference"), "broken.fmu: "),
-        (("--sim", f"{SIM}", "--real", "reference", "--out", "diagnosed_damper.py"), "cannot be made"),
+        (("--sim", f"{SIM}", "--real", "reference", "--out", "diagnosed_damper.py"), "cannot be created"),
     ],
 )
-def test_wrong_words(quick, capsys, words, says):
+def test_wrong_arguments(quick, capsys, words, message):
     (quick / "broken.fmu").write_text("PK")
     out = () if "--out" in words else ("--out", "wrong")
-    assert says in complaint(capsys, *words, *out)
+    assert message in error_line(capsys, *words, *out)
 
 
 @pytest.mark.parametrize(
-    ("function", "says"),
+    ("function", "message"),
     [
         ("raises", "diagnosed_damper:raises: raised RuntimeError: no licence"),
         ("nothing", "diagnosed_damper:nothing: returned nan at 0.000 s; expected finite forces"),
         ("short", "diagnosed_damper:short: returned shape (599,); expected (600,), one for each sample"),
     ],
 )
-def test_a_function_that_fails(quick, capsys, function, says):
+def test_a_function_that_fails(quick, capsys, function, message):
     words = ("--real", "reference", "--out", "failed")
-    assert says in complaint(capsys, "--sim", f"diagnosed_damper:{function}", *words)
+    assert message in error_line(capsys, "--sim", f"diagnosed_damper:{function}", *words)
     assert not (quick / "failed" / "gap.json").exists()
 
 
@@ -254,7 +254,7 @@ def spoiled(path, change, seconds=8.0):
 
 
 @pytest.mark.parametrize(
-    ("sim", "words", "says"),
+    ("sim", "words", "message"),
     [
         ("diagnosed_damper:turned", ("long",), "opposite sign of the measured one (measured over simulated is -1"),
         (SIM, ("kilo",), "the measured force is in kN"),
@@ -267,8 +267,8 @@ def spoiled(path, change, seconds=8.0):
         ("narrow.json", ("long",), "narrow.json: outside the range it was identified on for 100% of the time"),
     ],
 )
-def test_what_cannot_be_diagnosed_is_one_line(here, capsys, sim, words, says):
-    """The diagnosis itself: all of this is found before anything is fitted."""
+def test_unusable_input_gives_one_line(here, capsys, sim, words, message):
+    """All these errors are reported before any fit."""
     narrow(here / "narrow.json")
     spoiled(here / "long", lambda force: force)
     spoiled(here / "kilo", lambda force: force / 1000.0)
@@ -276,7 +276,7 @@ def test_what_cannot_be_diagnosed_is_one_line(here, capsys, sim, words, says):
     spoiled(here / "still", lambda force: 0.0 * force + 7.0)
     spoiled(here / "tiny", lambda force: force, 0.4)
     spoiled(here / "brief", lambda force: force, 0.6)
-    assert says in complaint(capsys, "--sim", sim, "--real", *words, "--out", "wrong")
+    assert message in error_line(capsys, "--sim", sim, "--real", *words, "--out", "wrong")
 
 
 # fleet ---------------------------------------------------------------------------------------------------------------
@@ -289,8 +289,8 @@ def rows_of(folder):
 def test_a_fleet_has_a_row_for_each_vehicle(quick, capsys):
     words = ("diagnose", "--sim", SIM, "--real", "fleet/*", "--each", "vehicle", "--out", "fleet_gap", "--jobs", 2)
     assert ces(*words) == 0
-    told = capsys.readouterr()
-    assert "3 of 3 diagnosed" in told.out
+    printed = capsys.readouterr()
+    assert "3 of 3 diagnosed" in printed.out
     rows = rows_of(quick / "fleet_gap")
     assert list(rows) == ["blue", "green", "red"]  # the largest gap first
     assert rows["red"]["verdict"] == "no_gap"
@@ -300,11 +300,11 @@ def test_a_fleet_has_a_row_for_each_vehicle(quick, capsys):
     assert all(f'href="{row["folder"]}/report.html"' in page for row in rows.values())
     assert all((quick / "fleet_gap" / row["folder"] / "report.html").is_file() for row in rows.values())
     lines = (quick / "fleet_gap" / "fleet.jsonl").read_bytes()
-    assert ces(*words) == 0  # everything is there
+    assert ces(*words) == 0  # all results exist
     assert (quick / "fleet_gap" / "fleet.jsonl").read_bytes() == lines
 
 
-def test_what_cannot_be_diagnosed_does_not_cost_the_others(quick, capsys, tmp_path):
+def test_failures_do_not_stop_the_other_diagnoses(quick, capsys, tmp_path):
     bag(tmp_path / "spoiled" / "good", 40.0, 5), bag(tmp_path / "spoiled" / "refused", 10.0, 6)
     bag(tmp_path / "spoiled" / "twin", 40.0, 5)
     (tmp_path / "spoiled" / "torn").mkdir()
@@ -323,23 +323,23 @@ def test_what_cannot_be_diagnosed_does_not_cost_the_others(quick, capsys, tmp_pa
     )
     for _ in range(2):
         assert ces("diagnose", *words) == 0
-        told = capsys.readouterr()
-        assert "1 of 4 diagnosed" in told.out or "2 of 4 diagnosed" in told.out
-        assert "warning: refused: refused: too short" in told.err
-        assert "torn: cannot be opened as a bag" in told.err
+        printed = capsys.readouterr()
+        assert "1 of 4 diagnosed" in printed.out or "2 of 4 diagnosed" in printed.out
+        assert "warning: refused: refused: too short" in printed.err
+        assert "torn: cannot be opened as a bag" in printed.err
     assert {row["status"] for row in rows_of(tmp_path / "out").values()} == {"done", "failed"}
 
 
-def test_a_fleet_of_which_nothing_can_be_diagnosed(quick, capsys, tmp_path):
+def test_a_fleet_without_any_diagnosis(quick, capsys, tmp_path):
     bag(tmp_path / "refused", 10.0, 6)
     words = ("--sim", SIM, "--real", tmp_path / "refused", "--each", "recording", "--out", tmp_path / "out")
     assert ces("diagnose", *words) == 2
-    told = capsys.readouterr().err.splitlines()
-    assert "warning: refused: refused: too short" in told
-    assert told[-1] == "ces diagnose: error: none of the 1 could be diagnosed, for the reasons above"
+    printed = capsys.readouterr().err.splitlines()
+    assert "warning: refused: refused: too short" in printed
+    assert printed[-1] == "ces diagnose: error: all 1 diagnoses failed, for the reasons above"
 
 
-def test_a_dask_scheduler_does_the_work(quick, capsys):
+def test_a_dask_scheduler_runs_the_diagnoses(quick, capsys):
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"

@@ -1,4 +1,4 @@
-"""`ces diagnose` as a whole, nothing stood in for, through an FMU; and its augmented simulation replayed."""
+"""`ces diagnose` without any substitute, through an FMU; and its augmented simulation replayed."""
 
 import csv
 import json
@@ -56,7 +56,7 @@ def ride(name, seed, coulomb_N, seconds=8.0):
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory):
-    """Recordings with friction, one to judge on, references without; the model, its FMU."""
+    """Recordings with friction, one for evaluation, references without friction; the model and its FMU."""
     folder = tmp_path_factory.mktemp("whole")
     for name, seed, coulomb_N in (
         ("one", 1, COULOMB_N),
@@ -79,7 +79,7 @@ def diagnosed(sim, out):
 
 
 def left(folder, out, tmp_path):
-    """The gap [N] of the augmented simulation and of none on the recording to judge on, noise taken out."""
+    """The gap [N] of the augmented simulation on the evaluation recording, noise subtracted."""
     assert ces("simulate", "--sim", f"{out}/augmented.json", "judge", "--out", tmp_path / "a.csv") == 0
     rows = list(csv.DictReader((tmp_path / "a.csv").open()))
     simulated = np.array([float(row["force_N"]) for row in rows])

@@ -1,4 +1,4 @@
-"""An augmented simulation runs as a SIM and teaches a model, which says what it lost of its teacher."""
+"""An augmented simulation runs as a SIM and teaches a model, which records its distillation loss."""
 
 import csv
 import json
@@ -66,7 +66,7 @@ def bag(path, seed, forced=True):
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory):
-    """A folder with bags, physics as a module, and an augmented simulation in a folder below."""
+    """A folder with bags, a module with physics, and an augmented simulation in a subfolder."""
     folder = tmp_path_factory.mktemp("distilled")
     bag(folder / "one", 1), bag(folder / "two", 2), bag(folder / "bare", 3, forced=False)
     (folder / "distilled_physics.py").write_text(PHYSICS)
@@ -97,9 +97,9 @@ def test_simulate_runs_it(work):
     np.testing.assert_allclose(added[50:-50], PULL_N_M * inputs(1)[1][50:-50], atol=0.5)
 
 
-def test_a_model_learns_it_and_says_what_was_lost(work, capsys):
+def test_a_model_learns_it_with_its_distillation_loss(work, capsys):
     assert identify("one", "--validate", "two", "--out", "taught.json") == 0
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     model = load_model(work / "taught.json")
     facts = model.provenance["teacher"]
     assert facts["simulation"] == "out/augmented.json"
@@ -114,9 +114,9 @@ def test_a_model_learns_it_and_says_what_was_lost(work, capsys):
         assert 0.2 < row["teacher_to_measured"] < 100.0 * 3.0 * NOISE_N / spread
         assert row["model_to_measured"] >= row["teacher_to_measured"]
         assert row["loss"] == pytest.approx(row["model_to_measured"] - row["teacher_to_measured"], abs=2e-4)
-    assert "J above is against the teacher out/augmented.json" in told
-    assert "what the distillation loses" in told
-    assert f"{facts['cost_J_percent'][1]['loss']:+.2f}" in told
+    assert "J above compares with the teacher out/augmented.json" in printed
+    assert "distillation loss" in printed
+    assert f"{facts['cost_J_percent'][1]['loss']:+.2f}" in printed
 
 
 def test_the_learned_spring_is_that_of_the_teacher(work):
@@ -127,14 +127,14 @@ def test_the_learned_spring_is_that_of_the_teacher(work):
     assert terms["position"] == pytest.approx(PULL_N_M, rel=0.03)
 
 
-def test_without_a_measured_force_the_teacher_is_all_there_is(work, capsys):
+def test_without_a_measured_force_there_is_no_loss(work, capsys):
     assert identify("bare", "--out", "bare.json") == 0
     assert "hold no measured force" in capsys.readouterr().out
     rows = load_model(work / "bare.json").provenance["teacher"]["cost_J_percent"]
     assert all(row["model_to_teacher"] is not None and row["loss"] is None for row in rows)
 
 
-def test_a_simulation_that_changed_is_one_line(work, capsys):
+def test_a_changed_simulation_gives_one_line(work, capsys):
     path = work / "out" / "changed.json"
     document = json.loads((work / "out" / "augmented.json").read_text())
     (work / "m.json").write_text("{}")

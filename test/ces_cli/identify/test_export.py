@@ -27,8 +27,8 @@ def export(*words):
     return main(["export", *(str(word) for word in words)])
 
 
-def complaint(capsys, *words):
-    """Run a program that must fail; return its one line."""
+def error_line(capsys, *words):
+    """Run a program that must fail; return its error line."""
     assert export(*words) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
@@ -36,18 +36,18 @@ def complaint(capsys, *words):
     return lines[0]
 
 
-def test_two_files_that_bear_the_files_name(tmp_path, capsys):
+def test_two_files_with_the_name_of_out(tmp_path, capsys):
     assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "Rear-Damper.c") == 0
-    told = capsys.readouterr().out
-    assert "rear_damper_step and rear_damper_tick, 3 terms" in told
-    assert "stable: contraction: the gains of the past forces sum to at most 0.800 < 1" in told
+    printed = capsys.readouterr().out
+    assert "rear_damper_step and rear_damper_tick, 3 terms" in printed
+    assert "stable: contraction: the gains of the past forces sum to at most 0.800 < 1" in printed
     assert sorted(p.name for p in tmp_path.iterdir()) == ["Rear-Damper.c", "Rear-Damper.h", "m.json"]
     assert '#include "Rear-Damper.h"' in (tmp_path / "Rear-Damper.c").read_text()
     assert "never exceeds" in (tmp_path / "Rear-Damper.h").read_text()
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) on this machine")
-def test_a_name_of_ones_own_and_it_compiles(tmp_path):
+def test_a_chosen_name_compiles(tmp_path):
     assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "a.c", "--name", "LeftRear") == 0
     strict = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror"]
     (tmp_path / "main.c").write_text(
@@ -59,28 +59,28 @@ def test_a_name_of_ones_own_and_it_compiles(tmp_path):
     subprocess.run([tmp_path / "run"], check=True)
 
 
-def test_an_unstable_model_only_on_demand_and_loudly(tmp_path, capsys):
+def test_an_unstable_model_needs_an_option_and_gives_a_warning(tmp_path, capsys):
     words = (model_file(tmp_path / "m.json", past=1.01), "--out", tmp_path / "m.c")
-    assert "cannot be proved (the gains of the past forces may sum to 1.01; expected" in complaint(capsys, *words)
+    assert "cannot be proved (the gains of the past forces may sum to 1.01; expected" in error_line(capsys, *words)
     assert not (tmp_path / "m.c").exists()
     assert export(*words, "--allow-uncertified") == 0
     assert "warning: --allow-uncertified" in capsys.readouterr().err
     assert "NOT PROVED" in (tmp_path / "m.h").read_text()
 
 
-def test_what_the_file_says_of_its_stability_is_not_believed(tmp_path, capsys):
+def test_the_certificate_in_the_file_is_not_trusted(tmp_path, capsys):
     path = model_file(tmp_path / "m.json", past=1.01)
     path.write_text(json.dumps({**json.loads(path.read_text()), "certificate": {"gain": 0.5}}))
-    assert "cannot be proved" in complaint(capsys, path, "--out", tmp_path / "m.c")
+    assert "cannot be proved" in error_line(capsys, path, "--out", tmp_path / "m.c")
 
 
 @pytest.mark.parametrize(
     ("out", "more", "message"),
     [
-        ("m.cpp", (), "m.cpp: expected a name that ends in .c (C99, its header is written beside it) or .fmu (FMI 2.0"),
+        ("m.cpp", (), "m.cpp: expected a name that ends in .c (C99, with its header beside it) or .fmu (FMI 2.0"),
         ("m.c", ("--format", "fmu"), "m.c: expected a name that ends in .fmu (FMI 2.0 co-simulation)"),
         ("m", ("--format", "c"), "m: expected a name that ends in .c"),
-        ("m.c", ("--sources-only",), "--sources-only: is for --format fmu"),
+        ("m.c", ("--sources-only",), "--sources-only: applies to --format fmu"),
         ("missing/m.fmu", ("--sources-only",), "missing/m.fmu: cannot be written"),
         ("m.fmu", ("--name", "2; x"), "name '2; x': not usable in C"),
         ("missing/m.c", (), "missing/m.h: cannot be written"),
@@ -89,19 +89,19 @@ def test_what_the_file_says_of_its_stability_is_not_believed(tmp_path, capsys):
     ],
 )
 def test_a_name_that_cannot_be_used(tmp_path, capsys, out, more, message):
-    assert message in complaint(capsys, model_file(tmp_path / "m.json"), "--out", tmp_path / out, *more)
+    assert message in error_line(capsys, model_file(tmp_path / "m.json"), "--out", tmp_path / out, *more)
 
 
 def test_no_model_file(tmp_path, capsys):
-    assert "no such model file" in complaint(capsys, tmp_path / "none.json", "--out", tmp_path / "m.c")
+    assert "no such model file" in error_line(capsys, tmp_path / "none.json", "--out", tmp_path / "m.c")
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) on this machine")
-def test_an_fmu_by_its_ending(tmp_path, capsys):
+def test_an_fmu_by_its_suffix(tmp_path, capsys):
     assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "Rear-Damper.fmu") == 0
-    told = capsys.readouterr().out
-    assert "Rear-Damper.fmu: FMI 2.0 co-simulation rear_damper, 3 terms, binaries/" in told
-    assert "stable: contraction: the gains of the past forces sum to at most 0.800 < 1" in told
+    printed = capsys.readouterr().out
+    assert "Rear-Damper.fmu: FMI 2.0 co-simulation rear_damper, 3 terms, binaries/" in printed
+    assert "stable: contraction: the gains of the past forces sum to at most 0.800 < 1" in printed
     with zipfile.ZipFile(tmp_path / "Rear-Damper.fmu") as archive:
         names = set(archive.namelist())
     sources = {f"sources/{name}" for name in ("rear_damper.c", "rear_damper.h", "fmi2_rear_damper.c", "BUILD.txt")}
@@ -109,18 +109,18 @@ def test_an_fmu_by_its_ending(tmp_path, capsys):
     assert any(name.startswith("binaries/") for name in names)
 
 
-def test_an_fmu_without_a_compiler_only_on_demand(tmp_path, capsys, monkeypatch):
+def test_an_fmu_without_a_compiler_needs_an_option(tmp_path, capsys, monkeypatch):
     words = (model_file(tmp_path / "m.json"), "--format", "fmu", "--out", tmp_path / "m.fmu")
     monkeypatch.setenv("CC", "no-such-compiler")
-    assert "CC=no-such-compiler is not found; install one, or give --sources-only" in complaint(capsys, *words)
+    assert "CC=no-such-compiler is not found; install one, or give --sources-only" in error_line(capsys, *words)
     assert not (tmp_path / "m.fmu").exists()
     assert export(*words, "--sources-only") == 0
     assert "sources only" in capsys.readouterr().out
 
 
-def test_an_unstable_model_becomes_no_fmu_unless_told(tmp_path, capsys):
+def test_an_unstable_model_needs_an_option_for_an_fmu(tmp_path, capsys):
     words = (model_file(tmp_path / "m.json", past=1.01), "--out", tmp_path / "m.fmu", "--sources-only")
-    assert "stability cannot be proved" in complaint(capsys, *words)
+    assert "stability cannot be proved" in error_line(capsys, *words)
     assert export(*words, "--allow-uncertified") == 0
     with zipfile.ZipFile(tmp_path / "m.fmu") as archive:
         assert "STABILITY NOT PROVED" in archive.read("modelDescription.xml").decode()

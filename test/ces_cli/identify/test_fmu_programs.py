@@ -1,4 +1,4 @@
-"""An exported FMU where a SIM is asked for: `ces simulate` and `ces identify --teacher`, and its one-line errors."""
+"""An exported FMU as a SIM: `ces simulate` and `ces identify --teacher`, and its one-line errors."""
 
 import csv
 import shutil
@@ -47,7 +47,7 @@ def forces(path):
 
 
 @pytest.mark.parametrize("spec", ["damper.fmu", "damper.fmu:position=position,current=current,force=force"])
-def test_simulate_gives_the_models_force(work, tmp_path, spec):
+def test_simulate_returns_the_models_force(work, tmp_path, spec):
     assert ces("simulate", "--sim", work / "model.json", work / "bag", "--out", tmp_path / "model.csv") == 0
     assert ces("simulate", "--sim", f"{work}/{spec}", work / "bag", "--out", tmp_path / "fmu.csv") == 0
     expected = forces(tmp_path / "model.csv")
@@ -60,9 +60,9 @@ def test_identify_learns_from_it(work, tmp_path):
     words += ["--terms", 2, "--starts", 1, "--threads", 1, "--time", 10, "--rate", 500, "--bandwidth", 60]
     assert ces(*words, "--out", tmp_path / "learned.json") == 0
     terms = load_model(tmp_path / "learned.json").body.terms
-    found = {term.factors[0].signal: term.coefficient for term in terms}
-    assert found["force"] == pytest.approx(0.5, abs=0.02)
-    assert found["speed"] == pytest.approx(900.0, rel=0.04)
+    coefficients = {term.factors[0].signal: term.coefficient for term in terms}
+    assert coefficients["force"] == pytest.approx(0.5, abs=0.02)
+    assert coefficients["speed"] == pytest.approx(900.0, rel=0.04)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_identify_learns_from_it(work, tmp_path):
         ("broken.fmu", "it is not a zip file"),
     ],
 )
-def test_an_fmu_that_cannot_be_used_is_one_line(work, tmp_path, capsys, spec, message):
+def test_an_unusable_fmu_gives_one_line(work, tmp_path, capsys, spec, message):
     (work / "broken.fmu").write_text("PK")
     assert ces("simulate", "--sim", f"{work}/{spec}", work / "bag", "--out", tmp_path / "x.csv") == 2
     lines = capsys.readouterr().err.splitlines()
@@ -82,7 +82,7 @@ def test_an_fmu_that_cannot_be_used_is_one_line(work, tmp_path, capsys, spec, me
     assert message in lines[0]
 
 
-def test_the_help_says_that_it_is_run(capsys):
+def test_the_help_says_that_an_fmu_runs_native_code(capsys):
     with pytest.raises(SystemExit):
         ces("simulate", "--help")
     assert "native code" in capsys.readouterr().out

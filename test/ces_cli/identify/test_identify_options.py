@@ -1,4 +1,4 @@
-"""The node's parameters are the program's options: names, defaults, ranges, and the command line made of them."""
+"""The node's parameters are the program's options: names, defaults, ranges, and the command line built from them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ces_observer.errors import CesError
 from ces_observer.nodes.parameter_table import NO_WORDS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
-# What a node has no use for: a cluster's and a folder's worth of work, pictures, text to standard output.
+# A node does not need campaigns, clusters, cross-validation, pictures or text on standard output.
 LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "picture", "show_candidates", "help"})
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
@@ -59,9 +59,9 @@ def test_choices_are_the_programs():
     }
 
 
-def test_values_arrive_as_given(monkeypatch):
+def test_values_arrive_unchanged(monkeypatch):
     monkeypatch.setenv("HOME", "/home/somebody")
-    found = options(
+    values = options(
         bags=["~/one", "", "two"],
         validate=["three"],
         report="~/report.html",
@@ -69,25 +69,25 @@ def test_values_arrive_as_given(monkeypatch):
         no_certificate=True,
         time=0.30000000000000004,
     )
-    assert [str(path) for path in found["bags"]] == ["/home/somebody/one", "two"]
-    assert (str(found["validate"][0]), str(found["report"])) == ("three", "/home/somebody/report.html")
-    assert (found["blend"], found["no_certificate"]) == (["speed:-0.3,0.3", "current:0.5,1"], True)
-    assert found["time"] == 0.30000000000000004
+    assert [str(path) for path in values["bags"]] == ["/home/somebody/one", "two"]
+    assert (str(values["validate"][0]), str(values["report"])) == ("three", "/home/somebody/report.html")
+    assert (values["blend"], values["no_certificate"]) == (["speed:-0.3,0.3", "current:0.5,1"], True)
+    assert values["time"] == 0.30000000000000004
 
 
 def test_a_value_with_a_dash_is_no_option():
     assert options(bags=["-x"], teacher="--out=elsewhere")["teacher"] == "--out=elsewhere"
 
 
-def test_no_recording_and_a_wrong_word_are_named():
-    with pytest.raises(CesError, match="parameter 'bags' is not set; give the recordings' paths"):
+def test_a_missing_recording_and_a_wrong_choice_are_named():
+    with pytest.raises(CesError, match="parameter 'bags' is not set; set it to the paths of recordings"):
         build_command_line(DEFAULTS)
     with pytest.raises(CesError, match="parameter 'method' is 'best'; expected one of both, random, gauss-newton"):
         BY_NAME["method"].check_value("best")
 
 
-def test_the_shipped_file_says_every_parameter_with_its_default():
-    said = yaml.safe_load(CONFIG.read_text())["/**"]["ros__parameters"]
-    assert said.pop(EXIT_WHEN_DONE.name) is EXIT_WHEN_DONE.default
-    assert {**said, "bags": NO_WORDS} == DEFAULTS
-    assert "bags" not in said
+def test_the_packaged_file_lists_every_parameter_with_its_default():
+    parameters = yaml.safe_load(CONFIG.read_text())["/**"]["ros__parameters"]
+    assert parameters.pop(EXIT_WHEN_DONE.name) is EXIT_WHEN_DONE.default
+    assert {**parameters, "bags": NO_WORDS} == DEFAULTS
+    assert "bags" not in parameters

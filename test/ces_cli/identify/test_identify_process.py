@@ -1,4 +1,4 @@
-"""The node's worker process without ROS: what it tells, how it is stopped, and that it ends with whoever started it."""
+"""The node's worker process without ROS: its messages, how it stops, and that it ends with its parent."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ LONG_S = 60.0
 QUICK = ("--terms=2", "--threads=1", "--method=random")
 
 
-def said(process, until=EXIT_STATUS):
-    """Return what the process told up to a message with the key `until`."""
-    found, end = [], time.monotonic() + LONG_S
-    while not any(until in message for message in found):
-        assert time.monotonic() < end, found
-        found += process.read_messages()
+def read_until(process, until=EXIT_STATUS):
+    """Return the messages of the process up to one with the key `until`."""
+    messages, end = [], time.monotonic() + LONG_S
+    while not any(until in message for message in messages):
+        assert time.monotonic() < end, messages
+        messages += process.read_messages()
         time.sleep(0.01)
-    return found
+    return messages
 
 
-def started(*words):
+def start_identification(*words):
     return IdentifyProcess([*QUICK, *words, "--", str(ROOT / "bags" / "noise")])
 
 
-def test_it_tells_stages_costs_warnings_and_the_result(tmp_path):
+def test_it_sends_stages_costs_warnings_and_the_result(tmp_path):
     out, report = tmp_path / "model.json", tmp_path / "report.html"
-    told = said(started("--time=0.5", "--starts=2", f"--out={out}", f"--report={report}"))
-    assert [message["stage"] for message in told if "stage" in message] == [READING, SEARCHING, WRITING]
-    assert any("no header" in message[WARNING] for message in told if WARNING in message)
-    costs = [message["cost"] for message in told if "cost" in message]
+    messages = read_until(start_identification("--time=0.5", "--starts=2", f"--out={out}", f"--report={report}"))
+    assert [message["stage"] for message in messages if "stage" in message] == [READING, SEARCHING, WRITING]
+    assert any("no header" in message[WARNING] for message in messages if WARNING in message)
+    costs = [message["cost"] for message in messages if "cost" in message]
     assert costs and costs == sorted(costs, reverse=True)
-    result = next(message["result"] for message in told if "result" in message)
+    result = next(message["result"] for message in messages if "result" in message)
     assert result["text"] == out.read_text() == load_model(out).to_json()
     assert [(cost["recording"], cost["role"]) for cost in result["costs"]] == [
         ("noise", "identification"),
@@ -48,30 +48,31 @@ def test_it_tells_stages_costs_warnings_and_the_result(tmp_path):
     ]
     assert (result["facts"]["model"], result["facts"]["report"]) == (str(out), str(report))
     assert report.stat().st_size > 10_000
-    assert told[-1] == {EXIT_STATUS: 0}
+    assert messages[-1] == {EXIT_STATUS: 0}
 
 
 def test_interrupted_it_writes_the_best_so_far(tmp_path):
-    process = started("--time=600", "--starts=10000", f"--out={tmp_path / 'model.json'}")
-    said(process, "cost")
+    process = start_identification("--time=600", "--starts=10000", f"--out={tmp_path / 'model.json'}")
+    read_until(process, "cost")
     process.interrupt()
-    told = said(process)
-    assert told[-1] == {EXIT_STATUS: 0}
+    messages = read_until(process)
+    assert messages[-1] == {EXIT_STATUS: 0}
     assert load_model(tmp_path / "model.json").body.terms
 
 
-def test_mistakes_are_one_line():
+def test_a_mistake_gives_one_line():
     for words, line in (
         ("--terms=999", "parameter terms: 999 is outside 1 to 200"),
         ("--signals=no", "no: cannot be read"),
     ):
-        told = said(started(words))
-        assert next(message["error"] for message in told if "error" in message).startswith(line)
-        assert told[-1] == {EXIT_STATUS: 2}
+        messages = read_until(start_identification(words))
+        assert next(message["error"] for message in messages if "error" in message).startswith(line)
+        assert messages[-1] == {EXIT_STATUS: 2}
 
 
-def test_it_ends_with_its_starter():
-    code = "from test_identify_process import started; print(started('--time=600')._process.pid, flush=True); import os"
+def test_it_ends_with_its_parent():
+    code = "from test_identify_process import start_identification; import os; "
+    code += "print(start_identification('--time=600')._process.pid, flush=True)"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(Path(__file__).parent)])}
     command = [sys.executable, "-c", f"{code}; os._exit(1)"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -84,7 +85,7 @@ def test_it_ends_with_its_starter():
         time.sleep(0.05)
 
 
-def test_progress_is_a_line_and_figures():
+def test_progress_is_a_line_and_values():
     now = [100.0]
     state = SearchState(lambda: now[0])
     assert state.as_status() == ("starting", {"stage": "starting", "elapsed [s]": "0.0", "share": "0.000"})
@@ -93,7 +94,7 @@ def test_progress_is_a_line_and_figures():
     assert state.as_status()[0] == "searching: no model yet"
     state.update({"cost": 12.345, "size": 7, "ended": 3})
     assert state.as_status() == (
-        "searching: selection cost J = 12.35 % of size 7, 3 of 8 starts ended, 5 s",
+        "searching: selection cost J = 12.35 %, size 7, 3 of 8 starts done, 5 s",
         {
             "stage": SEARCHING,
             "elapsed [s]": "5.0",

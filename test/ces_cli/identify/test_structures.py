@@ -9,26 +9,29 @@ from ces_identify.structures.network import NetworkShape
 from ces_identify.structures.polynomial import fit_polynomial
 
 
-def chosen(*arguments):
+def select_from(*arguments):
     parser = argparse.ArgumentParser(exit_on_error=False)
     add_structure(parser)
     return select_identify_function(parser.parse_args(arguments))
 
 
 def test_each_structure_has_its_fitter():
-    default = chosen()
-    network, anfis = chosen("--structure", "sigmoid", "--units", "6"), chosen("--structure", "anfis", "--rules", "5x3")
+    default = select_from()
+    network, anfis = (
+        select_from("--structure", "sigmoid", "--units", "6"),
+        select_from("--structure", "anfis", "--rules", "5x3"),
+    )
     assert default.func is network.func is anfis.func is identify
     assert default.keywords == {"fitter": fit_polynomial}
     assert network.keywords == {"fitter": NetworkShape(units=6)}
     assert anfis.keywords == {"fitter": FuzzyShape(speeds=5, currents=3)}
-    assert chosen("--structure", "anfis").keywords == {"fitter": FuzzyShape()}
+    assert select_from("--structure", "anfis").keywords == {"fitter": FuzzyShape()}
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [("7", "not VxI"), ("1x2", "at least 2"), ("axb", "not VxI"), ("-3x2", "not VxI"), ("20x4", "makes 80 rules")],
 )
-def test_a_grid_that_makes_no_sense_is_refused(text, message):
+def test_an_invalid_grid_is_refused(text, message):
     with pytest.raises(argparse.ArgumentError, match=message):
-        chosen(f"--rules={text}")
+        select_from(f"--rules={text}")

@@ -58,16 +58,19 @@ def work(tmp_path_factory):
 
 
 @pytest.fixture()
-def told(work, capsys):
-    """What `ces validate` says with weights about a bag held out and one of repeated cycles."""
+def printed(work, capsys):
+    """Output of `ces validate` with weights for a held-out bag and a bag of repeated cycles."""
     capsys.readouterr()
     words = ("--weight", "zero_crossing:0.1=3", "--weight", "current:0.6..0.7=2", "--report", work / "v.html")
     assert ces("validate", work / "model.json", work / "one", *words, "--part", "0.5:1", work / "cycles") == 0
     return capsys.readouterr().out
 
 
-def test_costs_come_with_interval_floor_and_weighted_cost(work, told):
-    model, row = load_model(work / "model.json"), next(line for line in told.splitlines() if "cycles" in line).split()
+def test_costs_come_with_interval_floor_and_weighted_cost(work, printed):
+    model, row = (
+        load_model(work / "model.json"),
+        next(line for line in printed.splitlines() if "cycles" in line).split(),
+    )
     series = prepare(read_recording(work / "cycles", DEFAULT), model.sampling).part(0.5, 1.0)
     scored, force = series.scored, simulate_series(model, series).force
     weights = parse_weighting(["zero_crossing:0.1=3", "current:0.6..0.7=2"]).tick_weights(series)[scored]
@@ -77,24 +80,24 @@ def test_costs_come_with_interval_floor_and_weighted_cost(work, told):
     noise = 100.0 * 8.0 / series.force[scored].std()
     assert 0.6 * noise < float(floor) < 1.15 * noise  # interpolation at the ticks takes some of the noise away
     assert float(weighted) == pytest.approx(weighted_cost(series.force[scored], force[scored], weights), abs=0.006)
-    assert "weights: zero_crossing:0.1=3 current:0.6..0.7=2" in told
+    assert "weights: zero_crossing:0.1=3 current:0.6..0.7=2" in printed
 
 
-def test_residuals_and_where_the_error_sits_take_a_line_each(told):
-    lines = told.splitlines()
+def test_residuals_and_error_regions_take_a_line_each(printed):
+    lines = printed.splitlines()
     assert sum(line.startswith("residual of cycles: ") for line in lines) == 2
     shares = [int(re.match(r"error: (\d+) % of its energy", line)[1]) for line in lines if line.startswith("error: ")]
     assert len(shares) == 3
     assert shares == sorted(shares, reverse=True)
 
 
-def test_the_report_shows_them_too(work, told):
+def test_the_report_shows_them_too(work, printed):
     page = (work / "v.html").read_text()
     for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed² → residual²", "Error by cells of speed"):
         assert text in page
 
 
-def test_what_each_second_served_is_in_the_table_and_in_the_model(work, capsys):
+def test_the_use_of_every_second_is_in_the_table_and_in_the_model(work, capsys):
     history = json.loads((work / "model.json").read_text())["provenance"]
     one = next(row for row in history["usage"] if row["recording"] == "one" and not row["test_s"])
     assert one["estimation_s"] == pytest.approx(2 * one["selection_s"], abs=1.0)
@@ -110,7 +113,7 @@ def test_folds_are_in_the_model_and_no_test_second_is_in_them_twice(work):
         assert low < row["J_percent"] < high < 20.0
 
 
-def test_identify_prints_the_folds_and_what_seconds_served(work, tmp_path, capsys):
+def test_identify_prints_the_folds_and_the_use_of_seconds(work, tmp_path, capsys):
     words = ("--candidates", work / "rules.yaml", "--terms", 2, "--starts", 1, "--time", 1, "--threads", 2)
     assert ces("identify", work / "one", "--folds", 2, "--out", tmp_path / "m.json", *words) == 0
     out = capsys.readouterr().out
@@ -128,15 +131,15 @@ def test_a_certificate_is_proved_again_without_a_bag(work, capsys):
     assert "in the file     the same bounds" in out
 
 
-def changed(work, path, change):
+def write_changed(work, path, change):
     raw = json.loads((work / "model.json").read_text())
     change(raw)
     path.write_text(json.dumps(raw))
     return path
 
 
-def grown(raw):
-    """Let the past count for more, as an edit by hand would."""
+def raise_gain(raw):
+    """Raise the gain of past forces, as an edit by hand would."""
     for term in raw["terms"]:
         if any(f["signal"] == "force" for f in term["factors"]):
             term["coefficient"] = 1.2
@@ -145,17 +148,17 @@ def grown(raw):
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (grown, "the gains of the past forces may sum to 1.2"),
+        (raise_gain, "the gains of the past forces may sum to 1.2"),
         (lambda m: m["certificate"].update(gain=0.01), "the file claims gain 0.01, but only"),
         (lambda m: m["certificate"].update(force_bound_N=1.0), "the file claims force_bound_N 1, but only"),
     ],
 )
-def test_what_is_not_proved_takes_one_line_and_status_1(work, tmp_path, capsys, change, expected):
+def test_a_failed_proof_gives_one_line_and_status_1(work, tmp_path, capsys, change, expected):
     raw = json.loads((work / "model.json").read_text())
     if not any(f["signal"] == "force" for t in raw["terms"] for f in t["factors"]):
         raw["terms"].append({"coefficient": 0.1, "factors": [{"signal": "force", "lag": 1}]})
         (work / "model.json").write_text(json.dumps(raw))
-    path = changed(work, tmp_path / "m.json", change)
+    path = write_changed(work, tmp_path / "m.json", change)
     assert ces("validate", path, "--certificate") == 1
     out = capsys.readouterr().out.splitlines()
     assert len(out) == 1
@@ -170,8 +173,8 @@ def test_what_is_not_proved_takes_one_line_and_status_1(work, tmp_path, capsys, 
         (lambda m: m["certificate"].pop("gain"), "incomplete: no gain"),
     ],
 )
-def test_a_proof_beyond_the_files_claims_is_one(work, tmp_path, capsys, change, expected):
-    assert ces("validate", changed(work, tmp_path / "m.json", change), "--certificate") == 0
+def test_a_proof_with_tighter_bounds_than_the_file_is_accepted(work, tmp_path, capsys, change, expected):
+    assert ces("validate", write_changed(work, tmp_path / "m.json", change), "--certificate") == 0
     assert expected in capsys.readouterr().out
 
 
@@ -185,7 +188,7 @@ def test_a_proof_beyond_the_files_claims_is_one(work, tmp_path, capsys, change, 
         (("identify", "one", "--folds", "9"), "use fewer folds"),
     ],
 )
-def test_wrong_words(work, monkeypatch, capsys, words, expected):
+def test_wrong_arguments(work, monkeypatch, capsys, words, expected):
     monkeypatch.chdir(work)
     capsys.readouterr()
     assert main(list(words)) == 2

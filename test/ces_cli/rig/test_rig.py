@@ -1,4 +1,4 @@
-"""`ces rig`: writes a bag that reads back as what was run, lists, and tells mistakes in one line."""
+"""`ces rig`: writes a bag that reads back unchanged, lists experiments, and reports mistakes in one line."""
 
 import numpy as np
 import pytest
@@ -27,10 +27,10 @@ def test_the_bag_holds_the_run(experiment, tmp_path, capsys):
     bag = tmp_path / "bag"
     assert main([str(experiment), "--out", str(bag)]) == 0
     assert "1000 position, 501 current, 1000 force samples" in capsys.readouterr().out
-    read, made = read_recording(bag, load_signals()), run(load_experiment(experiment))
+    read, expected = read_recording(bag, load_signals()), run(load_experiment(experiment))
     for name in ("position", "current", "force"):
-        assert np.array_equal(read.channel(name).values, made.channel(name).values)
-        assert np.array_equal(read.channel(name).stamps_ns, made.channel(name).stamps_ns)
+        assert np.array_equal(read.channel(name).values, expected.channel(name).values)
+        assert np.array_equal(read.channel(name).stamps_ns, expected.channel(name).stamps_ns)
 
 
 def test_seed_and_overwrite(experiment, tmp_path):
@@ -42,16 +42,16 @@ def test_seed_and_overwrite(experiment, tmp_path):
     assert not np.array_equal(read_recording(tmp_path / "bag", load_signals()).channel("force").values, first)
 
 
-def test_signals_say_where_things_go(experiment, tmp_path):
+def test_signals_file_sets_the_topics(experiment, tmp_path):
     signals = tmp_path / "signals.yaml"
     signals.write_text(
         "current: {topic: amps, type: std_msgs/msg/Float32, field: data, scale: 0.001}\n"
         "position: {topic: pot, type: std_msgs/msg/Float64, field: data, scale: -1.0, offset: 0.1}\n"
     )
     main([str(experiment), "--out", str(tmp_path / "bag"), "--signals", str(signals)])
-    read, made = read_recording(tmp_path / "bag", load_signals(signals)), run(load_experiment(experiment))
-    assert read.channel("current").values == pytest.approx(made.channel("current").values, abs=1e-6)
-    assert read.channel("position").values == pytest.approx(made.channel("position").values, abs=1e-12)
+    read, expected = read_recording(tmp_path / "bag", load_signals(signals)), run(load_experiment(experiment))
+    assert read.channel("current").values == pytest.approx(expected.channel("current").values, abs=1e-6)
+    assert read.channel("position").values == pytest.approx(expected.channel("position").values, abs=1e-12)
 
 
 def test_list(capsys):
@@ -62,15 +62,15 @@ def test_list(capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (["none", "--out", "x"], "ces rig: error: none: no such file, and no packaged experiment"),
-        ([], "EXPERIMENT and --out BAG are needed"),
-        (["sweep"], "EXPERIMENT and --out BAG are needed"),
+        ([], "expected EXPERIMENT and --out BAG"),
+        (["sweep"], "expected EXPERIMENT and --out BAG"),
         (["sweep", "--out", "x", "--seed", "-1"], "outside 0 to 2147483648"),
     ],
 )
-def test_mistakes(words, says, capsys, tmp_path, monkeypatch):
+def test_mistakes(words, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     try:
         status = run_program("rig", main, words)
@@ -78,5 +78,5 @@ def test_mistakes(words, says, capsys, tmp_path, monkeypatch):
         status = leaving.code
     assert status == 2
     error = capsys.readouterr().err
-    assert says in error
+    assert message in error
     assert error.count("\n") == 1
