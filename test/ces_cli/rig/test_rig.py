@@ -64,7 +64,7 @@ def test_list(capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["none", "--out", "x"], "ces rig: error: none: no such file, and no packaged experiment"),
+        (["none", "--out", "x"], "ces rig: error: none: no such file or packaged experiment"),
         ([], "EXPERIMENT and --out BAG are needed"),
         (["sweep"], "EXPERIMENT and --out BAG are needed"),
         (["sweep", "--out", "x", "--seed", "-1"], "outside 0 to 2147483648"),
