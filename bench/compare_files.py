@@ -134,16 +134,16 @@ def compare_files(before: Path, after: Path) -> Comparison:
     places = dict.fromkeys((*old.values, *new.values))
     pairs = [pair for place in places for pair in _differing(place, old.values[place], new.values[place])]
     count = sum(max(len(old.values[place]), len(new.values[place])) for place in places)
-    wording = [(" / ".join(b), " / ".join(a)) for b, a in _changed(old.words, new.words)]
+    wording = [(" / ".join(b), " / ".join(a)) for b, a in _find_changes(old.words, new.words)]
     return Comparison(count, tuple(pairs), tuple(wording))
 
 
 def _differing(place: str, before: list[Value], after: list[Value]) -> Iterator[Pair]:
-    parts = [(before, after)] if len(before) == len(after) else _changed(before, after)
+    parts = [(before, after)] if len(before) == len(after) else _find_changes(before, after)
     return ((place, b, a) for old, new in parts for b, a in zip_longest(old, new) if b != a)
 
 
-def _changed(before: Sequence[Any], after: Sequence[Any]) -> list[tuple[Sequence[Any], Sequence[Any]]]:
+def _find_changes(before: Sequence[Any], after: Sequence[Any]) -> list[tuple[Sequence[Any], Sequence[Any]]]:
     """Return the passages that were replaced, removed or inserted."""
     found = SequenceMatcher(None, before, after).get_opcodes() if before != after else []
     return [(before[b:b_end], after[a:a_end]) for kind, b, b_end, a, a_end in found if kind != "equal"]
