@@ -86,7 +86,7 @@ def simulate_signals(
     number leaves its physical range, the stroke leaves the damper, or the grid is wrong.
     """
     if len(time_s) < 10 or not np.allclose(np.diff(time_s), GRID_S, rtol=0.0, atol=1e-9):
-        raise RigError(f"plant: the times are not on the grid; expected at least 10 times, {GRID_S:g} s apart")
+        raise RigError(f"plant: bad times; expected at least 10 times on a grid of {GRID_S:g} s")
     model = plant.model
     for effect in effects:
         if effect.name not in sensing.SENSING and effect.severity > 0.0:
