@@ -1,5 +1,5 @@
 # ruff: noqa: E402 - thread counts must be set before NumPy is imported
-"""Which causal differentiator: delay against noise, error in the damping force, and cost J after a search.
+"""Comparison of causal differentiators: delay and noise, error in the damping force, and cost J after a search.
 
 Three tables, printed and with `--out FILE` written as Markdown: the rig's recordings, with true speed and with the
 rig's own plant driven by each estimate; the cost J of models searched for on each estimate (`--search`); and what the
@@ -43,7 +43,7 @@ from ces_rig.experiment import GRID_S, Experiment, Truth, find_experiment, load_
 RIG = ("sine_4hz", "sine_12hz", "sweep", "noise", "road")
 RATE = 1000.0
 WARM_UP_S = 1.0
-REFERENCE_HZ = 100.0  # [Hz] zero-phase low-pass that stands for the true speed of measured data
+REFERENCE_HZ = 100.0  # [Hz] zero-phase low-pass that defines the true speed of measured data
 OWN = "**ours, by its rule**"
 
 
@@ -73,18 +73,18 @@ def rig_run(name: str) -> RigRun:
 
 
 def relative_error(estimate: F, speed: F) -> float:
-    """RMS error in % of the RMS speed, after the warm-up."""
+    """Return the RMS error in % of the RMS speed, after the warm-up."""
     late = slice(round(WARM_UP_S * RATE), None)
     return float(100.0 * np.std((estimate - speed)[late]) / np.std(speed[late]))
 
 
 def clean_estimate(peer: Peer, number: float, run: RigRun) -> F:
-    """The estimate from the noise-free stroke at the sampling times: distortion alone."""
+    """Return the estimate from the noise-free stroke at the sampling times: distortion alone."""
     return peer.speeds(run.stroke, RATE, number)
 
 
 def delay_ms(estimate: F, speed: F, frequency: float) -> float:
-    """Phase delay of the estimate behind the true speed at one frequency [ms]."""
+    """Return the phase delay [ms] of the estimate relative to the true speed at one frequency."""
     late = slice(round(WARM_UP_S * RATE), None)
     turn = np.exp(-2j * np.pi * frequency * np.arange(len(speed)) / RATE)[late]
     lag = -np.angle((estimate[late] @ turn) / (speed[late] @ turn))
@@ -92,7 +92,7 @@ def delay_ms(estimate: F, speed: F, frequency: float) -> float:
 
 
 def plant_cost(estimate: F, run: RigRun, seconds: float = 12.0) -> float:
-    """J [%] between the rig's plant driven by the estimated and by the true speed.
+    """Return J [%] between the rig's plant driven by the estimated and by the true speed.
 
     The error of the speed is integrated to a stroke, less what lies below 0.5 Hz, which would be a drift.
     """
@@ -111,19 +111,19 @@ def plant_cost(estimate: F, run: RigRun, seconds: float = 12.0) -> float:
 
 
 def own_estimate(sampling: Sampling, recording: Recording) -> F:
-    """The package's own speed at the position samples, through its preparation and with stamps as logged."""
+    """Return the package's own speed at the position samples, with its preparation and the logged stamps."""
     series = prepare(recording, sampling)
     return np.asarray(np.interp(sample_times(recording), series.time_s, series.speed))
 
 
 def sample_times(recording: Recording) -> F:
-    """Times [s] of all position samples from the first usable one, which has a current: as `Series.time_s`."""
+    """Return the times [s] of all position samples from the first with a current, like `Series.time_s`."""
     stamps = recording.channel("position").stamps_ns
     return np.asarray((stamps - usable_samples(recording, 1e6).stamps_ns[0]) * 1e-9)
 
 
 def tune(peer: Peer, positions: Sequence[F], speeds: Sequence[F], rate: float) -> float:
-    """The peer's number of least mean relative error; frequencies scale with the rate."""
+    """Return the peer's setting with the smallest mean relative error; frequencies scale with the rate."""
     grid = [g * (rate / RATE if peer.unit == "Hz" else 1.0) for g in peer.grid]
     pairs = list(zip(positions, speeds, strict=True))
     late = slice(round(WARM_UP_S * rate), None)
@@ -160,14 +160,14 @@ def rig_row(estimates: dict[str, F], runs: dict[str, RigRun], noise: str) -> lis
 
 
 def quiet_position(run: RigRun) -> Channel:
-    """The position channel without noise, jitter and quantum."""
+    """Return the position channel without noise, jitter and quantisation."""
     channel = run.recording.channel("position")
     stamps = channel.stamps_ns[0] + np.arange(len(channel)) * round(1e9 / RATE)
     return Channel("position", "m", stamps, run.stroke)
 
 
 def search_table(runs: dict[str, RigRun], data: Path, seconds: float) -> list[str]:
-    """J on held-out ticks: of the best found on the selection ticks and, in brackets, of the other start."""
+    """Return J on held-out ticks of the best model on the selection ticks and, in brackets, of the other start."""
     sets = {"rig noise + sweep": [runs["noise"].recording, runs["sweep"].recording], **load_measured_sets(data)}
     columns = {name: search_costs(recordings, seconds) for name, recordings in sets.items()}
     names = list(next(iter(columns.values())))
@@ -267,7 +267,7 @@ SHOWN = {
 
 
 def draw(runs: dict[str, RigRun], path: Path) -> None:
-    """Left, noise against distortion of the speed on the noise recording; right, the plant's J on the road."""
+    """Draw noise over distortion of the speed (noise recording, left) and the plant's J (road, right)."""
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.4), layout="constrained")
@@ -283,7 +283,7 @@ def draw(runs: dict[str, RigRun], path: Path) -> None:
     for total in (3.0, 6.0):
         angle = np.linspace(0.02, 1.5, 60)
         left.loglog(total * np.cos(angle), total * np.sin(angle), color="0.75", lw=0.8, zorder=0)
-        left.text(total * 1.03, 0.55, f"{total:.0f} % in all", color="0.45", fontsize=8, rotation=90)
+        left.text(total * 1.03, 0.55, f"{total:.0f} % in total", color="0.45", fontsize=8, rotation=90)
     left.set(xlim=(0.3, 30), ylim=(0.5, 20), xlabel="distortion and delay [% of RMS speed]")
     left.set(ylabel="noise [% of RMS speed]", title="Speed, rig noise recording")
     for name in ("Kalman, white acceleration (α-β)", "Kalman, white jerk", "Kalman, white snap"):
@@ -304,7 +304,7 @@ def draw(runs: dict[str, RigRun], path: Path) -> None:
 
 
 def trade_off(peer: Peer, run: RigRun) -> tuple[list[float], list[float]]:
-    """Distortion and noise [% of RMS speed] over the peer's grid."""
+    """Return distortion and noise [% of RMS speed] over the peer's grid."""
     clean = [clean_estimate(peer, number, run) for number in peer.grid]
     noisy = [peer.speeds(run.positions, RATE, number) for number in peer.grid]
     noise = [noise_share(n, c, run.speed) for n, c in zip(noisy, clean, strict=True)]
@@ -312,7 +312,7 @@ def trade_off(peer: Peer, run: RigRun) -> tuple[list[float], list[float]]:
 
 
 def noise_share(estimate: F, clean: F, speed: F) -> float:
-    """RMS difference of two estimates in % of the RMS speed."""
+    """Return the RMS difference of two estimates in % of the RMS speed."""
     late = slice(round(WARM_UP_S * RATE), None)
     return float(100.0 * np.std((estimate - clean)[late]) / np.std(speed))
 
@@ -326,7 +326,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, help="Markdown file for the tables")
     parser.add_argument("--figure", type=Path, help="image file for the trade-off")
-    parser.add_argument("--search", type=float, default=0.0, metavar="SECONDS", help="also search, this long each")
+    parser.add_argument("--search", type=float, default=0.0, metavar="SECONDS", help="also run searches of this length")
     arguments = parser.parse_args()
     data = Path(os.environ.get("CES_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
     runs = {name: rig_run(name) for name in RIG}

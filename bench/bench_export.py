@@ -1,4 +1,4 @@
-"""Time per step of the exported C estimator, called in a C loop, beside the Python estimator on the same samples.
+"""Time per step of the exported C estimator, called in a C loop, and of the Python estimator on the same samples.
 
 Usage: python bench/bench_export.py. Needs a C compiler (`cc`, or what CC names). Steady stamps let the C keep the
 differentiator's gains from step to step; jittered ones make it compute an exponential and a cosine each time.
@@ -74,7 +74,7 @@ def make_inputs(jitter_ns: float) -> StepInputs:
 
 
 def compile_estimator(model: Model, compiler: str, folder: Path) -> ctypes.CDLL:
-    """Export `model`, compile it apart from the loop (no inlining across), and load both."""
+    """Export `model`, compile it separately from the loop (no inlining across), and load both."""
     source, header = export_c(model, "damper", "damper", model.certify())
     for name, text in (("damper.c", source), ("damper.h", header), ("loop.c", LOOP)):
         (folder / name).write_text(text)
@@ -103,7 +103,7 @@ def python_steps(model: Model, inputs: StepInputs) -> Callable[[], float]:
 
 
 def compare(what: str, c: Callable[[], float], python: Callable[[], float]) -> None:
-    """Print the mean time of a step of each, after checking that they give the same forces."""
+    """Print the mean times per step after checking that both give the same forces."""
     np.testing.assert_allclose(c(), python(), rtol=1e-9)
     fast, slow = 1e6 * median_seconds(c, 41) / N, 1e6 * median_seconds(python, 7) / N
     verdict = "met" if fast <= TARGET_US else "missed"
@@ -113,7 +113,7 @@ def compare(what: str, c: Callable[[], float], python: Callable[[], float]) -> N
 def main() -> int:
     compiler = shutil.which(os.environ.get("CC", "cc"))
     if compiler is None:
-        print("no C compiler: nothing to measure; install one or name it in CC")
+        print("no C compiler: nothing to measure; install one or set CC")
         return 0
     terms, envelope = ten_terms(), Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
     print(f"exported C, {len(terms)} terms, {N} samples, -O2; target at most {TARGET_US} us a step")
@@ -123,10 +123,10 @@ def main() -> int:
             library = compile_estimator(model, compiler, Path(folder))
             print(f"differentiator of order {order}")
             for what, jitter_ns in (("steady stamps", 0.0), ("jittered stamps", 2e5)):
-                given = make_inputs(jitter_ns)
-                c = bind_arrays(library.steps, given.stamps, given.position, given.current)
-                compare(what, c, python_steps(model, given))
-            tick = median_seconds(bind_arrays(library.ticks, given.position, given.speed, given.current), 41) / N
+                inputs = make_inputs(jitter_ns)
+                c = bind_arrays(library.steps, inputs.stamps, inputs.position, inputs.current)
+                compare(what, c, python_steps(model, inputs))
+            tick = median_seconds(bind_arrays(library.ticks, inputs.position, inputs.speed, inputs.current), 41) / N
             print(f"  tick of the bare polynomial  {1e6 * tick:7.4f} us")
     return 0
 

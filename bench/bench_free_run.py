@@ -27,7 +27,7 @@ N = 30_000
 
 
 def ten_terms() -> tuple[Term, ...]:
-    """Ten terms of the kind the selection finds: past forces, non-integer powers, current, several lags."""
+    """Return ten terms like those of a selection: past forces, non-integer powers, current, several lags."""
     v = [
         Factor("speed", lag, power, signed) for lag, power, signed in ((0, 0.5, True), (2, 1.0, True), (0, 0.5, False))
     ]
@@ -39,7 +39,7 @@ def ten_terms() -> tuple[Term, ...]:
 
 
 def median_seconds(work: Callable[[], object], repeats: int) -> float:
-    """Return the median CPU time of `work` [s], which is of one thread, after one run that is not counted."""
+    """Return the median CPU time of single-threaded `work` [s], after one run that is not counted."""
     work()
     times = []
     for _ in range(repeats):
@@ -55,7 +55,7 @@ def inputs() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def plain_free_run(terms: tuple[Term, ...], x: np.ndarray, v: np.ndarray, i: np.ndarray) -> np.ndarray:
-    """The same recursion as a reader would write it in Python with NumPy for the input products."""
+    """Compute the same recursion in plain Python, with NumPy for the input products."""
     signals = {"position": x, "speed": v, "current": i}
     products = []
     for term in terms:
@@ -99,7 +99,7 @@ def main() -> None:
 
 
 def bench_tick(model: Model) -> None:
-    """The polynomial alone: compiled, and as a reader would write a tick in Python from the terms."""
+    """Time the polynomial alone: compiled, and as a plain Python tick."""
     polynomial, plain = model.make_predictor(), PlainTick(model)
     rows = list(zip(*(column.tolist() for column in inputs()), strict=True))
 
@@ -119,7 +119,7 @@ def bench_tick(model: Model) -> None:
 
 
 class PlainTick:
-    """A tick straight from the terms: every factor looked up and raised to its power, every time."""
+    """A tick directly from the terms: every factor is looked up and raised to its power each time."""
 
     def __init__(self, model: Model) -> None:
         self.terms, self.depth = model.body.terms, model.max_lag + 1
@@ -151,7 +151,7 @@ def bench_estimator(model: Model) -> None:
 
 
 def estimator_seconds(model: Model, jitter_ns: float) -> tuple[float, float]:
-    """Return the mean time of a step [s] and of an empty call in its place."""
+    """Return the mean times [s] of a step and of an empty call."""
     estimator, dice = Estimator(model), random.Random(1)
     times = [k * 1_000_000 + round(dice.gauss(0.0, jitter_ns)) for k in range(20_000)]
     samples = [(t, 0.02 * math.sin(25e-9 * t), 0.5 + 0.1 * math.sin(3e-9 * t)) for t in times]

@@ -1,10 +1,10 @@
-"""Cost of identification, and what it takes, beside the peers on the same data in the same run.
+"""Cost J and time of identification, compared with the peers on the same data in the same run.
 
-Usage: python bench/bench_peers.py [--seeds E S T]. Three recordings of damper_set: E and S to identify on, T to judge
-on, by the free run's J (thesis eq. 3.5). CPU seconds are those of the identification alone, its children's included;
-compilation is done before. Peers are given more, column by column, than a user knows (`identification_peers.Feed`);
-this project is given position, speed and current. A peer that is not installed is skipped:
-pip install '.[bench]'. Takes about ten minutes.
+Usage: python bench/bench_peers.py [--seeds E S T]. Three recordings of damper_set: E and S for identification, T for
+evaluation by the free run's J (thesis eq. 3.5). CPU seconds are those of the identification, including its children,
+after compilation. Peers receive more input columns than a user would know (`identification_peers.Feed`); this project
+receives position, speed and current. A peer that is not installed is skipped: pip install '.[bench]'. Takes about ten
+minutes.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ from ces_observer.structures.network import Network
 
 LAGS = Lags(position_s=(0.0,))
 INPUTS = "position, speed, current"
-SECONDS = 60.0  # most of a search
-QUICK_S, REPEATS = 2.0, 5  # what takes less is repeated
+SECONDS = 60.0  # time limit of a search
+QUICK_S, REPEATS = 2.0, 5  # shorter fits are repeated
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A tool, what it is given, how it fits, and how J on the test and the number of terms follow from the fit."""
+    """A tool, its inputs, its fit, and the evaluation of J on the test recording and of the number of terms."""
 
     tool: str
     inputs: str
@@ -61,7 +61,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class PeerOutcome:
-    """J [%] on the test recording, the number of terms or parameters, and what the fit took."""
+    """J [%] on the test recording, the number of terms or parameters, and the time of the fit."""
 
     entry: Entry
     cost: float
@@ -100,20 +100,20 @@ def peer_entry(tool: str, fit: Callable[[Columns, Columns], PeerModel], feed: Fe
 
 
 def our_entries(seeds: Sequence[int]) -> list[Entry]:
-    """Return this project's structures and ways of selection."""
-    *seen, test = (series(seed) for seed in seeds)
+    """Return this project's structures and selection methods."""
+    *training, test = (series(seed) for seed in seeds)
 
     def judge(model: object) -> tuple[float, int]:
         assert isinstance(model, Model)
         return free_run_cost(test.force, simulate_series(model, test).force), _size(model)
 
     polynomials = [
-        Entry(f"**polynomial, {method}**", INPUTS, partial(identify_polynomial, seen, method), judge)
+        Entry(f"**polynomial, {method}**", INPUTS, partial(identify_polynomial, training, method), judge)
         for method in (RANDOM, GAUSS_NEWTON, BOTH)
     ]
     trained = [
-        Entry("**sigmoid network**", INPUTS, partial(train_model, seen, network), judge),
-        Entry("**ANFIS**", INPUTS, partial(train_model, seen, fuzzy), judge),
+        Entry("**sigmoid network**", INPUTS, partial(train_model, training, network), judge),
+        Entry("**ANFIS**", INPUTS, partial(train_model, training, fuzzy), judge),
     ]
     return [*polynomials, *trained]
 
@@ -121,7 +121,7 @@ def our_entries(seeds: Sequence[int]) -> list[Entry]:
 def identify_polynomial(
     data: Sequence[Series], method: str, max_terms: int = peers.TERMS, seconds: float = SECONDS
 ) -> Model:
-    """Identify a polynomial as `ces identify` does: a start of each kind, one thread, stable models only, refitted."""
+    """Identify a polynomial like `ces identify`: a start of each kind, one thread, stable models only, refitted."""
     limits = Limits(max_terms, seconds, starts=2 if method == BOTH else 1, threads=1, method=method)
     problem = build_problem(data, IdentifyOptions(limits=limits))
     found = search(problem, limits)[0]
@@ -159,12 +159,12 @@ def _size(model: Model) -> int:
 
 
 def free_run_cost(measured: F, simulated: F) -> float:
-    """Return J [%] past the warm-up, infinite if the run diverged."""
+    """Return J [%] after the warm-up, infinite if the run diverged."""
     return cost(measured[WARM_UP:], simulated[WARM_UP:])
 
 
 def run(entry: Entry) -> PeerOutcome:
-    """Fit and judge; what is quick is fitted several times, and the medians are taken."""
+    """Fit and evaluate; quick fits are repeated for the median time."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         fitted, spent = time_call(entry.fit)
@@ -177,7 +177,7 @@ def run(entry: Entry) -> PeerOutcome:
 
 
 def warm_up(seeds: Sequence[int]) -> None:
-    """Compile what the runs call."""
+    """Compile the kernels of the runs."""
     short = [series(seed, 6.0) for seed in seeds[:2]]
     for method in (RANDOM, GAUSS_NEWTON):
         identify_polynomial(short, method, 3, 2.0)
@@ -192,12 +192,12 @@ def main() -> None:
     warm_up(seeds)
     outcomes = [run(entry) for entry in our_entries(seeds) + peer_entries(seeds)]
     ours = next(o for o in outcomes if BOTH in o.entry.tool)
-    header = ("tool", "given", "J on the test %", "CPU s", "wall s", "terms", "J, ratio to ours", "CPU, ratio to ours")
+    header = ("tool", "inputs", "J on the test %", "CPU s", "wall s", "terms", "J, ratio to ours", "CPU, ratio to ours")
     print_table(header, [row(o, ours) for o in outcomes], left=2)
 
 
 def row(outcome: PeerOutcome, ours: PeerOutcome) -> tuple[str, ...]:
-    """Return a row of the table; `ours` is what the ratios are to."""
+    """Return a row of the table; the ratios are relative to `ours`."""
     spent, j = outcome.spent, f"{outcome.cost:.2f}" if outcome.cost < 1000.0 else "diverges"
     ratio = f"{outcome.cost / ours.cost:.2f}" if outcome.cost < 1000.0 else ""
     times = (f"{spent.cpu:.2f}", f"{spent.wall:.2f}", str(outcome.terms))

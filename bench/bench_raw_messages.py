@@ -1,4 +1,4 @@
-"""Time to read a signal from a message's bytes and to write an estimate, beside what rclpy takes for the same.
+"""Time to read a signal from a message's bytes and to write an estimate, compared with rclpy.
 
 Usage: python bench/bench_raw_messages.py. With ROS 2 sourced (and its own python3) the columns of rclpy are there too:
 deserialising the message and following the field path, filling a kept message in and serialising it. Medians of
@@ -86,7 +86,7 @@ def rclpy_works() -> dict[str, Timer]:
         from rclpy.serialization import deserialize_message, serialize_message
         from rosidl_runtime_py.utilities import get_message
     except ImportError:
-        print_note("ROS 2 is not sourced: without the columns of rclpy")
+        print_note("ROS 2 is not sourced: the columns of rclpy are left out")
         return {}
     from ces_observer.nodes.message_types import header_stamp_ns, is_stamped
 

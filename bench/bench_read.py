@@ -48,7 +48,7 @@ def read_bulk(path: Path) -> dict[str, float]:
 
 
 def read_plain(path: Path) -> dict[str, float]:
-    """Read as one would with rosbags alone: one message at a time into lists."""
+    """Read with rosbags alone: one message at a time into lists."""
     signals = {signal.name: signal for signal in load_signals().list_topic_signals()}
     stamps: dict[str, list[int]] = {name: [] for name in signals}
     values: dict[str, list[float]] = {name: [] for name in signals}

@@ -1,4 +1,4 @@
-"""Speed of what a search is made of, beside the peers on the same data in the same run.
+"""Speed of the parts of a search, compared with the peers on the same data in the same run.
 
 Usage: python bench/bench_search.py [--seconds S]. Trials of candidates (30,000 samples to fit, 30,000 to simulate, at
 most 12 terms), free run, iteration of the simulation-error fit, estimator step in Python and in exported C. Medians of
@@ -38,34 +38,34 @@ from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 
 TERMS, TICKS = 12, 30_000
-ENDLESS = 1_000_000  # rounds: a start ends when its time is up
+ENDLESS = 1_000_000  # rounds: a start ends with its time
 THREADS, TURNS = 4, 3
 REPEATS, SLOW_REPEATS = 15, 3
-FEW, MORE = 1, 3  # iterations of a fit, whose difference tells what one takes
+FEW, MORE = 1, 3  # iterations of a fit; the difference gives the time of one
 PEER_FEW, PEER_MORE = 2, 5
-AWAY = 0.1  # relative spread of the coefficients that a fit begins at
+AWAY = 0.1  # relative spread of the initial coefficients of a fit
 
 
 Row = tuple[str, str, str, str, str, str]
 
 
 def split_problem() -> Problem:
-    """Fits on 30,000 ticks of one recording (the estimation part of 45 s), simulates and judges on another of 30 s."""
+    """Fits on 30,000 ticks of one recording (the estimation part of 45 s), evaluates on another of 30 s."""
     candidates = load_rules(None).at_rate(1000.0).candidates()
-    fitted, judged = assemble_problem([series(1, 45.0)], candidates), assemble_problem([series(2)], candidates)
-    return replace(judged, gram=fitted.gram, selection=judged.everything)
+    fitted, evaluated = assemble_problem([series(1, 45.0)], candidates), assemble_problem([series(2)], candidates)
+    return replace(evaluated, gram=fitted.gram, selection=evaluated.everything)
 
 
 def trials(problem: Problem, threads: int, seconds: float) -> tuple[float, float, SearchResult]:
-    """Keep every thread busy with a start; return trials a second, a CPU second, and the largest found."""
+    """Run one start per thread; return trials per second and per CPU second, and the largest model."""
     limits = Limits(TERMS, seconds, starts=threads, threads=threads, rounds=ENDLESS, method=RANDOM)
-    found, spent = time_call(lambda: search(problem, limits))
-    total = sum(f.trials for f in found)
-    return total / spent.wall, total / spent.cpu, max(found, key=lambda f: len(f.chosen))
+    results, spent = time_call(lambda: search(problem, limits))
+    total = sum(f.trials for f in results)
+    return total / spent.wall, total / spent.cpu, max(results, key=lambda f: len(f.chosen))
 
 
 def trial_rows(problem: Problem, seconds: float) -> tuple[list[Row], SearchResult]:
-    """Return rows of trials a second, alone and in threads, and a model of TERMS terms."""
+    """Return rows of trials per second, alone and in threads, and a model of TERMS terms."""
     trials(problem, 1, 1.0)  # compiles
     rates, scalings, machine = [], [], []
     for _ in range(TURNS):
@@ -137,7 +137,7 @@ def fit_rows(problem: Problem, found: SearchResult) -> list[Row]:
         return fit_free_run(problem, found.chosen, start, problem.everything, iterations)
 
     if not fit(MORE).error < fit(MORE - 1).error < fit(FEW).error:
-        print_note("the simulation-error fit settled early: its iterations cannot be timed by their difference")
+        print_note("the simulation-error fit converged early: its iterations cannot be timed by their difference")
     times = time_interleaved({"few": partial(fit, FEW), "more": partial(fit, MORE)}, REPEATS)
     ours = 1e3 * (times["more"] - times["few"]) / (MORE - FEW)
     theirs = peer_iteration() if is_installed("fastcan") else None

@@ -1,4 +1,4 @@
-"""CPU seconds until a start of a search has found a model whose J on a recording it never saw is below a target.
+"""CPU seconds until a start of a search has a model whose J on an unseen recording is below a target.
 
 Usage: python bench/bench_time_to_cost.py [--method both] [--terms 12 15 25] [--data 1,2,3 11,12,13 21,22,23]
 [--starts 10]. For each limit on the terms and each data set of three seeds of damper_set (estimation, selection, test)
@@ -33,16 +33,16 @@ from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
 
-SAMPLING = Sampling(RATE, 100.0, 0.01)  # the speed is given: no differentiator has a part in it
-TARGETS = {2.44: 3.0, 2.0: 10.0}  # J [%] and CPU s to reach it in
+SAMPLING = Sampling(RATE, 100.0, 0.01)  # the speed is an input: no differentiator is involved
+TARGETS = {2.44: 3.0, 2.0: 10.0}  # J [%] and CPU s allowed to reach it
 SECONDS = 30.0
 
 
 @dataclass
 class Watch:
-    """Listens to starts one after the other: CPU time [s] of each improvement, the judging left out, and its test J.
+    """Records starts one after the other: CPU time [s] of each improvement, without evaluation, and its test J.
 
-    `improvements` holds (time [s], J [%]) by the seed of the start; posing took `spent` [s].
+    `improvements` holds (time [s], J [%]) by the seed of the start; building the problem took `spent` [s].
     """
 
     problem: Problem
@@ -52,30 +52,30 @@ class Watch:
     left: float = field(default_factory=time.process_time)
     improvements: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
 
-    def __call__(self, found: SearchResult) -> None:
+    def __call__(self, result: SearchResult) -> None:
         now = time.process_time()
-        if found.seed not in self.improvements:
-            self.began = self.left  # the start before ended when it was last heard of
-        model = model_of(self.problem, found)
+        if result.seed not in self.improvements:
+            self.began = self.left  # the previous start ended with its last report
+        model = model_of(self.problem, result)
         j = series_cost(self.test, simulate_series(model, self.test).force)
-        self.improvements.setdefault(found.seed, []).append((self.spent + now - self.began, j))
+        self.improvements.setdefault(result.seed, []).append((self.spent + now - self.began, j))
         self.left = time.process_time()
         self.began += self.left - now
 
     def first(self, seed: int, target: float) -> float:
-        """Return the CPU time [s] at which a start's J was first at most `target`, infinite if it never was."""
+        """Return the CPU time [s] at which a start's J was first at most `target`, infinite if never."""
         return next((t for t, j in self.improvements[seed] if j <= target), math.inf)
 
 
-def model_of(problem: Problem, found: SearchResult) -> Model:
+def model_of(problem: Problem, result: SearchResult) -> Model:
     terms = [
-        Term(float(c), problem.candidates[i].factors) for c, i in zip(found.coefficients, found.chosen, strict=True)
+        Term(float(c), problem.candidates[i].factors) for c, i in zip(result.coefficients, result.chosen, strict=True)
     ]
     return Model(SAMPLING, Polynomial(tuple(terms)), problem.envelope, problem.force_envelope)
 
 
 def watch_starts(terms: int, seeds: Sequence[int], starts: int, method: str, seconds: float = SECONDS) -> Watch:
-    """Return what was heard of so many starts on one data set."""
+    """Return the record of `starts` starts on one data set."""
     estimation, selection, test = (series(seed) for seed in seeds)
     limits = Limits(terms, starts * seconds, starts=starts, threads=1, method=method)
     began = time.process_time()
@@ -86,9 +86,9 @@ def watch_starts(terms: int, seeds: Sequence[int], starts: int, method: str, sec
 
 
 def row(terms: int, seeds: Sequence[int], starts: int, method: str) -> tuple[str, ...]:
-    """Return a row of the table: how every start on one data set did."""
+    """Return a row of the table: the results of all starts on one data set."""
     watch = watch_starts(terms, seeds, starts, method)
-    last = [heard[-1] for heard in watch.improvements.values()]
+    last = [records[-1] for records in watch.improvements.values()]
     cells = [f"{watch.spent:.2f}"]
     for target, limit in TARGETS.items():
         times = [watch.first(seed, target) for seed in watch.improvements]
@@ -108,7 +108,7 @@ def _seconds(time_s: float) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--method", choices=METHODS, default=BOTH)
-    parser.add_argument("--terms", type=int, nargs="+", default=[12, 15, 25], help="most terms of a model")
+    parser.add_argument("--terms", type=int, nargs="+", default=[12, 15, 25], help="maximum number of terms of a model")
     parser.add_argument("--data", nargs="+", default=["1,2,3", "11,12,13", "21,22,23"], metavar="E,S,T")
     parser.add_argument("--starts", type=int, default=10, help="seeds 1 to this, default 10")
     options = parser.parse_args()

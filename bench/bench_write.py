@@ -1,4 +1,4 @@
-"""The longest single calls of writing the black box's bag, message by message, as the observer node does it.
+"""The longest single calls while writing the black box's bag, message by message like the observer node.
 
 Twenty seconds of a damper at 1 kHz (position, estimate, force; current at 200 Hz) are written to a temporary folder.
 The processor time of each call is taken, so that other programs count for nothing; the node is held up for so long.
@@ -22,7 +22,7 @@ from ces_observer.recorder.bag_folder import BagFolder
 START_NS = 1_700_000_000 * 1_000_000_000
 SECONDS = 20.0
 CHUNKS_KIB = (16, 32, 64, 96, 128, 192)
-REPEATS = 5  # of which the shortest is shown
+REPEATS = 5  # the shortest is shown
 
 
 def milliseconds(call: Callable[..., None], *arguments: object) -> float:
@@ -32,7 +32,7 @@ def milliseconds(call: Callable[..., None], *arguments: object) -> float:
 
 
 def write(path: Path, messages: list[tuple[int, int, bytes]]) -> tuple[float, float, float]:
-    """Return all of the writing, its longest call (the end of a chunk), and the end with the summary [ms]."""
+    """Return the total time, the longest call (end of a chunk), and the end with the summary [ms]."""
     bag = BagFolder(path, channels(), {})
     writes = [milliseconds(bag.write, *message) for message in messages]
     return sum(writes), max(writes), milliseconds(bag.end)

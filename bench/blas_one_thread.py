@@ -1,4 +1,4 @@
-"""Keeps BLAS to one thread, for those that are read after it: import it before NumPy."""
+"""Limits BLAS to one thread; import it before NumPy."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Result files into values and wording, and what differs between two of them.
+"""Splits result files into values and wording, and lists the differences between two of them.
 
 Values are numbers, and in JSON and CSV names without blanks, too, each list under its place in the file; they must be
 equal. Wording is all other text. Versions, dates and hashes, which may differ, are replaced by a placeholder.
@@ -63,7 +63,7 @@ class Content:
 
     def _read_page(self, text: str) -> None:
         for part in re.split(r"(<[^>]+>)", text):
-            if part.startswith("<"):  # what plots are made of
+            if part.startswith("<"):  # parts of plots
                 self.values[part.split()[0]] += map(float, IN_PLOT.findall(without_provenance(part)))
             else:
                 self.add_text("text", html.unescape(part))
@@ -106,7 +106,7 @@ class Content:
 
 
 def without_provenance(text: str) -> str:
-    """Return a text with placeholders for what may differ."""
+    """Return a text with placeholders for parts that may differ."""
     for pattern, placeholder in PROVENANCE:
         text = pattern.sub(placeholder, text)
     return text
@@ -114,7 +114,7 @@ def without_provenance(text: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """How many values were compared, which differ, and where wording differs, before and after."""
+    """The number of compared values, those that differ, and differing wording, before and after."""
 
     compared: int
     values: tuple[Pair, ...]
@@ -134,17 +134,17 @@ def compare_files(before: Path, after: Path) -> Comparison:
     places = dict.fromkeys((*old.values, *new.values))
     pairs = [pair for place in places for pair in _differing(place, old.values[place], new.values[place])]
     count = sum(max(len(old.values[place]), len(new.values[place])) for place in places)
-    wording = [(" / ".join(b), " / ".join(a)) for b, a in _changed(old.words, new.words)]
+    wording = [(" / ".join(b), " / ".join(a)) for b, a in _find_changes(old.words, new.words)]
     return Comparison(count, tuple(pairs), tuple(wording))
 
 
 def _differing(place: str, before: list[Value], after: list[Value]) -> Iterator[Pair]:
-    parts = [(before, after)] if len(before) == len(after) else _changed(before, after)
+    parts = [(before, after)] if len(before) == len(after) else _find_changes(before, after)
     return ((place, b, a) for old, new in parts for b, a in zip_longest(old, new) if b != a)
 
 
-def _changed(before: Sequence[Any], after: Sequence[Any]) -> list[tuple[Sequence[Any], Sequence[Any]]]:
-    """Return the stretches that were replaced, left out or put in."""
+def _find_changes(before: Sequence[Any], after: Sequence[Any]) -> list[tuple[Sequence[Any], Sequence[Any]]]:
+    """Return the passages that were replaced, removed or inserted."""
     found = SequenceMatcher(None, before, after).get_opcodes() if before != after else []
     return [(before[b:b_end], after[a:a_end]) for kind, b, b_end, a, a_end in found if kind != "equal"]
 

@@ -1,4 +1,4 @@
-"""What constructed inputs and blended sub-models buy: the same search with and without them, on the sample recordings.
+"""The benefit of constructed inputs and blended sub-models: the same search with and without, on sample recordings.
 
 Usage: python bench/constructed_inputs.py [SECONDS [TERMS]]. Fits noise and sweep for so many seconds (default 40) with
 so many terms (default 20), with each seed; prints the median over seeds of J in % as a table in Markdown.
@@ -41,7 +41,7 @@ def rules_of(constructed: tuple[str, ...], blends: tuple[str, ...]) -> Candidate
 
 
 def costs(rules: CandidateRules, seconds: float, terms: int, seed: int) -> list[float]:
-    """Return J [%] on the recordings fitted, then on those judged; then the number of terms and the proved gain."""
+    """Return J [%] on the fitting and on the evaluation recordings, then number of terms and proved gain."""
     signals = load_signals(None)
     fitted, judged = ([read_recording(BAGS / name, signals) for name in names] for names in (FITTED, JUDGED))
     limits = Limits(terms, seconds, 0.0, 2, seed, 2)

@@ -17,7 +17,7 @@ F = NDArray[np.float64]
 
 RATE = 1000.0
 OVERSAMPLING = 10
-WARM_UP = 100  # ticks that no tool is judged on
+WARM_UP = 100  # ticks excluded from every evaluation
 
 
 def make(seed: int, seconds: float = 30.0) -> tuple[F, F, F]:
@@ -55,7 +55,7 @@ def position_of(speed: F) -> F:
 
 
 def series(seed: int, seconds: float = 30.0) -> Series:
-    """Return a recording as prepared ticks: the speed is the true one, no differentiator has a part in it."""
+    """Return a recording as prepared ticks: with the true speed, without a differentiator."""
     current, speed, force = make(seed, seconds)
     ticks = np.arange(len(speed))
     return Series(

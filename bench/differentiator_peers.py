@@ -1,4 +1,4 @@
-"""Causal differentiators to compare: each takes positions at a uniform rate and one number, and gives speeds.
+"""Causal differentiators to compare: each takes positions at a uniform rate and one setting, and returns speeds.
 
 The number is a bandwidth [Hz], except for Levant's (bound on the jerk [m/s3]) and the adaptive window (noise bound
 [m]). Linear ones are IIR or FIR filters; the two nonlinear ones are loops.
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, savgol_coeffs, ss2tf
 
 F = NDArray[np.float64]
-Filter = Callable[[F, float, float], F]  # positions [m], rate [Hz], the one number -> speeds [m/s]
+Filter = Callable[[F, float, float], F]  # positions [m], rate [Hz], the setting -> speeds [m/s]
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A differentiator, and the values of its one number at 1 kHz to try."""
+    """A differentiator, and the values of its setting at 1 kHz to try."""
 
     name: str
     speeds: Filter
@@ -115,9 +115,9 @@ def _adaptive_window(x: F, step: float, bound: float, longest: int) -> F:
 def _place(advance: NDArray[np.float64], see: NDArray[np.float64], poles: NDArray[np.complex128]) -> F:
     """Ackermann's gain: `advance` - gain `see` has the given `poles`."""
     n = len(advance)
-    seen = np.vstack([see @ np.linalg.matrix_power(advance, i) for i in range(n)])
-    wanted = sum(c * np.linalg.matrix_power(advance, n - i) for i, c in enumerate(np.real(np.poly(poles))))
-    return np.asarray(wanted @ np.linalg.solve(seen, np.eye(n)[:, -1]))
+    observability = np.vstack([see @ np.linalg.matrix_power(advance, i) for i in range(n)])
+    polynomial = sum(c * np.linalg.matrix_power(advance, n - i) for i, c in enumerate(np.real(np.poly(poles))))
+    return np.asarray(polynomial @ np.linalg.solve(observability, np.eye(n)[:, -1]))
 
 
 def _filter(b: F, a: F, x: F) -> F:

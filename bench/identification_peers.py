@@ -1,4 +1,4 @@
-"""The peers, each as "recordings in, free run on another out", with what a user of theirs must hand to them.
+"""The peers, each as "recordings in, free run on another out", with the inputs that their users must prepare.
 
 SysIdentPy (FROLS, MetaMSS), fastcan (NARX) and anfis-toolbox know whole powers only, and SysIdentPy no lag 0: its
 inputs are given one tick ahead. A `Feed` is what is handed over: columns of inputs, in three stages of help.
@@ -21,8 +21,8 @@ TERMS = 12
 VALVE_LAG = 8  # ticks
 TRUE_POWER = 0.62
 DIVERGED_N = 1e6
-MEMBERSHIPS, EPOCHS = 3, 15  # of anfis-toolbox, which wants as many memberships on every input
-STEPS = 20  # most of fastcan's least squares on the free run
+MEMBERSHIPS, EPOCHS = 3, 15  # of anfis-toolbox, which needs equally many memberships on every input
+STEPS = 20  # maximum for fastcan's least squares on the free run
 SEARCH = {"maxiter": 10, "n_agents": 6, "p_ones": 0.3, "p_zeros": 0.7, "random_state": 3}  # of MetaMSS
 
 
@@ -36,7 +36,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class Feed:
-    """What a peer is given of a recording."""
+    """The inputs that a peer receives from a recording."""
 
     name: str
     power: float = 1.0
@@ -49,10 +49,10 @@ class Feed:
         current, speed, force = make(seed)
         size = np.abs(speed) ** self.power
         delayed = np.concatenate([np.full(VALVE_LAG, current[0]), current[:-VALVE_LAG]])
-        given = [np.sign(speed) * size, *([size] if self.magnitude else []), delayed]
-        given += [position_of(speed)] if self.position else []
-        given += [current] if self.current_now else []
-        return Columns(np.stack(given, axis=1), force)
+        columns = [np.sign(speed) * size, *([size] if self.magnitude else []), delayed]
+        columns += [position_of(speed)] if self.position else []
+        columns += [current] if self.current_now else []
+        return Columns(np.stack(columns, axis=1), force)
 
 
 RAW = Feed("speed, current 8 ms ago")
@@ -70,7 +70,7 @@ class PeerModel:
 
 
 def frols(estimation: Columns, selection: Columns, terms: int = TERMS) -> PeerModel:
-    """SysIdentPy's forward regression by error reduction ratio, degree 3; it has no use for `selection`."""
+    """SysIdentPy's forward regression by error reduction ratio, degree 3; it does not use `selection`."""
     del selection
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
@@ -89,7 +89,7 @@ def frols(estimation: Columns, selection: Columns, terms: int = TERMS) -> PeerMo
 
 
 def metamss(estimation: Columns, selection: Columns) -> PeerModel:
-    """SysIdentPy's search by free run, degree 3: fits on `estimation`, judges on `selection`."""
+    """SysIdentPy's search by free run, degree 3: fits on `estimation`, evaluates on `selection`."""
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import MetaMSS
     from sysidentpy.parameter_estimation import LeastSquares
@@ -111,7 +111,7 @@ def metamss(estimation: Columns, selection: Columns) -> PeerModel:
 
 
 def metamss_trial(estimation: Columns, selection: Columns) -> Callable[[], object]:
-    """Return one trial of a candidate of TERMS terms as MetaMSS makes it: least squares, then a free run."""
+    """Return one trial of a candidate of TERMS terms as in MetaMSS: least squares, then a free run."""
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.parameter_estimation import LeastSquares
     from sysidentpy.simulation import SimulateNARMAX
@@ -198,6 +198,6 @@ def _ahead(inputs: F) -> F:
 
 
 def _mend_numpy() -> None:
-    """Give MetaMSS of SysIdentPy 0.9 the function it calls by a name that NumPy 2.4 has dropped."""
+    """Provide the function that MetaMSS of SysIdentPy 0.9 calls by a name removed in NumPy 2.4."""
     if not hasattr(np, "in1d"):
         np.in1d = np.isin  # type: ignore[attr-defined, unused-ignore]  # noqa: NPY201

@@ -1,4 +1,4 @@
-"""Markdown tables, and the marked places in documents where they go."""
+"""Markdown tables, and the marked places in documents for them."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from ces_observer.json_checks import write_atomically
 
 
 def markdown(rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table, its first row the heading, all but its first column to the right."""
+    """Return a Markdown table: the first row is the heading, all columns but the first are right-aligned."""
     rule = ["---", *["---:"] * (len(rows[0]) - 1)]
     lines = [" | ".join(rows[0]), "|".join(rule), *(" | ".join(row) for row in rows[1:])]
     return "\n".join(f"|{line}|" if line.startswith("---") else f"| {line} |" for line in lines)
 
 
 def replace_between(path: Path, name: str, body: str) -> None:
-    """Replace what stands between the markers `name` in a Markdown file; raises ValueError if they are not there."""
+    """Replace the text between the markers `name` in a Markdown file; raises ValueError if they are missing."""
     found = between(path, name)
     text = path.read_text("utf-8")
     write_atomically(path, f"{text[: found.start(1)]}{body}\n{text[found.end(1) :]}")
 
 
 def between(path: Path, name: str) -> re.Match[str]:
-    """Return where the markers `name` stand, its first group what is between; raises ValueError if they do not."""
+    """Return the match of the markers `name`, with the text between as first group; raises ValueError if missing."""
     pattern = rf"<!-- {name}: begin[^\n]*-->\n(.*?)<!-- {name}: end -->"
     found = re.search(pattern, path.read_text("utf-8"), flags=re.DOTALL)
     if found is None:
-        raise ValueError(f"{path}: no markers '{name}: begin' and '{name}: end'; put them where the table belongs")
+        raise ValueError(f"{path}: no markers '{name}: begin' and '{name}: end'; insert them where the table belongs")
     return found

@@ -1,4 +1,4 @@
-"""What the benchmarks share: CPU and wall time, interleaved medians, versions, tables with their verdicts."""
+"""Common functions of the benchmarks: CPU and wall time, interleaved medians, versions, tables with their verdicts."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ YARDSTICK = 1_000_000  # rounds of a hash, about half a second
 
 @dataclass(frozen=True)
 class Spent:
-    """CPU time [s], that of children included, and wall time [s]."""
+    """CPU time [s], including children, and wall time [s]."""
 
     cpu: float
     wall: float
 
 
 def time_call(work: Callable[[], T]) -> tuple[T, Spent]:
-    """Return what `work` returns and what it took."""
+    """Return the result of `work` and its times."""
     cpu, wall = _cpu(), time.perf_counter()
     result = work()
     return result, Spent(_cpu() - cpu, time.perf_counter() - wall)
 
 
 def _cpu() -> float:
-    own, children = time.process_time(), os.times()  # os.times is coarse: it is asked for finished children only
+    own, children = time.process_time(), os.times()  # os.times is coarse: used only for finished children
     return own + children.children_user + children.children_system
 
 
@@ -59,7 +59,7 @@ def time_interleaved(works: Mapping[str, Callable[[], object]], repeats: int) ->
 
 @cache
 def is_installed(package: str) -> bool:
-    """Return whether a peer is there; say on standard error that it is skipped if not."""
+    """Return whether a peer is installed; print on standard error that it is skipped if not."""
     try:
         importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -69,7 +69,7 @@ def is_installed(package: str) -> bool:
 
 
 def free_cores(threads: int) -> float:
-    """Return how many times as much `threads` threads do as one, for work that holds no lock, now on this machine."""
+    """Return the present speed-up of this machine with `threads` threads, for work without locks."""
 
     def work(_: int) -> bytes:
         return hashlib.pbkdf2_hmac("sha256", b"yard", b"stick", YARDSTICK)
@@ -81,7 +81,7 @@ def free_cores(threads: int) -> float:
 
 
 def print_note(text: str) -> None:
-    """Print on standard error: standard output holds the table alone."""
+    """Print on standard error: standard output contains only the table."""
     print(text, file=sys.stderr, flush=True)
 
 
@@ -95,13 +95,13 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int 
 
 
 def verdict(value: float, target: float, at_least: bool = False) -> str:
-    """Return "met", or loudly that a target is missed and by how much."""
+    """Return "met", or in bold by how much a target is missed."""
     short = target / value if at_least else value / target
     return "met" if short <= 1.0 else f"**missed by {100.0 * (short - 1.0):.0f} %**"
 
 
 def machine() -> str:
-    """Return the processor, the number of its cores in use, and the versions that matter, in a sentence."""
+    """Return a sentence with the processor, the number of cores in use, and the relevant versions."""
     versions = [f"Python {platform.python_version()}"]
     for package in ("numpy", "scipy", "numba", *PEERS):
         try:

@@ -1,4 +1,4 @@
-"""Saving a figure of matplotlib as a PNG of few colours, a third of the size."""
+"""Saves a figure of matplotlib as a PNG with few colours, at a third of the size."""
 
 from __future__ import annotations
 

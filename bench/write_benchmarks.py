@@ -1,7 +1,7 @@
-"""Rewrites the tables of docs/benchmarks.md by running the scripts that make them.
+"""Rewrites the tables of docs/benchmarks.md by running their scripts.
 
-Usage: python bench/write_benchmarks.py [NAME...]; with names, those tables only. A table stands between two comments,
-the first of which holds its name and its command, which prints the table on standard output:
+Usage: python bench/write_benchmarks.py [NAME...]; with names, those tables only. A table is between two comments,
+the first of which contains its name and its command, which prints the table on standard output:
 <!-- NAME table: begin (python bench/SCRIPT.py OPTION...) --> ... <!-- NAME table: end -->
 """
 
@@ -24,7 +24,7 @@ BLOCK = re.compile(
 
 
 def run_script(command: str) -> str:
-    """Return what a script prints, as a Markdown table or, if it is not one, between fences."""
+    """Return the output of a script as a Markdown table or, otherwise, as a code block."""
     print(f"python {command}", file=sys.stderr, flush=True)
     done = subprocess.run(
         [sys.executable, *shlex.split(command)], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True
@@ -37,16 +37,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = [block["name"] for block in BLOCK.finditer(PAGE.read_text(encoding="utf-8"))]
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one or more of {', '.join(names)}")
-    wanted = parser.parse_args().names or names
-    unknown = sorted(set(wanted) - set(names))
+    requested = parser.parse_args().names or names
+    unknown = sorted(set(requested) - set(names))
     if unknown:
         parser.error(f"{PAGE.name} has no table '{unknown[0]}'; expected one of {', '.join(names)}")
-    for name in wanted:
+    for name in requested:
         rewrite(name)
 
 
 def rewrite(name: str) -> None:
-    """Put a table newly made in its place; the page is read after the script has run, which may take minutes."""
+    """Write a new table into the page, which is read after the script has run (this may take minutes)."""
     block = next(b for b in BLOCK.finditer(PAGE.read_text(encoding="utf-8")) if b["name"] == name)
     table = run_script(block["command"])
 

@@ -1,7 +1,7 @@
-"""Descriptions in YAML into frozen dataclasses: a mapping goes in, a checked object comes out, or one clear line.
+"""Builds frozen dataclasses from descriptions in YAML: a mapping goes in, a checked object or a RigError comes out.
 
-A field made by `quantity` carries its unit, its plausible range and what it is, so that the same declaration checks a
-file, explains an error and prints the table in the documentation.
+A field made by `quantity` carries its unit, plausible range and meaning, so that one declaration checks a file,
+explains an error and prints the table in the documentation.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ REQUIRED = object()
 def quantity(
     default: Any, unit: str, what: str, low: float = -math.inf, high: float = math.inf, above: bool = False
 ) -> Any:
-    """Declare a dataclass field: a number in `unit` inside [low, high] (with `above`, strictly above `low`)."""
+    """Declare a dataclass field: a number in `unit` inside [low, high], or (low, high] with `above`."""
     limits = {"unit": unit, "what": what, "low": low, "high": high, "above": above}
     return field(metadata=limits) if default is REQUIRED else field(default=default, metadata=limits)
 
@@ -32,9 +32,9 @@ def choice(default: str, what: str, options: tuple[str, ...]) -> Any:
 
 
 def build(cls: type[T], values: object, where: str) -> T:
-    """Return `cls(**given)` with every value checked against its field, nested dataclasses included.
+    """Return `cls(**values)` with every value checked against its field, nested dataclasses included.
 
-    `where` opens every message, such as `sine.yaml: stroke`. Raises RigError.
+    `where` begins every message, such as `sine.yaml: stroke`. Raises RigError.
     """
     if not isinstance(values, Mapping):
         raise RigError(f"{where}: expected a mapping of keys to values, found {values!r}")
@@ -48,7 +48,7 @@ def build(cls: type[T], values: object, where: str) -> T:
 
 
 def fill_defaults(values: Any, default: Any) -> Any:
-    """Return the values of the dataclass `default`, with those of the nested mapping `values` in their place."""
+    """Return the values of the dataclass `default`, overridden by those of the nested mapping `values`."""
     if not isinstance(values, Mapping) or not is_dataclass(default) or isinstance(default, type):
         return values
     return {
@@ -58,7 +58,7 @@ def fill_defaults(values: Any, default: Any) -> Any:
 
 
 def describe_field(f: Field[Any]) -> str:
-    """Say in words what the field `f` takes."""
+    """Return a phrase for the values that the field `f` accepts."""
     meta = f.metadata
     if "options" in meta:
         return "one of " + ", ".join(meta["options"])
@@ -73,7 +73,9 @@ def _value(f: Field[Any], hint: Any, value: object, where: str) -> Any:
     if is_dataclass(hint):
         return build(hint, value, where)  # type: ignore[arg-type]
     if "options" in f.metadata:
-        return _word(f, value, where)
+        if value not in f.metadata["options"]:
+            raise RigError(f"{where} is {value!r}; expected {describe_field(f)}")
+        return value
     if hint is bool or hint is str:
         if not isinstance(value, hint):
             raise RigError(f"{where} is {value!r}; expected {'true or false' if hint is bool else 'a word'}")
@@ -83,24 +85,17 @@ def _value(f: Field[Any], hint: Any, value: object, where: str) -> Any:
             raise RigError(f"{where} is {value!r}; expected a list of words")
         return tuple(value)
     if hint == tuple[float, ...]:
-        items = value if isinstance(value, list | tuple) and value else None
-        if items is None:
+        if not isinstance(value, list | tuple) or not value:
             raise RigError(f"{where} is {value!r}; expected a list of numbers")
-        return tuple(_number(f, item, where) for item in items)
+        return tuple(_number(f, item, where) for item in value)
     number = _number(f, value, where)
     if hint is int and not number.is_integer():
         raise RigError(f"{where} is {value!r}; expected a whole number")
     return int(number) if hint is int else number
 
 
-def _word(f: Field[Any], value: object, where: str) -> str:
-    if value not in f.metadata["options"]:
-        raise RigError(f"{where} is {value!r}; expected {describe_field(f)}")
-    return str(value)
-
-
 def _number(f: Field[Any], value: object, where: str) -> float:
-    try:  # YAML 1.1 reads 1e6 as a word, so words that are numbers are taken
+    try:  # YAML 1.1 reads 1e6 as a string, so strings of numbers are accepted
         number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         number = math.nan

@@ -1,4 +1,4 @@
-"""The rig's branch of the error family."""
+"""Errors of the virtual rig."""
 
 from ces_observer.errors import CesError
 

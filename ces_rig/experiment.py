@@ -1,12 +1,12 @@
-"""An experiment on the virtual rig: its description (YAML) goes in, a recording as a logger would have it comes out.
+"""An experiment on the virtual rig: its description (YAML) goes in, a recording as from a logger comes out.
 
-Stamps count from a fixed epoch and every random number from the seed, so an experiment repeats exactly.
+Stamps start at a fixed epoch and all random numbers depend on the seed, so an experiment repeats exactly.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -34,18 +34,18 @@ STREAMS = {"stroke": 0, "current": 1, "position": 2, "measured_current": 3, "for
 
 @dataclass(frozen=True)
 class ExperimentSettings:
-    """The plain settings of an experiment."""
+    """The settings of an experiment that are single values."""
 
     name: str = ""
     description: str = ""
     duration_s: float = quantity(30.0, "s", "duration", 0.1, 7200.0)
-    seed: int = quantity(1, "1", "seed of everything random", 0, 2**31)
+    seed: int = quantity(1, "1", "seed of all random numbers", 0, 2**31)
     tare: bool = True
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is moved how, with which current, damper and sensors; with `tare` the cell reads 0 under gas force alone."""
+    """Stroke, current, damper and sensors; with `tare` the load cell reads 0 under the gas force alone."""
 
     settings: ExperimentSettings
     stroke: Stroke
@@ -73,14 +73,14 @@ def packaged_experiments() -> dict[str, Path]:
 
 
 def find_experiment(name_or_path: str) -> Path:
-    """Return the path of an experiment file given as a path or as a packaged name; raises RigError if it is neither."""
+    """Return the path of an experiment, a file or a packaged name; raises RigError if it is neither."""
     path = Path(name_or_path)
     if path.is_file():
         return path
-    if name_or_path in packaged_experiments():
-        return packaged_experiments()[name_or_path]
-    known = ", ".join(packaged_experiments())
-    raise RigError(f"{name_or_path}: no such file, and no packaged experiment; packaged are {known}")
+    packaged = packaged_experiments()
+    if name_or_path not in packaged:
+        raise RigError(f"{name_or_path}: no such file or packaged experiment; packaged are {', '.join(packaged)}")
+    return packaged[name_or_path]
 
 
 def load_experiment(path: Path) -> Experiment:
@@ -89,21 +89,18 @@ def load_experiment(path: Path) -> Experiment:
 
 
 def parse_experiment(description: Mapping[str, Any], where: str, path: Path | None = None) -> Experiment:
-    """Return the experiment that the mapping `description` describes; files it names are looked up beside `path`."""
+    """Return the experiment of a `description`; a damper file in it is relative to the folder of `path`."""
     require_known_keys(description, KEYS, where, RigError)
     for key in ("stroke", "current"):
         if key not in description:
             raise RigError(f"{where}: '{key}' is missing; expected a mapping with its kind")
-    plain = {
-        key: description[key] for key in ("name", "description", "duration_s", "seed", "tare") if key in description
-    }
-    plain.setdefault("name", path.stem if path else "experiment")
+    settings = {f.name: description[f.name] for f in fields(ExperimentSettings) if f.name in description}
     return Experiment(
-        build(ExperimentSettings, plain, where),
+        build(ExperimentSettings, {"name": path.stem if path else "experiment", **settings}, where),
         make_stroke(description["stroke"], f"{where}: stroke"),
         make_current(description["current"], f"{where}: current"),
         _read_damper(description.get("damper", {}), f"{where}: damper", path),
-        _read_sensors(description.get("sensors", {}), f"{where}: sensors"),
+        build(Sensors, fill_defaults(description.get("sensors", {}), Sensors()), f"{where}: sensors"),
     )
 
 
@@ -119,17 +116,17 @@ def simulate_truth(experiment: Experiment) -> Truth:
 
 
 def run(experiment: Experiment) -> Recording:
-    """Run the experiment and return what its sensors logged: position, current, force (and temperature)."""
+    """Run the experiment and return the recording of its sensors: position, current, force (and temperature)."""
     return measure(experiment, simulate_truth(experiment))
 
 
 def measure(experiment: Experiment, true: Truth) -> Recording:
-    """Return what the experiment's sensors log of the signals `true`."""
+    """Return the recording of the signals `true` by the experiment's sensors."""
     return measure_signals(true, experiment.sensors, experiment.settings.seed, experiment.settings.name)
 
 
 def measure_signals(true: Truth, sensors: Sensors, seed: int, name: str) -> Recording:
-    """Return what `sensors` log of the signals `true`, as a recording of this name."""
+    """Return the recording, with this name, of the signals `true` by `sensors`."""
     current = true.coil_A if sensors.current_source == "measured" else true.commanded_A
 
     def log_channel(channel: str, unit: str, signal: Array, stream: str) -> Channel:
@@ -152,7 +149,7 @@ def with_seed(experiment: Experiment, seed: int) -> Experiment:
 
 
 def _rng(seed: int, stream: str) -> np.random.Generator:
-    """One generator for each use, so that a change in one leaves the random numbers of the others alone."""
+    """Return a generator of its own for each use, so that a change in one does not affect the others."""
     return np.random.default_rng([seed, STREAMS[stream]])
 
 
@@ -160,7 +157,3 @@ def _read_damper(description: object, where: str, path: Path | None) -> Damper:
     if isinstance(description, str):
         return load_damper((path.parent if path else Path()) / description)
     return parse_damper(description, where)
-
-
-def _read_sensors(description: object, where: str) -> Sensors:
-    return build(Sensors, fill_defaults(description, Sensors()), where)

@@ -1,4 +1,4 @@
-"""Numbers inside nested frozen dataclasses by their path, such as `seal.coulomb_N`: read, list, replace."""
+"""Reads, lists and replaces numbers inside nested frozen dataclasses by their path, such as `seal.coulomb_N`."""
 
 from __future__ import annotations
 

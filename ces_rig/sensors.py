@@ -1,4 +1,4 @@
-"""Sensors of the rig: a true signal on a fine grid goes in, a channel as a logger would have it comes out.
+"""Sensors of the rig: a true signal on a fine grid goes in, a channel as from a logger comes out.
 
 Each sensor has its own rate, phase, stamp jitter, noise, quantum and dropouts.
 """
@@ -25,28 +25,28 @@ class Sensor:
     noise: float = quantity(0.0, "(signal's unit)", "standard deviation of white noise", 0.0, 1e6)
     quantum: float = quantity(0.0, "(signal's unit)", "quantisation step; 0 for none", 0.0, 1e6)
     bias: float = quantity(0.0, "(signal's unit)", "constant error", -1e6, 1e6)
-    rate_Hz: float = quantity(1000.0, "Hz", "samples a second", 0.1, 1e4)
+    rate_Hz: float = quantity(1000.0, "Hz", "samples per second", 0.1, 1e4)
     phase_s: float = quantity(0.0, "s", "time of the first sample", 0.0, 10.0)
-    jitter_s: float = quantity(0.0, "s", "standard deviation of the stamp's error", 0.0, 0.1)
+    jitter_s: float = quantity(0.0, "s", "standard deviation of the stamp error", 0.0, 0.1)
     dropout: float = quantity(0.0, "1", "probability that a sample is not logged", 0.0, 0.9)
 
     def sample(self, time_s: Array, true: Array) -> tuple[Array, Array]:
-        """Return sampling times [s] and noise-free values of the signal `true` known at uniform `time_s`.
+        """Return sampling times [s] and noise-free values of the signal `true` at uniform `time_s`.
 
-        Interpolation is monotone (PCHIP), so that a switched current does not ring.
+        Interpolation is monotone (PCHIP), so that a switched current does not overshoot.
         """
         at = np.arange(time_s[0] + self.phase_s, time_s[-1] + 1e-9, 1.0 / self.rate_Hz)
         return at, np.asarray(PchipInterpolator(time_s, true)(at))
 
     def measure(self, name: str, unit: str, time_s: Array, true: Array, epoch_ns: int, rng: Generator) -> Channel:
-        """Return the channel as logged; stamps stay in order however large the jitter."""
+        """Return the logged channel; stamps stay in order for any jitter."""
         at, value = self.sample(time_s, true)
         value = value + self.bias + self.noise * rng.standard_normal(len(at))
         if self.quantum > 0.0:
             value = self.quantum * np.round(value / self.quantum)
         stamps = epoch_ns + np.round(1e9 * (at + self.jitter_s * rng.standard_normal(len(at)))).astype(np.int64)
-        kept = rng.random(len(at)) >= self.dropout
-        return Channel(name, unit, np.maximum.accumulate(stamps[kept]), value[kept])
+        logged = rng.random(len(at)) >= self.dropout
+        return Channel(name, unit, np.maximum.accumulate(stamps[logged]), value[logged])
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""The rig's damper as a simulation of a recording: position and current as recorded in, force out.
+"""The rig's damper as a simulation of recordings: recorded position and current go in, force comes out.
 
-The recorded position is noisy and its derivative drives a stiff bushing, so it is smoothed first, without delay.
+The recorded position is noisy and its derivative drives a stiff bushing, so it is first smoothed without delay.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from ces_identify.config_file import read_yaml_mapping
 from ces_rig.dampers.hydraulic.parameters import Damper, parse_damper
 from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
 from ces_rig.dampers.kinds import read_lumped
-from ces_rig.dampers.lumped import LumpedDamper
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, parse_experiment
 
@@ -30,37 +29,32 @@ SMOOTHING_HZ = 70.0  # [Hz] zero-phase 4th-order low-pass of the position: well 
 def load_rig(path: Path | str) -> RigForce:
     """Return function(time_s, position_m, current_A) -> force_N for a rig description, arrays of shape (n,).
 
-    `path` is an experiment (its damper, `tare` and logged current count) or a damper description alone (tared,
-    measured current); one with `kind: bouc_wen` or `kind: calibration` is of another damper. The force is noise-free
-    and positive in compression. A measured current is taken as the coil's, so the coil's lag is not applied twice.
-    Raises RigError.
+    `path` is an experiment (its damper, `tare` and current source are used) or a damper description (tared, measured
+    current) of any kind. The force is noise-free and positive in compression. A measured current is the coil's, so the
+    coil's lag is not applied again. Raises RigError.
     """
     path = Path(path)
-    given = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
-    lumped = read_lumped(given, str(path))
+    description = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
+    lumped = read_lumped(description, str(path))
     if lumped is not None:
-        return make_lumped_force(lumped.without_coil())
-    if "stroke" in given:
-        experiment = parse_experiment(given, str(path), path)
+        driven = lumped.without_coil()
+        return _from_samples(lambda stroke, current: driven.run(GRID_S, stroke, current)[0])
+    if "stroke" in description:
+        experiment = parse_experiment(description, str(path), path)
         measured = experiment.sensors.current_source == "measured"
         return make_rig_force(experiment.damper, experiment.settings.tare, measured)
-    return make_rig_force(parse_damper(given, str(path)))
+    return make_rig_force(parse_damper(description, str(path)))
 
 
 def make_rig_force(damper: Damper, tare: bool = True, measured_current: bool = True) -> RigForce:
-    """Return the function that `load_rig` returns, for a damper already at hand."""
+    """Return the function that `load_rig` returns, for this damper."""
     driven = replace(damper, ces_valve=replace(damper.ces_valve, solenoid_s=0.0)) if measured_current else damper
     zero = rest_force(damper) if tare else 0.0
-    return _on_samples(lambda stroke, current: simulate(driven, GRID_S, stroke, current).force_N - zero)
+    return _from_samples(lambda stroke, current: simulate(driven, GRID_S, stroke, current).force_N - zero)
 
 
-def make_lumped_force(damper: LumpedDamper) -> RigForce:
-    """Return the function that `load_rig` returns, for one of the other dampers as it is driven."""
-    return _on_samples(lambda stroke, current: damper.run(GRID_S, stroke, current)[0])
-
-
-def _on_samples(run: Callable[[Array, Array], Array]) -> RigForce:
-    """Return a function of recorded samples from one of stroke and current on the rig's grid."""
+def _from_samples(run: Callable[[Array, Array], Array]) -> RigForce:
+    """Turn a function of stroke and current on the rig's grid into one of recorded samples."""
 
     def force(time_s: Array, position_m: Array, current_A: Array) -> Array:
         time, position, current = _check_samples(time_s, position_m, current_A)
@@ -78,7 +72,7 @@ def _smooth(position: Array) -> Array:
 
 
 def _check_samples(time_s: Array, position_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
-    """Return the three as floats in order of time, repeated times once."""
+    """Return the three as floats, sorted by time, without repeated times."""
     time, position, current = (np.asarray(a, dtype=np.float64) for a in (time_s, position_m, current_A))
     if time.ndim != 1 or not time.shape == position.shape == current.shape:
         raise RigError(f"rig: times {time.shape}, positions {position.shape}, currents {current.shape}; expected equal")

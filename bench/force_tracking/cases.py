@@ -1,4 +1,4 @@
-"""Plants that changed after the model was identified, and the model identified anew on what they have become."""
+"""Plants that changed after the model was identified, and models identified on the changed plants."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ces_rig.live.script import Script
 from ces_rig.withheld import plants
 from ces_rig.withheld.scaling import scale_to_gap
 
-GAP_N = 150.0  # RMS on SCALING_S of noise stroke: some 12 % of the force
+GAP_N = 150.0  # [N] RMS over SCALING_S of the noise stroke: about 12 % of the force
 SCALING_S = 8.0
-IDENTIFIED = ("noise", "sweep", "road")  # packaged experiments, as the sample model
+IDENTIFIED = ("noise", "sweep", "road")  # packaged experiments, those of the sample model
 FIRST_SEED = 100  # of runs; identification has its own
 STROKES: Mapping[str, RigSettings] = {
     "noise stroke": RigSettings(drive="script", script=Script(kind="noise", amplitude_m=0.025, loop_s=60.0)),
@@ -33,22 +33,22 @@ PLANT = plants.BlindPlant("hydraulic", Hydraulic(Damper()))
 
 @dataclass(frozen=True)
 class TrackingCase:
-    """What is changed in a plant: an effect, or a driver that gives another current than it is told."""
+    """A change in a plant: an effect, or a driver whose current differs from its command."""
 
     name: str
     effect: str = ""
     driver: float = 1.0
 
     def draw_effect(self, seed: int) -> WithheldEffect | None:
-        """Return the effect with proportions drawn by `seed`, as strong as to make a gap of GAP_N."""
+        """Return the effect with proportions drawn from `seed`, scaled to a gap of GAP_N."""
         if not self.effect:
             return None
-        drawn = plants.draw_effect(PLANT.kind, self.effect, np.random.default_rng([seed, 1]))
+        effect = plants.draw_effect(PLANT.kind, self.effect, np.random.default_rng([seed, 1]))
         time = np.arange(round(SCALING_S / GRID_S) + 1) * GRID_S
         experiment = load_experiment(packaged_experiments()["road"])
         stroke = load_experiment(packaged_experiments()["noise"]).stroke.samples(time, np.random.default_rng([seed, 2]))
         current = experiment.current.samples(time, stroke, np.random.default_rng([seed, 3]))
-        return scale_to_gap(PLANT, drawn, GAP_N, time, stroke, current)
+        return scale_to_gap(PLANT, effect, GAP_N, time, stroke, current)
 
 
 CASES = (
@@ -64,16 +64,16 @@ CASES = (
 
 
 def with_effect(settings: RigSettings, withheld: WithheldEffect | None, seed: int) -> RigSettings:
-    """Return the rig's settings with the effect in it."""
+    """Return the rig's settings with the effect."""
     if withheld is None:
         return replace(settings, seed=FIRST_SEED + seed)
     numbers = {"severity": withheld.severity, **withheld.proportions}
-    told = ", ".join(f"{key}: {value!r}" for key, value in numbers.items())
-    return replace(settings, seed=FIRST_SEED + seed, withheld=(f"{withheld.name}: {{{told}}}",))
+    text = ", ".join(f"{key}: {value!r}" for key, value in numbers.items())
+    return replace(settings, seed=FIRST_SEED + seed, withheld=(f"{withheld.name}: {{{text}}}",))
 
 
 def identify_again(withheld: WithheldEffect | None, seed: int, starts: int) -> Model:
-    """Return a model of the changed plant, identified on the experiments that the sample model is of."""
+    """Return a model of the changed plant, identified on the experiments of the sample model."""
     recordings = []
     for name in IDENTIFIED:
         experiment = load_experiment(packaged_experiments()[name])

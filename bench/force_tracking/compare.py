@@ -1,9 +1,9 @@
-"""What the observer buys: how well the force follows its curve with and without feedback, while the plant changes.
+"""The benefit of the observer: how well the force follows its curve with and without feedback on changed plants.
 
 Usage: python -m bench.force_tracking.compare [--seeds 5] [--seconds 15] [--jobs 1] [--write-docs]
 On every plant, seed and stroke runs the loop with the inverse of the sample model alone (feed-forward), with feedback
-from the estimate, and from the measured force; then again with a model identified anew on the changed plant. Figures
-are kept in out/force_tracking.json; --write-docs puts table and picture into docs/, with --kept from what is kept.
+from the estimate, and from the measured force; then again with a model re-identified on the changed plant. Results
+are saved in out/force_tracking.json; --write-docs writes table and picture into docs/, with --kept from saved results.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ WAYS = {
     "none": "feed-forward alone",
     "estimate": "feedback from the estimate",
     "measured": "feedback from the measured force",
-    "anew none": "identified anew: feed-forward alone",
-    "anew estimate": "identified anew: feedback from the estimate",
+    "anew none": "re-identified: feed-forward alone",
+    "anew estimate": "re-identified: feedback from the estimate",
 }
 SHOWN_S = 4.0, 5.0  # of the first run, in the picture
 
@@ -57,7 +57,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=15.0, help="length of a run")
     parser.add_argument("--starts", type=int, default=1, help="starts of each identification")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--kept", action="store_true", help="measure nothing, use the figures of the last time")
+    parser.add_argument("--kept", action="store_true", help="use the saved results of the last run, measure nothing")
     parser.add_argument("--write-docs", action="store_true", help="write docs/results.md and its picture")
     return parser.parse_args()
 
@@ -80,7 +80,7 @@ def _run_case(case: TrackingCase, seed: int, seconds: float, starts: int) -> lis
 
 
 def _iterate_results(case: TrackingCase, seed: int, seconds: float, starts: int) -> Iterator[TrackingResult]:
-    """Identify anew only where the plant behind current and position has changed."""
+    """Re-identify only where the plant itself has changed."""
     withheld = case.draw_effect(seed)
     designs = {"": _sample()}
     if withheld is not None:

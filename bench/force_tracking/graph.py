@@ -1,8 +1,8 @@
-"""Force tracking on a real ROS graph, beside the same run in process: launches closed_loop.launch.py and listens.
+"""Force tracking on a real ROS graph, compared with the same run in process; launches closed_loop.launch.py.
 
 Usage, where the package is installed and sourced: python3 -m bench.force_tracking.graph [--seconds 20]
-The rig makes time, so that every sample is known by its tick: at real time, and at half of it for slow computers. The
-stroke is that of `compare.py`. The force is the load cell's, whose noise of 8 N is small beside the errors.
+The rig provides the time, so that every sample has a known tick: at real time, and at half of it for slow computers.
+The stroke is that of `compare.py`. The force is the load cell's, whose noise of 8 N is small compared with the errors.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ PATIENCE_S = 120.0
 DEEP = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class ForceListener(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
-    """Hears the measured force by tick."""
+class ForceListener(Node):  # type: ignore[misc]  # rclpy is missing where types are checked
+    """Records the measured force by tick."""
 
     def __init__(self) -> None:
-        super().__init__("ears")
+        super().__init__("force_listener")
         self.force_N: dict[int, float] = {}
-        self.create_subscription(WrenchStamped, "measured_force", self._hear_force, DEEP)
+        self.create_subscription(WrenchStamped, "measured_force", self._on_force, DEEP)
 
-    def _hear_force(self, message: WrenchStamped) -> None:
+    def _on_force(self, message: WrenchStamped) -> None:
         stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         self.force_N[(stamp_ns - CLOCK_START_NS) * SETTINGS.rate_hz // 10**9] = message.wrench.force.z
 
@@ -74,16 +74,16 @@ def in_process(feedback: str, seconds: float) -> TrackedRun:
 def on_graph(feedback: str, factor: str, seconds: float) -> TrackedRun:
     """Launch the loop, listen for `seconds` of the rig's time, and end it."""
     ticks = round(seconds * SETTINGS.rate_hz)
-    ears = ForceListener()
+    listener = ForceListener()
     with tempfile.TemporaryDirectory() as folder:
         launched = launch(Path(folder), feedback, factor)
         until = time.monotonic() + PATIENCE_S + seconds
-        while max(ears.force_N, default=0) < ticks and time.monotonic() < until:
-            rclpy.spin_once(ears, timeout_sec=0.1)
+        while max(listener.force_N, default=0) < ticks and time.monotonic() < until:
+            rclpy.spin_once(listener, timeout_sec=0.1)
         os.killpg(launched.pid, signal.SIGINT)
         launched.wait()
-    ears.destroy_node()
-    return evaluate_forces(ears.force_N, ticks)
+    listener.destroy_node()
+    return evaluate_forces(listener.force_N, ticks)
 
 
 def launch(folder: Path, feedback: str, factor: str) -> subprocess.Popen[bytes]:
@@ -100,7 +100,7 @@ def launch(folder: Path, feedback: str, factor: str) -> subprocess.Popen[bytes]:
 
 
 def evaluate_forces(force_N: Mapping[int, float], ticks: int) -> TrackedRun:
-    """Judge the forces heard as those of a run in process; what was lost on the way to here does not count."""
+    """Evaluate the received forces like those of a run in process; lost messages do not count."""
     rig = LiveRig(replace(SETTINGS))
     stroke = np.empty(ticks)
     for k in range(ticks):

@@ -1,6 +1,6 @@
 """The closed loop in lockstep: the live rig, the observer and the controller that the nodes run, tick by tick at 1 kHz.
 
-A run ends in a `TrackedRun`: what the force should have been, what it was, and where the damper could have given it.
+The result of a run is a `TrackedRun`: desired force, true force, and where the desired force was reachable.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from ces_rig.live.rig import LiveRig, RigSample, RigSettings
 F = NDArray[np.float64]
 
 EPOCH_NS = 10**18
-DELAY_TICKS = 2  # from a sample to the tick that feels its command: three hops of a ROS graph at 1 kHz
+DELAY_TICKS = 2  # from a sample to the tick on which its command acts: three hops of a ROS graph at 1 kHz
 SKIPPED_S = 2.0  # of a run, until controller and observer have warmed up
-MIN_SPAN_N = 50.0  # between softest and firmest force: below, the valve has no say
+MIN_SPAN_N = 50.0  # between softest and firmest force; below, the valve has no influence
 DESIRED = ForceCurve.from_points(*(spec.default for spec in CURVE))
 
 
 @dataclass(frozen=True)
 class Design:
-    """What an engineer brings along: the model, and what the controller makes of it at its start."""
+    """The engineer's design: the model, and the controller that is derived from it."""
 
     model: Model
     controller: ForceController
@@ -48,9 +48,9 @@ class Design:
         return cls(model, ForceController(DESIRED, compute_inverse_map(model), tuning))
 
     def fresh_loop(self, feedback: str) -> ControlLoop:
-        """Return a loop at its beginning."""
-        made = self.controller
-        return ControlLoop(ForceController(made.curve, made.inverse, made.tuning), feedback, max_age_s=0.05)
+        """Return a loop in its initial state."""
+        c = self.controller
+        return ControlLoop(ForceController(c.curve, c.inverse, c.tuning), feedback, max_age_s=0.05)
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class TrackingResult:
 
 @dataclass(frozen=True)
 class TrackedRun:
-    """A run: true force, desired force at the true speed, commands, and where the desired force could be had; (n,)."""
+    """A run: true force, desired force at the true speed, commands, and where the desired force was reachable; (n,)."""
 
     time_s: F
     speed_m_s: F
@@ -85,7 +85,7 @@ class TrackedRun:
 
     @property
     def J(self) -> float:
-        """The same in percent of the desired force's standard deviation, as the cost J is."""
+        """The same in percent of the desired force's standard deviation, like the cost J."""
         return 100.0 * self.rms_N / float(np.std(self.desired_N[self.reachable]))
 
 
@@ -93,17 +93,17 @@ def track(settings: RigSettings, design: Design, feedback: str, seconds: float, 
     """Close the loop for `seconds`; the valve's driver gives `driver` times the command."""
     rig, graph = LiveRig(settings), Graph(design, feedback)
     commands = deque([graph.command_A] * (DELAY_TICKS - 1))
-    seen = np.full((4, round(seconds * settings.rate_hz)), np.nan)
-    for k in range(seen.shape[1]):
+    signals = np.full((4, round(seconds * settings.rate_hz)), np.nan)
+    for k in range(signals.shape[1]):
         sample = rig.tick()
         commands.append(graph.answer(sample, rig.time_s))
         rig.command.set_current(driver * commands.popleft(), rig.time_s)
-        seen[:, k] = rig.motion[STROKE], rig.motion[FORCE], graph.estimate_N, graph.command_A
-    return evaluate_run(rig, *seen)
+        signals[:, k] = rig.motion[STROKE], rig.motion[FORCE], graph.estimate_N, graph.command_A
+    return evaluate_run(rig, *signals)
 
 
 class Graph:
-    """Observer and controller, as two nodes run them."""
+    """Observer and controller, as run by two nodes."""
 
     def __init__(self, design: Design, feedback: str) -> None:
         self._loop = design.fresh_loop(feedback)
@@ -132,7 +132,7 @@ class Graph:
 
 
 def evaluate_run(rig: LiveRig, stroke_m: F, force_N: F, estimate_N: F, command_A: F) -> TrackedRun:
-    """Say what was desired, and where the same damper could have given it on the same stroke."""
+    """Return the run with the desired force, and where the same damper could reach it on the same stroke."""
     interval = rig.period_s
     time = np.arange(1, len(stroke_m) + 1) * interval
     speed = spline_speed(time, stroke_m)
@@ -144,7 +144,7 @@ def evaluate_run(rig: LiveRig, stroke_m: F, force_N: F, estimate_N: F, command_A
 
 
 def force_at_current(rig: LiveRig, stroke_m: F, speed_m_s: F, current_A: float) -> F:
-    """Return the force [N] of the rig's damper on this stroke at a current that is held."""
+    """Return the force [N] of the rig's damper on this stroke at constant current."""
     hydraulic = rig.damper.model
     stepper = Stepper(hydraulic.damper, rig.period_s, extras=hydraulic.extras)
     stepper.reset(stroke_m[0], speed_m_s[0], current_A)

@@ -1,4 +1,4 @@
-"""The picture of force tracking: error by plant and feedback for each stroke, and a second of the loop at work."""
+"""The picture of force tracking: error by plant and feedback for each stroke, and one second of the closed loop."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def draw(
     window_s: tuple[float, float],
     path: Path,
 ) -> None:
-    """Draw `figures` into `path`, and of the runs `shown`, by way, the stretch `window_s`."""
+    """Draw `figures` into `path`, with the part `window_s` of the runs `shown` by variant."""
     with plt.rc_context(STYLE):
         drawing = plt.figure(figsize=(9.6, 8.2), layout="constrained")
         upper, lower = drawing.subfigures(2, 1, height_ratios=(1.45, 1.0))
@@ -51,7 +51,7 @@ def draw(
 
 
 def by_case(axis: Axes, figures: Sequence[TrackingResult], ways: Mapping[str, str]) -> None:
-    """A row for each plant, its ways below one another: median as a mark, all seeds as a line."""
+    """Draw a row for each plant with its variants: the median as a mark, all seeds as a line."""
     cases = list(dict.fromkeys(figure.case for figure in figures))
     for place, way in enumerate(ways):
         for row, case in enumerate(cases):
@@ -71,14 +71,14 @@ def by_case(axis: Axes, figures: Sequence[TrackingResult], ways: Mapping[str, st
 
 
 def most_complete(figures: Sequence[TrackingResult]) -> str:
-    """Return the case that was run in most ways."""
+    """Return the case that was run in the most variants."""
     return max(figures, key=lambda figure: len({f.way for f in figures if f.case == figure.case})).case
 
 
 def over_time(
     drawing: Any, shown: Mapping[str, TrackedRun], ways: Mapping[str, str], window_s: tuple[float, float]
 ) -> None:
-    """Draw desired and true forces, shaded where the damper could reach what is desired, and the currents below."""
+    """Draw desired and true forces, shaded where the damper could reach the desired force, and the currents below."""
     force, current = drawing.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
     any_run = next(iter(shown.values()))
     part = (any_run.time_s >= window_s[0]) & (any_run.time_s <= window_s[1])

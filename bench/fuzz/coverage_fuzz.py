@@ -3,9 +3,9 @@
     python bench/fuzz/coverage_fuzz.py model -runs=100000
     python bench/fuzz/coverage_fuzz.py signals -runs=100000
 
-What follows the first word is libFuzzer's. What reached new code is kept in out/fuzz/corpus. Whatever breaks a promise
-of fuzz_targets.py ends the run and is left in the working directory as crash-..., a file that takes longer than 10 s as
-timeout-....
+The arguments after the first are libFuzzer's. Inputs that reach new code are kept in out/fuzz/corpus. An input that
+breaks a promise of fuzz_targets.py ends the run and is saved in the working directory as crash-..., a file that takes
+longer than 10 s as timeout-....
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from fuzz_mutations import spoil_model  # noqa: E402
 
 TARGETS = {"model": try_model, "signals": try_signals}
 LIMITS = ("-timeout=10", "-rss_limit_mb=1024", "-max_len=20000", "-print_final_stats=1")
-STRUCTURED = 0.5  # share of model files that are changed by their structure, the others by libFuzzer's own rules
+STRUCTURED = 0.5  # share of model files changed by their structure, the others by libFuzzer's own rules
 
 
 def feed_target(target: Callable[[Path], str]) -> Callable[[bytes], None]:
-    """Return a function that hands bytes to `target` as a file."""
+    """Return a function that passes bytes to `target` as a file."""
     path = Path(mkdtemp(dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None)) / "input"
 
     def one(raw: bytes) -> None:
@@ -54,9 +54,9 @@ def mutate(raw: bytes, longest: int, seed: int) -> bytes:
 
 def main() -> None:
     name, *rest = sys.argv[1:]
-    kept = ROOT / "out" / "fuzz" / "corpus" / name
-    kept.mkdir(parents=True, exist_ok=True)
-    folders = [str(kept), str(HERE / "seeds" / name)]
+    corpus = ROOT / "out" / "fuzz" / "corpus" / name
+    corpus.mkdir(parents=True, exist_ok=True)
+    folders = [str(corpus), str(HERE / "seeds" / name)]
     options = {"custom_mutator": mutate} if name == "model" else {}
     atheris.Setup(
         [sys.argv[0], *LIMITS, f"-dict={HERE / name}.dict", *rest, *folders], feed_target(TARGETS[name]), **options

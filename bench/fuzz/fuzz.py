@@ -2,8 +2,8 @@
 
     python bench/fuzz/fuzz.py --samples 1200000 --files 100000 --jobs 1
 
-Coverage-guided runs are in coverage_fuzz.py. Exit status 1 if anything broke a promise (fuzz_targets.py says which they
-are); what broke it is kept in out/fuzz.
+Coverage-guided runs are in coverage_fuzz.py. Exit status 1 if an input broke a promise (see fuzz_targets.py); such
+inputs are saved in out/fuzz.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ DICTIONARY = tuple(
 
 @dataclass
 class FuzzTally:
-    """Inputs by what became of them, the slowest one, and what broke a promise."""
+    """Inputs by outcome, the slowest time, and the inputs that broke a promise."""
 
     outcomes: Counter[str] = field(default_factory=Counter)
     slowest_s: float = 0.0
@@ -60,7 +60,7 @@ class FuzzTally:
 def fuzz_files(
     spoil: Callable[[bytes, Random], bytes], target: Callable[[Path], str], name: str, seed: int
 ) -> FuzzTally:
-    """Spoil the seeds of `name` BATCH_FILES times and hand each file to `target`."""
+    """Corrupt the seeds of `name` BATCH_FILES times and pass each file to `target`."""
     random, tally = Random(f"{name} {seed}"), FuzzTally()
     raws = [path.read_bytes() for path in sorted((SEEDS / name).iterdir())]
     with TemporaryDirectory() as folder:
@@ -77,7 +77,7 @@ def fuzz_files(
 
 
 def fuzz_estimator(seed: int) -> FuzzTally:
-    """Feed BATCH_SAMPLES samples to the estimator of a model, every other time through all of the damper's parts."""
+    """Feed BATCH_SAMPLES samples to the estimator of a model, every other time through the whole damper observer."""
     random, tally = Random(f"samples {seed}"), FuzzTally()
     models = [load_model(path) for path in sorted((SEEDS / "model").iterdir())]
     model = models[seed % len(models)]
@@ -143,8 +143,8 @@ def row(name: str, total: FuzzTally, seconds: float) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, default=1_200_000, help="to the estimator")
-    parser.add_argument("--files", type=int, default=100_000, help="to each reader")
+    parser.add_argument("--samples", type=int, default=1_200_000, help="samples for the estimator")
+    parser.add_argument("--files", type=int, default=100_000, help="files for each reader")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--seed", type=int, default=0, help="first batch")
     options = parser.parse_args()

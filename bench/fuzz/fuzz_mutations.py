@@ -1,4 +1,4 @@
-"""Spoilt files: a valid one goes in; one that may be valid still, nearly valid or nothing at all comes out."""
+"""Corrupts files: a valid file goes in; one that is still valid, nearly valid or unreadable comes out."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MAX_CHANGES = 4
 
 
 def spoil_model(raw: bytes, random: Random) -> bytes:
-    """Return a model file's bytes, spoilt in its values, in its bytes or in both."""
+    """Return a model file's bytes, corrupted in its values, in its bytes or in both."""
     kind = random.random()
     if kind < 0.85:
         raw = _spoil_values(raw, random)
@@ -38,7 +38,7 @@ def spoil_model(raw: bytes, random: Random) -> bytes:
 
 
 def spoil_bytes(raw: bytes, random: Random, clauses: tuple[bytes, ...] = CLAUSES) -> bytes:
-    """Return bytes with some flipped, cut, doubled, moved, or with one of `clauses` put in."""
+    """Return bytes with some flipped, cut, doubled or moved, or with one of `clauses` inserted."""
     for _ in range(random.randint(1, MAX_CHANGES)):
         a, b = sorted(random.randrange(len(raw) + 1) for _ in range(2))
         raw = random.choice(
@@ -93,7 +93,7 @@ def _remove(tree: Any, at: Any, random: Random) -> Any:
 
 
 def _repeat(tree: Any, at: Any, random: Random) -> Any:
-    """Put the value there once more: many times into a list, beneath another key into an object."""
+    """Repeat the value: many times in a list, under another key in an object."""
     if isinstance(tree, list):
         return tree + [deepcopy(tree[at])] * random.choice((1, 2, 60, 600))
     return {**tree, random.choice(("power", "units", "terms", "x", at + "x")): tree[at]}

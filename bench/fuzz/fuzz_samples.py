@@ -1,4 +1,4 @@
-"""Position samples and currents as no sensor should give them: quiet stretches with faults of every kind, by a seed."""
+"""Faulty position samples and currents: quiet stretches with faults of every kind, from a seed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STAMPS_NS = (
 
 
 def samples(random: Random, count: int) -> Iterator[FuzzSample]:
-    """Yield `count` samples: good ones at a jittered rate, spoilt at random and in episodes."""
+    """Yield `count` samples: good ones at a jittered rate, corrupted at random and in episodes."""
     stamp, spoilt, stuck = random.choice((0, 10**9, 1_700_000_000 * 10**9)), 0.0, None
     for k in range(count):
         if k % EPISODE == 0:  # an episode of its own kind

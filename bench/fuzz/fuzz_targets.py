@@ -1,4 +1,4 @@
-"""What is fuzzed, each as a function that returns what became of an input and raises if a promise is broken.
+"""The targets of fuzzing: each is a function that returns the outcome of an input and raises if a promise is broken.
 
 Promises: a file gives a model that runs, or signals, or one line of CesError; a force is None or within its envelope.
 """
@@ -23,12 +23,12 @@ from ces_observer.tracker import OK
 REFUSED, READ, WITHHELD, FORCE = "refused", "read", "withheld", "force"
 STEPS = 8  # of a model that was read: its corners, at its own rate
 
-LITTLE_WORK = 20_000  # a proof broken off early is as good at finding what a proof cannot stand
+LITTLE_WORK = 20_000  # a proof that stops early finds crashes as well as a complete one
 
 
 @dataclass(frozen=True)
 class FuzzSample:
-    """What one position sample brings, and the current that came before it, None for none."""
+    """One position sample, and the current that came before it (None: no current)."""
 
     stamp_ns: int
     position_m: float
@@ -36,7 +36,7 @@ class FuzzSample:
 
 
 def try_model(path: Path) -> str:
-    """Read a model file, and put a model that comes of it through all a node does with one."""
+    """Read a model file, and do with its model all that a node does."""
     try:
         model = load_model(path)
     except CesError as error:
@@ -74,7 +74,7 @@ def try_estimator(estimator: Estimator, samples: Iterable[FuzzSample]) -> dict[s
 
 
 def try_damper(model: Model, samples: Iterable[FuzzSample], max_age_s: float) -> dict[str, int]:
-    """Feed all that stands between a node and its estimator, with a clock that follows the stamps."""
+    """Feed the whole damper observer, with a clock that follows the stamps."""
     damper = DamperObserver(model, CurrentHold(model.sampling.max_current_age_s), max_age_s)
     low, high = model.force_envelope_N
     count = {FORCE: 0, WITHHELD: 0}
@@ -99,7 +99,7 @@ def _check_refusal(error: CesError) -> str:
 
 
 def _corners(model: Model) -> Iterable[FuzzSample]:
-    """Yield samples at corners of the model's envelope, and one after the longest gap that is bridged."""
+    """Yield samples at corners of the model's envelope, and one after the longest gap that the model bridges."""
     e, period_ns = model.envelope, max(1, round(1e9 / model.sampling.rate_Hz))
     for k in range(STEPS):
         yield FuzzSample(k * period_ns, e.position_m[k % 2], e.current_A[k // 2 % 2])

@@ -1,11 +1,11 @@
-"""Fit the probabilities of `ces diagnose` to blind cases of a plant that nothing else is judged on.
+"""Fit the probabilities of `ces diagnose` to blind cases of a plant that is used for nothing else.
 
     ces blind make --plants calibration --grid small --cases 110 --seed 501 --out cal
     ces blind run cal --out cal_results
     python -m bench.gaps.calibrate cal cal_results
 
 writes ces_gap/inference/calibration.json: two logistic regressions (is there a gap, is its cause known) and the
-sharpness of the choice among effects, by penalised maximum likelihood. Several pairs of folders may be given.
+sharpness of the choice among effects, by penalised maximum likelihood. Several pairs of folders are allowed.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from ces_rig.blind.seal import open_seal
 F = NDArray[np.float64]
 
 PENALTY = 0.0003  # of the squared weights, features scaled
-FALSE_REJECTION = 0.05  # share of known effects that may be called unknown
+FALSE_REJECTION = 0.05  # allowed share of known effects called unknown
 OUT = Path(__file__).resolve().parents[2] / "ces_gap" / "inference" / "calibration.json"
 
 
 @dataclass(frozen=True)
 class CalibrationCase:
-    """A case: its kind, what was withheld, the figures, and what each effect alone leaves unexplained."""
+    """A case: its kind, the withheld effects, the features, and the gap that each effect alone leaves."""
 
     kind: str
     truth: frozenset[str]
@@ -42,22 +42,22 @@ class CalibrationCase:
 
 
 def load_cases(folder: Path, results: Path) -> list[CalibrationCase]:
-    """Return the diagnosed cases of a blind test, seal opened."""
+    """Return the diagnosed cases of a blind test, with the seal opened."""
     labels = {label["case"]: label for label in open_seal(folder)[1]}
-    found = []
+    cases = []
     for path in sorted(results.glob("*/decision.json")):
         label, gap = labels[path.parent.name], json.loads((path.parent / "gap.json").read_text(encoding="utf-8"))
         figures = VerdictFigures(**json.loads(path.read_text(encoding="utf-8"))["figures"])
         left = {cause["effect"]: 1.0 - (cause["gain"] or 0.0) for cause in gap["causes"]}
         truth = frozenset(effect["name"] for effect in label["effects"])
-        found.append(CalibrationCase(label["kind"], truth, figures, left, tuple(gap["composition"]["effects"])))
-    return found
+        cases.append(CalibrationCase(label["kind"], truth, figures, left, tuple(gap["composition"]["effects"])))
+    return cases
 
 
 def fit_logistic(features: F, positive: NDArray[np.bool_]) -> F:
     """Return the weights (q,) of a penalised logistic regression on features (n, q), the first of them 1.
 
-    Each feature can only speak for what it stands for: all weights but the first are 0 or above.
+    All weights but the first are at least 0, so that a feature cannot count against its own class.
     """
     spread = np.maximum(features.std(axis=0), 1e-9)
     spread[0] = 1.0
@@ -71,7 +71,7 @@ def fit_logistic(features: F, positive: NDArray[np.bool_]) -> F:
 
 
 def fit_sharpness(some: list[CalibrationCase]) -> float:
-    """Return the sharpness with which the choice among effects is most likely."""
+    """Return the maximum-likelihood sharpness of the choice among effects."""
 
     def cost(log_sharpness: float) -> float:
         total = 0.0
@@ -87,7 +87,7 @@ def fit_sharpness(some: list[CalibrationCase]) -> float:
 
 
 def calibrate(some: list[CalibrationCase]) -> dict[str, object]:
-    """Return what calibration.json holds."""
+    """Return the contents of calibration.json."""
     gap = fit_logistic(np.stack([gap_features(c.figures) for c in some]), np.array([c.kind != "none" for c in some]))
     there = [c for c in some if c.kind != "none"]
     features = np.stack([unknown_features(c.figures) for c in there])
@@ -107,9 +107,9 @@ def calibrate(some: list[CalibrationCase]) -> dict[str, object]:
 
 def main() -> None:
     pairs = list(zip(sys.argv[1::2], sys.argv[2::2], strict=True))
-    found = calibrate([case for a, b in pairs for case in load_cases(Path(a), Path(b))])
-    write_atomically(OUT, json.dumps(found, indent=1) + "\n")
-    print(json.dumps(found, indent=1))
+    calibration = calibrate([case for a, b in pairs for case in load_cases(Path(a), Path(b))])
+    write_atomically(OUT, json.dumps(calibration, indent=1) + "\n")
+    print(json.dumps(calibration, indent=1))
 
 
 if __name__ == "__main__":

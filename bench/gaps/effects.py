@@ -1,6 +1,6 @@
-"""Known changes for real recordings, each in a form of its own that `ces_gap` does not use, for `real_gaps.py`.
+"""Known changes for real recordings, each in a form that `ces_gap` does not use, for `real_gaps.py`.
 
-A change takes a measured recording and returns it as another rig, or another damper, would have logged it.
+A change takes a measured recording and returns it as if logged with another rig or another damper.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MASS_KG = 12.0
 
 @dataclass(frozen=True)
 class Change:
-    """A change called by the effect that it should be named as, in words, with the change itself."""
+    """A change: the effect that a diagnosis should name, a description, and the function."""
 
     effect: str
     words: str
@@ -33,13 +33,13 @@ class Change:
 
 
 def with_values(recording: Recording, name: str, values: F) -> Recording:
-    """Return the recording, made in memory, with other values (n,) in a channel."""
+    """Return the recording with other values (n,) in a channel."""
     channel = replace(recording.channel(name), values=values)
     return replace(recording, channels={**recording.channels, name: channel}, source="", sha256="")
 
 
 def delay_channel(recording: Recording, name: str, by_s: float) -> Recording:
-    """Return the recording with a channel that shows what was there `by_s` before."""
+    """Return the recording with a channel delayed by `by_s`."""
     channel = recording.channel(name)
     time = 1e-9 * (channel.stamps_ns - channel.stamps_ns[0])
     return with_values(recording, name, np.interp(time - by_s, time, channel.values))
@@ -50,14 +50,14 @@ def add_force(recording: Recording, force: F) -> Recording:
 
 
 def add_friction(recording: Recording) -> Recording:
-    """Three springs behind sliders (Iwan) that let go one after the other, where `ces_gap` has one smooth curve."""
+    """Add three springs with sliders (Iwan) that slip one after the other; `ces_gap` has one smooth curve."""
     position = low_pass(recording.channel("position").values, SPEED_HZ, rate_of(recording))
     share = FRICTION_N / len(TRAVELS_M)
     return add_force(recording, sum(stop_operator(position, share / x, -share, share) for x in TRAVELS_M))
 
 
 def add_mass(recording: Recording) -> Recording:
-    """A mass on the piston's side of the cell; the acceleration ends at 80 Hz, where the position's noise begins."""
+    """Add a mass on the piston's side of the cell; acceleration up to 80 Hz, where the position's noise begins."""
     rate = rate_of(recording)
     position = low_pass(recording.channel("position").values, SPEED_HZ, rate)
     return add_force(recording, MASS_KG * rate**2 * np.gradient(np.gradient(position)))

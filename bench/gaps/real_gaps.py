@@ -2,9 +2,9 @@
 
     python -m bench.gaps.real_gaps DATA [--only CASE ...] [--threads N]
 
-DATA holds brfd_backlash/*.json and dyke_mr/ranran_50.csv. First simulations that lack what the real machine has: a
-band brake without play, and a damper without lag of its valve. Then an identified model and real recordings with a
-known change. About a minute a diagnosis; each row is printed as soon as it is known.
+DATA holds brfd_backlash/*.json and dyke_mr/ranran_50.csv. First, simulations that lack an effect of the real machine:
+a band brake without play, and a damper without valve lag. Then an identified model and real recordings with a known
+change. A diagnosis takes about a minute; each row is printed when it is ready.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ BRFD_BOTH = ("0.25Hz30lbtension1amplitude", "1Hz30lbtension1amplitude")
 BRFD_OTHER = ("0.5Hz36lbtension1.5amplitude",)
 DYKE = "ranran_50"
 FIT_S, REFERENCE_S, REAL_S = (0.0, 7.0), (7.0, 13.0), (13.0, 21.0)  # the damper rests after 21 s
-SEARCH = Limits(max_terms=25, seconds=300.0, starts=4, threads=1)  # ends by itself before
+SEARCH = Limits(max_terms=25, seconds=300.0, starts=4, threads=1)  # stops earlier, without candidates left
 
 HEADER = ("simulation and recordings", "in truth", "verdict", "named", "gap N", "left N", "shrink", "parameters")
 
@@ -58,7 +58,7 @@ class Data:
         return self._import_log(f"dyke_mr/{DYKE}.csv", "dyke_mr.yaml")
 
     def _import_log(self, log: str, mapping: str) -> Recording:
-        """Return a log by way of a bag, as `ces import` writes and `ces diagnose` reads it."""
+        """Return a log through a bag, as written by `ces import` and read by `ces diagnose`."""
         bag = self.bags / Path(log).stem
         if not bag.exists():
             words = [str(self.logs / log), "--mapping", str(ROOT / "config" / "import" / mapping), "--out", str(bag)]
@@ -69,7 +69,7 @@ class Data:
 
 @dataclass(frozen=True)
 class DiagnosisRow:
-    """A diagnosis to make: what simulation and recordings, what is so in truth."""
+    """A diagnosis to run: the simulation and recordings, and the true cause."""
 
     case: str
     setup: str
@@ -111,15 +111,15 @@ def _run_diagnosis(
 
 
 def between(recording: Recording, from_s: float, to_s: float) -> Recording:
-    """Return what was logged from `from_s` to before `to_s` after the first position."""
+    """Return the recording from `from_s` to before `to_s` after the first position."""
     begin = recording.channel("position").stamps_ns[0]
     low, high = (begin + round(1e9 * s) for s in (from_s, to_s))
-    kept = {n: c.select((c.stamps_ns >= low) & (c.stamps_ns < high)) for n, c in recording.channels.items()}
-    return replace(recording, channels=kept, source="", sha256="")
+    channels = {n: c.select((c.stamps_ns >= low) & (c.stamps_ns < high)) for n, c in recording.channels.items()}
+    return replace(recording, channels=channels, source="", sha256="")
 
 
 def rows(data: Data, threads: int) -> list[DiagnosisRow]:
-    """Return all diagnoses, none of them made yet."""
+    """Return all diagnoses to run."""
     brake, model = "band brake without play", "Dyke: identified model, change put into the recording"
     found = [
         DiagnosisRow(
@@ -147,10 +147,10 @@ def cells(row: DiagnosisRow, diagnosis: Diagnosis) -> tuple[str, ...]:
     nothing = diagnosis.verdict == NO_GAP
     names = " + ".join(name.replace("_", " ") for name in best.effects) or "nothing"
     names = f"(nearest: {names})" if diagnosis.verdict == UNKNOWN else names
-    told = "; ".join(_format_estimate(e) for estimates in best.estimates for e in estimates)
+    parameters = "; ".join(_format_estimate(e) for estimates in best.estimates for e in estimates)
     left, shrink = ("", "") if nothing else (f"{best.gap_after_N:,.0f}", f"{100.0 * best.shrink:.0f} %")
     gap = f"{diagnosis.gap.rms_N:,.0f}"
-    return row.setup, row.truth, diagnosis.verdict.replace("_", " "), names, gap, left, shrink, told
+    return row.setup, row.truth, diagnosis.verdict.replace("_", " "), names, gap, left, shrink, parameters
 
 
 def _format_estimate(estimate: Estimate) -> str:

@@ -1,6 +1,6 @@
-"""Simulations that lack something on purpose, for `real_gaps.py`: a brake without play, a damper without lag.
+"""Simulations that lack an effect on purpose, for `real_gaps.py`: a brake without play, a damper without lag.
 
-Each is fitted to those parts of a measured recording where what it lacks is hardly at work.
+Each is fitted to those parts of a measured recording where the missing effect has hardly any influence.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from ces_identify.recordings.recording import Recording
 
 F = NDArray[np.float64]
 
-SETTLED_S = 0.04  # [s] after which a damper has followed its voltage
+SETTLED_S = 0.04  # [s] after which a damper has responded to its voltage
 KNOTS_M_S = np.array([-0.5, -0.25, -0.12, -0.05, -0.02, 0.0, 0.02, 0.05, 0.12, 0.25, 0.5])
 LEVELS = 2  # voltages of the map
 SPEED_HZ = 80.0  # [Hz] low-pass of the position before it is differentiated
-AWAY = 0.4  # of the stroke: so far from its ends a brake slides at its limit
-TURN = 0.9  # of the limit: a brake that has come down from there unloads its elastic part
+AWAY = 0.4  # of the stroke: at this distance from its ends a brake slides at its limit
+TURN = 0.9  # of the limit: below, the brake unloads its elastic part
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class BandBrake:
 
     @classmethod
     def fit(cls, recording: Recording) -> BandBrake:
-        """Return the brake with the limits of full sliding and the stiffness of unloading, neither touched by play."""
+        """Return the brake with the limits of full sliding and the stiffness of unloading, both unaffected by play."""
         position, force = recording.channel("position").values, recording.channel("force").values
         smooth = low_pass(position, 20.0, rate_of(recording))
         speed = np.gradient(smooth)
@@ -51,7 +51,7 @@ class BandBrake:
 
 @njit(cache=True)
 def stop_operator(position: F, stiffness: float, low: float, high: float) -> F:
-    """Return the force (n,) of a spring behind a slider, begun at rest (a stop operator)."""
+    """Return the force (n,) of a spring with a slider, starting at rest (a stop operator)."""
     out = np.zeros_like(position)
     for k in range(1, len(position)):
         out[k] = min(max(out[k - 1] + stiffness * (position[k] - position[k - 1]), low), high)
@@ -59,7 +59,7 @@ def stop_operator(position: F, stiffness: float, low: float, high: float) -> F:
 
 
 def _unloading_stiffness(position: F, force: F, push: float, pull: float) -> float:
-    """Return the stiffness [N/m] from each turn of a stroke to where no force is left: the median."""
+    """Return the median stiffness [N/m] from each reversal to zero force."""
     found = []
     speed = np.gradient(position)
     for turn in np.flatnonzero(np.diff(np.sign(speed)) != 0.0):
@@ -95,7 +95,7 @@ class StaticMap:
 
     @classmethod
     def fit(cls, recording: Recording, settled_s: float = SETTLED_S) -> StaticMap:
-        """Return the map that the recording shows where the voltage has not changed for `settled_s`."""
+        """Return the map of the recording where the voltage has not changed for `settled_s`."""
         position, voltage = recording.channel("position").values, recording.channel("current").values
         force, rate = recording.channel("force").values, rate_of(recording)
         low, high = (float(v) for v in np.percentile(voltage, (5.0, 95.0)))
@@ -108,7 +108,7 @@ class StaticMap:
 
 
 def find_settled(voltage: F, ticks: int, step: float) -> NDArray[np.bool_]:
-    """Return where (n,) the voltage has stayed within `step` of itself over the last `ticks`."""
+    """Return where (n,) the voltage has varied by less than `step` over the last `ticks`."""
     since, out = 0, np.zeros(len(voltage), bool)
     for k in range(1, len(voltage)):
         since = k if abs(voltage[k] - voltage[k - 1]) > 0.2 * step or abs(voltage[k] - voltage[since]) > step else since
@@ -117,7 +117,7 @@ def find_settled(voltage: F, ticks: int, step: float) -> NDArray[np.bool_]:
 
 
 def low_pass(values: F, corner_Hz: float, rate_Hz: float) -> F:
-    """Return values (n,) behind a zero-phase low-pass of fourth order."""
+    """Return values (n,) after a zero-phase fourth-order low-pass."""
     return np.asarray(sosfiltfilt(butter(2, min(corner_Hz, 0.4 * rate_Hz), fs=rate_Hz, output="sos"), values))
 
 

@@ -1,8 +1,8 @@
-"""Latency from stamp to estimate received, loss and CPU of the observer, beside empty relays in Python and C++.
+"""Latency from stamp to received estimate, loss and CPU of the observer, compared with empty relays.
 
-Needs a sourced ROS 2 (`python3 bench/live/bench_live.py`). All nodes live side by side; a generator loads one after
-the other, in interleaved rounds, so that what else the machine does hits all alike. `--minutes 10` adds a long run of
-the observer at 1 kHz, `--write` puts everything into docs/benchmarks.md.
+Needs a sourced ROS 2 (`python3 bench/live/bench_live.py`). The relays are in Python and C++. All nodes run side by
+side; a generator loads one after the other, in interleaved rounds, so that other load of the machine affects all
+equally. `--minutes 10` adds a long run of the observer at 1 kHz, `--write` writes everything into docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ def contestants(folder: Path, has_cpp: bool, model: Path) -> list[Contestant]:
 def play(
     field: Field, nodes: Sequence[Contestant], rates: Sequence[float], load: GeneratorLoad, rounds: int
 ) -> dict[Key, list[GeneratorRun]]:
-    """Return the runs of each node at each rate, a run a round."""
-    found: dict[Key, list[GeneratorRun]] = {(rate, node.name): [] for rate in rates for node in nodes}
+    """Return the runs of each node at each rate, one per round."""
+    runs: dict[Key, list[GeneratorRun]] = {(rate, node.name): [] for rate in rates for node in nodes}
     for number in range(rounds):
         for rate in rates:
             print_note(f"round {number + 1} of {rounds}, {rate:g} Hz")
             for node in nodes:
-                found[rate, node.name].append(field.measure(node, replace(load, rate_Hz=rate)))
-    return found
+                runs[rate, node.name].append(field.measure(node, replace(load, rate_Hz=rate)))
+    return runs
 
 
 def table(found: dict[Key, list[GeneratorRun]], nodes: Sequence[Contestant]) -> list[str]:
@@ -81,12 +81,12 @@ def table(found: dict[Key, list[GeneratorRun]], nodes: Sequence[Contestant]) -> 
 def verdicts(found: dict[Key, list[GeneratorRun]], baseline: str) -> list[str]:
     runs, cpp = found.get((TARGET_HZ, OBSERVER)), found.get((TARGET_HZ, CPP_RELAYS["single"]))
     if runs is None or cpp is None:
-        return ["* no verdict: 1000 Hz was not asked for, or there is no C++ relay to compare with"]
+        return ["* no verdict: 1000 Hz was not requested, or there is no C++ relay for comparison"]
     return targets(runs, cpp, found[TARGET_HZ, baseline])
 
 
 def long_run(field: Field, node: Contestant, load: GeneratorLoad, minutes: float) -> str:
-    """Run the observer for long; return a line of what was lost and what its memory did."""
+    """Run the observer for a long time; return a line with lost samples and memory."""
     print_note(f"{minutes:g} minutes at {TARGET_HZ:g} Hz")
     before = field.resident_kB(node)
     run = field.measure(node, replace(load, rate_Hz=TARGET_HZ, seconds=60.0 * minutes))
@@ -101,13 +101,13 @@ def long_run(field: Field, node: Contestant, load: GeneratorLoad, minutes: float
 
 
 def noise(found: dict[Key, list[GeneratorRun]], load: GeneratorLoad, rounds: int, began: float) -> str:
-    """Return how the load was made and how quiet the machine was."""
+    """Return a description of the load and of the machine's disturbances."""
     runs = [run for several in found.values() for run in several]
-    where = "in the middle between two positions" if load.current_apart else "right after the position"
+    where = "midway between two positions" if load.current_apart else "right after the position"
     each = "each" if load.current_every == 1 else f"every {load.current_every}th"
     return (
         f"{rounds} rounds of {load.seconds:g} s each after {load.warm_up_s:g} s of warm-up: median over the rounds, "
-        f"in brackets their range. A current goes with {each} position, published {where}. The generator itself woke "
+        f"in brackets their range. A current follows {each} position, published {where}. The generator itself woke "
         f"up {median_range(runs, 'late_p50_us').text()} µs late in the median and "
         f"{median_range(runs, 'late_p99_us').text()} µs at its p99. "
         f"Load of the machine {began:.1f} at the beginning, {os.getloadavg()[0]:.1f} at the end."
@@ -148,20 +148,20 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rates", type=float, nargs="+", default=[200.0, 500.0, 1000.0, 2000.0], metavar="HZ")
     parser.add_argument("--seconds", type=float, default=5.0, help="length of a run [s], default 5")
-    parser.add_argument("--warm-up", type=float, default=2.0, help="before each, not counted [s], default 2")
+    parser.add_argument("--warm-up", type=float, default=2.0, help="before each run, not counted [s], default 2")
     parser.add_argument("--rounds", type=int, default=5, help="runs of each node at each rate, default 5")
     parser.add_argument(
         "--minutes", type=float, default=0.0, help="length of a long run of the observer at 1 kHz [min]"
     )
     parser.add_argument("--model", type=Path, default=MODEL, help="default config/models/sample.json")
-    parser.add_argument("--current-every", type=int, default=1, metavar="N", help="positions a current, default 1")
+    parser.add_argument("--current-every", type=int, default=1, metavar="N", help="positions per current, default 1")
     parser.add_argument("--current-apart", action="store_true", help="publish the current between two positions")
-    parser.add_argument("--write", action="store_true", help=f"put the result into docs/{PAGE.name}")
+    parser.add_argument("--write", action="store_true", help=f"write the result into docs/{PAGE.name}")
     options = parser.parse_args()
     if find_spec("rclpy") is None:
         parser.error("rclpy is missing; source ROS 2 and run this with its python3")
     if not options.model.is_file():
-        parser.error(f"{options.model}: no such model file; give one that `ces identify` wrote with --model")
+        parser.error(f"{options.model}: no such model file; pass one from `ces identify` with --model")
     return options
 
 

@@ -1,8 +1,8 @@
-"""What a sample costs the observer in a row, after a millisecond awake, and after a millisecond asleep, as live.
+"""Time per sample of the observer: without pause, after a millisecond of waiting, and after a millisecond of sleep.
 
-Needs no ROS (`python bench/live/cold.py`): from current and position as numbers to the estimate's bytes, and nothing of
-the executor or DDS. The sample that follows at once on the first after a wait tells what was cold, caches and branch
-predictors, and is warm by then, from a processor that runs slower after a sleep, which is slow still.
+Needs no ROS (`python bench/live/cold.py`): from current and position as numbers to the estimate's bytes, without
+executor and DDS. The sample right after the first one distinguishes cold caches and branch predictors, which are warm
+by then, from a processor that runs slower after a sleep, which is still slow.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from ces_observer.health.health import Health
 from ces_observer.model import load_model
 
 PERIOD_NS = 1_000_000
-BATCH = 500  # samples of a kind in turn
+BATCH = 500  # samples of one kind in a row
 WARM_UP = 2000
 
 
 class SampleTimer:
-    """One damper at 1 kHz; each call takes the next current and position and returns the time that took [ns]."""
+    """One damper at 1 kHz; each call processes the next current and position and returns its time [ns]."""
 
     def __init__(self, path: Path) -> None:
         model = load_model(path)
@@ -67,12 +67,12 @@ def spin_period() -> None:
 
 
 def pairs(sample: SampleTimer, wait: Callable[[], None]) -> list[tuple[int, int]]:
-    """Return the times [ns] of a sample after each wait and of the one that follows at once."""
-    found = []
+    """Return the times [ns] of a sample after each wait and of the one right after it."""
+    times = []
     for _ in range(BATCH):
         wait()
-        found.append((sample(), sample()))
-    return found
+        times.append((sample(), sample()))
+    return times
 
 
 def main() -> None:
@@ -81,7 +81,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=10, help=f"of {BATCH} samples of each kind, default 10")
     options = parser.parse_args()
     sample = SampleTimer(options.model)
-    gc.disable()  # as the nodes have it
+    gc.disable()  # as in the nodes
     for _ in range(WARM_UP):
         sample()
     found: dict[str, list[float]] = {}

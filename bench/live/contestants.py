@@ -1,4 +1,4 @@
-"""The nodes that are compared, each a process in its own namespace, and the C++ programs, built when needed."""
+"""The compared nodes, each a process in its own namespace, and the C++ programs, built when needed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PYTHON_RELAYS = {
     "single": "relay, rclpy.spin",
     "events": "relay, rclpy EventsExecutor",
     "raw": "relay, rclpy EventsExecutor, raw bytes",
-    "both": "the same, hears the current too",
+    "both": "the same, receives the current too",
 }
 CPP_RELAYS = {"single": "relay, rclcpp::spin", "events": "relay, rclcpp EventsExecutor"}
 
@@ -36,20 +36,20 @@ class Contestant:
 
 @dataclass(frozen=True)
 class GeneratorLoad:
-    """What the generator publishes: `current_every` samples a current, in the middle between two if `current_apart`."""
+    """The generator's messages: a current every `current_every` samples, midway between two if `current_apart`."""
 
     rate_Hz: float
     seconds: float
     warm_up_s: float
     current_every: int
     current_apart: bool
-    most_gap_s: float  # that the model bridges
-    after_gap_s: float  # that it takes to warm up after a longer one
+    max_gap_s: float  # bridged by the model
+    after_gap_s: float  # warm-up after a longer gap
 
 
 @dataclass(frozen=True)
 class GeneratorRun:
-    """What one run of the generator found; times in us, CPU as a share of one core.
+    """The results of one run of the generator; times in us, CPU as a share of one core.
 
     `after_pause` samples had no estimate because the generator itself had paused for longer than the model bridges.
     """
@@ -80,9 +80,9 @@ def observer(name: str, model: Path, baseline: str, *parameters: str) -> Contest
 
 
 def build_cpp(folder: Path) -> bool:
-    """Build relay and generator into `folder`; returns False, saying why, if that cannot be done here."""
+    """Build relay and generator into `folder`; returns False, printing the reason, if that is impossible."""
     if shutil.which("cmake") is None or shutil.which("c++") is None:
-        print_note("no C++: cmake or a compiler is missing, the relays in Python have to do")
+        print_note("no C++: cmake or a compiler is missing; only the relays in Python are measured")
         return False
     for command in (["-S", str(HERE / "relay_cpp"), "-B", str(folder)], ["--build", str(folder)]):
         done = subprocess.run(["cmake", *command], capture_output=True, text=True, check=False)
@@ -93,7 +93,7 @@ def build_cpp(folder: Path) -> bool:
 
 
 class Field:
-    """All contestants, alive at the same time; `measure` loads one of them while the others idle."""
+    """All contestants, running at the same time; `measure` loads one of them while the others idle."""
 
     def __init__(self, contestants: Sequence[Contestant], generator: Sequence[str]) -> None:
         self._generator = generator
@@ -114,18 +114,18 @@ class Field:
                 process.kill()
 
     def measure(self, contestant: Contestant, load: GeneratorLoad) -> GeneratorRun:
-        """Return what the generator finds; raises RuntimeError if the node has ended or gives nothing."""
+        """Return the generator's results; raises RuntimeError if the node has ended or publishes nothing."""
         k = self._numbers[contestant.name]
         parameters = {**asdict(load), "pid": self._processes[k].pid}
         words = ["--ros-args", "-r", f"__ns:={_namespace(k)}", "-r", f"estimate:={contestant.node}/estimate"]
         words += [word for name, value in parameters.items() for word in ("-p", f"{name}:={_word(value)}")]
         done = subprocess.run([*self._generator, *words], stdout=subprocess.PIPE, text=True, check=False)
         if done.returncode:
-            raise RuntimeError(f"{contestant.name} at {load.rate_Hz:g} Hz: the generator found nothing to measure")
+            raise RuntimeError(f"{contestant.name} at {load.rate_Hz:g} Hz: the generator received nothing to measure")
         return GeneratorRun(**json.loads(done.stdout))
 
     def resident_kB(self, contestant: Contestant) -> int:
-        """Return the memory a contestant holds [kB]."""
+        """Return the resident memory of a contestant [kB]."""
         status = Path(f"/proc/{self._processes[self._numbers[contestant.name]].pid}/status").read_text(encoding="utf-8")
         return int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmRSS")))
 
@@ -144,5 +144,5 @@ def _namespace(number: int) -> str:
 
 
 def print_note(text: str) -> None:
-    """Print on standard error: standard output holds the table alone."""
+    """Print on standard error: standard output contains only the table."""
     print(text, file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""From runs to what is told: medians over rounds with their ranges, ratios round by round, verdicts."""
+"""Figures from runs: medians over rounds with their ranges, ratios round by round, verdicts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MAX_P99_RATIO = 1.5  # times the empty relay of the same executor
 
 @dataclass(frozen=True)
 class MedianRange:
-    """Median and range of some figure over the rounds."""
+    """Median and range of a figure over the rounds."""
 
     middle: float
     low: float
@@ -22,7 +22,7 @@ class MedianRange:
 
     @classmethod
     def from_values(cls, values: Iterable[float]) -> MedianRange:
-        """Return that of at least one value."""
+        """Return median and range of at least one value."""
         all_values = sorted(values)
         return cls(median(all_values), all_values[0], all_values[-1])
 
@@ -36,7 +36,7 @@ def median_range(runs: Sequence[GeneratorRun], name: str, scale: float = 1.0) ->
 
 
 def ratio(runs: Sequence[GeneratorRun], others: Sequence[GeneratorRun], name: str) -> MedianRange:
-    """Return the spread of the ratios of two contestants in the same round, as noise of the machine hits both."""
+    """Return the spread of the ratios of two contestants in the same round, equally disturbed by the machine."""
     return MedianRange.from_values(getattr(a, name) / getattr(b, name) for a, b in zip(runs, others, strict=True))
 
 
@@ -47,7 +47,7 @@ def row(
     cpp: Sequence[GeneratorRun] | None,
     same: Sequence[GeneratorRun] | None,
 ) -> list[str]:
-    """Return a row of the table: figures and, where there is something to compare with, ratios."""
+    """Return a row of the table: figures and, where a baseline exists, ratios."""
     sent, lost, after_pause = (sum(getattr(run, what) for run in runs) for what in ("sent", "lost", "after_pause"))
     cells = [f"{rate_Hz:g}", name, median_range(runs, "p50_us").text(), median_range(runs, "p99_us").text()]
     cells += [f"{max(run.max_us for run in runs) * 1e-3:,.1f}", median_range(runs, "cpu_share", 100.0).text(1)]
@@ -65,7 +65,7 @@ def targets(runs: Sequence[GeneratorRun], cpp: Sequence[GeneratorRun], same: Seq
     ]
 
 
-def _target(what: str, found: MedianRange, limit: float) -> str:
-    over = 100.0 * (found.middle / limit - 1.0)
+def _target(what: str, spread: MedianRange, limit: float) -> str:
+    over = 100.0 * (spread.middle / limit - 1.0)
     verdict = "met" if over <= 0.0 else f"**missed by {over:.0f} %**"
-    return f"* {what}: {found.text(2)} times; target at most {limit:g}: {verdict}"
+    return f"* {what}: {spread.text(2)} times; target at most {limit:g}: {verdict}"

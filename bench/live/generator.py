@@ -1,6 +1,6 @@
-"""The load generator where rclcpp is missing: as relay_cpp/generator.cpp, with the disturbance that Python adds.
+"""The load generator without rclcpp: like relay_cpp/generator.cpp, with the disturbance that Python adds.
 
-Publishes joint_states and valve_current on a steady schedule, hears the estimates and prints one line of JSON.
+Publishes joint_states and valve_current on a steady schedule, receives the estimates and prints one line of JSON.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-GRACE_NS = 500_000_000  # an estimate that is later than this is lost
-DEFAULTS = {"rate_Hz": 1000.0, "warm_up_s": 2.0, "seconds": 5.0, "most_gap_s": 0.05, "after_gap_s": 0.6}
+GRACE_NS = 500_000_000  # later estimates count as lost
+DEFAULTS = {"rate_Hz": 1000.0, "warm_up_s": 2.0, "seconds": 5.0, "max_gap_s": 0.05, "after_gap_s": 0.6}
 DEFAULTS |= {"pid": 0, "current_every": 1, "current_apart": False}
 STAMP = struct.Struct("<iI")
-ENCAPSULATION = 4  # bytes before the header's stamp, which is little-endian on every machine this runs on
+ENCAPSULATION = 4  # bytes before the header's stamp, which is little-endian on all supported machines
 
 
 class Generator:
@@ -79,21 +79,21 @@ class Generator:
         self.received.setdefault(seconds * 10**9 + nanoseconds, time.time_ns())
 
     def _summarize(self, stamps: list[int], late: list[float], cpu_share: float) -> dict[str, float]:
-        heard = {s for s in stamps if self.received.get(s, math.inf) - s < GRACE_NS}
-        if not heard:
+        received = {s for s in stamps if self.received.get(s, math.inf) - s < GRACE_NS}
+        if not received:
             sys.exit("generator: not one estimate was received")
-        delays, late = sorted(self.received[s] - s for s in heard), sorted(late)
-        after_pause = len(self._after_pauses(stamps) - heard)
-        lost = len(stamps) - len(heard) - after_pause
-        found = {"sent": len(stamps), "lost": lost, "after_pause": after_pause, "cpu_share": cpu_share}
-        found |= {f"p{share}_us": 1e-3 * delays[share * (len(delays) - 1) // 100] for share in (50, 99)}
-        found |= {f"late_p{share}_us": 1e6 * late[share * (len(late) - 1) // 100] for share in (50, 99)}
-        return found | {"max_us": 1e-3 * delays[-1]}
+        delays, late = sorted(self.received[s] - s for s in received), sorted(late)
+        after_pause = len(self._after_pauses(stamps) - received)
+        lost = len(stamps) - len(received) - after_pause
+        results = {"sent": len(stamps), "lost": lost, "after_pause": after_pause, "cpu_share": cpu_share}
+        results |= {f"p{share}_us": 1e-3 * delays[share * (len(delays) - 1) // 100] for share in (50, 99)}
+        results |= {f"late_p{share}_us": 1e6 * late[share * (len(late) - 1) // 100] for share in (50, 99)}
+        return results | {"max_us": 1e-3 * delays[-1]}
 
     def _after_pauses(self, stamps: list[int]) -> set[int]:
-        """Return the stamps for which the observer may warm up, as the generator itself had paused before."""
-        most_ns, after_ns = (1e9 * self.plan[name] for name in ("most_gap_s", "after_gap_s"))
-        resumed = [b for a, b in pairwise(stamps) if b - a > most_ns]
+        """Return the stamps for which the observer may warm up because the generator itself had paused."""
+        max_gap_ns, after_ns = (1e9 * self.plan[name] for name in ("max_gap_s", "after_gap_s"))
+        resumed = [b for a, b in pairwise(stamps) if b - a > max_gap_ns]
         return {s for s in stamps if any(0 <= s - begin < after_ns for begin in resumed)}
 
 

@@ -1,8 +1,8 @@
-"""An empty relay in Python, the least that an rclpy node can cost: each JointState that comes in goes out again.
+"""An empty relay in Python, the minimum cost of an rclpy node: it publishes each JointState that it receives.
 
 Usage: python relay.py single|events|raw|both --ros-args -r __ns:=/NAMESPACE. `single` is rclpy.spin, `events` the
-EventsExecutor, both with ordinary messages; `raw` is the EventsExecutor with the bytes handed on as they are and the
-cyclic garbage collector off; `both` hears the valve current besides, as the observer must, and does nothing with it.
+EventsExecutor, both with ordinary messages; `raw` is the EventsExecutor with the bytes passed on unchanged and the
+cyclic garbage collector off; `both` also receives the valve current, as the observer must, without using it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-INPUT = QoSProfile(depth=100, reliability=QoSReliabilityPolicy.BEST_EFFORT)  # as the observer has it
+INPUT = QoSProfile(depth=100, reliability=QoSReliabilityPolicy.BEST_EFFORT)  # as in the observer
 OUTPUT = QoSProfile(depth=10)
 RAW = ("raw", "both")
 

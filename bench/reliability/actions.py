@@ -1,4 +1,4 @@
-"""What is done to the processes, and asked of the node, while the source goes on: an action's name to its doing."""
+"""Faults by action: what is done to the processes or requested from the node while the source continues."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
 
 MAX_AGE_S = 0.5
-ADOPTED_WITHIN_S = 20.0  # a model is proved anew by a process that has to be started first
+ADOPTED_WITHIN_S = 20.0  # a new process must start and verify the model
 
 
 @dataclass
 class Stage:
-    """Everybody who takes part, the model, and the file that the observer's parameter names."""
+    """All participants, the model, and the file in the observer's parameter `model`."""
 
     observer: ObserverProcess
     source: SourceProcess
@@ -32,7 +32,7 @@ class Stage:
     version: int = 0
 
     def new_model(self) -> tuple[str, str]:
-        """Return text and digest of the same model with another provenance, so that all can see which one runs."""
+        """Return text and digest of the same model with another provenance, to identify the running one."""
         self.version += 1
         model = replace(self.model, provenance={**self.model.provenance, "version": str(self.version)})
         return model.to_json(), model.digest()
@@ -123,13 +123,13 @@ def change_to_bad_age(stage: Stage, episode: FaultEpisode, seconds: float) -> No
 
 
 def make_unstable(model: Model) -> Model:
-    """Return the model with all its coefficients a hundredfold: well formed, and no proof of it can succeed."""
+    """Return the model with all coefficients multiplied by 100: well formed, but impossible to certify."""
     terms = tuple(replace(term, coefficient=100.0 * term.coefficient) for term in model.body.terms)
     return replace(model, body=Polynomial(terms))
 
 
 def expect(episode: FaultEpisode, answer: tuple[bool, str], accepted: bool) -> None:
-    """Note it if the node's answer is not what it has to be: accepted, or refused with a reason."""
+    """Record the node's answer if it is wrong; it must accept, or refuse with a reason."""
     if answer[0] != accepted or not (accepted or answer[1]):
         episode.wrong.append(f"the node answered {'yes' if answer[0] else 'no'} ({answer[1] or 'no reason'})")
 

@@ -1,4 +1,4 @@
-"""A campaign: observer, source and witness side by side, one fault after the other at random times, judged."""
+"""A campaign: observer, source and monitor run side by side; faults are injected at random times and evaluated."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ SIMULATED_START_NS = 1_000_000_000_000
 
 
 class ObserverEndedError(Exception):
-    """The observer has ended in the middle of a campaign."""
+    """The observer ended during a campaign."""
 
 
 @contextmanager
 def start_stage(model: Model, folder: Path, times: str, namespace: str = "/faults") -> Iterator[Stage]:
-    """Start everybody; `folder` takes model files and log. The observer must be ended by `ObserverProcess.end`."""
+    """Start all processes; `folder` receives model files and log. `ObserverProcess.end` must end the observer."""
     path = folder / "model.json"
     model.save(path)
     simulated = times != REAL
@@ -37,12 +37,12 @@ def start_stage(model: Model, folder: Path, times: str, namespace: str = "/fault
         "max_age_s": MAX_AGE_S,
         "use_sim_time": str(simulated).lower(),
     }
-    with ObserverMonitor(namespace) as witness:
+    with ObserverMonitor(namespace) as monitor:
         observer = ObserverProcess(namespace, parameters, folder / "observer.log")
         try:
             source = SourceProcess(namespace, SIMULATED_START_NS if simulated else None)
             try:
-                yield Stage(observer, source, witness, model, path)
+                yield Stage(observer, source, monitor, model, path)
             finally:
                 source.kill()
         finally:
@@ -56,20 +56,20 @@ def make_limits(model: Model, times: str) -> EpisodeLimits:
     return EpisodeLimits(
         model.force_envelope_N,
         truth.force,
-        truth.most,
+        truth.max_force_N,
         model.sampling.warm_up_s,
         MAX_AGE_S if times == REAL else 0.0,
     )
 
 
 def play(stage: Stage, faults: Iterable[Fault], rules: EpisodeLimits, dice: Random) -> Iterator[FaultOutcome]:
-    """Inject the faults one by one; yields the outcome of each. Raises ObserverEndedError."""
+    """Inject the faults one by one and yield the outcome of each. Raises ObserverEndedError."""
     for fault in faults:
         well = wait_until_well(stage)
         time.sleep(dice.uniform(0.1, 0.8))
         episode = inject_fault(stage, fault, dice)
         if not well:
-            episode.wrong.append(f"the observer was not well {WELL_WITHIN_S:g} s after the fault before")
+            episode.wrong.append(f"the observer had not recovered {WELL_WITHIN_S:g} s after the previous fault")
         time.sleep(max(0.0, (episode.good_at + REPORT_WITHIN_NS - time.time_ns()) * 1e-9 + 0.05))
         if not stage.observer.is_running():
             raise ObserverEndedError(f"{fault.name}: the observer ended with {stage.observer.process.returncode}")
@@ -77,7 +77,7 @@ def play(stage: Stage, faults: Iterable[Fault], rules: EpisodeLimits, dice: Rand
 
 
 def inject_fault(stage: Stage, fault: Fault, dice: Random) -> FaultEpisode:
-    """Do what the fault is, and return when and what was done."""
+    """Inject the fault and return the episode with its times."""
     seconds, seed = dice.uniform(*fault.seconds), dice.randrange(1 << 31)
     episode = FaultEpisode(fault, began_at=time.time_ns())
     if fault.action:
@@ -91,7 +91,7 @@ def inject_fault(stage: Stage, fault: Fault, dice: Random) -> FaultEpisode:
 
 
 def wait_until_well(stage: Stage) -> bool:
-    """Wait until estimates come and the diagnostics agree; returns False if that takes too long."""
+    """Wait until estimates arrive and the diagnostics report no error; return False if that takes too long."""
     now_ns, end = time.time_ns(), time.monotonic() + WELL_WITHIN_S
     while not stage.monitor.is_well(now_ns):
         if time.monotonic() > end or not stage.observer.is_running():
@@ -101,10 +101,9 @@ def wait_until_well(stage: Stage) -> bool:
 
 
 def rounds(faults: Iterable[Fault], dice: Random, until: float) -> Iterator[Fault]:
-    """Yield all faults in random order, over and over until `time.monotonic()` passes `until`.
+    """Yield all faults in random order, repeatedly until `time.monotonic()` passes `until`.
 
-    The first round begins with those that take new memory when they happen first, so that it shows afterwards whether
-    they take more each time.
+    The first round begins with the faults that allocate memory once, so that later growth becomes visible.
     """
     chosen = list(faults)
     dice.shuffle(chosen)

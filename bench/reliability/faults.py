@@ -1,12 +1,12 @@
-"""The faults: what is done, for how long, what the observer must say of it and what it may give meanwhile."""
+"""The faults: action, duration, the report expected from the observer, and the estimates allowed meanwhile."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-TRUE = "as undisturbed"  # estimates go on, and are those of an observer that heard every sample
-NONE = "none"  # no estimate of the samples that the fault spoils
-BOUNDED = "bounded"  # estimates may be given, inside the model's envelope
+TRUE = "as undisturbed"  # estimates continue and equal those of an undisturbed observer
+NONE = "none"  # no estimate for the corrupted samples
+BOUNDED = "bounded"  # estimates are allowed inside the model's envelope
 
 REAL, SIMULATED = "real", "simulated"
 
@@ -15,11 +15,11 @@ REAL, SIMULATED = "real", "simulated"
 class Fault:
     """One kind of fault.
 
-    `spoiler` is what the source does, `action` what is done to the processes or asked of the node instead. The
-    episode is in the diagnostics if one of `evidence` is in a message, in the name of a count that rises or in a text
-    that changes, or if the value called `doubles` does. `output` is the rule for estimates of the fault's samples; with
-    NONE they are still allowed for `holds_s` after its beginning. `restarts` tells that the model's warm-up may be
-    added to the time of recovery.
+    `spoiler` names the change at the source, `action` the action on the processes or the node instead. The episode is
+    reported if one of `evidence` is in a message, in the name of a count that rises or in a text that changes, or if
+    the value named by `doubles` doubles. `output` is the rule for estimates of the fault's samples; with NONE they are
+    still allowed for `holds_s` after its beginning. With `restarts` the model's warm-up is added to the time allowed
+    for recovery.
     """
 
     name: str
@@ -109,7 +109,7 @@ CHANGES = (
 
 
 def faults(current_hold_s: float) -> tuple[Fault, ...]:
-    """Return all faults; `current_hold_s` is the longest time for which the model allows to hold a current."""
+    """Return all faults; `current_hold_s` is the longest time for which the model may hold a current."""
     return (*POSITIONS, *_currents(current_hold_s), *TIMES, *MESSAGES, *PROCESSES, *CHANGES)
 
 

@@ -1,6 +1,6 @@
-"""Judges one episode by what was received: is it in the diagnostics, was the output allowed, how soon was all well.
+"""Evaluates one episode from the received messages: report in the diagnostics, allowed output, time of recovery.
 
-Knows no ROS, so that its own tests can show that it finds what is wrong.
+It is independent of ROS, so that its own tests can show that it detects violations.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from typing import Protocol
 from faults import NONE, TRUE, Fault
 
 RECOVERY_S = 0.2
-LONGEST_PAUSE_S = 0.2  # between two estimates, while estimates have to go on
-REPORT_WITHIN_NS = 1_500_000_000  # counts are told once a second
+LONGEST_PAUSE_S = 0.2  # between two estimates, while estimates must continue
+REPORT_WITHIN_NS = 1_500_000_000  # counts are published once a second
 IN_FLIGHT_NS = 50_000_000
-SETTLE_S = 0.5  # after recovery, until the force has to be that of an undisturbed observer again
+SETTLE_S = 0.5  # after recovery, until the force must equal that of an undisturbed observer
 ANSWERED = "the node's answer"
 MAX_ERROR_SHARE = 0.1  # of the ride's largest force
 
@@ -33,7 +33,7 @@ class EstimateSequence(Protocol):
 
 
 class StatusEntry(Protocol):
-    """A diagnosis received."""
+    """A received diagnostic status."""
 
     at: int
     message: str
@@ -42,7 +42,7 @@ class StatusEntry(Protocol):
 
 @dataclass
 class FaultEpisode:
-    """What was done: wall times [ns] of beginning and end, stamps spoiled (0: none), stamp of the first good sample."""
+    """An injected fault: wall times [ns] of begin and end, corrupted stamps (0: none), first good stamp."""
 
     fault: Fault
     began_at: int = 0
@@ -50,14 +50,14 @@ class FaultEpisode:
     first_ns: int = 0
     last_ns: int = 0
     good_ns: int = 0
-    wrong: list[str] = field(default_factory=list)  # what the node answered wrongly
+    wrong: list[str] = field(default_factory=list)  # wrong answers of the node
 
 
 @dataclass(frozen=True)
 class EpisodeLimits:
-    """What model, ride and parameters demand: force envelope [N], true force by stamp [N], its maximum, warm-up [s].
+    """Limits from model, ride and parameters: force envelope [N], true force by stamp [N], its maximum, warm-up [s].
 
-    `max_age_s` is the observer's own limit on the age of what it publishes; 0 if stamps are not of the wall clock.
+    `max_age_s` is the observer's limit on the age of its estimates; 0 if stamps are not those of the wall clock.
     """
 
     envelope_N: tuple[float, float]
@@ -69,7 +69,7 @@ class EpisodeLimits:
 
 @dataclass(frozen=True)
 class FaultOutcome:
-    """How an episode went; `wrong` is empty if it went well. Times in s, forces in N, NaN where there is nothing."""
+    """The outcome of an episode; `wrong` lists violations. Times in s, forces in N, NaN if there is no value."""
 
     fault: str
     reason: str
@@ -82,7 +82,7 @@ class FaultOutcome:
 def evaluate_episode(
     episode: FaultEpisode, estimates: EstimateSequence, statuses: Sequence[StatusEntry], rules: EpisodeLimits
 ) -> FaultOutcome:
-    """Judge an episode; estimates and diagnoses up to REPORT_WITHIN_NS after `good_at` must have been received."""
+    """Evaluate an episode; estimates and diagnoses up to REPORT_WITHIN_NS after `good_at` must have been received."""
     until = episode.good_at + REPORT_WITHIN_NS
     span = range(bisect_left(estimates.at, episode.began_at), bisect_left(estimates.at, until))
     reason = find_evidence(episode.fault, statuses, episode.began_at, until)
@@ -104,10 +104,10 @@ def evaluate_episode(
 
 
 def find_evidence(fault: Fault, statuses: Sequence[StatusEntry], began_at: int, until: int) -> str:
-    """Return the words by which the diagnostics tell of the fault, empty if they do not.
+    """Return the words by which the diagnostics report the fault, empty if they do not.
 
-    What is counted, doubled or changed is compared with the last diagnosis before the fault. A fault that need not be
-    told by diagnostics is one that the node itself was asked for, and answered.
+    Counts and texts are compared with the last diagnosis before the fault. A fault without evidence was a request,
+    which the node itself answered.
     """
     if not (fault.evidence or fault.doubles):
         return ANSWERED
@@ -125,7 +125,7 @@ def find_evidence(fault: Fault, statuses: Sequence[StatusEntry], began_at: int, 
 
 
 def _mentions(words: str, before: Mapping[str, str], now: Mapping[str, str]) -> bool:
-    """Return whether a count whose name holds `words` has risen, or a text has changed to one that holds them."""
+    """Return whether a count whose name holds `words` has risen, or a text has changed to one that contains them."""
     for key, value in now.items():
         if words in f"{key}: {value}" and value != before.get(key):
             number = _number(now, key)
@@ -155,7 +155,7 @@ def recovery_time_s(episode: FaultEpisode, estimates: EstimateSequence, span: It
 def worst_error_N(
     episode: FaultEpisode, estimates: EstimateSequence, span: Iterable[int], rules: EpisodeLimits, recovery_s: float
 ) -> float:
-    """Return the largest error of the estimates that have to be true: all of them, or those after it has settled."""
+    """Return the largest error of the estimates that must be accurate: all, or those after settling."""
     settled = episode.good_ns + round((recovery_s + SETTLE_S) * 1e9) if isfinite(recovery_s) else 0
     first = 0 if episode.fault.output == TRUE else settled
     chosen = [k for k in span if estimates.stamps[k] >= first and (not first or estimates.at[k] > episode.good_at)]
@@ -163,9 +163,9 @@ def worst_error_N(
 
 
 def check_bounds(estimates: EstimateSequence, span: Iterable[int], rules: EpisodeLimits) -> list[str]:
-    """Return what is wrong with the bounds of the estimates in `span`, nothing if all is well."""
-    least, most = rules.envelope_N
-    bad = [k for k in span if not (least <= estimates.forces[k] <= most and isfinite(estimates.others[k]))]
+    """Return the violations of the force envelope by the estimates in `span`."""
+    low, high = rules.envelope_N
+    bad = [k for k in span if not (low <= estimates.forces[k] <= high and isfinite(estimates.others[k]))]
     return [f"{len(bad)} estimates not finite or outside the envelope"] if bad else []
 
 

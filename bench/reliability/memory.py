@@ -11,7 +11,7 @@ MAX_GROWTH_KB = 1024.0  # from the first minute to the end, by the slope
 
 
 class Memory:
-    """Samples VmRSS once a second from a thread of its own until `stop`; `kB` by `seconds` since the beginning."""
+    """Samples VmRSS once a second in its own thread until `stop`; `kB` by `seconds` since the beginning."""
 
     def __init__(self, pid: int) -> None:
         self._status = Path(f"/proc/{pid}/status")
@@ -26,7 +26,7 @@ class Memory:
         self._thread.join()
 
     def growth_kB(self) -> float | None:
-        """Return what a straight line through all but the first minute rises; None if it is too short to tell."""
+        """Return the rise of a straight line fitted after the first minute; None if the run is too short."""
         pairs = [(s, kB) for s, kB in zip(self.seconds, self.kB, strict=True) if s >= SETTLED_S]
         if len(pairs) < SETTLED_S:
             return None
@@ -35,7 +35,7 @@ class Memory:
         return slope * (pairs[-1][0] - pairs[0][0])
 
     def plot(self, path: Path) -> None:
-        """Draw it [MB over minutes]."""
+        """Plot the memory [MB] over time [min]."""
         import matplotlib as mpl
 
         mpl.use("Agg")

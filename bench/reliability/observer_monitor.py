@@ -1,4 +1,4 @@
-"""Who listens: every estimate and every diagnosis of the observer with the time it was received, and asks of the node.
+"""Receives all estimates and diagnoses of the observer with their times of arrival, and sends it requests.
 
 Memory stays small enough for an hour at 1 kHz: estimates are kept in arrays.
 """
@@ -31,7 +31,7 @@ from ces_observer.nodes.qos import LATCHED
 NODE = "observer"
 MODEL_TOPIC = "model"
 DEEP = QoSProfile(depth=5000)
-CHECK_EVERY = 997  # estimates: the middleware's own code has to read the same
+CHECK_EVERY = 997  # estimates: the middleware's own code must read the same values
 
 
 class Estimates:
@@ -65,7 +65,7 @@ def is_same_estimate(message: JointState, stamp_ns: int, *numbers: float) -> boo
 
 @dataclass(frozen=True)
 class ReceivedStatus:
-    """A status of the observer, when it was received [ns]."""
+    """A status of the observer and its time of arrival [ns]."""
 
     at: int
     level: int
@@ -74,13 +74,13 @@ class ReceivedStatus:
 
 
 class ObserverMonitor:
-    """Subscriptions and clients in `namespace`, served by a thread of their own while this context is entered."""
+    """Subscriptions and clients in `namespace`, served by their own thread inside the context."""
 
     def __init__(self, namespace: str) -> None:
         self._context = rclpy.Context()
         self._context.init()
         self._name = f"{namespace}/{NODE}"
-        self._node = rclpy.create_node("witness", namespace=namespace, context=self._context)
+        self._node = rclpy.create_node("monitor", namespace=namespace, context=self._context)
         self.estimates = Estimates()
         self.diagnoses: list[ReceivedStatus] = []
         self._node.create_subscription(JointState, f"{NODE}/estimate", self.estimates.take, DEEP, raw=True)
@@ -101,12 +101,12 @@ class ObserverMonitor:
         self._thread.join()
 
     def set_parameter(self, name: str, value: Any, timeout_s: float = 10.0) -> tuple[bool, str]:
-        """Set a parameter of the observer; returns whether it was accepted, and the reason if not."""
+        """Set a parameter of the observer; return whether it was accepted, and the reason if not."""
         result = self._answer(self._parameters.set_parameters([Parameter(name, value=value)]), timeout_s).results[0]
         return result.successful, result.reason
 
     def reload_model(self, timeout_s: float = 30.0) -> tuple[bool, str]:
-        """Have the model read again; returns whether that was done, and what was said."""
+        """Make the observer reload its model; return whether it did, and its message."""
         answer = self._answer(self._reload.call_async(Trigger.Request()), timeout_s)
         return answer.success, answer.message
 
@@ -116,8 +116,8 @@ class ObserverMonitor:
     def is_well(self, since_ns: int) -> bool:
         """Return whether an estimate came in the last 50 ms and the newest diagnosis after `since_ns` is no error."""
         newest = self.diagnoses[-1] if self.diagnoses else None
-        heard = len(self.estimates) > 0 and time.time_ns() - self.estimates.at[-1] < 50_000_000
-        return heard and newest is not None and newest.at > since_ns and newest.message.startswith("estimating")
+        recent = len(self.estimates) > 0 and time.time_ns() - self.estimates.at[-1] < 50_000_000
+        return recent and newest is not None and newest.at > since_ns and newest.message.startswith("estimating")
 
     def _answer(self, future: Any, timeout_s: float) -> Any:
         end = time.monotonic() + timeout_s

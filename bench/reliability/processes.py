@@ -1,4 +1,4 @@
-"""The processes of a campaign: the observer as a user starts it, and the source of the ride, which can be replaced."""
+"""The processes of a campaign: the observer as a user starts it, and the replaceable source of the ride."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROOT = HERE.parent.parent
 
 
 class ObserverProcess:
-    """The node in a process of its own; what it logs goes to a file."""
+    """The node in its own process, with its log in a file."""
 
     def __init__(self, namespace: str, parameters: Mapping[str, object], log: Path) -> None:
         self._log = log
@@ -40,7 +40,7 @@ class ObserverProcess:
         return self._log.read_text(encoding="utf-8", errors="replace")
 
     def end(self, timeout_s: float = 15.0) -> list[str]:
-        """Interrupt it as Ctrl-C does; return what is wrong about its end."""
+        """Interrupt the observer like Ctrl-C; return the violations at its end."""
         if self.is_running():
             self.process.send_signal(signal.SIGCONT)
             self.process.send_signal(signal.SIGINT)
@@ -48,9 +48,9 @@ class ObserverProcess:
             status = self.process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             self.process.kill()
-            return [f"it does not end within {timeout_s:g} s of SIGINT"]
-        wrong = [f"it ended with status {status}"] if status else []
-        return wrong + (["its log holds a traceback"] if "Traceback" in self.log() else [])
+            return [f"the observer did not end within {timeout_s:g} s of SIGINT"]
+        wrong = [f"the observer ended with status {status}"] if status else []
+        return wrong + (["its log contains a traceback"] if "Traceback" in self.log() else [])
 
 
 class SourceProcess:
@@ -62,15 +62,15 @@ class SourceProcess:
         self._start()
 
     def wait_for_event(self, event: str, timeout_s: float = 20.0) -> dict[str, Any]:
-        """Wait for an event of the source and return it; others before it are dropped. Raises TimeoutError."""
+        """Wait for an event of the source and return it; earlier events are dropped. Raises TimeoutError."""
         end = time.monotonic() + timeout_s
         while True:
             try:
-                told = self._events.get(timeout=max(0.0, end - time.monotonic()))
+                received = self._events.get(timeout=max(0.0, end - time.monotonic()))
             except queue.Empty:
-                raise TimeoutError(f"the source does not tell '{event}' within {timeout_s:g} s") from None
-            if told["event"] == event:
-                return dict(told)
+                raise TimeoutError(f"the source did not report '{event}' within {timeout_s:g} s") from None
+            if received["event"] == event:
+                return dict(received)
 
     def send(self, **command: object) -> None:
         assert self.process.stdin is not None
@@ -86,7 +86,7 @@ class SourceProcess:
         self.process.communicate()
 
     def restart(self) -> dict[str, Any]:
-        """Start another; returns what it tells when it runs."""
+        """Start another source and return its event `running`."""
         if self._simulated_ns is not None:
             self._simulated_ns = self.stamp_now()
         self._start()
@@ -116,5 +116,5 @@ def _listen(process: subprocess.Popen[str], events: queue.Queue[dict[str, Any]])
 
 
 def ros_args(namespace: str) -> list[str]:
-    """Return the command line's ROS part: a namespace and a clock of the campaign's own."""
+    """Return the ROS arguments: the campaign's own namespace and clock."""
     return ["--ros-args", "-r", f"__ns:={namespace}", "-r", f"/clock:={namespace}/clock"]

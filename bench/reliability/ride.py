@@ -1,7 +1,7 @@
-"""The ride that the observer is tested on: stroke and current over time, and the force an undisturbed observer gives.
+"""The ride of the reliability test: stroke and current over time, and the force of an undisturbed observer.
 
-Both repeat every two seconds of the stamps' clock, and stamps are whole milliseconds, so that the force which belongs
-to a stamp is known beforehand, whatever happened before.
+Stroke and current repeat every two seconds of the stamps' clock, and stamps are whole milliseconds, so that the force
+at a stamp is known in advance, whatever happened before.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ def stroke_m(stamp_ns: int) -> float:
 
 
 def current_A(stamp_ns: int) -> float:
-    """Return the current: slow, as its samples have no stamps and are a millisecond older or younger."""
+    """Return the current, which is slow because its samples have no stamps and vary in age by a millisecond."""
     return 0.5 + 0.05 * sin(2.0 * pi * 0.5 * (stamp_ns % (PERIOD_MS * MS)) * 1e-9)
 
 
 class TrueForce:
-    """The force [N] by stamp of an estimator that has heard every sample."""
+    """The force [N] by stamp of an estimator that received every sample."""
 
     def __init__(self, model: Model) -> None:
         estimator = Estimator(model)
         beginning = PERIOD_MS * (1 + int(model.sampling.warm_up_s * 1000 / PERIOD_MS))
-        found = [estimator.step(k * MS, stroke_m(k * MS), current_A(k * MS)) for k in range(beginning + 2 * PERIOD_MS)]
-        self._forces = [force or 0.0 for force in found[-PERIOD_MS:]]
-        self.most = max(map(abs, self._forces))
+        forces = [estimator.step(k * MS, stroke_m(k * MS), current_A(k * MS)) for k in range(beginning + 2 * PERIOD_MS)]
+        self._forces = [force or 0.0 for force in forces[-PERIOD_MS:]]
+        self.max_force_N = max(map(abs, self._forces))
 
     def force(self, stamp_ns: int) -> float:
         """Return the force at a stamp, between two milliseconds by interpolation."""
-        place = stamp_ns % (PERIOD_MS * MS) / MS
-        before = int(place)
-        share = place - before
+        position = stamp_ns % (PERIOD_MS * MS) / MS
+        before = int(position)
+        share = position - before
         return (1.0 - share) * self._forces[before] + share * self._forces[(before + 1) % PERIOD_MS]

@@ -1,9 +1,9 @@
-"""The source of the ride, a process of its own: position and current at 1 kHz, spoiled when it is told to.
+"""The source of the ride, a separate process: position and current at 1 kHz, corrupted on command.
 
-Reads commands from standard input, one JSON object a line: {"id": 1, "spoiler": "nan", "seconds": 0.5, "seed": 7}.
-Writes to standard output, as JSON lines, that it runs, and of each episode when it began and ended: `first_ns` and
-`last_ns` are the stamps published meanwhile, `good_ns` the stamp of the first good sample after it, times are wall.
-What is due while the process stands still is published in a burst as soon as it runs again; then it has "caught up".
+Reads commands from standard input, one JSON object per line: {"id": 1, "spoiler": "nan", "seconds": 0.5, "seed": 7}.
+Writes events to standard output as JSON lines: running, and begin and end of each episode. `first_ns` and `last_ns` are
+the stamps published during the episode, `good_ns` is the stamp of the first good sample after it; times are wall time.
+Samples that are due while the process is stopped are published in a burst when it continues; it has then "caught up".
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ OVERDUE_S = 0.1
 
 
 class RideSource:
-    """Publishers and the clock of the ride; `simulated_ns` is the simulated time it begins with, None in real time."""
+    """Publishers and the clock of the ride; `simulated_ns` is the simulated time at the start, None in real time."""
 
     def __init__(self, simulated_ns: int | None) -> None:
         self._node = rclpy.create_node("source")
@@ -62,7 +62,7 @@ class RideSource:
             self._tick(k)
 
     def _wait(self, k: int) -> None:
-        """Wait until a tick is due; tell when a row of ticks that were long overdue is over."""
+        """Wait until a tick is due; report the end of a row of overdue ticks."""
         early_s = self._begin_s + k / RATE_HZ - time.monotonic()
         self._overdue |= early_s < -OVERDUE_S
         if early_s > 0.0:
@@ -105,7 +105,7 @@ class RideSource:
 
 
 class SpoilerEpisode:
-    """A spoiler at work from tick `k` on."""
+    """A spoiler that is active from tick `k` on."""
 
     def __init__(self, k: int, id: int, spoiler: str, seconds: float, seed: int) -> None:
         self._id, self._end = id, k + round(seconds * RATE_HZ)
@@ -114,7 +114,7 @@ class SpoilerEpisode:
         print_event(event="began", id=id, at_ns=time.time_ns())
 
     def spoil(self, k: int, tick: RideTick) -> bool:
-        """Spoil the tick; returns False, and leaves it alone, when the episode is over."""
+        """Corrupt the tick; return False without changing it when the episode is over."""
         if k >= self._end:
             return False
         self._spoil(tick)

@@ -1,6 +1,6 @@
-"""What goes wrong at the source: each spoiler changes what is published at a tick, for as long as its episode lasts.
+"""Faults of the source: each spoiler changes the messages of a tick while its episode lasts.
 
-A spoiler is a function of a tick; the functions here make one, with chance from the dice they are given.
+A spoiler is a function of a tick; the functions here make one from a random generator (`dice`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ POSITION, CURRENT = "joint_states", "valve_current"
 
 @dataclass(frozen=True)
 class PositionSample:
-    """One position as it will be published."""
+    """One position to be published."""
 
     stamp_ns: int
     position_m: float
@@ -28,7 +28,7 @@ class PositionSample:
 
 @dataclass
 class RideTick:
-    """What is published at one tick; None: no current, or no clock in simulated time."""
+    """The messages of one tick; None: no current, or no clock in simulated time."""
 
     samples: list[PositionSample]
     current_A: float | None
@@ -88,7 +88,7 @@ def reordering(dice: Random) -> Spoiler:
 
 
 def positions(value: Callable[[PositionSample, Random], float], share: float = 1.0) -> Callable[[Random], Spoiler]:
-    """Make spoilers that put another value in the place of a share of the positions."""
+    """Make spoilers that replace a share of the positions by another value."""
 
     def make(dice: Random) -> Spoiler:
         def spoil(tick: RideTick) -> None:
@@ -102,11 +102,11 @@ def positions(value: Callable[[PositionSample, Random], float], share: float = 1
 
 
 def freeze_position(dice: Random) -> Spoiler:
-    seen: list[float] = []
+    frozen: list[float] = []
 
     def spoil(tick: RideTick) -> None:
-        seen.extend(one.position_m for one in tick.samples[: not seen])
-        tick.samples[:] = [replace(one, position_m=seen[0]) for one in tick.samples]
+        frozen.extend(one.position_m for one in tick.samples[: not frozen])
+        tick.samples[:] = [replace(one, position_m=frozen[0]) for one in tick.samples]
 
     return spoil
 
@@ -122,7 +122,7 @@ def currents(value: float | None) -> Callable[[Random], Spoiler]:
 
 
 def stamps_off(min_s: float, max_s: float, sign: int, clock_too: bool = False) -> Callable[[Random], Spoiler]:
-    """Make spoilers that set the stamps, or with `clock_too` the simulated time besides, off by a constant time."""
+    """Make spoilers that set the stamps, and with `clock_too` the simulated time as well, off by a constant."""
 
     def make(dice: Random) -> Spoiler:
         off_ns = sign * MS * dice.randint(round(min_s * 1e3), round(max_s * 1e3))
@@ -163,7 +163,7 @@ def wrong_joint(dice: Random) -> Spoiler:
 
 
 def flood(dice: Random) -> Spoiler:
-    """Publish at ten times the rate, true samples all."""
+    """Publish true samples at ten times the rate."""
 
     def spoil(tick: RideTick) -> None:
         stamps = [one.stamp_ns - k * MS // 10 for one in tick.samples for k in range(9, -1, -1)]
@@ -173,7 +173,7 @@ def flood(dice: Random) -> Spoiler:
 
 
 def garbage(instead: bool, *topics: str) -> Callable[[Random], Spoiler]:
-    """Make spoilers that publish bytes that are no message, among the good ones or instead of them."""
+    """Make spoilers that publish invalid bytes, among good messages or instead of them."""
 
     def make(dice: Random) -> Spoiler:
         def spoil(tick: RideTick) -> None:

@@ -1,6 +1,6 @@
-"""The messages of the ride as bytes, so that a publisher in Python keeps up with 10 kHz and can publish garbage too.
+"""The messages of the ride as bytes, so that a publisher in Python reaches 10 kHz and can publish invalid bytes.
 
-Layouts are found by serialising a message with the middleware's own code, none of this project's.
+Layouts come from messages serialised by the middleware's own code, not by this project's.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ DOUBLE = struct.Struct("<d")
 
 
 class JointWire:
-    """JointStates of fixed joints, of which only the stamp and the last joint's position change."""
+    """JointStates of fixed joints, in which only the stamp and the last joint's position change."""
 
     def __init__(self, names: Sequence[str]) -> None:
         message = JointState(name=list(names), position=[0.0] * (len(names) - 1) + [SENTINEL])
@@ -55,12 +55,12 @@ def clock(now_ns: int) -> bytes:
 
 
 def no_float64(dice: Random) -> bytes:
-    """Return bytes too short for a Float64, in whole words as DDS sends them; longer ones would be one."""
+    """Return bytes too short for a Float64, in whole words as DDS sends them."""
     return HEADER + dice.randbytes(dice.randrange(5))
 
 
 def no_joint_state(good: bytes, dice: Random) -> bytes:
-    """Return bytes that are no JointState: cut short, of random content, with absurd lengths or another encoding."""
+    """Return bytes that are not a JointState: cut short, of random content, with absurd lengths or another encoding."""
     kind = dice.randrange(5)
     if kind == 0:
         return good[: dice.randrange(4, len(good) // 2)]

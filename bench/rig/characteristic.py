@@ -1,4 +1,4 @@
-"""What a damper dyno shows of a damper: steady forces, loops over a cycle, and how fast a step of current acts."""
+"""Measurements of a damper dyno: steady forces, loops over a cycle, and the response to a step of current."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def current_step(damper: Damper, speed_m_s: float, from_A: float, to_A: float) -
 
 
 def rise_time(run: SimulatedRun, step_s: float, share: float = 0.63, settle_s: float = 0.08) -> float:
-    """Return the time [s] after the step at which the force has gone `share` of the way to its value `settle_s` on."""
+    """Return the time [s] after the step at which the force has covered `share` of its change within `settle_s`."""
     start = float(np.interp(step_s, run.time_s, run.force_N))
     end = float(np.interp(step_s + settle_s, run.time_s, run.force_N))
     gone = (run.force_N - start) / (end - start)

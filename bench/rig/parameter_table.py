@@ -1,4 +1,4 @@
-"""The damper's parameters as a commented YAML file or a Markdown table, from the declarations in `damper.py`.
+"""The damper's parameters as a commented YAML file or a Markdown table, from the declarations in `parameters.py`.
 
 python -m bench.rig.parameter_table yaml > ces_rig/dampers/hydraulic/damper.yaml
 python -m bench.rig.parameter_table markdown
@@ -16,14 +16,14 @@ from ces_rig.dampers.hydraulic.parameters import Damper
 HEADER = """\
 # The virtual rig's damper with its default parameters. Copy, keep what you change, and name the copy in an experiment:
 #   damper: my_damper.yaml
-# or give the changed values in the experiment itself:  damper: {seal: {coulomb_N: 60.0}}
-# Units are in brackets, then the range that is accepted. Pressures are absolute; areas hold the discharge coefficient.
+# or write the changed values into the experiment itself:  damper: {seal: {coulomb_N: 60.0}}
+# Units are in brackets, then the accepted range. Pressures are absolute; areas include the discharge coefficient.
 """
 
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter: where it is, its default and what its declaration says about it."""
+    """One parameter: its path, its default and its declaration."""
 
     path: tuple[str, ...]
     value: float
@@ -47,7 +47,7 @@ def rows(part: Any = None, path: tuple[str, ...] = ()) -> Iterator[ParameterRow]
 
 
 def as_yaml() -> str:
-    """Return the default damper as a YAML file that teaches."""
+    """Return the default damper as a commented YAML file."""
     lines, open_sections = [HEADER], ()
     for row in rows():
         for depth, section in enumerate(row.path[:-1]):
@@ -67,7 +67,7 @@ def as_markdown() -> str:
 
 
 def format_number(value: float) -> str:
-    """Write a number so that YAML 1.1 reads it as one: the mantissa keeps its point."""
+    """Return a number that YAML 1.1 reads as one: the mantissa keeps its point."""
     text = f"{value:g}"
     mantissa, e, exponent = text.partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{exponent}"

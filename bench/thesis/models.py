@@ -1,8 +1,8 @@
-"""The models behind the thesis' tables: which there are, how each is trained, and a store of those already trained.
+"""The models of the thesis' tables: their list, their training, and a store of trained models.
 
-A `TrainingJob` says what to train; `train_jobs` yields what each came to, in parallel processes, and keeps it on disk
-under the job, its limits and the packages' code: a rerun takes what is there, an interrupted run goes on where it
-stopped, and nothing outlives a change of the code that made it.
+`train_jobs` trains each `TrainingJob` in parallel processes and stores the outcome on disk by job, limits and digest of
+the packages' code: a rerun uses stored outcomes, an interrupted run continues, and a change of the code invalidates
+them.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from ces_rig.experiment import Experiment, find_experiment, load_experiment, run
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE_MODULES = ("ces_observer", "ces_identify", "ces_rig", "bench.thesis.models", "bench.thesis.one_step")
-FRESH = 1000  # is added to the seed of an experiment for the run that models are judged on
+FRESH = 1000  # added to an experiment's seed for the run on which models are evaluated
 
 POLYNOMIAL, NETWORK, ANFIS = "polynomial", "sigmoid", "anfis"
 THESIS, OURS = "thesis", "ours"
 BY_THESIS = {POLYNOMIAL: "its procedure", NETWORK: "one-step training", ANFIS: "one-step training"}
-TERMS = 11  # most of a polynomial in table 5.1
+TERMS = 11  # largest number in a polynomial of table 5.1
 POLYNOMIAL_STARTS, TRAINED_STARTS = 24, 8
 SEVERAL = 4  # times the seconds of search for a model from several experiments
 
 
 @dataclass(frozen=True)
 class ThesisRow:
-    """A row of the thesis' tables: what it is called, the experiments its model is from and judged on."""
+    """A row of the thesis' tables: its name, and the experiments for identification and evaluation."""
 
     title: str
     source: str
@@ -64,7 +64,7 @@ ROWS = (
 
 
 BY_LAGS = """\
-# What the thesis' procedure chooses from here: inputs and current by lags, without a lag of the valve.
+# Candidates of the thesis' procedure: lagged inputs and current, without a valve lag.
 force:
   lags: [1, 2]
   speed: {lags: [0], powers: [0.5, 1.0, 1.5], forms: [signed, magnitude]}
@@ -88,7 +88,7 @@ products:
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """A model to train: structure, procedure, experiments, and for a polynomial the most terms."""
+    """A model to train: structure, procedure, experiments, and for a polynomial the maximum number of terms."""
 
     structure: str
     procedure: str
@@ -96,7 +96,7 @@ class TrainingJob:
     terms: int = TERMS
 
     def limit_s(self, seconds: float) -> float:
-        """Return the most seconds of this search, if one from a single experiment may take `seconds`."""
+        """Return the time limit [s] of this search, if one on a single experiment may take `seconds`."""
         return seconds * (SEVERAL if len(self.sources) > 1 else 1)
 
     def __str__(self) -> str:
@@ -107,7 +107,7 @@ class TrainingJob:
 
 @dataclass(frozen=True)
 class TrainingOutcome:
-    """What a job came to: its model, or why there is none, and the seconds it took."""
+    """The outcome of a job: its model, or why there is none, and the time [s]."""
 
     model: Model | None
     why_none: str
@@ -128,7 +128,7 @@ def load_named_experiment(name: str, fresh: bool) -> Experiment:
 def train_jobs(
     jobs: Sequence[TrainingJob], seconds: float, processes: int, store: Path
 ) -> Iterator[tuple[TrainingJob, TrainingOutcome]]:
-    """Yield each job with its outcome, as they come; `seconds` is the most for a search from one experiment."""
+    """Yield each job with its outcome when ready; `seconds` limits a search on one experiment."""
     code = code_digest()
     with parallel_config("loky", n_jobs=processes, inner_max_num_threads=1):
         work = Parallel(return_as="generator_unordered")
@@ -136,7 +136,7 @@ def train_jobs(
 
 
 def code_digest() -> str:
-    """Return a digest of what makes models: the loaded modules among CODE_MODULES, and the rig's descriptions."""
+    """Return a digest of the code: the loaded modules among CODE_MODULES, and the rig's descriptions."""
     files = {
         Path(m.__file__) for n, m in sys.modules.items() if {n, n.partition(".")[0]} & {*CODE_MODULES} and m.__file__
     }
@@ -147,7 +147,7 @@ def code_digest() -> str:
 
 
 def _load_or_train(job: TrainingJob, seconds: float, code: str, store: Path) -> tuple[TrainingJob, TrainingOutcome]:
-    """Return the outcome, from the store or into it; Ctrl-C ends the process at once, lest half a search be kept."""
+    """Return the outcome, stored or new; Ctrl-C ends the process at once, so that no partial search is stored."""
     handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         return job, Memory(store, verbose=0).cache(train_job)(job, job.limit_s(seconds), code)
@@ -156,7 +156,7 @@ def _load_or_train(job: TrainingJob, seconds: float, code: str, store: Path) -> 
 
 
 def train_job(job: TrainingJob, seconds: float, code: str) -> TrainingOutcome:
-    """Train `job` on first runs of its experiments for at most `seconds`; `code` tells apart versions."""
+    """Train `job` on first runs of its experiments for at most `seconds`; `code` identifies the version."""
     del code
     recordings = [run(load_named_experiment(name, fresh=False)) for name in job.sources]
     began = time.monotonic()
@@ -179,5 +179,5 @@ def _train(job: TrainingJob, recordings: Sequence[Recording], seconds: float) ->
 
 
 def processors() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,4 +1,4 @@
-"""What no model can beat: the cost J that measurement noise alone makes on each packaged experiment.
+"""The limit for any model: the cost J that measurement noise alone causes on each packaged experiment.
 
     python -m bench.thesis.noise_floor
 

@@ -1,8 +1,8 @@
 """Networks and neuro-fuzzy models trained the conventional way: on the error one step ahead (series-parallel).
 
-Measured past forces stand where the model's own will be, which makes the fit an ordinary nonlinear least squares and
-leaves what happens in a free run to chance; that is what a polynomial's least squares does, too. Parameters are chosen
-by free run on the selection ticks, as the thesis chooses its polynomials. Nothing is proved stable.
+Measured past forces replace the model's own, which makes the fit an ordinary nonlinear least-squares problem but does
+not control the free run; the same holds for a polynomial's least squares. Parameters are selected by free run on the
+selection ticks, as in the thesis for polynomials. Stability is not proved.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ class OneStepNetwork(NetworkFit):
         return with_measured_past(self.table, self.training)
 
     def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the squared one-step error with the price of decay, its matrix and its gradient."""
+        """Return the squared one-step error with the penalty on decay, its matrix and its gradient."""
         return self.errors_on(self.measured_table, params, max_error)
 
 
 class OneStepFuzzy(FuzzyFit):
-    """A neuro-fuzzy model whose errors are those of one step, in hybrid learning and after it."""
+    """A neuro-fuzzy model whose errors are those of one step, during and after hybrid learning."""
 
     @cached_property
     def measured_table(self) -> RegressorTable:
@@ -53,12 +53,12 @@ class OneStepFuzzy(FuzzyFit):
         return with_measured_past(self.table, self.training)
 
     def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the squared one-step error with all prices, its matrix and its gradient."""
+        """Return the squared one-step error with all penalties, its matrix and its gradient."""
         return self.errors_on(self.measured_table, params, max_error)
 
 
 def with_measured_past(table: RegressorTable, data: Training) -> RegressorTable:
-    """Return the regressors with measured forces in place of the model's own past ones."""
+    """Return the regressors with measured forces instead of the model's own past forces."""
     values = table.values.copy()
     for j in np.flatnonzero(table.past_lags):
         past = delay_values(data.measured, int(table.past_lags[j]), data.segments)
@@ -71,10 +71,10 @@ def one_step_model(structure: str, recordings: Sequence[Recording], limits: Limi
     sampling = choose_sampling(recordings)
     data = build_training([prepare(recording, sampling) for recording in recordings])
     family = _family(structure, data, sampling.rate_Hz)
-    found = train(family, limits, certify=False)
-    if not found:
+    results = train(family, limits, certify=False)
+    if not results:
         raise CesError(f"every free run of {structure} models trained one step ahead diverged")
-    return family.model(found[0].coefficients, sampling)
+    return family.model(results[0].coefficients, sampling)
 
 
 def _family(structure: str, data: Training, rate_Hz: float) -> NetworkFit | FuzzyFit:

@@ -1,13 +1,13 @@
-"""The rig's own damper driven with what an estimator knows: what a perfect model of it would cost on a recording.
+"""The rig's own damper driven with an estimator's inputs: the cost of a perfect model on a recording.
 
 Estimated ticks of a recording go in (causal speed, filtered position, newest current); the true damper's force at them
-comes out. A damper needs a stroke whose slope is its speed, and the estimates of the two do not fit each other that
-way; so the stroke is the estimated speed integrated, drawn to the filtered position slowly:
+comes out. A damper needs a stroke whose slope is its speed, which the two estimates do not satisfy; the stroke is
+therefore the integral of the estimated speed, slowly corrected towards the filtered position:
 
     dx/dt = v_estimated + k (x_filtered - x),  k = 2 pi 1 Hz, by the trapezoidal rule.
 
-The pull only takes out the drift: at 0.2 or 5 Hz instead of 1 Hz J moves by less than 0.1. Nothing is smoothed and
-nothing looks ahead. The current is the one the estimator holds, taken as the coil's, where it is measured.
+The correction only removes the drift: at 0.2 or 5 Hz instead of 1 Hz, J changes by less than 0.1. Nothing is smoothed
+or non-causal. The current is the one that the estimator holds, used as the coil current, where it is measured.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ def simulate_force(experiment: Experiment, series: Series) -> F:
 
 
 def integrate_speed(speed: F, position: F, interval_s: float) -> F:
-    """Return the integral [m] of `speed`, from and slowly drawn to `position`, all of shape (ticks,)."""
+    """Return the integral [m] of `speed`, corrected slowly towards `position`, all of shape (ticks,)."""
     half = 0.5 * interval_s
     pushed = speed + PULL * position
     numerator, denominator = [half, half], [1.0 + half * PULL, -(1.0 - half * PULL)]
-    before = -denominator[1] * position[0] + half * pushed[0]  # what the filter holds after position[0]
+    before = -denominator[1] * position[0] + half * pushed[0]  # state of the filter after position[0]
     later, _ = lfilter(np.divide(numerator, denominator[0]), np.divide(denominator, denominator[0]), pushed[1:],
                        zi=[before / denominator[0]])  # fmt: skip
     return np.concatenate([position[:1], later])

@@ -34,7 +34,7 @@ STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": Fal
 
 
 def draw_all(evaluations: Evaluations, folder: Path) -> None:
-    """Draw the eight figures into `folder`; rows without a model of ours are left out."""
+    """Draw the eight figures into `folder`; rows without a model of this project are omitted."""
     rows = list(dict.fromkeys(row for _, _, row in evaluations))
     for number, (structure, chosen) in figures(rows).items():
         shown = {}
@@ -62,7 +62,7 @@ def figures(rows: Sequence[ThesisRow]) -> dict[int, tuple[str, Sequence[ThesisRo
 
 
 def draw(shown: Mapping[ThesisRow, tuple[Evaluation, Evaluation | None]], by_thesis: str, path: Path) -> None:
-    """Draw a row of plots for each row of a table, ours and beside it what the procedure called `by_thesis` gave."""
+    """Draw a row of plots for each row of a table: our model beside that of the procedure `by_thesis`."""
     figure = plt.figure(figsize=(9.0, 3.1 * len(shown) + 0.4), layout="constrained")
     grid = figure.add_gridspec(2 * len(shown), 2, width_ratios=(1, 2), height_ratios=(2.2, 1.0) * len(shown))
     for i, (row, (ours, other)) in enumerate(shown.items()):
@@ -95,7 +95,7 @@ def speed_force(axis: Axes, ours: Evaluation) -> None:
 
 
 def over_time(upper: Axes, lower: Axes, shown: Mapping[str, Evaluation | None]) -> None:
-    """Draw forces and, below, errors in the stretch where the error of ours, the last of `shown`, is typical."""
+    """Draw forces and, below, errors where the error of our model, the last of `shown`, is typical."""
     *_, ours = filter(None, shown.values())
     low = ours.series.time_s[choose_window(ours).start]
     time, force, _ = stretch(ours, low)

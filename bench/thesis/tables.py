@@ -1,10 +1,10 @@
-"""Tables 5.1 to 5.3 of the thesis on the virtual rig (synthetic data), its figures beside ours, and plots 5.1 to 5.8.
+"""Tables 5.1 to 5.3 of the thesis on the virtual rig (synthetic data), and plots 5.1 to 5.8.
 
 Usage: python -m bench.thesis.tables [--seconds S] [--processes N] [--dry]. Each experiment is run twice with different
-seeds: models are identified on the first run and judged on the second, once by the thesis' procedure, once by ours
-(the defaults, proved stable). A fourth table judges one model from noise and sweep on recordings it never saw, beside
+seeds: models are identified on the first run and evaluated on the second, once by the thesis' procedure, once by
+ours (the defaults, proved stable). A fourth table evaluates one model of noise and sweep on unseen recordings, beside
 the damper itself driven with the same estimates. Tables go between the markers in docs/results.md and docs/rig.md,
-plots to docs/img. Trained models are kept in out/tables: a rerun is cheap, an interrupted run goes on.
+plots to docs/img. Trained models are stored in out/tables: a rerun is cheap, an interrupted run continues.
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ Outcomes = Mapping[TrainingJob, TrainingOutcome]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=60.0, help="most seconds of search for a model")
-    parser.add_argument("--processes", type=int, default=processors(), help="models trained at a time")
-    parser.add_argument("--dry", action="store_true", help="print the tables, leave docs/ alone")
+    parser.add_argument("--seconds", type=float, default=60.0, help="time limit of the search for a model [s]")
+    parser.add_argument("--processes", type=int, default=processors(), help="models trained in parallel")
+    parser.add_argument("--dry", action="store_true", help="print the tables without changing docs/")
     options = parser.parse_args()
     for path, name in PLACES:
-        between(path, name)  # fails now rather than after the long work
+        between(path, name)  # fails before the long work
     outcomes = train_all(options.seconds, options.processes)
     recordings = {name: run(load_named_experiment(name, fresh=True)) for name in WIDE_TARGETS}
     judged = evaluate_all(outcomes, recordings)
@@ -79,20 +79,20 @@ def main() -> None:
 
 
 def jobs() -> list[TrainingJob]:
-    """Every model the tables need, the longest searches first."""
+    """Return all models of the tables, the longest searches first."""
     wide = [TrainingJob(POLYNOMIAL, OURS, WIDE_SOURCES, terms) for terms in reversed(WIDE_TERMS)]
     narrow = [TrainingJob(s, p, (source,)) for s in TABLES for p in (OURS, THESIS) for source in SOURCES]
     return wide + narrow
 
 
 def train_all(seconds: float, processes: int) -> dict[TrainingJob, TrainingOutcome]:
-    """Return what every job came to, each told as it ends; kept ones come first and at once."""
-    wanted, outcomes = jobs(), {}
-    print(f"{len(wanted)} models, {processes} at a time, at most {seconds:g} s of search each", flush=True)
-    for job, outcome in train_jobs(wanted, seconds, processes, STORE):
+    """Return the outcome of every job and print each; stored ones come first."""
+    requested, outcomes = jobs(), {}
+    print(f"{len(requested)} models, {processes} in parallel, at most {seconds:g} s of search each", flush=True)
+    for job, outcome in train_jobs(requested, seconds, processes, STORE):
         outcomes[job] = outcome
         size = outcome.model.size if outcome.model else outcome.why_none
-        print(f"[{len(outcomes):2}/{len(wanted)}] {outcome.seconds:4.0f} s  {job}: {size}", flush=True)
+        print(f"[{len(outcomes):2}/{len(requested)}] {outcome.seconds:4.0f} s  {job}: {size}", flush=True)
     return outcomes
 
 
@@ -154,7 +154,7 @@ def one_model_table(outcomes: Outcomes, recordings: Mapping[str, Recording]) -> 
 
 
 def facts(outcomes: Outcomes, seconds: float) -> str:
-    """Return how many searches ran out of time, and the largest gain of past forces among the proved models."""
+    """Return the number of searches that reached the time limit, and the largest gain of the proved models."""
     cut = sum(outcome.seconds >= job.limit_s(seconds) for job, outcome in outcomes.items())
     gains = [o.model.certificate["gain"] for o in outcomes.values() if o.model and o.model.certificate]
     return (
@@ -180,4 +180,4 @@ if __name__ == "__main__":
     try:
         main()
     except KeyboardInterrupt:
-        sys.exit("\ninterrupted: the models done are kept, run it again to go on")
+        sys.exit("\ninterrupted: finished models are stored; run it again to continue")

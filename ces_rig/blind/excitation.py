@@ -1,6 +1,6 @@
-"""How a case's plant is driven: the kind of stroke and current is the case's, each recording has its own seed.
+"""Excitations of blind cases: a kind and a seed go in, stroke and current commands come out.
 
-`rich` sweeps speeds, strokes and currents; `road` is a vehicle's stroke with a controller's current; under
+`rich` covers speeds, strokes and currents; `road` is a vehicle's stroke with a controller's current; with
 `constant_current` the valve never moves.
 """
 
@@ -22,22 +22,22 @@ Parts = tuple[tuple[Shape, ...], Current]
 
 RICH, ROAD, CONSTANT = "rich", "road", "constant_current"
 EXCITATIONS = (RICH, ROAD, CONSTANT)
-REACH_M = (0.034, 0.046)  # [m] range of a case's largest stroke: short of the bump stops of a sound damper
+REACH_M = (0.034, 0.046)  # [m] range of a case's largest stroke, below the bump stops of a sound damper
 FADE_S = 0.4  # [s]
-ACTUATOR_HZ = 30.0  # [Hz] what the rig's actuator follows
+ACTUATOR_HZ = 30.0  # [Hz] bandwidth of the rig's actuator
 GRID_S = 0.5e-3  # [s]
 
 
 @dataclass(frozen=True)
 class Commands:
-    """What one recording's plant is driven with, on a uniform grid; arrays (n,)."""
+    """The commands of one recording on a uniform grid; arrays (n,)."""
 
     time_s: Array
     stroke_m: Array
     command_A: Array
 
     def around_peak(self, seconds: float) -> Commands:
-        """Return so many seconds around the largest stroke, or all if there are fewer."""
+        """Return `seconds` of it around the largest stroke, or all if it is shorter."""
         count = min(round(seconds / GRID_S) + 1, len(self.time_s))
         first = min(max(int(np.argmax(np.abs(self.stroke_m))) - count // 2, 0), len(self.time_s) - count)
         part = slice(first, first + count)
@@ -46,9 +46,9 @@ class Commands:
 
 @dataclass(frozen=True)
 class Drive:
-    """What moves the plant and what feeds its valve; every recording's largest stroke is `reach_m`.
+    """Stroke and current of a case; the largest stroke of every recording is `reach_m`.
 
-    With equal peaks an effect that shows at the largest strokes alone shows in every recording.
+    With equal peaks, an effect that appears only at large strokes appears in every recording.
     """
 
     shapes: tuple[Shape, ...]
@@ -56,7 +56,7 @@ class Drive:
     reach_m: float
 
     def commands(self, seconds: float, seed: int) -> Commands:
-        """Return the commands of one recording; equal seeds give equal ones."""
+        """Return the commands of one recording; equal seeds give equal commands."""
         time = np.arange(round(seconds / GRID_S) + 1, dtype=np.float64) * GRID_S
         rng = np.random.default_rng([seed, 0])
         stroke = np.sum([shape.samples(time, rng) for shape in self.shapes], axis=0)
@@ -67,7 +67,7 @@ class Drive:
 
 
 def draw_drive(kind: str, range_A: tuple[float, float], rng: Generator) -> Drive:
-    """Return a drive of this kind, its settings drawn; its currents lie in `range_A`."""
+    """Return a drive of this kind with drawn settings and currents inside `range_A`."""
     shapes, current = DRIVE_KINDS[kind](*range_A, rng)
     return Drive(shapes, current, rng.uniform(*REACH_M))
 

@@ -1,4 +1,4 @@
-"""Makes the cases of a plan in processes and seals their answers."""
+"""Makes the cases of a plan in parallel processes and seals their answers."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from ces_rig.blind.plan import BlindCase
 from ces_rig.blind.seal import Label, write_arrays, write_seal
 from ces_rig.errors import RigError
 
-Spare = Sequence[tuple[str, ...]]
+SpareEffects = Sequence[tuple[str, ...]]
 
 
 def make_cases(
     folder: Path,
-    plan: Sequence[tuple[BlindCase, Spare]],
+    plan: Sequence[tuple[BlindCase, SpareEffects]],
     seconds: float,
     processes: int,
     about: Mapping[str, Any],
     on_label: Callable[[Label], None],
 ) -> str:
-    """Write `folder/cases/NNNN/`, `folder/seal.json` and `folder/seal/`; returns the published hash.
+    """Write `folder/cases/NNNN/`, `folder/seal.json` and `folder/seal/`; return the published hash.
 
-    `on_label` hears of each label as its case is made. `folder` must not exist or be empty. Raises CesError.
+    `on_label` is called with each label when its case is ready. `folder` must be new or empty. Raises CesError.
     """
     if folder.exists() and any(folder.iterdir()):
         raise RigError(f"{folder}: is not empty; choose another folder for the cases")
@@ -37,15 +37,16 @@ def make_cases(
             labels.append(label)
             on_label(label)
     except BaseException:
-        _remove_partial(folder)
+        for name in ("cases", "seal"):
+            shutil.rmtree(folder / name, ignore_errors=True)
         raise
     return write_seal(folder, {**about, "seconds": seconds}, sorted(labels, key=lambda x: str(x["case"])))
 
 
 def _make_in_processes(
-    folder: Path, plan: Sequence[tuple[BlindCase, Spare]], seconds: float, processes: int
+    folder: Path, plan: Sequence[tuple[BlindCase, SpareEffects]], seconds: float, processes: int
 ) -> Iterator[Label]:
-    """Yield labels as they come."""
+    """Yield each label when its case is ready."""
     import joblib  # type: ignore[import-untyped]
 
     tasks = (joblib.delayed(make_case)(folder, case, seconds, spare) for case, spare in plan)
@@ -53,15 +54,8 @@ def _make_in_processes(
         yield from joblib.Parallel(n_jobs=processes, batch_size=1, return_as="generator")(tasks)
 
 
-def make_case(folder: Path, case: BlindCase, seconds: float, spare_effects: Spare) -> Label:
+def make_case(folder: Path, case: BlindCase, seconds: float, spare_effects: SpareEffects) -> Label:
     """Make one case and return its label; raises CesError."""
     answer = write_case(draw_case(case, seconds, spare_effects), folder / "cases" / f"{case.number:04d}")
     sha256 = write_arrays(folder, answer.label["case"], answer.arrays)
-    planned = {"planned": list(case.effects), "arrays_sha256": sha256}
-    return {**answer.label, **planned}
-
-
-def _remove_partial(folder: Path) -> None:
-    """Leave nothing half made."""
-    for name in ("cases", "seal"):
-        shutil.rmtree(folder / name, ignore_errors=True)
+    return {**answer.label, "planned": list(case.effects), "arrays_sha256": sha256}

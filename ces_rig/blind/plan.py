@@ -1,6 +1,6 @@
-"""Which cases a blind test holds: what is withheld, how large it is, how wrong the simulation, what is driven how.
+"""Plans the cases of a blind test: withheld effects, their size, the simulation's error, excitation and plant.
 
-A plan is a function of its seed alone. Its order is shuffled, so that a case's number says nothing about it.
+A plan depends on its seed alone. Its order is shuffled, so that a case's number reveals nothing about the case.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ EFFECT, NONE, OUTSIDE, PAIR = "effect", "none", "outside", "pair"
 KINDS = (EFFECT, NONE, OUTSIDE, PAIR)
 GAPS = (1.0, 3.0, 10.0)  # RMS of the effect's force over that of the force sensor's noise
 ERRORS = (0.0, 1.0 / 3.0, 1.0)  # RMS of the simulation's own error over that of the effect's force
-GRID_PAIRS = 8  # pairs of effects in a whole grid
+GRID_PAIRS = 8  # pairs of effects in a grid
 GRID_NONE = 6  # repeats of each cell without an effect: false alarms are rare
 SHARES = {EFFECT: 0.60, NONE: 0.14, OUTSIDE: 0.12, PAIR: 0.14}  # of a sample
 INVISIBLE = {CONSTANT: frozenset({"valve_lag", "current_hysteresis", "current_crosstalk"})}
-"""What an excitation cannot show."""
+"""Effects that have no influence under an excitation."""
 
 
 @dataclass(frozen=True)
 class BlindCase:
-    """One case: `effects` are names (none, one or two), `seed` seeds everything that is drawn for it.
+    """One case: `effects` are names (none, one or two), `seed` is the seed of all its random numbers.
 
-    `gap_to_noise` is that of the effect; with nothing withheld it only sets how large the simulation's error is.
+    `gap_to_noise` is that of the effect; without an effect it only sets the size of the simulation's error.
     """
 
     kind: str
@@ -48,7 +48,7 @@ class BlindCase:
 
 @dataclass(frozen=True)
 class Levels:
-    """What a plan crosses: kinds of case, names of library and outside effects, the three levels, kinds of plant."""
+    """The levels that a plan combines: effects of the library and outside it, plants, kinds of case and so on."""
 
     effects: tuple[str, ...]
     outside: tuple[str, ...]
@@ -60,80 +60,80 @@ class Levels:
 
 
 def plan_grid(levels: Levels, seed: int) -> list[BlindCase]:
-    """Return every case of the grid, shuffled: effects, outside effects and some pairs cross all levels."""
+    """Return all cases of the grid, shuffled: effects, outside effects and some pairs at all levels."""
     rng = np.random.default_rng([seed, 0])
     cases = [case for kind in levels.kinds for case in _cross_levels(levels, kind, rng)]
     return _number_cases(cases, seed, rng)
 
 
 def plan_sample(levels: Levels, seed: int, count: int) -> list[BlindCase]:
-    """Return `count` cases, shuffled: in each kind every level comes up equally often, to within one."""
+    """Return `count` cases, shuffled: within each kind the numbers of cases per level differ by at most one."""
     rng = np.random.default_rng([seed, 1])
     cases = [
         case
-        for kind, many in _share_out(levels.kinds, count).items()
-        for case in _balance_levels(levels, kind, many, rng)
+        for kind, share in _share_out(levels.kinds, count).items()
+        for case in _balance_levels(levels, kind, share, rng)
     ]
     return _number_cases(cases, seed, rng)
 
 
 def list_spare_effects(case: BlindCase, levels: Levels, count: int = 3) -> list[tuple[str, ...]]:
-    """Return what else of the same kind may be withheld if the case's own effects cannot be had, in its own order."""
+    """Return effects of the same kind, in random order, for the case that its own effects cannot be drawn."""
     rng = np.random.default_rng([case.seed, 3])
-    others = [e for e in _list_subjects(levels, case.kind, rng) if e != case.effects and is_visible(e, case.excitation)]
+    others = [e for e in _list_effects(levels, case.kind, rng) if e != case.effects and is_visible(e, case.excitation)]
     return [others[i] for i in rng.permutation(len(others))[:count]]
 
 
 def is_visible(effects: Sequence[str], excitation: str) -> bool:
-    """Tell whether the excitation can show every one of the effects."""
+    """Return whether every effect has an influence under the excitation."""
     return not INVISIBLE.get(excitation, frozenset()) & set(effects)
 
 
 def _cross_levels(levels: Levels, kind: str, rng: Generator) -> Iterator[BlindCase]:
-    subjects = _list_subjects(levels, kind, rng)
+    choices = _list_effects(levels, kind, rng)
     if kind == PAIR:
-        subjects = subjects[:GRID_PAIRS]
+        choices = choices[:GRID_PAIRS]
     if kind == NONE:
         yield from _cross_without_effect(levels)
         return
-    for effects, gap, error, excitation in product(subjects, levels.gaps, levels.errors, levels.excitations):
+    for effects, gap, error, excitation in product(choices, levels.gaps, levels.errors, levels.excitations):
         if is_visible(effects, excitation):
             yield BlindCase(kind, effects, gap, error, excitation, levels.plants)
 
 
 def _cross_without_effect(levels: Levels) -> Iterator[BlindCase]:
-    """Nothing withheld: as many cases with a right simulation as with a wrong one."""
+    """Yield cases without an effect: as many with a correct simulation as with a wrong one."""
     wrong = [error for error in levels.errors if error > 0.0] or [0.0]
     for _, error, gap, excitation in product(range(GRID_NONE), wrong, levels.gaps, levels.excitations):
-        for mine in (error, 0.0):
-            yield BlindCase(NONE, (), gap, mine, excitation, levels.plants)
+        for ratio in (error, 0.0):
+            yield BlindCase(NONE, (), gap, ratio, excitation, levels.plants)
 
 
 def _balance_levels(levels: Levels, kind: str, count: int, rng: Generator) -> list[BlindCase]:
-    subjects = _cycle_values(_list_subjects(levels, kind, rng), count, rng)
+    effects = _cycle_values(_list_effects(levels, kind, rng), count, rng)
     gaps, errors = _cycle_values(levels.gaps, count, rng), _cycle_values(_error_levels(levels, kind), count, rng)
     excitations = _cycle_values(levels.excitations, count, rng)
-    cases = [BlindCase(kind, *drawn, levels.plants) for drawn in zip(subjects, gaps, errors, excitations, strict=True)]
+    cases = [BlindCase(kind, *row, levels.plants) for row in zip(effects, gaps, errors, excitations, strict=True)]
     return [_make_visible(case, levels, rng) for case in cases]
 
 
 def _make_visible(case: BlindCase, levels: Levels, rng: Generator) -> BlindCase:
-    shows = [e for e in levels.excitations if is_visible(case.effects, e)]
-    if case.excitation in shows:
+    suitable = [e for e in levels.excitations if is_visible(case.effects, e)]
+    if case.excitation in suitable:
         return case
-    if not shows:
+    if not suitable:
         raise RigError(f"blind: {', '.join(case.effects)} cannot be seen under {', '.join(levels.excitations)}")
-    return replace(case, excitation=shows[int(rng.integers(len(shows)))])
+    return replace(case, excitation=suitable[int(rng.integers(len(suitable)))])
 
 
 def _error_levels(levels: Levels, kind: str) -> tuple[float, ...]:
-    """Return the levels of the simulation's error; with nothing withheld half of the simulations are right."""
+    """Return the levels of the simulation's error; without an effect, half of the simulations are correct."""
     wrong = tuple(error for error in levels.errors if error > 0.0)
     return (*wrong, *(0.0 for _ in wrong)) if kind == NONE and wrong else levels.errors
 
 
-def _list_subjects(levels: Levels, kind: str, rng: Generator) -> list[tuple[str, ...]]:
-    """Return what may be withheld in cases of this kind, pairs in random order."""
+def _list_effects(levels: Levels, kind: str, rng: Generator) -> list[tuple[str, ...]]:
+    """Return the effects that cases of this kind may withhold, pairs in random order."""
     if kind == NONE:
         return [()]
     if kind == PAIR:
@@ -143,19 +143,19 @@ def _list_subjects(levels: Levels, kind: str, rng: Generator) -> list[tuple[str,
 
 
 def _cycle_values(values: Sequence[T], count: int, rng: Generator) -> list[T]:
-    """Return `count` values, each round through all of them in its own random order."""
+    """Return `count` values: rounds through all of them, each in its own random order."""
     rounds = -(-count // max(1, len(values)))
     return [values[i] for _ in range(rounds) for i in rng.permutation(len(values))][:count]
 
 
 def _share_out(kinds: Sequence[str], count: int) -> Mapping[str, int]:
-    """Return how many cases each kind gets: shares by largest remainder."""
+    """Return the number of cases of each kind (largest remainder method)."""
     total = sum(SHARES[kind] for kind in kinds)
     exact = {kind: count * SHARES[kind] / total for kind in kinds}
-    many = {kind: int(share) for kind, share in exact.items()}
-    for kind in sorted(kinds, key=lambda k: many[k] - exact[k])[: count - sum(many.values())]:
-        many[kind] += 1
-    return many
+    counts = {kind: int(share) for kind, share in exact.items()}
+    for kind in sorted(kinds, key=lambda k: counts[k] - exact[k])[: count - sum(counts.values())]:
+        counts[kind] += 1
+    return counts
 
 
 def _number_cases(cases: Sequence[BlindCase], seed: int, rng: Generator) -> list[BlindCase]:

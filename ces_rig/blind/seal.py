@@ -1,7 +1,7 @@
-"""The seal over a blind test's answers: labels packed so that nobody reads them by accident, bound by a published hash.
+"""Seals the answers of a blind test: labels packed against accidental reading and bound by a published hash.
 
-`seal.json` holds a random salt and the packed labels, which hold the hashes of the arrays in `seal/`. What is published
-beside the cases is the SHA-256 of salt and labels: it gives nothing away, and nothing can be changed after it is known.
+`seal.json` holds a random salt and the packed labels, which contain the hashes of the arrays in `seal/`. The SHA-256 of
+salt and labels is published beside the cases: it reveals nothing, and the answers can no longer be changed.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ def write_seal(folder: Path, about: Mapping[str, Any], labels: Sequence[Label]) 
 
 
 def open_seal(folder: Path) -> tuple[Label, list[Label]]:
-    """Return what is known about the test and its labels; raises RigError if they are not those that were sealed."""
+    """Return the description of the test and its labels; raises RigError if they were changed after sealing."""
     try:
         published = (folder / "cases" / "seal.sha256").read_text(encoding="utf-8").strip()
         sealed = json.loads((folder / "seal.json").read_text(encoding="utf-8"))
         salt, packed = str(sealed["salt"]), str(sealed["labels"])
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RigError(f"{folder}: not a sealed blind test ({error}); expected what 'ces blind make' wrote") from None
+        raise RigError(f"{folder}: not a sealed blind test ({error}); expected one from 'ces blind make'") from None
     if _digest(salt, packed) != published:
         raise RigError(f"{folder}/seal.json: its hash is not the published one in cases/seal.sha256; it was changed")
     content = json.loads(zlib.decompress(base64.b85decode(packed)))
@@ -64,10 +64,10 @@ def open_seal(folder: Path) -> tuple[Label, list[Label]]:
 
 
 def open_arrays(folder: Path, label: Label) -> dict[str, NDArray[np.float64]]:
-    """Return the sealed arrays of a case; raises RigError if they are missing or not those that were sealed."""
+    """Return the sealed arrays of a case; raises RigError if they are missing or were changed after sealing."""
     path = _arrays_path(folder, label["case"])
     if not path.is_file():
-        raise RigError(f"{path}: missing; 'ces blind make' wrote it with the cases")
+        raise RigError(f"{path}: missing; copy it from the output of 'ces blind make'")
     data = path.read_bytes()
     if hashlib.sha256(data).hexdigest() != label["arrays_sha256"]:
         raise RigError(f"{path}: its hash is not the sealed one; it was changed")

@@ -1,4 +1,4 @@
-"""Dampers as physics, a folder for each kind: stroke and current go in, force, coil current and temperature come out.
+"""Physical damper models, one package per kind: stroke and current in, force, coil current and temperature out.
 
-`effects` is what withheld effects of all kinds have in common.
+`effects` holds what withheld effects of all kinds have in common, `kinds` the list of kinds.
 """

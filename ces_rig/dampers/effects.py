@@ -1,14 +1,15 @@
-"""Withheld effects: their names, and how one is drawn, scaled and kept.
+"""Withheld effects: their names, and what an effect consists of.
 
-An effect is a severity and proportions. The proportions, drawn at random, say what shape it has in this case (how much
-Stribeck beside how much Coulomb friction); all its physical numbers grow from the plant's own with the severity.
+An effect has a severity and proportions. The proportions, drawn at random, set its shape in one case (such as the ratio
+of Stribeck to Coulomb friction); its physical numbers depart from the plant's own as the severity grows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from math import exp, isfinite, log
+from dataclasses import dataclass
+from functools import partial
+from math import exp, isfinite, log, sqrt
 from typing import Any
 
 from numpy.random import Generator
@@ -28,7 +29,7 @@ OUTSIDE = (
 
 @dataclass(frozen=True)
 class Spread:
-    """How a proportion is drawn: log-uniform in [low, high] (`signed`: either sign), or uniform."""
+    """Distribution of a proportion: log-uniform in [low, high] (`signed`: of either sign), or uniform."""
 
     low: float
     high: float
@@ -42,10 +43,16 @@ class Spread:
         value = exp(rng.uniform(log(self.low), log(self.high)))
         return -value if self.signed and rng.random() < 0.5 else value
 
+    @property
+    def middle(self) -> float:
+        """The middle of the spread."""
+        return 0.5 * (self.low + self.high) if self.uniform else sqrt(self.low * self.high)
 
+
+log_spread, uniform_spread, signed_spread = Spread, partial(Spread, uniform=True), partial(Spread, signed=True)
 Proportions = Mapping[str, Spread]
 Change = Callable[[Any, float, Mapping[str, float]], dict[str, float]]
-"""(description of the damper, severity, proportions) -> the description's numbers under the effect, by path."""
+"""(damper description, severity, proportions) -> the numbers that the effect changes in it, by path."""
 
 
 @dataclass(frozen=True)
@@ -58,31 +65,11 @@ class WithheldEffect:
 
     def __post_init__(self) -> None:
         if self.name not in EFFECTS + OUTSIDE:
-            raise RigError(f"withheld effect '{self.name}' is unknown; known are {', '.join(EFFECTS + OUTSIDE)}")
+            raise RigError(f"withheld effect '{self.name}' is unknown; expected one of {', '.join(EFFECTS + OUTSIDE)}")
         if not (isfinite(self.severity) and self.severity >= 0.0):
-            raise RigError(f"withheld effect {self.name}: severity {self.severity!r}; expected a number from 0 on")
-
-
-def with_severity(withheld: WithheldEffect, severity: float) -> WithheldEffect:
-    """Return the same effect, of the same proportions, at another severity."""
-    return replace(withheld, severity=severity)
-
-
-def log_spread(low: float, high: float) -> Spread:
-    """Return a log-uniform spread."""
-    return Spread(low, high)
-
-
-def uniform_spread(low: float, high: float) -> Spread:
-    """Return a uniform spread."""
-    return Spread(low, high, uniform=True)
-
-
-def signed_spread(low: float, high: float) -> Spread:
-    """Return a spread of either sign, log-uniform in magnitude."""
-    return Spread(low, high, signed=True)
+            raise RigError(f"withheld effect {self.name}: severity {self.severity!r}; expected a number of at least 0")
 
 
 def interpolate_log(start: float, target: float, share: float) -> float:
-    """Return a number on its way from the plant's own to the effect's, geometrically."""
+    """Return the geometric interpolation from `start` (share 0) to `target` (share 1)."""
     return float(start ** (1.0 - share) * target**share)

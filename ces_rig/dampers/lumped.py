@@ -1,7 +1,7 @@
-"""A damper whose description is flat: the skeleton of its simulation and its life as a plant, and common effects.
+"""Base of the dampers with a flat description (no sections), and the effects that they have in common.
 
-A kind of such a damper is a folder: the fields of its dataclass (`parameters`), the equations (`kernel`), what the
-effects change (`effects`) and how a live rig drives it (`live`); `ces_rig/dampers/kinds.py` lists it.
+Each kind is a package: the fields of its dataclass (`parameters`), its equations (`kernel`), the changes that its
+effects make (`effects`) and its live simulation (`live`); `ces_rig/dampers/kinds.py` lists it.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from ces_rig.nested_numbers import get_number, replace_numbers
 
 Array = NDArray[np.float64]
 STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_withheld_kernels)
-REACH_M = 0.06  # [m] the stroke to either side that the gas is made for
-MIN_GAS_SHARE = 1.05  # of the volume that the rod takes at the end of that stroke
+REACH_M = 0.06  # [m] travel to either side for which the gas volume is designed
+MIN_GAS_SHARE = 1.05  # of the volume that the rod displaces at the end of that travel
 
 
 class LumpedDamper(ABC):
     """Base of the frozen dataclasses; raises RigError if a number is out of range."""
 
     kind: ClassVar[str]
-    current_A: ClassVar[tuple[float, float]]  # the range [A] of the current that acts
+    current_A: ClassVar[tuple[float, float]]  # [A] effective range of the current
     reach_m: ClassVar[float] = REACH_M
-    delay_s: float = 0.0  # dead time of the current, for a kind that has no such field
+    delay_s: float = 0.0  # [s] dead time of the current, for kinds without this field
     gas_m3: float
     rod_m2: float
     coil_s: float
@@ -46,7 +46,7 @@ class LumpedDamper(ABC):
         return self
 
     def run(self, interval_s: float, stroke_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
-        """Return force [N] without the gas force at mid-stroke, coil current [A], temperature [°C], each (n,)."""
+        """Return force [N], tared at mid-stroke, coil current [A] and temperature [°C], each (n,)."""
         stroke, current = (np.ascontiguousarray(a, dtype=np.float64) for a in (stroke_m, current_A))
         time = np.arange(len(stroke), dtype=np.float64) * interval_s
         out = np.empty((3, len(stroke)))
@@ -58,7 +58,7 @@ class LumpedDamper(ABC):
     def _simulate(
         self, time_s: Array, moves: tuple[Array, Array, Array], interval_s: float, substeps: int, out: Array
     ) -> None:
-        """Run the kernel from rest through stroke, speed and current, each (n,); fills `out` (3, n) as `run` says."""
+        """Run the kernel from rest through stroke, speed and current, each (n,); fills `out` (3, n)."""
 
     @abstractmethod
     def settle(self, stroke_m: float, speed_m_s: float, current_A: float) -> tuple[Array, float]:
@@ -69,7 +69,7 @@ class LumpedDamper(ABC):
         return np.array(astuple(self))  # type: ignore[call-overload]
 
     def without_coil(self) -> Self:
-        """Return the damper as driven with a measured coil current."""
+        """Return the damper without its coil's lag, to be driven with a measured coil current."""
         return replace(self, coil_s=0.0)  # type: ignore[type-var]
 
     def with_numbers(self, numbers: Mapping[str, float]) -> Self:
@@ -81,20 +81,20 @@ class LumpedDamper(ABC):
         return get_number(self, path)
 
     def description(self) -> dict[str, Any]:
-        """Return what its YAML file holds."""
+        """Return the contents of its YAML file."""
         return {"kind": self.kind, **asdict(self)}  # type: ignore[call-overload]
 
 
 LUMPED_SPREADS: Mapping[str, Proportions] = {
     "inertia": {"mass_kg": log_spread(1.5, 4.0)},
     "groove": {"bypass_m_Ns": log_spread(6e-5, 2e-4), "at_m": uniform_spread(-0.012, 0.012),
-    "half_m": log_spread(0.004, 0.01)},
+               "half_m": log_spread(0.004, 0.01)},
     "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": uniform_spread(-0.01, 0.01)},
 }  # fmt: skip
 
 
 def gas_spring(d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    """Return the gas under more pressure in less volume, which still takes up the rod."""
+    """Return the numbers of a gas with more pressure and less volume, still large enough for the rod."""
     smallest = 1.2 * d.rod_m2 * REACH_M
     return {
         "gas_Pa": d.gas_Pa * (1.0 + s * p["pressure"]),
@@ -102,32 +102,13 @@ def gas_spring(d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def blow_off(d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    """Return a relief valve that opens sooner."""
-    return {"relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_Ns_m": p["beyond_Ns_m"]}
-
-
-def inertia(d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    """Return a heavier rod."""
-    return {"mass_kg": d.mass_kg + s * p["mass_kg"]}
-
-
-def groove(_d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    """Return a groove in the wall."""
-    return {"groove_m_Ns": s * p["bypass_m_Ns"], "groove_at_m": p["at_m"], "groove_m": p["half_m"]}
-
-
-def foaming(_d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    """Return air that grows with the energy taken up."""
-    return {"foaming_1_J": s * p["growth_m_J"]}
-
-
-def side_load(_d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    """Return friction that grows away from one stroke."""
-    return {"side_load_N_m": s * p["slope_N_m"], "side_at_m": p["at_m"]}
-
-
 LUMPED_CHANGES: Mapping[str, Change] = {
-    "inertia": inertia, "gas_spring": gas_spring, "blow_off": blow_off, "groove": groove, "foaming": foaming,
-    "side_load": side_load,
+    "inertia": lambda d, s, p: {"mass_kg": d.mass_kg + s * p["mass_kg"]},
+    "gas_spring": gas_spring,
+    "blow_off": lambda d, s, p: {"relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_Ns_m": p["beyond_Ns_m"]},
+    "groove": lambda _d, s, p: {
+        "groove_m_Ns": s * p["bypass_m_Ns"], "groove_at_m": p["at_m"], "groove_m": p["half_m"],
+    },
+    "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_m_J"]},
+    "side_load": lambda _d, s, p: {"side_load_N_m": s * p["slope_N_m"], "side_at_m": p["at_m"]},
 }  # fmt: skip

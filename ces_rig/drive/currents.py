@@ -1,6 +1,6 @@
 """Valve currents for the rig: each kind is a frozen dataclass whose `samples` gives the commanded current [A].
 
-`reg1` follows the stroke; the others only need the time. `make_current` reads one from a description.
+`reg1` follows the stroke; the others need only the time. `make_current` builds a current from its description.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ class Current(Protocol):
 
     def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
         """Return the commanded current [A] at the uniform times, shape (n,)."""
-        ...
 
 
 def _current(default: Any, what: str) -> Any:
@@ -44,7 +43,7 @@ class ConstantLevel:
     current_A: float = _current(REQUIRED, "the current")
 
     def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
-        """Return it everywhere."""
+        """Return a constant."""
         return np.full_like(time_s, self.current_A)
 
 
@@ -62,13 +61,13 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Steps:
-    """Levels one after the other, each held, over and over."""
+    """Levels one after the other, each held, repeated."""
 
     levels_A: tuple[float, ...] = _current(REQUIRED, "the levels")
-    hold_s: float = quantity(1.0, "s", "how long each is held", 1e-3, 1e4)
+    hold_s: float = quantity(1.0, "s", "hold time of each level", 1e-3, 1e4)
 
     def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
-        """Return the stairs."""
+        """Return the steps."""
         step = np.floor((time_s - time_s[0]) / self.hold_s + 1e-9).astype(int)
         levels = np.asarray(self.levels_A)
         return np.asarray(levels[step % len(levels)])
@@ -85,8 +84,8 @@ class Prbs:
     def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
         """Return the sequence (order 15: repeats after 32,767 holds)."""
         sequence = max_len_seq(15)[0].astype(bool)
-        place = np.floor((time_s - time_s[0]) / self.hold_s + 1e-9).astype(int) + int(rng.integers(len(sequence)))
-        return np.where(sequence[place % len(sequence)], self.high_A, self.low_A)
+        index = np.floor((time_s - time_s[0]) / self.hold_s + 1e-9).astype(int) + int(rng.integers(len(sequence)))
+        return np.where(sequence[index % len(sequence)], self.high_A, self.low_A)
 
 
 @dataclass(frozen=True)
@@ -112,34 +111,33 @@ class Binary:
 
 @dataclass(frozen=True)
 class FilteredNoise:
-    """Low-passed white noise, softly held inside a range."""
+    """Low-pass filtered white noise, softly limited to a range."""
 
     low_A: float = _current(LOW, "lower end")
     high_A: float = _current(HIGH, "upper end")
     cutoff_Hz: float = quantity(3.0, "Hz", "cutoff of the 4th-order Butterworth filter", 0.0, 100.0, above=True)
-    spread: float = quantity(0.6, "1", "standard deviation before the soft ends, over the half range", 0.0, 10.0)
+    spread: float = quantity(0.6, "1", "standard deviation before limiting, relative to half the range", 0.0, 10.0)
 
     def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
-        """Return the noise; the filter runs in for 3 s before."""
+        """Return the noise; the filter starts 3 s earlier."""
         rate = 1.0 / (time_s[1] - time_s[0])
         lead = round(3.0 * rate)
-        low_passed = sosfilt(butter(4, self.cutoff_Hz, fs=rate, output="sos"), rng.standard_normal(lead + len(time_s)))[
-            lead:
-        ]
+        sos = butter(4, self.cutoff_Hz, fs=rate, output="sos")
+        noise = sosfilt(sos, rng.standard_normal(lead + len(time_s)))[lead:]
         middle, half = (self.high_A + self.low_A) / 2, (self.high_A - self.low_A) / 2
-        return np.asarray(middle + half * np.tanh(self.spread * low_passed / low_passed.std()))
+        return np.asarray(middle + half * np.tanh(self.spread * noise / noise.std()))
 
 
 @dataclass(frozen=True)
 class Reg1:
     """A controller that follows the stroke: more current in compression, less in extension, inside a range.
 
-    current = middle + half range · tanh(s), s the stroke over `stroke_m` behind a first-order lag.
+    current = middle + half range · tanh(s), where s is the stroke over `stroke_m` after a first-order lag.
     """
 
     low_A: float = _current(LOW, "lower end")
     high_A: float = _current(HIGH, "upper end")
-    stroke_m: float = quantity(0.012, "m", "stroke that takes the current 76 % towards an end", 1e-4, 1.0)
+    stroke_m: float = quantity(0.012, "m", "stroke that moves the current 76 % of the way to an end", 1e-4, 1.0)
     lag_s: float = quantity(0.010, "s", "time constant of the controller's filter", 0.0, 10.0)
 
     def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
@@ -179,9 +177,9 @@ KINDS: Mapping[str, type[Any]] = {
 
 
 def make_current(description: object, where: str) -> Current:
-    """Return the current described by `{kind: …, its parameters}`; raises RigError."""
+    """Return the current of the description `{kind: …, its parameters}`; raises RigError."""
     kind, settings = take_kind(description, KINDS, where)
-    made: Current = build(KINDS[kind], settings, where)
-    if getattr(made, "high_A", 1.0) <= getattr(made, "low_A", 0.0):
+    current: Current = build(KINDS[kind], settings, where)
+    if getattr(current, "high_A", 1.0) <= getattr(current, "low_A", 0.0):
         raise RigError(f"{where}: high_A is not above low_A")
-    return made
+    return current

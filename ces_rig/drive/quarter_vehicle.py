@@ -1,6 +1,6 @@
-"""Road to suspension stroke: an ISO 8608 random profile driven over by a linear quarter vehicle.
+"""Suspension stroke of a linear quarter vehicle on an ISO 8608 random road.
 
-Both are made in the frequency domain, so the profile's spectrum is exact and the vehicle in its steady state.
+Both are computed in the frequency domain, so the road's spectrum is exact and the vehicle in steady state.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ Spectrum = NDArray[np.complex128]
 
 ROUGHNESS_M3 = {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6}  # [m³] at 0.1 cycles/m, ISO 8608 class means
 REFERENCE_1_M = 0.1  # [1/m]
-LONGEST_M = 100.0  # [m] waves longer than this are left out (a rig has no room for hills)
-HIGHEST_HZ = 50.0  # [Hz] the tyre's contact patch averages what is shorter
+LONGEST_M = 100.0  # [m] longest wave of the road
+HIGHEST_HZ = 50.0  # [Hz] the tyre's contact patch averages shorter waves
 
 
 @dataclass(frozen=True)
 class QuarterVehicle:
-    """Rear end of a heavy motorcycle, at the damper's own lever ratio; constant damping stands for the valve."""
+    """Rear end of a heavy motorcycle, at the damper's own lever ratio; its damping is constant."""
 
     sprung_kg: float = 145.0  # [kg]
     unsprung_kg: float = 17.0  # [kg]
@@ -46,24 +46,12 @@ def road_stroke(
     road_class: str, vehicle_m_s: float, time_s: Array, rng: Generator, vehicle: QuarterVehicle | None = None
 ) -> Array:
     """Return the suspension stroke [m], positive in compression, at uniform times, shape (n,)."""
-    spectrum = _road_spectrum(road_class, vehicle_m_s, time_s, rng)
-    response = (vehicle or QuarterVehicle()).stroke_response(_frequencies(time_s))
-    return _in_time(spectrum * response, time_s)
-
-
-def _frequencies(time_s: Array) -> Array:
-    return np.fft.rfftfreq(len(time_s), time_s[1] - time_s[0])
-
-
-def _road_spectrum(road_class: str, vehicle_m_s: float, time_s: Array, rng: Generator) -> Spectrum:
-    frequency = _frequencies(time_s)
+    frequency = np.fft.rfftfreq(len(time_s), time_s[1] - time_s[0])
     band = (frequency >= vehicle_m_s / LONGEST_M) & (frequency <= HIGHEST_HZ)
     wave = np.where(band, frequency, 1.0) / vehicle_m_s  # [1/m]
     density = np.where(band, ROUGHNESS_M3[road_class] * (wave / REFERENCE_1_M) ** -2 / vehicle_m_s, 0.0)  # [m²/Hz]
     complex_normal = rng.standard_normal(len(frequency)) + 1j * rng.standard_normal(len(frequency))
     step = frequency[1] - frequency[0]
-    return np.asarray(len(time_s) * np.sqrt(density * step) / 2.0 * complex_normal, dtype=np.complex128)
-
-
-def _in_time(spectrum: Spectrum, time_s: Array) -> Array:
-    return np.asarray(np.fft.irfft(spectrum, len(time_s)), dtype=np.float64)
+    road = len(time_s) * np.sqrt(density * step) / 2.0 * complex_normal
+    response = (vehicle or QuarterVehicle()).stroke_response(frequency)
+    return np.asarray(np.fft.irfft(road * response, len(time_s)), dtype=np.float64)

@@ -1,7 +1,7 @@
 """Strokes for the rig: each kind is a frozen dataclass whose `samples` gives the position [m] on a uniform time grid.
 
 All are smooth or band-limited well below the sample rate, so that the cubic spline through the samples is the stroke.
-`make_stroke` reads one from a description; fading in and out and the offset are common to all.
+`make_stroke` builds a stroke from its description; fading and offset are common to all kinds.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ class Shape(Protocol):
 
     def samples(self, time_s: Array, rng: Generator) -> Array:
         """Return the position [m] at the uniform times, shape (n,), before fading and offset."""
-        ...
 
 
 def _amplitude(default: Any = REQUIRED) -> Any:
@@ -69,10 +68,8 @@ class SumOfSines:
 
     def __post_init__(self) -> None:
         if len(self.amplitudes_m) != len(self.frequencies_Hz):
-            raise RigError(
-                f"stroke: {len(self.amplitudes_m)} amplitudes_m and {len(self.frequencies_Hz)} frequencies_Hz; "
-                "expected equal lengths"
-            )
+            lengths = f"{len(self.amplitudes_m)} amplitudes_m and {len(self.frequencies_Hz)} frequencies_Hz"
+            raise RigError(f"stroke: {lengths}; expected equal lengths")
 
     def samples(self, time_s: Array, rng: Generator) -> Array:
         """Return the sum."""
@@ -105,12 +102,12 @@ class Sweep:
 class NoiseStroke:
     """White noise through a 10th-order Butterworth low-pass (thesis), scaled to its peak-to-peak value."""
 
-    peak_to_peak_m: float = quantity(0.050, "m", "largest less smallest position", 0.0, 1.0, above=True)
+    peak_to_peak_m: float = quantity(0.050, "m", "largest minus smallest position", 0.0, 1.0, above=True)
     cutoff_Hz: float = _frequency(15.0, "cutoff")
     order: int = quantity(10, "1", "order of the Butterworth filter", 1, 16)
 
     def samples(self, time_s: Array, rng: Generator) -> Array:
-        """Return the filtered noise, centred between its extremes; the filter runs in for 2 s before."""
+        """Return the filtered noise, centred between its extremes; the filter starts 2 s earlier."""
         lead = round(2.0 / (time_s[1] - time_s[0]))
         sos = butter(self.order, self.cutoff_Hz, fs=1.0 / (time_s[1] - time_s[0]), output="sos")
         x = sosfilt(sos, rng.standard_normal(lead + len(time_s)))[lead:]
@@ -136,7 +133,7 @@ class FrequencyModulated:
     amplitude_m: float = _amplitude(0.012)
     low_Hz: float = _frequency(1.5, "lowest frequency")
     high_Hz: float = _frequency(8.0, "highest frequency")
-    modulation_Hz: float = _frequency(0.2, "how often the frequency swings")
+    modulation_Hz: float = _frequency(0.2, "frequency of the modulation")
 
     def samples(self, time_s: Array, rng: Generator) -> Array:
         """Return the sine of the integrated frequency."""
@@ -148,7 +145,7 @@ class FrequencyModulated:
 
 @dataclass(frozen=True)
 class Triangle:
-    """Constant speed to and fro, with rounded corners."""
+    """Constant speed back and forth, with rounded corners."""
 
     amplitude_m: float = _amplitude()
     speed_m_s: float = quantity(REQUIRED, "m/s", "speed between the corners", 0.0, 10.0, above=True)
@@ -179,10 +176,10 @@ KINDS: Mapping[str, type[Any]] = {
 
 @dataclass(frozen=True)
 class Common:
-    """What every stroke has besides its kind."""
+    """Settings that all strokes have in common."""
 
     offset_m: float = quantity(0.0, "m", "position around which the stroke moves", -0.5, 0.5)
-    fade_s: float = quantity(0.5, "s", "duration of the smooth fade at either end", 0.0, 60.0)
+    fade_s: float = quantity(0.5, "s", "duration of the smooth fade at both ends", 0.0, 60.0)
 
 
 @dataclass(frozen=True)
@@ -194,12 +191,11 @@ class Stroke:
 
     def samples(self, time_s: Array, rng: Generator) -> Array:
         """Return the position [m] at the uniform times, shape (n,)."""
-        faded = self.shape.samples(time_s, rng) * fade(time_s, self.common.fade_s)
-        return self.common.offset_m + faded
+        return self.common.offset_m + self.shape.samples(time_s, rng) * fade(time_s, self.common.fade_s)
 
 
 def make_stroke(description: object, where: str) -> Stroke:
-    """Return the stroke described by `{kind: …, its parameters, offset_m, fade_s}`; raises RigError."""
+    """Return the stroke of the description `{kind: …, its parameters, offset_m, fade_s}`; raises RigError."""
     kind, settings = take_kind(description, KINDS, where)
     common = {key: settings.pop(key) for key in ("offset_m", "fade_s") if key in settings}
     return Stroke(build(KINDS[kind], settings, where), build(Common, common, where))
@@ -207,15 +203,15 @@ def make_stroke(description: object, where: str) -> Stroke:
 
 def take_kind(description: object, kinds: Mapping[str, object], where: str) -> tuple[str, dict[str, Any]]:
     """Split a description into its `kind`, one of `kinds`, and the other settings; raises RigError."""
-    if not isinstance(description, Mapping) or description.get("kind") not in kinds:
-        found = repr(description.get("kind")) if isinstance(description, Mapping) else repr(description)
-        raise RigError(f"{where}: kind is {found}; expected one of {', '.join(kinds)}")
+    kind = description.get("kind") if isinstance(description, Mapping) else description
+    if not isinstance(description, Mapping) or kind not in kinds:
+        raise RigError(f"{where}: kind is {kind!r}; expected one of {', '.join(kinds)}")
     settings = dict(description)
     return settings.pop("kind"), settings
 
 
 def fade(time_s: Array, fade_s: float) -> Array:
-    """Return a factor that rises from 0 to 1 within `fade_s` and falls back at the end, twice differentiable."""
+    """Return a factor that rises from 0 to 1 within `fade_s` and falls likewise at the end, twice differentiable."""
     if fade_s == 0.0:
         return np.ones_like(time_s)
     distance = np.minimum(time_s - time_s[0], time_s[-1] - time_s)

@@ -1,7 +1,7 @@
-"""The kernel of a quarter vehicle around a damper: body on a spring, wheel on a tyre, stops that end the stroke.
+"""Numerical kernel of a quarter vehicle with a damper: body on a spring, wheel on a tyre, stops at the stroke's ends.
 
-Everything counts from the vehicle at rest on level road with the damper at mid-stroke; heights, speeds and forces are
-positive upwards, stroke and damper force in compression. Semi-implicit Euler at the damper's own fine step.
+All quantities are relative to the vehicle at rest on a level road with the damper at mid-stroke; heights, speeds and
+forces are positive upwards, stroke and damper force in compression. Semi-implicit Euler at the damper's own step.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ Array = NDArray[np.float64]
 BODY, WHEEL, BODY_SPEED, WHEEL_SPEED, STROKE, STROKE_SPEED, FORCE, TYRE, BLOWS, MOTION_SIZE = range(10)
 HEIGHT, CURRENT, LATE = 0, 2, 3  # rows of `moves` in `roll`
 GRAVITY_M_S2 = 9.81
-BLOW_M_S = 0.1  # [m/s] closing speed from which contact is a blow
+BLOW_M_S = 0.1  # [m/s] closing speed above which contact counts as a blow
 
 
 class VehicleNumbers(NamedTuple):
-    """What the kernel needs of a vehicle: SI units."""
+    """The kernel's view of a vehicle: SI units."""
 
     sprung: float
     unsprung: float
@@ -49,7 +49,7 @@ def between(row: Array, n: int, share: float) -> float:
 
 @njit(cache=True)
 def vehicle_step(b: VehicleNumbers, m: Array, road: float, road_speed: float, h: float) -> None:
-    """Advance the `motion` by `h` seconds under the damper force it holds; the tyre pushes, it never pulls."""
+    """Advance the `motion` by `h` seconds under the damper force in it; the tyre can only push."""
     bend = m[WHEEL] - m[BODY]
     up = b.spring * bend + stop_force(b, bend) + m[FORCE]
     weight = (b.sprung + b.unsprung) * GRAVITY_M_S2
@@ -66,7 +66,7 @@ def vehicle_step(b: VehicleNumbers, m: Array, road: float, road_speed: float, h:
 
 @njit(cache=True)
 def stop_force(b: VehicleNumbers, bend: float) -> float:
-    """Return the bump stop's force [N] at a stroke [m]; its stiffness grows with the square of its bend."""
+    """Return the bump stop's force [N] at a stroke [m]; stiffness grows with the square of the deflection."""
     into = abs(bend) - b.stop_clearance
     if into <= 0.0:
         return 0.0
@@ -76,7 +76,7 @@ def stop_force(b: VehicleNumbers, bend: float) -> float:
 
 @njit(cache=True)
 def limit_stroke(b: VehicleNumbers, m: Array) -> None:
-    """Where metal meets metal, let both masses go on at their common speed: a plastic blow that keeps momentum."""
+    """At the metal stops let both masses continue at their common speed: a plastic blow that conserves momentum."""
     bend = m[WHEEL] - m[BODY]
     excess = bend - b.limit if bend > 0.0 else bend + b.limit
     if abs(bend) <= b.limit:

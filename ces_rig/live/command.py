@@ -1,4 +1,4 @@
-"""The commanded current as the valve's driver takes it: clipped, held, and safe when no command comes any more."""
+"""The commanded current in the valve's driver: clipped, held, and replaced by a safe current when commands stop."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from math import inf, isfinite
 
 
 class Command:
-    """Holds the last command inside `limits_A`; after `timeout_s` (0: never) without one the safe current holds."""
+    """Holds the last command inside `limits_A`; after `timeout_s` without a command (0: never) the safe current."""
 
     def __init__(self, limits_A: tuple[float, float], safe_A: float, timeout_s: float) -> None:
         self._low, self._high = limits_A
@@ -15,14 +15,14 @@ class Command:
         self.refused = 0
 
     def set_current(self, current_A: float, time_s: float) -> None:
-        """Take a command at a time of the rig; one that is no number is refused and counted."""
+        """Accept a command at a time of the rig; a command that is not finite is refused and counted."""
         if isfinite(current_A):
             self._value, self._since = current_A, time_s
         else:
             self.refused += 1
 
     def is_fresh(self, time_s: float) -> bool:
-        """Tell whether a command holds."""
+        """Return whether a command is in force."""
         age = time_s - self._since
         return age < inf and (self.timeout_s == 0.0 or age <= self.timeout_s)
 

@@ -1,14 +1,13 @@
-"""What a live rig carries: the damper of a rig description, with withheld effects put in by name and numbers."""
+"""The damper of a live rig: read from a rig description, with withheld effects added by name and numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import sqrt
 from pathlib import Path
 
 from ces_identify.config_file import parse_yaml_mapping, read_yaml_mapping, require_known_keys
-from ces_rig.dampers.effects import Spread, WithheldEffect
+from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.dampers.hydraulic.effects import Hydraulic
 from ces_rig.dampers.hydraulic.parameters import Damper, parse_damper
 from ces_rig.dampers.hydraulic.stepper import rest_force
@@ -23,26 +22,24 @@ LIVE_SENSING = ("current_scale", "force_offset", "force_drift", "force_scale", "
 
 @dataclass(frozen=True)
 class DamperDescription:
-    """A damper of a kind (`dampers.kinds.KINDS`), its sensors, and what the cell reads at mid-stroke [N]."""
+    """A damper of a kind (`dampers.kinds.KINDS`), its sensors, and the load cell's reading at mid-stroke [N]."""
 
     kind: str = HYDRAULIC
     model: DamperModel = field(default_factory=lambda: Hydraulic(Damper()))
     sensors: Sensors = field(default_factory=Sensors)
     rest_N: float = 0.0
-    sensor_effects: tuple[
-        tuple[str, Mapping[str, float]], ...
-    ] = ()  # effects of the sensors: name and physical numbers
+    sensor_effects: tuple[tuple[str, Mapping[str, float]], ...] = ()  # names and physical numbers
 
 
 def load_description(path: Path) -> DamperDescription:
     """Return the damper in a rig YAML (a damper of any kind, or an experiment); raises RigError."""
-    given = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
-    lumped = read_lumped(given, str(path))
+    description = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
+    lumped = read_lumped(description, str(path))
     if lumped is not None:
         return DamperDescription(lumped.kind, lumped)
-    if "stroke" in given:
-        return describe_experiment(parse_experiment(given, str(path), path))
-    return DamperDescription(model=Hydraulic(parse_damper(given, str(path))))
+    if "stroke" in description:
+        return describe_experiment(parse_experiment(description, str(path), path))
+    return DamperDescription(model=Hydraulic(parse_damper(description, str(path))))
 
 
 def describe_experiment(experiment: Experiment) -> DamperDescription:
@@ -52,9 +49,9 @@ def describe_experiment(experiment: Experiment) -> DamperDescription:
 
 
 def with_effects(damper: DamperDescription, effects: Iterable[str]) -> DamperDescription:
-    """Return the damper with the effects put in, each given as `name` or `name: {severity: s, proportion: p, …}`.
+    """Return the damper with effects, each written as `name` or `name: {severity: s, proportion: p, …}`.
 
-    Raises RigError for what is no effect, or cannot be had by this damper or live.
+    Raises RigError for an unknown effect and for one that this damper or a live rig cannot have.
     """
     for effect in (parse_effect(text, damper.kind) for text in effects):
         if effect.name in sensing.SENSING:
@@ -67,23 +64,23 @@ def with_effects(damper: DamperDescription, effects: Iterable[str]) -> DamperDes
 
 
 def parse_effect(text: str, kind: str) -> WithheldEffect:
-    """Return the effect that a line of YAML describes; by default severity is 1, each proportion amid its spread."""
+    """Return the effect of a line of YAML; severity is 1 and each proportion mid-range by default."""
     name, numbers = _parse_text(text)
     known = _available_effects(kind)
     if name not in known:
-        there = ", ".join(known)
-        raise RigError(f"withheld '{text}': no effect '{name}' on a live {kind} damper; there are {there}")
+        raise RigError(
+            f"withheld '{text}': no effect '{name}' on a live {kind} damper; expected one of {', '.join(known)}"
+        )
     spreads = {**KINDS[kind].spreads, **sensing.SPREADS}[name]
-    middle = {key: _middle(spread) for key, spread in spreads.items()}
-    require_known_keys(numbers, ("severity", *middle), f"withheld '{text}'", RigError)
+    require_known_keys(numbers, ("severity", *spreads), f"withheld '{text}'", RigError)
     severity = numbers.pop("severity", 1.0)
-    return WithheldEffect(name, severity, {**middle, **numbers})
+    return WithheldEffect(name, severity, {**{key: spread.middle for key, spread in spreads.items()}, **numbers})
 
 
 def _available_effects(kind: str) -> Sequence[str]:
-    """Names of the effects that can be had tick by tick: not of sensors with a memory, nor foam in the CES damper."""
-    unable = {*sensing.SENSING} - {*LIVE_SENSING} | ({"foaming"} if kind == HYDRAULIC else set())
-    return [name for name in plants.available_effects(kind) if name not in unable]
+    """Return the effects that work tick by tick: not those of sensors with memory, nor foam in the CES damper."""
+    excluded = {*sensing.SENSING} - {*LIVE_SENSING} | ({"foaming"} if kind == HYDRAULIC else set())
+    return [name for name in plants.available_effects(kind) if name not in excluded]
 
 
 def _parse_text(text: str) -> tuple[str, dict[str, float]]:
@@ -93,8 +90,4 @@ def _parse_text(text: str) -> tuple[str, dict[str, float]]:
         ((name, numbers),) = parse_yaml_mapping(text, "withheld", "an effect", error=RigError).items()
         return str(name), {str(key): float(number) for key, number in numbers.items()}
     except (RigError, AttributeError, TypeError, ValueError):
-        raise RigError(f"withheld '{text}': expected a name, or such as 'friction: {{severity: 0.5}}'") from None
-
-
-def _middle(spread: Spread) -> float:
-    return 0.5 * (spread.low + spread.high) if spread.uniform else sqrt(spread.low * spread.high)
+        raise RigError(f"withheld '{text}': expected a name, or for example 'friction: {{severity: 0.5}}'") from None

@@ -1,7 +1,7 @@
-"""The rig node: commanded valve current in, position, coil current and force out, sample by sample, as on a vehicle.
+"""The rig node: commanded valve current goes in; position, coil current and force come out as on a vehicle.
 
-In real time a steady timer asks how many samples are due, and after a stall they all follow, each with its own stamp.
-With `publish_clock` the node makes time itself: at a factor, or as fast as its samples are taken.
+In real time a steady timer makes the samples that are due; after a stall all of them follow, each with its own stamp.
+With `publish_clock` the node generates the time: at a factor of real time, or as fast as its readers allow.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from ces_rig.live.rig import LIVE, VEHICLE, LiveRig, RigSettings
 from ces_rig.live.topics import RigTopics
 
 SECOND_NS = 1_000_000_000
-CLOCK_START_NS = SECOND_NS  # of simulated time: 0 means to ROS that there is no time yet
-AT_ONCE = 50  # ticks before commands are listened to again
-LAG_S = 0.1  # behind which the node warns
-DRIFT_S = 0.01  # of the system's clock from the steady one, after which stamps follow it
-IDLE_S = 1e-3  # period of the timer when it is the samples' readers that set the pace
-SOONEST_S = 1e-4
-QUIET = 1000  # of these idle periods without a command, and no answer to earlier samples is on its way
+CLOCK_START_NS = SECOND_NS  # of simulated time; in ROS, 0 means that there is no time yet
+AT_ONCE = 50  # ticks between two checks for commands
+LAG_S = 0.1  # lag above which the node warns
+DRIFT_S = 0.01  # drift of the system clock from the steady clock above which the stamps are corrected
+IDLE_S = 1e-3  # period of the timer when the readers of the samples set the pace
+MIN_PERIOD_S = 1e-4
+QUIET = 1000  # idle periods without a command after which no answer to earlier samples can be on its way
 
 
 class Rig(TableNode):
-    """The node `rig`; raises what executors.START_ERRORS lists if it cannot be built."""
+    """The node `rig`; raises one of executors.START_ERRORS if it cannot start."""
 
     MAY_BE_EMPTY = frozenset({"withheld"})
 
@@ -58,7 +58,7 @@ class Rig(TableNode):
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self._sample_s, self._blows, self._refused, self._commanded = monotonic(), 0, 0, False
-        self._adrift = False  # whether an answer is overdue: samples come unasked for until there is one
+        self._overdue = False  # an answer is overdue: samples do not wait until one comes
         self._quiet = 0  # idle periods since a commander appeared, or since its last command before samples wait for it
         self._start()
 
@@ -68,25 +68,28 @@ class Rig(TableNode):
         self._begin_s = monotonic()
         self._first_ns = CLOCK_START_NS if self._own.publish_clock else self.get_clock().now().nanoseconds
         self._pace = Pace(self._rig.period_s, self._begin_s, factor or 1.0)
-        period_s = max(self._rig.period_s / factor, SOONEST_S) if factor else IDLE_S if self._answers else SOONEST_S
+        period_s = (
+            max(self._rig.period_s / factor, MIN_PERIOD_S) if factor else IDLE_S if self._answers else MIN_PERIOD_S
+        )
         self.create_timer(period_s, self._follow if self._free else self._keep_pace, clock=steady)
         self.create_timer(1.0, self._watch, clock=steady)
 
     def _keep_pace(self) -> None:
-        """Make the samples that are due; more than AT_ONCE wait until commands have been heard."""
+        """Make the samples that are due, at most AT_ONCE before the next check for commands."""
         for _ in range(min(self._pace.count_due(monotonic()), AT_ONCE)):
             self._tick()
-            self._pace.mark_done(1)
+            self._pace.mark_done()
 
     def _follow(self) -> None:
-        """Make samples as fast as they are taken, or unasked for while an answer is overdue."""
+        """Make samples as fast as the readers allow, or without waiting while an answer is overdue."""
         if self._answers:
             self._quiet += 1
-            self._adrift = self._adrift or (self._waits and self._is_overdue)
-            if not self._commanded or self._adrift or self._quiet == QUIET:
+            late = monotonic() - self._sample_s > self._own.answer_s
+            self._overdue = self._overdue or (self._waits and late)
+            if not self._commanded or self._overdue or self._quiet == QUIET:
                 self._tick()
             return
-        for _ in range(AT_ONCE):  # a reader that keeps all of a reliable topic holds `publish` up
+        for _ in range(AT_ONCE):  # a reliable reader that keeps all messages blocks `publish`
             self._tick()
 
     def _tick(self) -> None:
@@ -95,28 +98,24 @@ class Rig(TableNode):
         try:
             self._topics.publish(sample, self._first_ns + sample.tick * SECOND_NS // self._rig.settings.rate_hz)
         except RuntimeError:
-            if self.context.ok():  # otherwise a signal came in between
+            if self.context.ok():  # otherwise a signal is stopping the node
                 raise
 
     @property
     def _waits(self) -> bool:
-        """Whether every answer to samples made before they waited for answers has come."""
+        """Whether all answers to the samples made before waiting began have arrived."""
         return self._quiet >= QUIET
-
-    @property
-    def _is_overdue(self) -> bool:
-        return monotonic() - self._sample_s > self._own.answer_s
 
     def _on_command(self, current_A: float) -> None:
         self._rig.command.set_current(current_A, self._rig.time_s)
         if self._answers and self._commanded:
-            if self._waits and not self._adrift:
+            if self._waits and not self._overdue:
                 self._tick()
             else:
-                self._adrift, self._quiet = False, 0
+                self._overdue, self._quiet = False, 0
 
     def _watch(self) -> None:
-        """Once a second: clocks, and what went wrong meanwhile."""
+        """Check clocks and report problems, once a second."""
         collect_garbage()
         self._look_for_commander()
         if not self._own.publish_clock:
@@ -126,31 +125,33 @@ class Rig(TableNode):
         self._warn_of_events()
 
     def _look_for_commander(self) -> None:
-        """When one appears, let the answers to earlier samples pass, or each would call for a sample ever after."""
+        """When one appears, ignore the answers to earlier samples, or each would trigger samples forever."""
         before, self._commanded = self._commanded, self._topics.is_commanded()
         if self._commanded and not before:
-            self._adrift, self._quiet = False, 0
+            self._overdue, self._quiet = False, 0
 
     def _follow_clock(self) -> None:
-        """Keep the stamps on the system's clock when that is set or drifts away from the steady one."""
+        """Keep the stamps on the system clock when it is set or drifts away from the steady clock."""
         off_ns = self.get_clock().now().nanoseconds - self._first_ns - int((monotonic() - self._begin_s) * SECOND_NS)
         if abs(off_ns) > DRIFT_S * SECOND_NS:
-            self.get_logger().warning(f"the system's clock went {off_ns * 1e-9:.3f} s off; stamps follow it")
+            self.get_logger().warning(f"the system clock moved by {off_ns * 1e-9:.3f} s; the stamps follow it")
             self._first_ns += off_ns
 
     def _warn_of_lag(self) -> None:
         lag_s = self._pace.lag_s(monotonic())
         if lag_s > LAG_S:
             self.get_logger().warning(
-                f"{lag_s:.2f} s behind: samples come late, with true stamps; lower rate_hz or free the processor"
+                f"{lag_s:.2f} s behind: samples are late but correctly stamped; lower rate_hz or free the processor"
             )
 
     def _warn_of_events(self) -> None:
         blows, refused = int(self._rig.motion[qv.BLOWS]), self._rig.command.refused
         if blows > self._blows:
-            self.get_logger().warning(f"the damper bottomed {blows - self._blows} times in a second, metal on metal")
+            self.get_logger().warning(
+                f"the damper bottomed out {blows - self._blows} times in a second (metal contact)"
+            )
         if refused > self._refused:
-            self.get_logger().warning(f"{refused - self._refused} commands were no finite number and refused")
+            self.get_logger().warning(f"{refused - self._refused} commands refused: not finite")
         self._blows, self._refused = blows, refused
 
     def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
@@ -165,7 +166,7 @@ class Rig(TableNode):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node; returns 0 when stopped by a signal, 2 if a parameter cannot be used."""
+    """Run the node; return 0 when stopped by a signal, 2 for an unusable parameter."""
     return run("rig", Rig, argv)
 
 
@@ -173,9 +174,7 @@ def declare_settings(node: Node) -> tuple[RigNodeSettings, RigSettings]:
     """Declare and read all parameters; raises CesError or rclpy's ParameterException."""
     own, rig = read_settings(declare_table(node, (*OF_THE_NODE, *OF_THE_RIG)))
     if node.get_parameter("use_sim_time").value and not own.publish_clock:
-        raise RigError(
-            "use_sim_time is true, but the rig makes time itself; set publish_clock: true as well, or neither"
-        )
+        raise RigError("use_sim_time is true, but the rig is the source of time; set publish_clock: true, or neither")
     return own, rig
 
 
@@ -184,12 +183,12 @@ def _live_values(parameters: Sequence[Parameter]) -> dict[str, object]:
 
 
 def _build_rig(settings: RigSettings, node: Node) -> LiveRig:
-    """Return the rig at rest, its kernels compiled, so that no sample is late for that."""
+    """Return the rig at rest with compiled kernels, so that compilation delays no sample."""
     begin = monotonic()
     LiveRig(settings).tick()
-    took = monotonic() - begin
-    if took > 5.0:
-        node.get_logger().info(f"compiled in {took:.0f} s; the next start takes it from the cache")
+    duration_s = monotonic() - begin
+    if duration_s > 5.0:
+        node.get_logger().info(f"compiled in {duration_s:.0f} s; the next start uses the cache")
     return LiveRig(settings)
 
 

@@ -1,4 +1,4 @@
-"""Parameters of the rig node as a table: the fields of its settings with the ranges and descriptions they carry."""
+"""Parameters of the rig node as a table: the fields of its settings with their ranges and descriptions."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from ces_rig.nested_numbers import replace_numbers
 
 @dataclass(frozen=True)
 class RigNodeSettings:
-    """What the node adds to a live rig; with `publish_clock` it is the source of time."""
+    """The settings that the node adds to those of a live rig; with `publish_clock` it is the source of time."""
 
     joint: str = field(default="rear_damper", metadata={"unit": "", "what": "joint name, and frame of all stamps"})
     stamped_current: bool = field(
         default=False,
         metadata={"unit": "", "what": "publish the current as JointState (effort[joint], in A) instead of Float64"},
     )
-    publish_clock: bool = field(default=False, metadata={"unit": "", "what": "make simulated time and publish /clock"})
+    publish_clock: bool = field(
+        default=False, metadata={"unit": "", "what": "provide simulated time and publish /clock"}
+    )
     real_time_factor: float = quantity(
-        1.0, "1", "with publish_clock: simulated over real time; 0: as fast as samples are taken", 0.0, 1e3
+        1.0, "1", "with publish_clock: simulated over real time; 0: as fast as the readers allow", 0.0, 1e3
     )
     answer_s: float = quantity(
         0.0, "s", "with real_time_factor 0: longest wait for a command after each sample; 0: none", 0.0, 10.0
@@ -53,7 +55,7 @@ OF_THE_NODE, OF_THE_RIG = tuple(specs(RigNodeSettings())), tuple(specs(RigSettin
 
 
 def read_settings(values: Mapping[str, Any]) -> tuple[RigNodeSettings, RigSettings]:
-    """Return what the values by parameter name say; raises RigError for one out of range."""
+    """Return the settings from values by parameter name; raises RigError for a value out of range."""
     own, rig = ({spec.name: values[spec.name] for spec in table} for table in (OF_THE_NODE, OF_THE_RIG))
     rig["withheld"] = [text for text in rig["withheld"] if text]
     return replace_numbers(RigNodeSettings(), own, "parameters"), replace_numbers(RigSettings(), rig, "parameters")

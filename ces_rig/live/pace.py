@@ -1,4 +1,4 @@
-"""When a live rig must step: how many ticks are due, and how far it is behind."""
+"""The pace of a live rig: how many ticks are due, and how far it is behind."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class Pace:
         """Return how many ticks are due at `now_s` and not yet done."""
         return int((now_s - self._start_s) * self._factor / self._period_s) - self._done
 
-    def mark_done(self, count: int) -> None:
-        """Note that so many were made."""
+    def mark_done(self, count: int = 1) -> None:
+        """Record that `count` ticks are done."""
         self._done += count
 
     def lag_s(self, now_s: float) -> float:
-        """Return how long ago [s] the next tick was due; negative while it is not."""
+        """Return the time [s] since the next tick was due; negative if it is not due yet."""
         return now_s - self._start_s - (self._done + 1) * self._period_s / self._factor

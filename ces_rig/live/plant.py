@@ -1,7 +1,7 @@
-"""The dampers of the rig as live plants: any kind, from its description, effects withheld from simulations included.
+"""The dampers of the rig as live plants: any kind, with withheld effects.
 
-A plant goes in ticks of a fixed number of grid intervals; its forces are those of the batch simulation under the same
-commands, bit for bit (but for the rounding in a dead time).
+A plant advances in ticks of a fixed number of grid intervals. Its forces equal those of the batch simulation with the
+same commands bit for bit (except for rounding in a dead time).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ STROKE, SPEED, CURRENT, LATE, ROWS = 0, 1, 2, 3, 4
 
 
 class LivePlant:
-    """One damper and its state; `count` grid intervals of `interval_s` make a tick. Forces [N] are tared at mid-stroke.
+    """One damper and its state; a tick is `count` grid intervals of `interval_s`. Forces [N] are tared at mid-stroke.
 
     `step_s` is the integrator's step, or None for that of the batch simulation.
     """
@@ -40,14 +40,14 @@ class LivePlant:
         return self.force_N
 
     def drive(self, stroke_m: Array, speed_m_s: Array, current_A: float) -> None:
-        """Go a tick through strokes and speeds, each (count,), under one command; fills `forces` (count,)."""
+        """Advance one tick through strokes and speeds, each (count,), with one command; fills `forces` (count,)."""
         moves = self._prepare_moves(current_A)
         moves[STROKE, 1:], moves[SPEED, 1:] = stroke_m, speed_m_s
         self._kind.drive(self._numbers, self.state, moves, self._interval_s, self._substeps, self.forces)
         self.force_N = self.forces[-1]
 
     def ride(self, vehicle: Array, motion: Array, heights_m: Array, current_A: float) -> None:
-        """Go a tick under a vehicle over road `heights_m` (count,); `motion` changes (`vehicle_kernel.py`)."""
+        """Advance one tick with a vehicle over road `heights_m` (count,); updates `motion` (`vehicle_kernel.py`)."""
         moves = self._prepare_moves(current_A)
         moves[STROKE, 1:] = heights_m
         self._kind.ride(self._numbers, self.state, vehicle, motion, moves, self._interval_s, self._substeps)
@@ -66,7 +66,7 @@ class LivePlant:
 
 
 class Delay:
-    """A dead time of `intervals` (may be broken) for commands that come `count` intervals at a time."""
+    """A dead time of `intervals` (need not be whole) for commands that last `count` intervals each."""
 
     def __init__(self, intervals: float, count: int) -> None:
         self.none = intervals <= 0.0
@@ -76,11 +76,11 @@ class Delay:
         self._grid = np.arange(len(self._past), dtype=np.float64)
 
     def settle(self, value: float) -> None:
-        """Forget the past: it was `value` for long."""
+        """Set all past values to `value`."""
         self._past[:] = value
 
     def after(self, value: float) -> Array:
-        """Take in `count` times `value` and return what comes out meanwhile, shape (count,)."""
+        """Feed `value` for `count` intervals and return the delayed values meanwhile, shape (count,)."""
         self._past[: -self._count] = self._past[self._count :].copy()
         self._past[-self._count :] = value
         return np.asarray(np.interp(self._at, self._grid, self._past))

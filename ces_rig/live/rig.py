@@ -1,4 +1,4 @@
-"""A live rig: command in, one tick on, what the sensors read out. No ROS, no clock: whoever calls it keeps time."""
+"""A live rig: commands go in, sensor readings come out, tick by tick. Without ROS and clock: the caller keeps time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ces_rig.live.plant import LivePlant
 from ces_rig.live.road import LiveRoad
 from ces_rig.live.script import Actuator, Loop, Script, make_experiment_loop, make_loop, make_rest_loop
 from ces_rig.live.sensing import LiveSensors
-from ces_rig.live.vehicle import Vehicle, numbers_of
+from ces_rig.live.vehicle import Vehicle, as_kernel_numbers
 from ces_rig.nested_numbers import replace_numbers
 
 SCRIPT, EXPERIMENT, VEHICLE = "script", "experiment", "vehicle"
@@ -29,7 +29,7 @@ ROAD_STREAM = 6  # beside ces_rig.experiment.STREAMS
 
 @dataclass(frozen=True)
 class RigSettings:
-    """What a live rig is."""
+    """The settings of a live rig."""
 
     drive: str = choice(SCRIPT, "what moves the damper", (SCRIPT, EXPERIMENT, VEHICLE))
     experiment: str = field(
@@ -40,21 +40,21 @@ class RigSettings:
     )
     withheld: tuple[str, ...] = field(
         default=(),
-        metadata={"unit": "", "what": "effects put in: name or 'name: {severity: 1.0, proportion: …}' (docs/rig.md)"},
+        metadata={"unit": "", "what": "effects added: name or 'name: {severity: 1.0, proportion: …}' (docs/rig.md)"},
     )
-    rate_hz: int = quantity(1000, "Hz", "samples a second", 200, 2000)
-    step_s: float = quantity(0.0, "s", "integrator's step; 0: as on the recorded rig, 5e-5 or 1e-4", 0.0, 2e-4)
+    rate_hz: int = quantity(1000, "Hz", "samples per second", 200, 2000)
+    step_s: float = quantity(0.0, "s", "step of the integrator; 0: that of the recorded rig, 5e-5 or 1e-4", 0.0, 2e-4)
     seed: int = quantity(1, "1", "seed of road, noise stroke and sensors", 0, 2**31)
-    noise: float = quantity(1.0, "1", "size of the sensors' noise; 0: ideal sensors", 0.0, 100.0)
+    noise: float = quantity(1.0, "1", "scale of the sensors' noise; 0: ideal sensors", 0.0, 100.0)
     dropout: float = quantity(0.0, "1", "probability that a sample is lost", 0.0, 0.9)
-    safe_current_A: float = quantity(0.4, "A", "current without command", 0.0, 10.0)
-    command_timeout_s: float = quantity(0.1, "s", "age beyond which a command no longer holds; 0: never", 0.0, 60.0)
+    safe_current_A: float = quantity(0.4, "A", "current without a command", 0.0, 10.0)
+    command_timeout_s: float = quantity(0.1, "s", "age at which a command expires; 0: never", 0.0, 60.0)
     script: Script = field(default_factory=Script)
     vehicle: Vehicle = field(default_factory=Vehicle)
 
 
 class RigSample(NamedTuple):
-    """What one tick gives: readings, None where a sensor gave none; and the truth about a vehicle."""
+    """The result of one tick: readings (None where a sensor gave none) and the vehicle's true signals."""
 
     tick: int
     position_m: float | None
@@ -65,7 +65,7 @@ class RigSample(NamedTuple):
 
 
 class LiveRig:
-    """The rig at tick 0, at rest; raises RigError for settings that cannot be used."""
+    """The rig, at rest at tick 0; raises RigError for unusable settings."""
 
     def __init__(self, settings: RigSettings) -> None:
         self.settings = settings
@@ -79,8 +79,9 @@ class LiveRig:
         self.sensors = LiveSensors(self.damper.sensors, settings.seed, settings.rate_hz, self.damper.sensor_effects)
         self.sensors.set_imperfections(settings.noise, settings.dropout)
         self.motion = np.zeros(qv.MOTION_SIZE)
-        self._numbers = numbers_of(settings.vehicle, self.damper.model.reach_m)
-        self._road = _make_road(settings, self._interval_s)
+        self._numbers = as_kernel_numbers(settings.vehicle, self.damper.model.reach_m)
+        rng = np.random.default_rng([settings.seed, ROAD_STREAM])
+        self._road = LiveRoad(settings.vehicle.road_class, settings.vehicle.speed_m_s, self._interval_s, rng)
         self._actuator = self._make_actuator(settings, experiment)
         self.ticks = 0
         self._plant.settle(*self._actuator.start, self.command.at(0.0))
@@ -96,7 +97,7 @@ class LiveRig:
         return self._plant.coil_A
 
     def tick(self) -> RigSample:
-        """Go one tick on under the command as it stands."""
+        """Advance one tick with the present command."""
         current = self.command.at(self.time_s)
         self.ticks += 1
         motion, before = self.motion, self.motion[qv.BODY_SPEED]
@@ -113,7 +114,7 @@ class LiveRig:
         self._with_changes(values)
 
     def change(self, values: Mapping[str, Any]) -> None:
-        """Change what may change while it runs (`LIVE`), given by dotted name; raises RigError and changes nothing."""
+        """Change settings in `LIVE`, by dotted name; raises RigError without changing anything."""
         changed, loop = self._with_changes(values)
         if loop is not None:
             self._actuator.change(loop)
@@ -123,13 +124,15 @@ class LiveRig:
         self.settings = changed
 
     def _with_changes(self, values: Mapping[str, Any]) -> tuple[RigSettings, Loop | None]:
-        """Return the settings as changed, and the script's loop if it is a new one."""
-        changed = with_values(self.settings, values)
+        """Return the changed settings, and the script's loop if it is new."""
+        for name in values:
+            if name not in LIVE:
+                raise RigError(f"rig: '{name}' cannot change while the rig runs; expected one of {', '.join(LIVE)}")
+        changed = replace_numbers(self.settings, values, "rig")
         if changed.script == self.settings.script or self.settings.drive != SCRIPT:
             return changed, None
-        return changed, make_loop(changed.script, self._interval_s, changed.seed).require_within(
-            self.damper.model.reach_m
-        )
+        loop = make_loop(changed.script, self._interval_s, changed.seed)
+        return changed, loop.require_within(self.damper.model.reach_m)
 
     def _sample(self, command: float, body: float) -> RigSample:
         motion, sensors = self.motion, self.sensors
@@ -149,11 +152,11 @@ class LiveRig:
         )
 
     def _make_actuator(self, settings: RigSettings, experiment: Experiment | None) -> Actuator:
-        """An experiment fades in by itself; a script is blended in from rest."""
+        """Return the actuator: an experiment fades in by itself, a script is blended in from rest."""
         if experiment is not None:
             loop = make_experiment_loop(experiment, self._interval_s).require_within(self.damper.model.reach_m)
             return Actuator(loop, self._interval_s)
-        actuator = Actuator(make_rest_loop(self._interval_s), self._interval_s)
+        actuator = Actuator(make_rest_loop(), self._interval_s)
         if settings.drive == SCRIPT:
             loop = make_loop(settings.script, self._interval_s, settings.seed)
             actuator.change(loop.require_within(self.damper.model.reach_m))
@@ -166,20 +169,7 @@ LIVE = (
 )  # fmt: skip
 
 
-def with_values(settings: RigSettings, values: Mapping[str, Any]) -> RigSettings:
-    """Return the settings with other values at dotted names; raises RigError for one out of range or not LIVE."""
-    for name in values:
-        if name not in LIVE:
-            raise RigError(f"rig: '{name}' cannot change while it runs; what can is {', '.join(LIVE)}")
-    return replace_numbers(settings, values, "rig")
-
-
 def _load_damper(settings: RigSettings, experiment: Experiment | None) -> DamperDescription:
     if settings.damper:
         return load_description(Path(settings.damper).expanduser())
     return describe_experiment(experiment) if experiment else DamperDescription()
-
-
-def _make_road(settings: RigSettings, interval_s: float) -> LiveRoad:
-    rng = np.random.default_rng([settings.seed, ROAD_STREAM])
-    return LiveRoad(settings.vehicle.road_class, settings.vehicle.speed_m_s, interval_s, rng)

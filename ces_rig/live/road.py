@@ -1,7 +1,7 @@
 """An endless ISO 8608 road: white noise behind a first-order filter in distance, so that speed and class may change.
 
 The profile's spectral density is G(n) = G(n0)·n0²/(n² + nc²), the standard's with waviness 2 above `nc` (1/100 m); the
-tyre averages what is shorter than its contact patch by a second first-order filter in distance.
+tyre averages waves shorter than its contact patch by a second first-order filter in distance.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ CLASSES = ("A", "B", "C", "D", "E", "F", "G", "H")
 REFERENCE_1_M = 0.1  # n0 [cycles/m]
 LONGEST_M = 100.0  # [m] waves longer than this fade out
 CONTACT_M = 0.1  # [m] length of the tyre's contact patch
-BLOCK = 100  # grid points rolled at once; a new speed or class waits for the next block
+BLOCK = 100  # grid points computed at once; a new speed or class waits for the next block
 
 
 def roughness_m3(road_class: str) -> float:
@@ -27,7 +27,7 @@ def roughness_m3(road_class: str) -> float:
     return float(16e-6 * 4.0 ** CLASSES.index(road_class))
 
 
-AVERAGING = 2.8  # contact length over the length of a first-order filter that is 3 dB down at the same wave
+AVERAGING = 2.8  # contact length over the length of a first-order filter with 3 dB attenuation at the same wave
 
 
 class LiveRoad:
@@ -55,12 +55,12 @@ class LiveRoad:
 
 @njit(cache=True)
 def roll(state: Array, roughness: float, distance: float, out: Array) -> None:
-    """Turn normal numbers in `out` into heights [m] under the tyre, `distance` [m] apart; exact at the points."""
+    """Convert normal random numbers in `out` to heights [m] under the tyre, `distance` [m] apart."""
     corner = 1.0 / LONGEST_M
-    kept = exp(-2.0 * pi * corner * distance)
-    spread = sqrt(0.5 * pi * roughness * REFERENCE_1_M**2 / corner * (1.0 - kept * kept))
+    decay = exp(-2.0 * pi * corner * distance)
+    spread = sqrt(0.5 * pi * roughness * REFERENCE_1_M**2 / corner * (1.0 - decay * decay))
     left = exp(-AVERAGING * distance / CONTACT_M)
     for k in range(out.shape[0]):
-        state[0] = kept * state[0] + spread * out[k]
+        state[0] = decay * state[0] + spread * out[k]
         state[1] = state[0] + left * (state[1] - state[0])
         out[k] = state[1]

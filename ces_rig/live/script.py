@@ -1,4 +1,4 @@
-"""Scripted strokes without end: a loop of position and speed on the rig's grid, blended over when it is changed."""
+"""Endless scripted strokes: a loop of position and speed on the rig's grid, with a smooth transition on changes."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ces_rig.experiment import STREAMS, Experiment
 
 Array = NDArray[np.float64]
 
-BLOCK = 200  # grid points made at once; a changed script waits for the next block
+BLOCK = 200  # grid points computed at once; a changed script waits for the next block
 BLEND_S = 0.5  # [s] from one script to the next
-SEAM_M = 1e-6  # [m] by which a loop may miss its own start
-CYCLES_S = 5.0  # [s] least length of a loop of whole cycles: rounds the frequency by 5e-5 at most
+SEAM_M = 1e-6  # [m] largest distance between the ends of a loop
+CYCLES_S = 5.0  # [s] shortest loop of whole cycles: rounds the frequency by 5e-5 at most
 PERIODIC = ("sine", "triangle")
 
 
 @dataclass(frozen=True)
 class Script:
-    """What the actuator does, over and over."""
+    """The stroke that the actuator repeats."""
 
     kind: str = choice("sine", "kind of stroke", ("rest", "sine", "sweep", "noise", "triangle"))
     amplitude_m: float = quantity(0.015, "m", "largest distance from mid-stroke", 0.0, 0.5)
@@ -45,11 +45,11 @@ class Loop:
     speed_m_s: Array
 
     def scale(self, factor: float) -> Loop:
-        """Return it larger."""
+        """Return the loop scaled by a factor."""
         return Loop(factor * self.stroke_m, factor * self.speed_m_s)
 
     def require_within(self, reach_m: float) -> Loop:
-        """Return it if it stays inside ±`reach_m`; raises RigError."""
+        """Return the loop; raises RigError if it leaves ±`reach_m`."""
         reach = float(np.abs(self.stroke_m).max())
         if reach > reach_m:
             raise RigError(f"rig: the stroke reaches {reach:.4g} m; the damper's ends are at ±{reach_m:g} m")
@@ -59,7 +59,7 @@ class Loop:
 def make_loop(script: Script, interval_s: float, seed: int) -> Loop:
     """Return the script's loop; raises RigError."""
     if script.kind in PERIODIC and script.amplitude_m > 0.0:
-        return _cycles(script, interval_s)
+        return _make_cycles(script, interval_s)
     time = _times(round(script.loop_s / interval_s), interval_s)
     stroke = Stroke(_shape(script), Common()).samples(time, np.random.default_rng([seed, STREAMS["stroke"]]))
     return Loop(stroke[:-1], spline_speed(time, stroke)[:-1])
@@ -72,12 +72,12 @@ def make_experiment_loop(experiment: Experiment, interval_s: float) -> Loop:
     stroke = experiment.stroke.samples(time, np.random.default_rng([settings.seed, STREAMS["stroke"]]))
     miss = abs(stroke[-1] - stroke[0])
     if miss > SEAM_M:
-        raise RigError(f"{settings.name}: its stroke ends {miss:.2g} m from its start; give stroke.fade_s to repeat it")
+        raise RigError(f"{settings.name}: its stroke ends {miss:.2g} m from its start; set stroke.fade_s to repeat it")
     return Loop(stroke[:-1], spline_speed(time, stroke)[:-1])
 
 
 class Actuator:
-    """Moves through a loop at grid points every `interval_s` seconds, and blends into another when told."""
+    """Moves through a loop at grid points every `interval_s` seconds, and blends into another loop on request."""
 
     def __init__(self, loop: Loop, interval_s: float) -> None:
         self.start = float(loop.stroke_m[0]), float(loop.speed_m_s[0])
@@ -93,7 +93,7 @@ class Actuator:
         self._next = 0
 
     def change(self, loop: Loop) -> None:
-        """Go over to another loop, half a second long, as soon as the last change is done."""
+        """Change to another loop, within half a second, as soon as the last change is complete."""
         self._requested = loop
 
     def moves(self, count: int) -> tuple[Array, Array]:
@@ -124,9 +124,9 @@ class Actuator:
         return mixed
 
 
-def make_rest_loop(interval_s: float) -> Loop:
+def make_rest_loop() -> Loop:
     """Return a loop that rests at mid-stroke."""
-    return make_loop(replace(Script(), kind="rest", loop_s=2.0), interval_s, 0)
+    return Loop(np.zeros(1), np.zeros(1))
 
 
 def _points(loop: Loop, at: NDArray[np.int64]) -> Array:
@@ -138,8 +138,8 @@ def _times(points: int, interval_s: float) -> Array:
     return np.arange(points + 1, dtype=np.float64) * interval_s
 
 
-def _cycles(script: Script, interval_s: float) -> Loop:
-    """Return whole cycles, so that nothing must fade at the seam; the spline through them is periodic."""
+def _make_cycles(script: Script, interval_s: float) -> Loop:
+    """Return whole cycles with a periodic spline, so that the seam needs no fade."""
     cycles = max(1, round(CYCLES_S * script.frequency_Hz))
     points = round(cycles / script.frequency_Hz / interval_s)
     time = _times(points, interval_s)

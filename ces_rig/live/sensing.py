@@ -1,6 +1,6 @@
-"""Sensors of a live rig: the same noise, bias, quantum and dropouts as on a recorded rig, one reading at a time.
+"""Sensors of a live rig: noise, bias, quantisation and dropouts of the recorded rig, one reading at a time.
 
-A reading is taken at the very tick, so its stamp is true; the recorded rig's phases and stamp jitter have no place.
+A reading is taken exactly at the tick, so its stamp is exact; the recorded rig's phases and stamp jitter do not apply.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from ces_rig.experiment import STREAMS, Truth
 from ces_rig.sensors import Sensor, Sensors
-from ces_rig.withheld.sensing import apply_sensor_effect
+from ces_rig.withheld.sensing import SENSING
 
 BLOCK = 1024
 
@@ -43,7 +43,7 @@ class LiveSensor:
 
 
 class LiveSensors:
-    """Position, current and force, the current at most at its own rate; withheld effects come before the noise."""
+    """Position, current and force, the current at its own rate if lower; withheld effects act before the noise."""
 
     def __init__(
         self, sensors: Sensors, seed: int, rate_Hz: float, effects: Sequence[tuple[str, Mapping[str, float]]] = ()
@@ -54,21 +54,21 @@ class LiveSensors:
         self.commanded = sensors.current_source == "commanded"
         self.current_every = max(1, round(rate_Hz / sensors.current.rate_Hz))
         self._effects = tuple(effects)
-        self._pair = Truth(*(np.zeros(2) for _ in range(6)))  # the start, for drifts, and now
+        self._pair = Truth(*(np.zeros(2) for _ in range(6)))  # at the start, for drifts, and now
 
     def set_imperfections(self, noise: float, dropout: float) -> None:
-        """Scale all imperfections and lose this share of all samples."""
+        """Set the scale of all imperfections and the share of lost samples."""
         for sensor in (self.position, self.current, self.force):
             sensor.noise, sensor.dropout = noise, dropout
 
     def apply_effects(
         self, time_s: float, stroke_m: float, current_A: float, force_N: float
     ) -> tuple[float, float, float]:
-        """Return stroke, current and force as ideal sensors with the withheld effects show them."""
+        """Return stroke, current and force of noise-free sensors with the withheld effects."""
         if not self._effects:
             return stroke_m, current_A, force_N
         pair = self._pair
         pair.time_s[1], pair.stroke_m[1], pair.coil_A[1], pair.force_N[1] = time_s, stroke_m, current_A, force_N
         for name, numbers in self._effects:
-            pair = apply_sensor_effect(pair, name, numbers)
+            pair = SENSING[name](pair, numbers)
         return float(pair.stroke_m[1]), float(pair.coil_A[1]), float(pair.force_N[1])

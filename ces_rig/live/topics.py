@@ -1,8 +1,10 @@
-"""Topics of the rig node: samples out as messages with the sample's own stamp, commands in."""
+"""Topics of the rig node: samples go out as messages with their own stamps, commands come in."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from operator import setitem
 from typing import Any
 
 from geometry_msgs.msg import AccelStamped, WrenchStamped
@@ -21,7 +23,7 @@ DEPTH = 100  # a tenth of a second at 1 kHz
 
 
 class RigTopics:
-    """Publishers and the subscription of one rig; with `patient`, a full history holds the publisher up."""
+    """Publishers and the subscription of one rig; with `keep_all`, a full history blocks the publisher."""
 
     def __init__(
         self,
@@ -36,11 +38,12 @@ class RigTopics:
     ) -> None:
         self._node, self._joint = node, joint
         self._history = HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST
-        self._position = self._make_patched("joint_states", JointState(name=[joint], position=[0.0]), _set_position)
-        self._force = self._make_patched("measured_force", WrenchStamped(), _set_force)
+        joints = JointState(name=[joint], position=[0.0])
+        self._position = self._make_patched("joint_states", joints, partial(setitem, joints.position, 0))
+        self._force = self._make_wrench("measured_force")
         self._current = self._make_stamped_current() if stamped else self._make_plain_current()
-        self._body = self._make_patched("body_acceleration", AccelStamped(), _set_acceleration) if vehicle else None
-        self._tyre = self._make_patched("tyre_load", WrenchStamped(), _set_force) if vehicle else None
+        self._body = self._make_acceleration() if vehicle else None
+        self._tyre = self._make_wrench("tyre_load") if vehicle else None
         self._clocks = node.create_publisher(Clock, "/clock", 10) if clock else None
         self._clock = Clock()
         self._on_command = on_command
@@ -50,7 +53,7 @@ class RigTopics:
         )
 
     def publish(self, sample: RigSample, stamp_ns: int) -> None:
-        """Publish what the sensors gave at `stamp_ns`: clock first, then what an observer needs before a position."""
+        """Publish the sample of `stamp_ns`: the clock first, the position last, after the signals used with it."""
         sec, nanosec = divmod(stamp_ns, 1_000_000_000)
         if self._clocks is not None:
             self._clock.clock.sec, self._clock.clock.nanosec = sec, nanosec
@@ -66,22 +69,30 @@ class RigTopics:
             self._position.publish(sec, nanosec, sample.position_m)
 
     def is_commanded(self) -> bool:
-        """Tell whether anybody publishes commands."""
+        """Return whether any node publishes commands."""
         return bool(self._commands.get_publisher_count() > 0)
 
     def _on_message(self, message: Float64) -> None:
         self._on_command(message.data)
 
-    def _make_patched(self, topic: str, message: Any, set_number: Callable[[Any, float], None]) -> PatchedMessage:
+    def _make_wrench(self, topic: str) -> PatchedMessage:
+        message = WrenchStamped()
+        return self._make_patched(topic, message, partial(setattr, message.wrench.force, "z"))
+
+    def _make_acceleration(self) -> PatchedMessage:
+        message = AccelStamped()
+        return self._make_patched("body_acceleration", message, partial(setattr, message.accel.linear, "z"))
+
+    def _make_patched(self, topic: str, message: Any, set_number: Callable[[float], None]) -> PatchedMessage:
         message.header.frame_id = self._joint
         return PatchedMessage(self._publisher(type(message), topic), message, set_number)
 
     def _make_stamped_current(self) -> Callable[[int, int, float], None]:
         message = JointState(name=[self._joint], effort=[0.0])
-        return self._make_patched("valve_current", message, _set_effort).publish
+        return self._make_patched("valve_current", message, partial(setitem, message.effort, 0)).publish
 
     def _make_plain_current(self) -> Callable[[int, int, float], None]:
-        """Return what publishes a current and leaves its stamp out."""
+        """Return a function that publishes a current without its stamp."""
         publisher, message = self._publisher(Float64, "valve_current"), Float64()
 
         def publish(sec: int, nanosec: int, current_A: float) -> None:
@@ -97,19 +108,3 @@ class RigTopics:
 
 def _overridable() -> QoSOverridingOptions:
     return QoSOverridingOptions.with_default_policies()
-
-
-def _set_position(message: Any, value: float) -> None:
-    message.position[0] = value
-
-
-def _set_effort(message: Any, value: float) -> None:
-    message.effort[0] = value
-
-
-def _set_force(message: Any, value: float) -> None:
-    message.wrench.force.z = value
-
-
-def _set_acceleration(message: Any, value: float) -> None:
-    message.accel.linear.z = value

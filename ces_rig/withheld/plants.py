@@ -1,18 +1,17 @@
-"""Plants for blind tests and what ideal sensors see of them with effects in place.
+"""Plants for blind tests, and the signals that ideal sensors record of them with effects.
 
     plant = draw_plant("hydraulic", rng)
-    effect = scale_to_gap(plant, draw(plant.kind, "friction", rng), 40.0, time_s, stroke_m, command_A)
-    true = signals(plant, [effect], time_s, stroke_m, command_A)     # then ces_rig.experiment.measure_signals
-    yaml.safe_dump(description(perturbed(plant, 0.3, rng)))          # a simulation: ces_rig.simulation.load_rig
+    effect = scale_to_gap(plant, draw_effect(plant.kind, "friction", rng), 40.0, time_s, stroke_m, command_A)
+    true = simulate_signals(plant, [effect], time_s, stroke_m, command_A)  # then ces_rig.experiment.measure_signals
+    yaml.safe_dump(perturb(plant, 0.3, rng).model.description())           # a simulation: ces_rig.simulation.load_rig
 
-The plant itself is free of every effect; its description simulates it exactly.
+The plant itself has no effects; its description simulates it exactly.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -30,19 +29,19 @@ PLANTS = tuple(KINDS)
 
 @dataclass(frozen=True)
 class BlindPlant:
-    """A drawn damper of a kind, free of every effect."""
+    """A drawn damper of a kind, without effects."""
 
     kind: str
     model: DamperModel
 
     @property
     def current_A(self) -> tuple[float, float]:
-        """The range [A] of the current that acts: what commands should cover."""
-        return KINDS[self.kind].current_A
+        """The effective range [A] of the current, which commands should cover."""
+        return self.model.current_A
 
 
 def available_effects(kind: str) -> tuple[str, ...]:
-    """Return the effects, of the library and outside it, that the kind of plant can have."""
+    """Return the effects that this kind of plant can have, of the library and outside it."""
     spreads = {**_require_kind(kind).spreads, **sensing.SPREADS}
     return tuple(name for name in EFFECTS + OUTSIDE if name in spreads)
 
@@ -53,7 +52,7 @@ def draw_plant(kind: str, rng: Generator) -> BlindPlant:
 
 
 def draw_effect(kind: str, name: str, rng: Generator) -> WithheldEffect:
-    """Return an effect of severity 1 with drawn proportions; raises RigError if the kind of plant cannot have it."""
+    """Return the effect at severity 1 with drawn proportions; raises RigError if this kind of plant cannot have it."""
     spreads = {**_require_kind(kind).spreads, **sensing.SPREADS}
     if name not in spreads:
         raise RigError(f"{kind} plant: no effect '{name}'; it can have {', '.join(available_effects(kind))}")
@@ -61,9 +60,9 @@ def draw_effect(kind: str, name: str, rng: Generator) -> WithheldEffect:
 
 
 def perturb(plant: BlindPlant, size: float, rng: Generator) -> BlindPlant:
-    """Return the plant with several parameters wrong together, by some 20 % each at size 1; size 0 changes nothing.
+    """Return the plant with several wrong parameters, by about 20 % each at size 1; size 0 changes nothing.
 
-    The same state of `rng` gives the same direction of error, so that `size` can be searched.
+    Equal states of `rng` give equal directions of error, so that `size` can be searched.
     """
     wrong = KINDS[plant.kind].wrong
     factors = {paths: float(np.exp(size * deviation * rng.standard_normal())) for paths, deviation in wrong.items()}
@@ -71,13 +70,8 @@ def perturb(plant: BlindPlant, size: float, rng: Generator) -> BlindPlant:
     return BlindPlant(plant.kind, plant.model.with_numbers(numbers))
 
 
-def describe_plant(plant: BlindPlant) -> dict[str, Any]:
-    """Return the plant as a rig description; written as YAML, `load_rig` gives its simulation."""
-    return plant.model.description()
-
-
 def physical_numbers(plant: BlindPlant, withheld: WithheldEffect) -> dict[str, float]:
-    """Return the true physical numbers for the label: the plant's numbers under the effect, or the sensor's."""
+    """Return the true physical numbers of the effect: the numbers that it gives the plant, or the sensor."""
     if withheld.name in sensing.SENSING:
         return sensing.numbers(withheld, plant.current_A[1])
     return KINDS[plant.kind].numbers(plant.model, withheld)
@@ -86,12 +80,13 @@ def physical_numbers(plant: BlindPlant, withheld: WithheldEffect) -> dict[str, f
 def simulate_signals(
     plant: BlindPlant, effects: Sequence[WithheldEffect], time_s: Array, stroke_m: Array, command_A: Array
 ) -> Truth:
-    """Return what ideal sensors see: `time_s` (n,) a grid of GRID_S, `stroke_m` the true stroke, all of shape (n,).
+    """Return the signals of ideal sensors; `time_s` is a grid of GRID_S, `stroke_m` the true stroke, all (n,).
 
-    Effects inside the damper change its equations; then those of the sensors act, in the order given. Raises
-    RigError if a number leaves its physical range, the stroke the damper, or the grid is another.
+    Effects inside the damper change its equations; those of the sensors then act in their order. Raises RigError if a
+    number leaves its physical range, the stroke leaves the damper, or the grid is wrong.
     """
-    _check_grid(time_s)
+    if len(time_s) < 10 or not np.allclose(np.diff(time_s), GRID_S, rtol=0.0, atol=1e-9):
+        raise RigError(f"plant: bad times; expected at least 10 times on a grid of {GRID_S:g} s")
     model = plant.model
     for effect in effects:
         if effect.name not in sensing.SENSING and effect.severity > 0.0:
@@ -100,25 +95,25 @@ def simulate_signals(
     true = Truth(time_s, stroke_m, command_A, coil, force, temperature)
     for effect in effects:
         if effect.name in sensing.SENSING and effect.severity > 0.0:
-            true = sensing.apply_sensor_effect(true, effect.name, sensing.numbers(effect, plant.current_A[1]))
+            true = sensing.SENSING[effect.name](true, sensing.numbers(effect, plant.current_A[1]))
     return true
 
 
 def simulate_expected(plant: BlindPlant, true: Truth) -> Array:
-    """Return the force [N] (n,) of the plant without effects, driven with the position and coil current as sensed."""
+    """Return the force [N] (n,) of the plant without effects, driven with the recorded position and coil current."""
     return plant.model.without_coil().run(GRID_S, true.stroke_m, true.coil_A)[0]
 
 
 def gap_N(
     plant: BlindPlant, effects: Sequence[WithheldEffect], time_s: Array, stroke_m: Array, command_A: Array
 ) -> float:
-    """Return the RMS [N] of the force as sensed less that of the plant without effects driven with what was sensed."""
+    """Return the RMS [N] of the recorded force minus that of the plant without effects, driven with the recording."""
     free = simulate_signals(plant, (), time_s, stroke_m, command_A)
     return gap_from(plant, free, simulate_signals(plant, effects, time_s, stroke_m, command_A))
 
 
 def gap_from(plant: BlindPlant, free: Truth, true: Truth) -> float:
-    """Return `gap_N` of `true` when the signals `free` without effects are at hand: often that saves a simulation."""
+    """Return `gap_N` of the signals `true`; the signals `free` without effects often save a simulation."""
     unmoved = np.array_equal(true.stroke_m, free.stroke_m) and np.array_equal(true.coil_A, free.coil_A)
     without = free.force_N if unmoved else simulate_expected(plant, true)
     return float(np.sqrt(np.mean((true.force_N - without) ** 2)))
@@ -126,11 +121,5 @@ def gap_from(plant: BlindPlant, free: Truth, true: Truth) -> float:
 
 def _require_kind(kind: str) -> DamperKind:
     if kind not in KINDS:
-        raise RigError(f"plant kind '{kind}' is unknown; known are {', '.join(KINDS)}")
+        raise RigError(f"plant kind '{kind}' is unknown; expected one of {', '.join(KINDS)}")
     return KINDS[kind]
-
-
-def _check_grid(time_s: Array) -> None:
-    steps = np.diff(time_s)
-    if len(time_s) < 10 or not np.allclose(steps, GRID_S, rtol=0.0, atol=1e-9):
-        raise RigError(f"plant: expected at least 10 times on a grid of {GRID_S:g} s")

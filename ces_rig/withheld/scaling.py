@@ -1,49 +1,48 @@
-"""Severity and size by the gap they make: searches over simulations for a wanted RMS in newtons."""
+"""Searches, by simulation, the severity of an effect or the size of an error for a gap of a required RMS [N]."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, inf, log
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_rig.dampers.effects import WithheldEffect, with_severity
+from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.errors import RigError
 from ces_rig.withheld.plants import BlindPlant, gap_from, perturb, simulate_signals
 
 Array = NDArray[np.float64]
 Gap = Callable[[float], float]
 
-TOLERANCE = 0.03  # of the wanted gap
+TOLERANCE = 0.03  # of the required gap
 MAX_RUNS = 20
-HIGHEST = log(2e3)  # log severity: beyond, an effect that shows nothing never will
-STRIDE = log(8.0)  # longest step of the search in log size
+MAX_LOG_SIZE = log(2e3)
+MAX_STRIDE = log(8.0)  # longest step of the search in log size
 
 
 def scale_to_gap(
     plant: BlindPlant, withheld: WithheldEffect, target_N: float, time_s: Array, stroke_m: Array, command_A: Array
 ) -> WithheldEffect:
-    """Return the effect at the severity that makes a gap of `target_N` RMS (3 %) under this excitation.
+    """Return the effect at the severity that makes a gap of `target_N` RMS (within 3 %) under this excitation.
 
-    The gap is the force as sensed less that of the plant without effects driven with what was sensed. Raises RigError
-    if no severity in the physical range does: for example a valve's lag at a constant current.
+    `plants.gap_N` defines the gap. Raises RigError if no severity in the physical range makes it, for example a valve's
+    lag at constant current.
     """
     free = simulate_signals(plant, (), time_s, stroke_m, command_A)
 
     def gap(severity: float) -> float:
-        true = simulate_signals(plant, (with_severity(withheld, severity),), time_s, stroke_m, command_A)
+        true = simulate_signals(plant, (replace(withheld, severity=severity),), time_s, stroke_m, command_A)
         return gap_from(plant, free, true)
 
-    found = search_size(gap, target_N, f"{plant.kind} plant: {withheld.name}")
-    return with_severity(withheld, found)
+    return replace(withheld, severity=search_size(gap, target_N, f"{plant.kind} plant: {withheld.name}"))
 
 
 def perturb_to_gap(
     plant: BlindPlant, target_N: float, seed: int | list[int], time_s: Array, stroke_m: Array, command_A: Array
 ) -> tuple[BlindPlant, float]:
-    """Return the plant made wrong by `target_N` RMS (3 %), in the direction that `seed` draws, and the size of it."""
+    """Return the plant with an error of `target_N` RMS (within 3 %) in a direction drawn from `seed`, and its size."""
     base = simulate_signals(plant, (), time_s, stroke_m, command_A).force_N
 
     def perturb_plant(size: float) -> BlindPlant:
@@ -63,7 +62,7 @@ def rms(values: Array) -> float:
 
 @dataclass
 class Bracket:
-    """Log sizes and log gaps known to lie below and above the wanted gap; inf above where no damper could be."""
+    """Log sizes and log gaps below and above the required gap; `high_gap` is inf where no damper was possible."""
 
     low: float = -inf
     low_gap: float = -inf
@@ -71,18 +70,18 @@ class Bracket:
     high_gap: float = inf
 
     def narrow(self, at: float, gap: float) -> None:
-        """Take in a gap [log N less the wanted one] at a log size."""
+        """Update the bracket by a log gap, relative to the required one, at a log size."""
         if gap < 0.0:
             self.low, self.low_gap = at, gap
         else:
             self.high, self.high_gap = at, gap
 
     def next(self) -> float:
-        """Return the log size to try: false position between both, else a step as if the gap grew in proportion."""
+        """Return the next log size: false position inside the bracket, or a step as if the gap were proportional."""
         if self.high == inf:
-            return self.low + (STRIDE if self.low_gap == -inf else min(1.1 * -self.low_gap, STRIDE))
+            return self.low + min(1.1 * -self.low_gap, MAX_STRIDE)
         if self.low == -inf:
-            return self.high - (STRIDE if self.high_gap == inf else min(1.1 * self.high_gap, STRIDE))
+            return self.high - min(1.1 * self.high_gap, MAX_STRIDE)
         if self.low_gap == -inf or self.high_gap == inf:
             return 0.5 * (self.low + self.high)
         share = -self.low_gap / (self.high_gap - self.low_gap)
@@ -90,23 +89,21 @@ class Bracket:
 
 
 def search_size(gap: Gap, target_N: float, what: str) -> float:
-    """Return the size at which `gap`, growing with size, is `target_N` within TOLERANCE; raises RigError if none is."""
+    """Return the size at which the growing function `gap` is `target_N` within TOLERANCE; raises RigError if none."""
     if not target_N > 0.0:
-        raise RigError(f"{what}: wanted gap {target_N!r} N; expected a number above 0")
+        raise RigError(f"{what}: gap of {target_N!r} N requested; expected a number above 0")
     at, bracket, largest, refusal = 0.0, Bracket(), 0.0, ""
     for _ in range(MAX_RUNS):
         try:
-            found = gap(exp(at))
-            largest = max(largest, found)
-            off = log(found / target_N) if found > 1e-9 else -inf
+            size = gap(exp(at))
+            largest = max(largest, size)
+            off = log(size / target_N) if size > 1e-9 else -inf
         except RigError as error:
-            off, refusal = inf, f"; beyond, {error}"
+            off, refusal = inf, f"; at larger sizes: {error}"
         if abs(off) < TOLERANCE:
             return exp(at)
         bracket.narrow(at, off)
         at = bracket.next()
-        if at > HIGHEST:
+        if at > MAX_LOG_SIZE:
             break
-    raise RigError(
-        f"{what}: a gap of {target_N:.4g} N cannot be reached here; the largest seen is {largest:.4g} N{refusal}"
-    )
+    raise RigError(f"{what}: a gap of {target_N:.4g} N cannot be reached here; the largest is {largest:.4g} N{refusal}")

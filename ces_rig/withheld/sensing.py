@@ -1,7 +1,6 @@
-"""Withheld effects of the sensors: true signals go in, what imperfect ideal-noise sensors would show comes out.
+"""Withheld effects of the sensors: true signals go in, the signals of imperfect but noise-free sensors come out.
 
-The same on every plant, for a load cell does not know which damper it carries. Noise, quantum and jitter are those of
-`ces_rig.sensors` and come later.
+They are the same for all kinds of damper. Noise, quantisation and jitter are added later by `ces_rig.sensors`.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from ces_rig.dampers.effects import Proportions, WithheldEffect, log_spread, signed_spread, uniform_spread
+from ces_rig.dampers.hydraulic.stepper import spline_speed
 from ces_rig.experiment import Truth
 
 Array = NDArray[np.float64]
@@ -24,8 +24,8 @@ SPREADS: Mapping[str, Proportions] = {
     "current_scale": {"gain": signed_spread(0.02, 0.1), "offset": signed_spread(0.002, 0.03)},
     "force_offset": {"offset_N": signed_spread(30.0, 60.0)},
     "force_drift": {
-        "slope_N_s": signed_spread(2.0, 6.0), "settling_N": uniform_spread(-20.0, 20.0), "settling_s": log_spread(2.0,
-        8.0),
+        "slope_N_s": signed_spread(2.0, 6.0), "settling_N": uniform_spread(-20.0, 20.0),
+        "settling_s": log_spread(2.0, 8.0),
     },
     "force_scale": {"gain": signed_spread(0.02, 0.08), "asymmetry": uniform_spread(-0.15, 0.15)},
     "position_delay": {"delay_s": signed_spread(1e-3, 4e-3), "lag_share": uniform_spread(0.0, 0.6)},
@@ -36,17 +36,17 @@ SPREADS: Mapping[str, Proportions] = {
     "cell_creep": {"share": signed_spread(0.05, 0.12), "decay_s": log_spread(0.15, 1.5)},
     "current_crosstalk": {"rate_Ns": signed_spread(2.0, 6.0), "decay_s": log_spread(2e-3, 1e-2)},
     "mains_hum": {"amplitude_N": log_spread(20.0, 60.0), "phase_rad": uniform_spread(0.0, 6.28),
-    "third": uniform_spread(0.0, 0.4)},
+                  "third": uniform_spread(0.0, 0.4)},
     "position_wave": {
-        "amplitude_m": log_spread(1e-4, 3e-4), "pitch_m": log_spread(4e-3, 1.2e-2), "phase_rad": uniform_spread(0.0,
-        6.28),
+        "amplitude_m": log_spread(1e-4, 3e-4), "pitch_m": log_spread(4e-3, 1.2e-2),
+        "phase_rad": uniform_spread(0.0, 6.28),
     },
 }  # fmt: skip
 GROWING = (
     "gain", "offset", "offset_N", "slope_N_s", "settling_N", "delay_s", "kick_N", "share", "rate_Ns", "amplitude_N",
     "amplitude_m",
 )  # fmt: skip
-"""The numbers that grow with the severity; the others are the shape."""
+"""Numbers that grow with the severity; the others set the shape."""
 MAINS_HZ = 50.0
 
 
@@ -62,22 +62,12 @@ def numbers(withheld: WithheldEffect, largest_A: float) -> dict[str, float]:
     return shape
 
 
-def apply_sensor_effect(true: Truth, name: str, numbers: Numbers) -> Truth:
-    """Return what the sensors show of `true` under one effect of theirs, of these physical numbers."""
-    return SENSING[name](true, numbers)
-
-
 def low_pass(signal: Array, decay_s: float, step_s: float) -> Array:
-    """Return `signal` (n,) behind a first-order lag that starts settled."""
+    """Return `signal` (n,) after a first-order lag that starts at rest."""
     if decay_s <= 0.0:
         return signal
     b, a = bilinear([1.0], [decay_s, 1.0], 1.0 / step_s)
     return np.asarray(lfilter(b, a, signal, zi=lfilter_zi(b, a) * signal[0])[0])
-
-
-def speed_of(true: Truth) -> Array:
-    """Return the speed [m/s] of the stroke."""
-    return np.asarray(CubicSpline(true.time_s, true.stroke_m)(true.time_s, 1))
 
 
 def _step(true: Truth) -> float:
@@ -103,7 +93,7 @@ def _force_scale(true: Truth, p: Numbers) -> Truth:
 
 
 def _position_delay(true: Truth, p: Numbers) -> Truth:
-    """A late position is part transport, part the lag of the sensor's filter; an early one (late force) only shifts."""
+    """A late position is partly delayed, partly lagged by the sensor's filter; an early one is only shifted."""
     delay = p["delay_s"]
     lag = max(0.0, delay) * p["lag_share"]
     at = np.clip(true.time_s - (delay - lag), true.time_s[0], true.time_s[-1])
@@ -112,8 +102,8 @@ def _position_delay(true: Truth, p: Numbers) -> Truth:
 
 
 def _ring_tilt(true: Truth, p: Numbers) -> Truth:
-    """After each reversal the tilted ring scrapes, less and less until it lies flat: memory of direction in time."""
-    direction = np.tanh(speed_of(true) / p["turn_m_s"])
+    """After each reversal a tilted ring scrapes, less and less until it lies flat."""
+    direction = np.tanh(spline_speed(true.time_s, true.stroke_m) / p["turn_m_s"])
     return _add_force(true, p["kick_N"] * (direction - low_pass(direction, p["decay_s"], _step(true))))
 
 
@@ -129,7 +119,7 @@ def _cell_creep(true: Truth, p: Numbers) -> Truth:
 
 
 def _crosstalk(true: Truth, p: Numbers) -> Truth:
-    """The coil's changing current induces a voltage in the cell's leads."""
+    """The coil's changing current induces a voltage in the load cell's leads."""
     rate = np.gradient(true.coil_A, true.time_s)
     return _add_force(true, p["rate_Ns_A"] * low_pass(rate, p["decay_s"], _step(true)))
 

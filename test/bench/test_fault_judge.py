@@ -29,7 +29,7 @@ def heard(stamps, forces=None, late_ns=LATENCY_NS):
     return SimpleNamespace(at=[s + late_ns for s in stamps], stamps=stamps, forces=forces, others=[0.0] * len(stamps))
 
 
-def told(at, message="estimating", **values):
+def status(at, message="estimating", **values):
     return SimpleNamespace(at=at * MS, message=message, values=values)
 
 
@@ -37,16 +37,16 @@ def episode(fault=SILENT):
     return FaultEpisode(fault, BEGAN * MS, GOOD * MS, BEGAN * MS, (GOOD - 1) * MS, GOOD * MS)
 
 
-TOLD = [told(900), told(1200, "withholding: no position samples arrive")]
+STATUSES = [status(900), status(1200, "withholding: no position samples arrive")]
 SOUND = [*range(BEGAN), *range(GOOD + 110, END)]
 
 
-def wrong(stamps=SOUND, diagnoses=TOLD, fault=SILENT, **others):
+def wrong(stamps=SOUND, diagnoses=STATUSES, fault=SILENT, **others):
     return evaluate_episode(episode(fault), heard(stamps, **others), diagnoses, RULES).wrong
 
 
 def test_a_sound_episode_passes():
-    outcome = evaluate_episode(episode(), heard(SOUND), TOLD, RULES)
+    outcome = evaluate_episode(episode(), heard(SOUND), STATUSES, RULES)
     assert outcome.wrong == ()
     assert outcome.reason == "no position samples"
     assert outcome.recovery_s == pytest.approx(0.1105)
@@ -70,11 +70,11 @@ def test_no_recovery_is_found():
 
 
 def test_silent_diagnostics_are_found():
-    assert wrong(diagnoses=TOLD[:1]) == ("is not in the diagnostics",)
+    assert wrong(diagnoses=STATUSES[:1]) == ("is not in the diagnostics",)
 
 
 def test_unexpected_errors_in_the_diagnostics_are_found():
-    assert wrong(diagnoses=[*TOLD, told(1300, "estimating; 1 unexpected errors")]) == (
+    assert wrong(diagnoses=[*STATUSES, status(1300, "estimating; 1 unexpected errors")]) == (
         "estimating; 1 unexpected errors",
     )
 
@@ -121,14 +121,14 @@ COUNT = Fault("lost", ("dropped",), TRUE, "dropouts")
     ],
 )
 def test_evidence_is_a_count_that_rises_or_a_text_that_changes(before, after, found):
-    assert find_evidence(COUNT, [told(900, **before), told(1100, **after)], BEGAN * MS, END * MS) == found
+    assert find_evidence(COUNT, [status(900, **before), status(1100, **after)], BEGAN * MS, END * MS) == found
 
 
 def test_evidence_may_be_a_value_that_doubles():
     flood = Fault("flood", (), BOUNDED, "flood", doubles="rate")
-    assert not find_evidence(flood, [told(900, rate="1000"), told(1100, rate="1900")], BEGAN * MS, END * MS)
-    assert find_evidence(flood, [told(900, rate="1000"), told(1100, rate="2100")], BEGAN * MS, END * MS) == "rate"
+    assert not find_evidence(flood, [status(900, rate="1000"), status(1100, rate="1900")], BEGAN * MS, END * MS)
+    assert find_evidence(flood, [status(900, rate="1000"), status(1100, rate="2100")], BEGAN * MS, END * MS) == "rate"
 
 
 def test_diagnoses_after_the_time_allowed_are_no_evidence():
-    assert not find_evidence(SILENT, [told(900), told(3100, "no position samples")], BEGAN * MS, END * MS)
+    assert not find_evidence(SILENT, [status(900), status(3100, "no position samples")], BEGAN * MS, END * MS)

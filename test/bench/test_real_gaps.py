@@ -42,7 +42,7 @@ def sine():
 
 
 @measured
-def test_a_real_brake_with_play_is_told_from_a_brake_without(tmp_path):
+def test_a_real_brake_with_play_is_distinguished_from_a_brake_without_play(tmp_path):
     found = real_gaps.brake_without_play(real_gaps.Data(DATA, tmp_path), real_gaps.BRFD_OTHER)
     assert (found.verdict, found.composition.effects) == (NAMED, ("backlash",))
     play_m = found.composition.estimates[0][0].value
@@ -51,9 +51,9 @@ def test_a_real_brake_with_play_is_told_from_a_brake_without(tmp_path):
 
 
 @measured
-def test_the_lag_of_a_real_valve_is_told_from_a_static_map(tmp_path):
+def test_the_lag_of_a_real_valve_is_distinguished_from_a_static_map(tmp_path):
     found = real_gaps.damper_without_lag(real_gaps.Data(DATA, tmp_path))
-    assert found.verdict in (NAMED, AMBIGUOUS)  # what else yields is not told
+    assert found.verdict in (NAMED, AMBIGUOUS)
     assert found.causes[0].effects == ("valve_lag",)
     assert "valve_lag" in found.composition.effects
     assert not any("valve_lag" in group for group in found.indistinguishable)

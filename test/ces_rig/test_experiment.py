@@ -123,6 +123,6 @@ def test_mistakes_are_one_line(change, says):
 def test_missing_parts_and_files():
     with pytest.raises(RigError, match="'current' is missing"):
         parse_experiment({"stroke": {"kind": "rest"}}, "e.yaml")
-    with pytest.raises(RigError, match="no such file, and no packaged experiment; packaged are fm_binary"):
+    with pytest.raises(RigError, match="no such file or packaged experiment; packaged are fm_binary"):
         find_experiment("sine_5hz")
     assert find_experiment("sweep") == packaged_experiments()["sweep"]

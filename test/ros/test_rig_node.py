@@ -214,7 +214,7 @@ def test_as_fast_as_it_is_answered(bench: Bench, rig: Start) -> None:
 
 
 MISTAKES = {
-    "use_sim_time is true, but the rig makes time itself": {"use_sim_time": "true"},
+    "use_sim_time is true, but the rig is the source of time": {"use_sim_time": "true"},
     "parameter 'script.kind' is 'square'; expected one of rest, sine": {"script__kind": "square"},
     "the stroke reaches 0.07 m": {"script__amplitude_m": 0.07},
     "no effect 'frction'": {"withheld": "['frction']"},

@@ -1,7 +1,7 @@
-// Publishes joint_states and valve_current on a steady schedule, hears the estimates, and prints one line of JSON:
-// latency [us] from stamp to estimate received, samples sent and lost, CPU share of the process under test, and how
-// late [us] this program itself woke up, which tells how quiet the machine was. After a pause of its own, longer than
-// the model bridges, the observer has to warm up anew: samples without an estimate then are counted on their own.
+// Publishes joint_states and valve_current on a steady schedule, receives the estimates, and prints one line of JSON:
+// latency [us] from stamp to received estimate, samples sent and lost, CPU share of the process under test, and how
+// late [us] this program itself woke up, which measures the disturbance by the machine. After a pause of its own, longer than
+// the model bridges, the observer must warm up again: samples without an estimate are then counted separately.
 
 #include <algorithm>
 #include <atomic>
@@ -24,7 +24,7 @@ using std_msgs::msg::Float64;
 using Nanoseconds = int64_t;
 
 constexpr Nanoseconds SECOND = 1'000'000'000;
-constexpr double GRACE_S = 0.5;  // an estimate that is later than this is lost
+constexpr double GRACE_S = 0.5;  // later estimates count as lost
 
 Nanoseconds read_clock(clockid_t clock)
 {
@@ -41,14 +41,14 @@ void sleep_until(Nanoseconds at)
 
 struct Plan
 {
-  double rate_Hz, warm_up_s, seconds, most_gap_s, after_gap_s;
+  double rate_Hz, warm_up_s, seconds, max_gap_s, after_gap_s;
   int pid, current_every;
   bool current_apart;
 };
 
 struct Heard {Nanoseconds stamp, at;};
 
-// Estimates with the times at which they were received, taken by a thread that waits for nothing else.
+// Estimates with their times of arrival, received by a separate thread.
 class Listener
 {
 public:
@@ -191,7 +191,7 @@ Found compare(const std::vector<Nanoseconds> & stamps, const std::vector<Heard> 
   Found found;
   Nanoseconds before = stamps.empty() ? 0 : stamps.front(), excused_until = 0;
   for (const auto stamp : stamps) {
-    if (stamp - before > plan.most_gap_s * SECOND) {excused_until = stamp + std::llround(plan.after_gap_s * SECOND);}
+    if (stamp - before > plan.max_gap_s * SECOND) {excused_until = stamp + std::llround(plan.after_gap_s * SECOND);}
     before = stamp;
     const auto one = received.find(stamp);
     if (one != received.end() && one->second - stamp < GRACE_S * SECOND) {
@@ -218,7 +218,7 @@ Plan declared(rclcpp::Node & node)
 {
   return {
     node.declare_parameter("rate_Hz", 1000.0), node.declare_parameter("warm_up_s", 2.0),
-    node.declare_parameter("seconds", 5.0), node.declare_parameter("most_gap_s", 0.05),
+    node.declare_parameter("seconds", 5.0), node.declare_parameter("max_gap_s", 0.05),
     node.declare_parameter("after_gap_s", 0.6), static_cast<int>(node.declare_parameter("pid", 0)),
     static_cast<int>(node.declare_parameter("current_every", 1)), node.declare_parameter("current_apart", false)};
 }

@@ -1,4 +1,4 @@
-// An empty relay, the least that a C++ node can cost: each JointState that comes in goes out again as it is.
+// An empty relay, the minimum cost of a C++ node: it publishes each JointState that it receives unchanged.
 // Usage: relay single|events --ros-args -r __ns:=/NAMESPACE
 
 #include <string>

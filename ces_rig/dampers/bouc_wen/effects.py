@@ -1,4 +1,4 @@
-"""The MR damper as a plant for blind tests: what differs between dampers, and what each effect does inside it."""
+"""The MR damper as a plant for blind tests: variation between dampers, and what each effect changes inside it."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ SPREADS: Mapping[str, Proportions] = {
         "bristle_N_m": log_spread(1e5, 1e6),
     },
     "compressibility": {
-        "compliance_m_N": log_spread(1.5e-7, 5e-7), "bubbles_m": uniform_spread(0.0, 3e-4), "rebound": log_spread(0.6,
-        1.6),
+        "compliance_m_N": log_spread(1.5e-7, 5e-7), "bubbles_m": uniform_spread(0.0, 3e-4),
+        "rebound": log_spread(0.6, 1.6),
     },
     "mount_compliance": {"compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4)},
     "backlash": {"play_m": log_spread(2e-4, 6e-4)},
     "gas_spring": {"pressure": uniform_spread(0.3, 1.2), "volume": log_spread(0.5, 2.0),
-    "exponent": uniform_spread(1.05, 1.4)},
+                   "exponent": uniform_spread(1.05, 1.4)},
     "cavitation": {"gas_loss": log_spread(60.0, 120.0)},
     "temperature_fade": {
         "yield_1_K": log_spread(0.004, 0.012), "viscous_1_K": log_spread(0.004, 0.015),

@@ -1,4 +1,4 @@
-"""The numerical kernel of the MR damper: linearly implicit Euler with a fixed step; slow readable twin in the tests.
+"""Numerical kernel of the MR damper: linearly implicit Euler with a fixed step; slow readable version in the tests.
 
 Forces are positive in compression. The fluid's spring is bent by `e`; across it the modified Bouc–Wen element moves at
 `v_in`, with F = c1·dy/dt and F = f_y·z + c0·(v_in − dy/dt) + k0·(x_in − y).
@@ -23,7 +23,7 @@ VOID_SHARE = 1e-4  # of it left while there is a void
 STANDSTILL_M_S = 1e-6
 ATMOSPHERE_PA = 101_325.0
 EDGE_M = 4e-6  # [m] softness of the edges of the play
-FULL_M = 0.06  # [m] the stroke gas is made for
+FULL_M = 0.06  # [m] stroke for which the gas volume is designed
 
 
 @njit(cache=True)
@@ -62,7 +62,7 @@ def stop(c: Any, x: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def slack(c: Any, bend: float) -> tuple[float, float]:
-    """Return how far [m] the bushing bends beyond its play, and the slope: 1 outside, 0 inside."""
+    """Return the bend [m] of the bushing beyond its play, and the slope: 1 outside, 0 inside."""
     if c.play_m <= 0.0:
         return bend, 1.0
     up, down = (bend - 0.5 * c.play_m) / EDGE_M, (-bend - 0.5 * c.play_m) / EDGE_M
@@ -149,7 +149,7 @@ def advance(
 
 @njit(cache=True)
 def settle(c: Any, s: Array, stroke: float, speed: float, current: float) -> float:
-    """Bring the state to rest at this input and return the force [N]; the cell reads 0 under the gas at mid-stroke."""
+    """Bring the state to rest at this input and return the force [N], zero at mid-stroke."""
     s[:] = 0.0
     held = gas(c, stroke)
     s[PISTON] = s[DASHPOT] = stroke - held / c.mount_N_m - (0.5 * c.play_m if held > 0.0 else -0.5 * c.play_m)
@@ -162,7 +162,7 @@ def settle(c: Any, s: Array, stroke: float, speed: float, current: float) -> flo
 def continue_run(
     c: Any, s: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int, out: Array
 ) -> None:
-    """Go from the first input, at which the state stands, through the others; fills `out` from column 1 on."""
+    """Continue from the first input, which the state has reached, through the others; fills `out` from column 1 on."""
     h, zero = interval / substeps, gas(c, 0.0)
     for n in range(1, stroke.shape[0]):
         x0, v0, x1, v1 = stroke[n - 1], speed[n - 1], stroke[n], speed[n]

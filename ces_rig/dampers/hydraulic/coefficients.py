@@ -1,4 +1,4 @@
-"""A damper's parameters into the flat numbers of the kernel: diameters become areas, lengths volumes."""
+"""Converts a damper's parameters to the flat numbers of the kernel: diameters to areas, lengths to volumes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ces_rig.dampers.hydraulic.parameters import CheckValve, Damper
 
 
 def coefficients(damper: Damper) -> Coefficients:
-    """Return what the kernel needs of `damper`."""
+    """Return the kernel's coefficients of `damper`."""
     b, oil, piston, ces, gas = damper.body, damper.oil, damper.piston, damper.ces_valve, damper.reservoir
     seal, mount, heat = damper.seal, damper.mount, damper.heat
     return Coefficients(

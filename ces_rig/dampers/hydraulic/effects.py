@@ -1,4 +1,4 @@
-"""The hydraulic CES damper as a plant for blind tests: its effect-free design, and what each effect does inside it.
+"""The hydraulic CES damper as a plant for blind tests: its effect-free design, and what each effect changes in it.
 
 Every effect changes parameters of the differential equations in `ces_rig.dampers.hydraulic.kernel`; none adds a force
 from outside.
@@ -32,7 +32,7 @@ from ces_rig.nested_numbers import get_number, number_paths, replace_numbers
 Array = NDArray[np.float64]
 
 MAX_AIR_FRACTION = 0.25
-RELEASE_PA = 8.5e4  # [Pa] at which oil full of dissolved gas lets it go
+RELEASE_PA = 8.5e4  # [Pa] at which oil saturated with gas releases it
 FOAM_EVERY_S = 5e-3  # [s] between updates of a growing air content
 DESIGN: Mapping[str, float] = {
     "body.moving_mass_kg": 0.35, "body.bump_clearance_m": 0.055, "body.bump_stiffness_N_m": 2e5,
@@ -50,7 +50,7 @@ VARIED: Mapping[str, float] = {
     "ces_valve.pilot_fall_s": 0.2, "reservoir.pressure_Pa": 0.15, "reservoir.gas_m3": 0.15, "oil.air_fraction": 0.2,
     "seal.viscous_Ns_m": 0.3, "body.rebound_dead_m3": 0.2, "body.compression_dead_m3": 0.2,
 }  # fmt: skip
-"""What differs from one damper to the next, with the standard deviation of its logarithm."""
+"""Parameters that vary from damper to damper, with the standard deviations of their logarithms."""
 WRONG: Mapping[tuple[str, ...], float] = {
     ("piston.compression.area_m2",): 0.2, ("piston.compression.cracking_Pa",): 0.3,
     ("piston.compression.full_open_Pa",): 0.2, ("piston.bleed_area_m2",): 0.2, ("ces_valve.area_m2",): 0.2,
@@ -60,20 +60,21 @@ WRONG: Mapping[tuple[str, ...], float] = {
     ("oil.air_fraction",): 0.1, ("seal.viscous_Ns_m",): 0.4, ("seal.coulomb_N", "seal.static_N"): 0.3,
     ("mount.stiffness_N_m",): 0.2,
 }  # fmt: skip
-"""What a simulation has wrong (what is in one key, by one factor), and the logarithm's standard deviation at size 1."""
+"""Parameters that are wrong in a simulation (those of one key by the same factor), with the standard deviation of the
+factor's logarithm at size 1."""
 
 SPREADS: Mapping[str, Proportions] = {
     "friction": {
-        "coulomb_N": log_spread(25.0, 60.0), "static": uniform_spread(1.05, 1.8), "stribeck_m_s": log_spread(0.006,
-        0.04),
-        "bristle_N_m": log_spread(1.5e5, 1.5e6), "pressure_1_Pa": uniform_spread(0.0, 1.5e-7),
+        "coulomb_N": log_spread(25.0, 60.0), "static": uniform_spread(1.05, 1.8),
+        "stribeck_m_s": log_spread(0.006, 0.04), "bristle_N_m": log_spread(1.5e5, 1.5e6),
+        "pressure_1_Pa": uniform_spread(0.0, 1.5e-7),
     },
     "compressibility": {"compliance_1_Pa": log_spread(2e-10, 1e-9), "air": log_spread(5e-4, 5e-3)},
     "mount_compliance": {"compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4)},
     "backlash": {"play_m": log_spread(2e-4, 6e-4)},
     "inertia": {"mass_kg": log_spread(1.5, 4.0)},
     "gas_spring": {"pressure": uniform_spread(1.0, 4.0), "volume": log_spread(0.5, 2.0),
-    "exponent": uniform_spread(1.05, 1.4)},
+                   "exponent": uniform_spread(1.05, 1.4)},
     "cavitation": {
         "choke": log_spread(0.04, 0.25), "gas_loss": log_spread(0.05, 0.25), "release": log_spread(0.5, 2.0),
     },
@@ -82,8 +83,8 @@ SPREADS: Mapping[str, Proportions] = {
         "capacity_J_K": log_spread(40.0, 150.0), "warm_K": uniform_spread(0.0, 6.0),
     },
     "leakage": {
-        "ring_m3_sPa": log_spread(2e-12, 8e-12), "bleed_m2": uniform_spread(0.0, 2e-7), "seat_m2": uniform_spread(0.0,
-        6e-8),
+        "ring_m3_sPa": log_spread(2e-12, 8e-12), "bleed_m2": uniform_spread(0.0, 2e-7),
+        "seat_m2": uniform_spread(0.0, 6e-8),
     },
     "blow_off": {
         "weakness": log_spread(5.0, 9.0), "area_m2": log_spread(8e-6, 2.5e-5), "band_Pa": log_spread(6e5, 3e6),
@@ -91,8 +92,8 @@ SPREADS: Mapping[str, Proportions] = {
     "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "progression_1_m": uniform_spread(0.0, 120.0)},
     "valve_lag": {"rise_s": log_spread(5e-3, 2e-2), "fall_s": log_spread(4e-3, 1.5e-2)},
     "current_hysteresis": {"width_A": log_spread(0.012, 0.04)},
-    "groove": {"area_m2": log_spread(2e-7, 6e-7), "at_m": uniform_spread(-0.012, 0.012), "width_m": log_spread(0.004,
-    0.01)},
+    "groove": {"area_m2": log_spread(2e-7, 6e-7), "at_m": uniform_spread(-0.012, 0.012),
+               "width_m": log_spread(0.004, 0.01)},
     "foaming": {"growth_1_J": log_spread(1e-6, 5e-6)},
     "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": uniform_spread(-0.01, 0.01)},
     "sticking_check": {"adhesion_Pa": log_spread(1.5e5, 4e5)},
@@ -101,7 +102,7 @@ SPREADS: Mapping[str, Proportions] = {
 
 @dataclass(frozen=True)
 class Hydraulic:
-    """The damper, with coefficients that no description has, and how its air content grows per joule."""
+    """The damper, with `extras` (coefficients without a parameter) and the growth of its air content per joule."""
 
     damper: Damper
     extras: Mapping[str, float] = field(default_factory=dict)
@@ -118,7 +119,7 @@ class Hydraulic:
 
     @property
     def current_A(self) -> tuple[float, float]:
-        """The range [A] of the current that acts."""
+        """The effective range [A] of the current."""
         return self.damper.ces_valve.current_low_A, self.damper.ces_valve.current_high_A
 
     @property
@@ -137,7 +138,7 @@ class Hydraulic:
         return state, float(hy.mount_force(c, state, stroke_m, speed_m_s)[0] - rest_force(self.damper))
 
     def without_coil(self) -> Hydraulic:
-        """Return the damper as driven with a measured coil current."""
+        """Return the damper without its coil's lag, to be driven with a measured coil current."""
         return Hydraulic(replace_numbers(self.damper, {"ces_valve.solenoid_s": 0.0}), self.extras, self.foaming_1_J)
 
     def with_numbers(self, numbers: Mapping[str, float]) -> Hydraulic:
@@ -152,7 +153,7 @@ class Hydraulic:
         return get_number(self.damper, path)
 
     def description(self) -> dict[str, object]:
-        """Return what a damper's YAML file holds."""
+        """Return the contents of its YAML file."""
         return {"kind": "hydraulic", **asdict(self.damper)}
 
 
@@ -160,7 +161,7 @@ PATHS = frozenset(number_paths(Damper()))
 
 
 def simulate_foaming(plant: Hydraulic, interval_s: float, stroke_m: Array, current_A: Array) -> SimulatedRun:
-    """Run a damper whose air content grows with the energy it has taken up (foam; gas coming out of solution)."""
+    """Run a damper whose air content grows with the absorbed energy (foam; gas coming out of solution)."""
     stepper = Stepper(plant.damper, interval_s, STEP_S, plant.extras)
     every = max(1, round(FOAM_EVERY_S / interval_s))
     time = np.arange(len(stroke_m), dtype=np.float64) * interval_s
@@ -168,23 +169,22 @@ def simulate_foaming(plant: Hydraulic, interval_s: float, stroke_m: Array, curre
     force, states = np.empty(len(time)), np.empty((len(time), hy.STATE_SIZE))
     force[0] = stepper.reset(stroke_m[0], speed[0], current_A[0])
     states[0] = stepper.state
-    air, taken_J = stepper.coefficients.air, 0.0
+    air, absorbed_J = stepper.coefficients.air, 0.0
     for start in range(1, len(time), every):
         part = slice(start, start + every)
-        force[part] = stepper.advance_with_states(stroke_m[part], speed[part], current_A[part], states[part])
-        taken_J += abs(float(np.dot(force[part], speed[part]))) * interval_s
-        stepper.coefficients = stepper.coefficients._replace(
-            air=min(air + plant.foaming_1_J * taken_J, MAX_AIR_FRACTION)
-        )
+        force[part] = stepper.advance(stroke_m[part], speed[part], current_A[part], states[part])
+        absorbed_J += abs(float(np.dot(force[part], speed[part]))) * interval_s
+        content = min(air + plant.foaming_1_J * absorbed_J, MAX_AIR_FRACTION)
+        stepper.coefficients = stepper.coefficients._replace(air=content)
     return SimulatedRun(time, force, states)
 
 
 def _friction(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    seal, more = d.seal, s * p["coulomb_N"]
-    share = more / (more + seal.coulomb_N)
+    seal, extra = d.seal, s * p["coulomb_N"]
+    share = extra / (extra + seal.coulomb_N)
     return {
-        "seal.coulomb_N": seal.coulomb_N + more,
-        "seal.static_N": seal.static_N + more * p["static"],
+        "seal.coulomb_N": seal.coulomb_N + extra,
+        "seal.static_N": seal.static_N + extra * p["static"],
         "seal.stribeck_m_s": interpolate_log(seal.stribeck_m_s, p["stribeck_m_s"], share),
         "seal.bristle_N_m": interpolate_log(seal.bristle_N_m, p["bristle_N_m"], share),
         "seal.pressure_1_Pa": seal.pressure_1_Pa + share * p["pressure_1_Pa"],
@@ -206,10 +206,10 @@ def _mount_compliance(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, 
 
 
 def _gas_spring(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    gas, least = d.reservoir, 1.1 * d.rod_area_m2 * d.body.half_stroke_m
+    gas, smallest = d.reservoir, 1.1 * d.rod_area_m2 * d.body.half_stroke_m
     return {
         "reservoir.pressure_Pa": gas.pressure_Pa * (1.0 + s * p["pressure"]),
-        "reservoir.gas_m3": least + (gas.gas_m3 - least) / (1.0 + s * p["volume"]),
+        "reservoir.gas_m3": smallest + (gas.gas_m3 - smallest) / (1.0 + s * p["volume"]),
         "reservoir.exponent": interpolate_log(gas.exponent, p["exponent"], s / (1.0 + s)),
     }
 

@@ -1,14 +1,14 @@
-"""The numerical kernel of the damper: the equations of docs/rig.md, integrated with a fixed fine step.
+"""Numerical kernel of the hydraulic damper: the equations of docs/rig.md, integrated with a fixed small step.
 
-Scheme: ROS2 (Verwer et al., SIAM J. Sci. Comput. 20, 1999), a linearly implicit two-stage method that is of second
-order with any Jacobian and L-stable with the true one; the Jacobian here holds the stiff part (bushing, piston,
-pressures) exactly and the rest by its diagonal. Plain loops over arrays; slow readable twin in the tests.
+Scheme: ROS2 (Verwer et al., SIAM J. Sci. Comput. 20, 1999), a linearly implicit two-stage method, of second order with
+any Jacobian and L-stable with the exact one. The Jacobian used here is exact for the stiff part (bushing, piston,
+pressures) and diagonal for the rest. Plain loops over arrays; slow readable version in the tests.
 """
 
 from __future__ import annotations
 
+from collections import namedtuple
 from math import exp, log1p, sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 ATMOSPHERE_PA = 101_325.0
-TRANSITION_PA = 4e3  # [Pa] drop below which an orifice flows laminar
+TRANSITION_PA = 4e3  # [Pa] drop below which the flow through an orifice is laminar
 VAPOUR_WIDTH_PA = 400.0  # [Pa] softness of the vapour floor
 LOWEST_PA = 50.0  # [Pa] numerical guard below the vapour floor
 REFERENCE_DEGC = 40.0
@@ -25,7 +25,7 @@ SEATED = 0.02  # opening below which a plate touches its seat
 STANDSTILL_M_S = 1e-6  # [m/s] rounds |speed| in the friction law
 GAMMA = 1.0 - sqrt(0.5)
 
-# Unknowns of the differential equations, then memory of the current path, then the last input.
+# State: unknowns of the differential equations, memory of the current path, last input.
 PISTON, SPEED, P_COMPRESSION, P_REBOUND, P_GAS = 0, 1, 2, 3, 4
 POPPET, PISTON_CHECK, TOP_COMPRESSION, TOP_REBOUND, BRISTLE, TEMPERATURE = 5, 6, 7, 8, 9, 10
 UNKNOWNS, STIFF = 11, 5
@@ -40,82 +40,29 @@ STATE_NAMES = (
 Q_CHECK, Q_BLEED, Q_BLOW_OFF, Q_TOP_COMPRESSION, Q_TOP_REBOUND, Q_CES, FLOWS = 0, 1, 2, 3, 4, 5, 6
 
 
-class Coefficients(NamedTuple):
-    """What the kernel needs of a damper: SI units, effective areas, all numbers."""
+Coefficients = namedtuple(
+    "Coefficients",
+    """piston_area annulus_area rod_area compression_volume rebound_volume mass
+    bump_clearance bump_stiffness bump_progression
+    density bulk air air_inverse_exponent vapour viscosity_fall discharge_rise
+    check_area check_crack check_full check_open_s check_close_s
+    bleed_area leakage blow_off blow_off_area blow_off_band
+    top_c_area top_c_crack top_c_full top_c_open_s top_c_close_s
+    top_r_area top_r_crack top_r_full top_r_open_s top_r_close_s
+    ces_area ces_band poppet_s pilot_area crack_low crack_high
+    current_low current_high saturation solenoid_s pilot_rise_s pilot_fall_s hysteresis
+    gas_pressure gas_volume reservoir_volume gas_inverse_exponent
+    coulomb static seal_pressure stribeck bristle bristle_damping viscous
+    mount mount_damping play ambient heat_capacity heat_loss
+    groove_area groove_at groove_width side_load side_at check_stick""",
+    defaults=(0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
+)
+"""The kernel's view of a damper: SI units, effective areas, all numbers.
 
-    piston_area: float
-    annulus_area: float
-    rod_area: float
-    compression_volume: float
-    rebound_volume: float
-    mass: float
-    bump_clearance: float
-    bump_stiffness: float
-    bump_progression: float
-    density: float
-    bulk: float
-    air: float
-    air_inverse_exponent: float
-    vapour: float
-    viscosity_fall: float
-    discharge_rise: float
-    check_area: float
-    check_crack: float
-    check_full: float
-    check_open_s: float
-    check_close_s: float
-    bleed_area: float
-    leakage: float
-    blow_off: float
-    blow_off_area: float
-    blow_off_band: float
-    top_c_area: float
-    top_c_crack: float
-    top_c_full: float
-    top_c_open_s: float
-    top_c_close_s: float
-    top_r_area: float
-    top_r_crack: float
-    top_r_full: float
-    top_r_open_s: float
-    top_r_close_s: float
-    ces_area: float
-    ces_band: float
-    poppet_s: float
-    pilot_area: float
-    crack_low: float
-    crack_high: float
-    current_low: float
-    current_high: float
-    saturation: float
-    solenoid_s: float
-    pilot_rise_s: float
-    pilot_fall_s: float
-    hysteresis: float
-    gas_pressure: float
-    gas_volume: float
-    reservoir_volume: float
-    gas_inverse_exponent: float
-    coulomb: float
-    static: float
-    seal_pressure: float
-    stribeck: float
-    bristle: float
-    bristle_damping: float
-    viscous: float
-    mount: float
-    mount_damping: float
-    play: float
-    ambient: float
-    heat_capacity: float
-    heat_loss: float
-    # What no damper description has, for blind tests (ces_rig.withheld): neutral unless asked for.
-    groove_area: float = 0.0  # [m²] bypass groove in the cylinder wall where the piston passes `groove_at`
-    groove_at: float = 0.0  # [m]
-    groove_width: float = 1.0  # [m]
-    side_load: float = 0.0  # [N/m] sliding friction that grows with the distance from `side_at`
-    side_at: float = 0.0  # [m]
-    check_stick: float = 0.0  # [Pa] drop that tears the piston's closed check plate off its seat
+The last six, for blind tests (ces_rig.withheld), have no parameter and are neutral by default: a bypass groove in the
+cylinder wall (area [m²], position and width [m]), sliding friction that grows with the distance from `side_at` [m] by
+`side_load` [N/m], and the pressure drop [Pa] that lifts the piston's sticking check plate off its seat.
+"""
 
 
 @njit(cache=True)
@@ -126,7 +73,7 @@ def softplus(u: float) -> float:
 
 @njit(cache=True)
 def specific_volume(c: Coefficients, p: float) -> tuple[float, float]:
-    """Volume of the aerated oil at pressure `p` [Pa] over that at atmospheric pressure, and minus its slope [1/Pa]."""
+    """Return the volume of the aerated oil at `p` [Pa] relative to atmospheric pressure, and minus its slope [1/Pa]."""
     oil = (1.0 - c.air) * exp((ATMOSPHERE_PA - p) / c.bulk)
     air = c.air * (ATMOSPHERE_PA / p) ** c.air_inverse_exponent
     u = (c.vapour - p) / VAPOUR_WIDTH_PA
@@ -139,13 +86,13 @@ def specific_volume(c: Coefficients, p: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def gas_volume(c: Coefficients, p: float) -> float:
-    """Gas volume [m³] in the reservoir at pressure `p` [Pa], polytropic."""
+    """Return the gas volume [m³] in the reservoir at pressure `p` [Pa], polytropic."""
     return float(c.gas_volume * (c.gas_pressure / p) ** c.gas_inverse_exponent)
 
 
 @njit(cache=True)
 def oil_mass(c: Coefficients, piston: float, p_c: float, p_r: float, p_g: float) -> float:
-    """Mass of oil [kg] in both chambers and the reservoir; the equations conserve it."""
+    """Return the mass of oil [kg] in both chambers and the reservoir; the equations conserve it."""
     chambers = (c.compression_volume - c.piston_area * piston) / specific_volume(c, p_c)[0]
     chambers += (c.rebound_volume + c.annulus_area * piston) / specific_volume(c, p_r)[0]
     reservoir = (c.reservoir_volume - gas_volume(c, p_g)) / specific_volume(c, p_g)[0]
@@ -154,7 +101,7 @@ def oil_mass(c: Coefficients, piston: float, p_c: float, p_r: float, p_g: float)
 
 @njit(cache=True)
 def orifice(c: Coefficients, area: float, drop: float) -> tuple[float, float]:
-    """Flow [m³/s] through an effective area [m²] at a pressure drop [Pa], and its slope; laminar near zero."""
+    """Return the flow [m³/s] through an effective area [m²] at a pressure drop [Pa], and its slope; laminar near 0."""
     k = area * sqrt(2.0 / c.density)
     square = drop * drop + TRANSITION_PA * TRANSITION_PA
     root = sqrt(sqrt(square))
@@ -163,7 +110,7 @@ def orifice(c: Coefficients, area: float, drop: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def opening(drop: float, crack: float, full: float) -> float:
-    """Share of its area a spring-loaded valve opens at a pressure drop [Pa]: 0 at `crack`, 1 at `full`, smooth ends."""
+    """Return the opening of a spring-loaded valve at a pressure drop [Pa]: 0 at `crack`, 1 at `full`, smooth ends."""
     u = min(max((drop - crack) / (full - crack), 0.0), 1.0)
     return u * u * (3.0 - 2.0 * u)
 
@@ -194,7 +141,7 @@ def flows(c: Coefficients, u: Array, q: Array, slope: Array) -> None:
 
 @njit(cache=True)
 def mount_force(c: Coefficients, u: Array, stroke: float, speed: float) -> tuple[float, float]:
-    """Force [N] in the bushing, positive in compression, and 1.0 if its play is taken up, else 0.0."""
+    """Return the bushing's force [N], positive in compression, and 1.0 if its play is taken up, else 0.0."""
     bend = stroke - u[PISTON]
     half = 0.5 * c.play
     if -half < bend < half:
@@ -205,7 +152,7 @@ def mount_force(c: Coefficients, u: Array, stroke: float, speed: float) -> tuple
 
 @njit(cache=True)
 def friction(c: Coefficients, u: Array) -> tuple[float, float, float]:
-    """LuGre seal friction [N], the bristle's rate [m/s] and minus its relaxation rate [1/s]."""
+    """Return the LuGre seal friction [N], the bristle's rate [m/s] and minus its relaxation rate [1/s]."""
     v = u[SPEED]
     press = 1.0 + c.seal_pressure * max(u[P_REBOUND] - ATMOSPHERE_PA, 0.0)
     level = press * (c.coulomb + (c.static - c.coulomb) * exp(-((v / c.stribeck) ** 2)))
@@ -218,7 +165,7 @@ def friction(c: Coefficients, u: Array) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def bump_force(c: Coefficients, piston: float) -> tuple[float, float]:
-    """Force [N] of the bump stops at a piston position [m], and its slope [N/m]."""
+    """Return the force [N] of the bump stops at a piston position [m], and its slope [N/m]."""
     into = abs(piston) - c.bump_clearance
     if into <= 0.0:
         return 0.0, 0.0
@@ -229,7 +176,7 @@ def bump_force(c: Coefficients, piston: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def lag(target: float, value: float, opening_s: float, closing_s: float) -> float:
-    """Rate [1/s] of a valve plate towards its `target` opening."""
+    """Return the rate [1/s] of a valve plate towards its `target` opening."""
     return (target - value) / (opening_s if target > value else closing_s)
 
 
@@ -248,7 +195,7 @@ def capacities(c: Coefficients, u: Array, cap: Array) -> None:
 
 @njit(cache=True)
 def rates(c: Coefficients, u: Array, stroke: float, speed: float, pilot: float, work: Array, f: Array) -> None:
-    """Fill `f` (UNKNOWNS,) with du/dt; `work` (3, FLOWS) keeps flows, slopes and capacities for the Jacobian."""
+    """Fill `f` (UNKNOWNS,) with du/dt; `work` (3, FLOWS) receives flows, slopes and capacities for the Jacobian."""
     q, cap = work[0], work[2]
     flows(c, u, q, work[1])
     capacities(c, u, cap)
@@ -277,7 +224,7 @@ def rates(c: Coefficients, u: Array, stroke: float, speed: float, pilot: float, 
 
 @njit(cache=True)
 def stiff_matrix(c: Coefficients, u: Array, stroke: float, speed: float, gh: float, work: Array, m: Array) -> None:
-    """Fill `m` (STIFF, STIFF) with I - gh·J of bushing, piston and pressures, openings held."""
+    """Fill `m` (STIFF, STIFF) with I - gh·J of bushing, piston and pressures at constant openings."""
     g, cap = work[1], work[2]
     taken_up = mount_force(c, u, stroke, speed)[1]
     across = g[Q_CHECK] + g[Q_BLEED] + g[Q_BLOW_OFF]
@@ -315,7 +262,7 @@ def diagonal(c: Coefficients, u: Array, gh: float, d: Array) -> None:
 
 @njit(cache=True)
 def factorise(m: Array) -> None:
-    """LU factors of the small matrix `m` in place, without pivoting (its diagonal dominates)."""
+    """Replace the small matrix `m` by its LU factors, without pivoting (its diagonal dominates)."""
     n = m.shape[0]
     for k in range(n):
         for i in range(k + 1, n):
@@ -341,7 +288,7 @@ def solve(m: Array, d: Array, x: Array) -> None:
 
 @njit(cache=True)
 def cracking_drop(c: Coefficients, current: float) -> float:
-    """Cracking drop [Pa] of the CES valve at rest for a current [A]: magnet force ~ current², softly clipped."""
+    """Return the cracking drop [Pa] of the CES valve at a constant current [A]: magnet force ~ current², clipped."""
     w = c.saturation
     clipped = c.current_low + w * softplus((current - c.current_low) / w) - w * softplus((current - c.current_high) / w)
     low, high = c.current_low**2, c.current_high**2
@@ -355,13 +302,13 @@ def current_path(c: Coefficients, state: Array, current: float, h: float) -> Non
         state[COIL] = current + (state[COIL] - current) * exp(-h / c.solenoid_s)
     else:
         state[COIL] = current
-    seen = 0.0  # mean over the step
+    effective = 0.0  # mean over the step
     for k in range(PLAYS):
         half = 2.0 * c.hysteresis * (k + 0.5) / PLAYS
         before = state[PLAY + k]
         state[PLAY + k] = min(max(before, state[COIL] - half), state[COIL] + half)
-        seen += 0.5 * (before + state[PLAY + k]) / PLAYS
-    target = cracking_drop(c, seen)
+        effective += 0.5 * (before + state[PLAY + k]) / PLAYS
+    target = cracking_drop(c, effective)
     pilot_s = c.pilot_rise_s if target > state[PILOT] else c.pilot_fall_s
     state[PILOT] = target + (state[PILOT] - target) * exp(-h / pilot_s)
 
@@ -371,11 +318,11 @@ def advance(
     c: Coefficients, state: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int,
     force: Array, states: Array,
 ) -> None:  # fmt: skip
-    """Integrate from the last input in `state` through the given inputs, one every `interval` seconds.
+    """Integrate from the last input in `state` through the next inputs, one every `interval` seconds.
 
     `state` (STATE_SIZE,) changes in place; `stroke` [m], `speed` [m/s], `current` [A] and the resulting `force` [N]
-    have shape (n,). `states` of shape (n, STATE_SIZE) receives the states, or nothing if it has no rows. Between the
-    inputs the stroke is the cubic through both positions and speeds, the current a straight line.
+    have shape (n,). `states` of shape (n, STATE_SIZE) receives the states, unless it has no rows. Between the inputs
+    the stroke is the cubic through both positions and speeds, the current a straight line.
     """
     h = interval / substeps
     u = state[:UNKNOWNS]

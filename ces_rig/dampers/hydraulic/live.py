@@ -1,10 +1,10 @@
-"""Compiled chunks of a live rig with the hydraulic damper: from its last input on, by hand or under a vehicle.
+"""Compiled live simulation of the hydraulic damper from its last input on, moved by an actuator or a vehicle.
 
-`moves` (4, n + 1) holds on its rows stroke [m] (or road height [m]), speed [m/s], commanded current [A] and that
-current behind the damper's dead time; column 0 is the last input, `n` more follow, one every `interval` seconds. The
-coefficients come as an array (`numbers`): to hand seventy numbers over one by one takes as long as ten steps.
+The rows of `moves` (4, n + 1) are stroke [m] (or road height [m]), speed [m/s], commanded current [A] and that current
+after the damper's dead time. Column 0 is the last input; `n` more follow, one every `interval` seconds. The
+coefficients are passed as an array (`numbers`), because passing seventy scalars takes as long as ten steps.
 
-Numba's cache watches this file only: touch it after a change in what is called here (test_live_plant.py tells).
+Numba's cache watches this file only: touch it after changing a function that it calls (test_live_plant.py checks this).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ VEHICLE = len(VehicleNumbers._fields)
 
 @njit(cache=True)
 def drive(numbers: Array, state: Array, moves: Array, interval: float, substeps: int, force: Array) -> None:
-    """Move the damper; `force` (n,) receives its force [N] less the gas force at mid-stroke."""
+    """Move the damper; `force` (n,) receives its force [N] minus the gas force at mid-stroke."""
     c = hy.Coefficients(*to_fixed_tuple(numbers, SIZE))
     none = np.empty((0, hy.STATE_SIZE))
     hy.advance(c, state, moves[0, 1:], moves[1, 1:], moves[2, 1:], interval, substeps, force, none)
@@ -35,7 +35,7 @@ def drive(numbers: Array, state: Array, moves: Array, interval: float, substeps:
 def ride(
     numbers: Array, state: Array, vehicle: Array, motion: Array, moves: Array, interval: float, substeps: int
 ) -> None:
-    """Let the vehicle with the damper ride over the heights in `moves`; `motion` changes in place."""
+    """Drive the vehicle with the damper over the heights in `moves`; `motion` changes in place."""
     c = hy.Coefficients(*to_fixed_tuple(numbers, SIZE))
     b = VehicleNumbers(*to_fixed_tuple(vehicle, VEHICLE))
     h, zero = interval / substeps, gas_force(c)

@@ -1,7 +1,6 @@
-"""The parameters of the hydraulic CES damper, each with unit, plausible range and meaning; loadable from YAML.
+"""Parameters of the hydraulic CES damper, each with unit, plausible range and meaning; loadable from YAML.
 
-Units are those of the field's name or of the bracket beside it; SI throughout. The equations that use them are in
-`hydraulics.py` and in docs/rig.md. Effective areas already hold the discharge coefficient.
+All units are SI. The equations are in `kernel.py` and docs/rig.md. Effective areas include the discharge coefficient.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ class Body:
     moving_mass_kg: float = quantity(0.6, "kg", "rod, piston and bushing eye beyond the bushing", 0.05, 20.0)
     bump_clearance_m: float = quantity(0.050, "m", "stroke, either way, where the bump stop begins", 0.001, 0.5)
     bump_stiffness_N_m: float = quantity(4e5, "N/m", "bump stop stiffness", 0.0, 1e8)
-    bump_progression_1_m: float = quantity(0.0, "1/m", "relative growth of it with the stop's bend", 0.0, 1e4)
+    bump_progression_1_m: float = quantity(0.0, "1/m", "relative growth of stiffness with deflection", 0.0, 1e4)
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class Oil:
 
 @dataclass(frozen=True)
 class CheckValve:
-    """Spring-loaded plate or shim stack: opens over a band of pressure drop, with a lag of its own."""
+    """Spring-loaded plate or shim stack: opens over a band of pressure drop, with its own lag."""
 
     area_m2: float = quantity(30e-6, "m²", "effective flow area when fully open", 1e-8, 1e-3)
     cracking_Pa: float = quantity(5e4, "Pa", "pressure drop at which it begins to open", 0.0, 1e7)
@@ -81,16 +80,16 @@ class CesValve:
     area_m2: float = quantity(18e-6, "m²", "main poppet, effective area when fully open", 1e-7, 1e-3)
     band_Pa: float = quantity(2.2e6, "Pa", "drop beyond cracking at which the poppet is fully open", 1e4, 1e8)
     poppet_s: float = quantity(0.35e-3, "s", "time constant of the main poppet", 1e-4, 0.1)
-    pilot_area_m2: float = quantity(0.35e-6, "m²", "effective area of the pilot flow, always there", 0.0, 1e-4)
+    pilot_area_m2: float = quantity(0.35e-6, "m²", "effective area of the pilot flow, always open", 0.0, 1e-4)
     cracking_low_Pa: float = quantity(0.30e6, "Pa", "cracking drop at the lowest current", 0.0, 1e8)
     cracking_high_Pa: float = quantity(3.9e6, "Pa", "cracking drop at the highest current", 0.0, 1e8)
-    current_low_A: float = quantity(0.29, "A", "lowest current that acts", 0.0, 10.0)
-    current_high_A: float = quantity(0.70, "A", "highest current that acts (magnet saturated)", 0.01, 20.0)
+    current_low_A: float = quantity(0.29, "A", "lower end of the effective current range", 0.0, 10.0)
+    current_high_A: float = quantity(0.70, "A", "upper end of that range (magnet saturated)", 0.01, 20.0)
     saturation_A: float = quantity(0.03, "A", "width of the soft ends of the current range", 1e-3, 1.0)
     solenoid_s: float = quantity(2.5e-3, "s", "coil and driver time constant (L/R)", 0.0, 0.1)
     pilot_rise_s: float = quantity(11e-3, "s", "pilot time constant while the cracking drop rises", 1e-4, 0.2)
     pilot_fall_s: float = quantity(7e-3, "s", "pilot time constant while it falls", 1e-4, 0.2)
-    hysteresis_A: float = quantity(0.015, "A", "half width of the magnetic loop, current seen by the pilot", 0.0, 0.2)
+    hysteresis_A: float = quantity(0.015, "A", "half width of the magnetic loop of the pilot stage", 0.0, 0.2)
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,7 @@ class Reservoir:
 
 @dataclass(frozen=True)
 class Seal:
-    """Rod and piston seals: LuGre friction, pressed on by the pressure in the rebound chamber."""
+    """Rod and piston seals: LuGre friction, which grows with the pressure in the rebound chamber."""
 
     coulomb_N: float = quantity(28.0, "N", "sliding friction without pressure", 0.0, 5e3)
     static_N: float = quantity(45.0, "N", "breakaway friction without pressure", 0.0, 5e3)
@@ -127,17 +126,17 @@ class Mount:
 
 @dataclass(frozen=True)
 class Heat:
-    """One lump of oil and metal that the dissipated power warms."""
+    """Oil and body as one heat capacity, warmed by the dissipated power."""
 
-    start_degC: float = quantity(40.0, "°C", "temperature at the start", -40.0, 150.0)
-    ambient_degC: float = quantity(22.0, "°C", "temperature around the damper", -40.0, 60.0)
+    start_degC: float = quantity(40.0, "°C", "initial temperature", -40.0, 150.0)
+    ambient_degC: float = quantity(22.0, "°C", "ambient temperature", -40.0, 60.0)
     capacity_J_K: float = quantity(1500.0, "J/K", "heat capacity of oil and body", 10.0, 1e6)
     loss_W_K: float = quantity(4.0, "W/K", "heat loss to the surroundings", 0.0, 1e4)
 
 
 @dataclass(frozen=True)
 class Damper:
-    """A hydraulic CES damper; raises RigError if its parts do not fit each other."""
+    """A hydraulic CES damper; raises RigError if its parts do not fit together."""
 
     body: Body = field(default_factory=Body)
     oil: Oil = field(default_factory=Oil)
@@ -174,7 +173,7 @@ class Damper:
 
     @property
     def piston_area_m2(self) -> float:
-        """Area the compression chamber acts on."""
+        """Piston area on the side of the compression chamber."""
         return pi / 4 * self.body.bore_m**2
 
     @property
@@ -184,12 +183,12 @@ class Damper:
 
     @property
     def annulus_area_m2(self) -> float:
-        """Area the rebound chamber acts on."""
+        """Piston area on the side of the rebound chamber."""
         return self.piston_area_m2 - self.rod_area_m2
 
 
 def parse_damper(mapping: object, where: str) -> Damper:
-    """Return the damper that `mapping` (sections of `Damper`, missing keys default) describes; raises RigError."""
+    """Return the damper of a `mapping` (sections of `Damper`; missing keys keep their defaults); raises RigError."""
     try:
         return build(Damper, fill_defaults(mapping, Damper()), where)
     except RigError as error:

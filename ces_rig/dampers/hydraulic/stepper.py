@@ -1,6 +1,6 @@
-"""Runs the damper: strokes and currents in, forces out; at once, in chunks for a live rig, or from a recorded position.
+"""Runs the hydraulic damper: strokes and currents go in, forces come out, all at once or in chunks.
 
-A stroke is given with its speed because between samples it is the cubic through both.
+The stroke comes with its speed, because between samples it is the cubic through both.
 """
 
 from __future__ import annotations
@@ -21,26 +21,27 @@ from ces_rig.errors import RigError
 
 Array = NDArray[np.float64]
 NO_EXTRAS: Mapping[str, float] = MappingProxyType({})
+NO_STATES = np.empty((0, hy.STATE_SIZE))
 STEP_S = 50e-6  # integration step: halving it changes the force by less than 0.2 % (test_hydraulics)
 
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """A simulated run: `time_s`, `force_N` of shape (n,) and `states` of shape (n, len(hydraulics.STATE_NAMES))."""
+    """A simulated run: `time_s`, `force_N` of shape (n,) and `states` of shape (n, len(kernel.STATE_NAMES))."""
 
     time_s: Array
     force_N: Array
     states: Array
 
     def state(self, name: str) -> Array:
-        """Return one state over time, by its name in `hydraulics.STATE_NAMES`."""
+        """Return one state over time, by its name in `kernel.STATE_NAMES`."""
         return self.states[:, hy.STATE_NAMES.index(name)]
 
 
 class Stepper:
-    """The damper for a live rig: keeps its state between chunks; chunks give exactly what one batch gives.
+    """The damper with a state that persists between chunks; chunks give exactly the forces of one batch.
 
-    `extras` are coefficients of the kernel that no description has (see `hydraulics.Coefficients`).
+    `extras` are coefficients of the kernel that have no parameter (see `kernel.Coefficients`).
     """
 
     def __init__(
@@ -55,18 +56,14 @@ class Stepper:
         self.reset()
 
     def reset(self, stroke_m: float = 0.0, speed_m_s: float = 0.0, current_A: float = 0.0) -> float:
-        """Bring the damper to rest at this input (for long) and return its force in N."""
+        """Bring the damper to rest at this input and return its force [N]."""
         self.state[:] = equilibrium(self.damper, stroke_m, speed_m_s, current_A)
         return float(hy.mount_force(self.coefficients, self.state, stroke_m, speed_m_s)[0])
 
-    def advance(self, stroke_m: ArrayLike, speed_m_s: ArrayLike, current_A: ArrayLike) -> Array:
-        """Return the force [N], shape (n,), at the next n inputs, one every `interval_s`."""
-        return self.advance_with_states(stroke_m, speed_m_s, current_A, np.empty((0, hy.STATE_SIZE)))
-
-    def advance_with_states(
-        self, stroke_m: ArrayLike, speed_m_s: ArrayLike, current_A: ArrayLike, states: Array
+    def advance(
+        self, stroke_m: ArrayLike, speed_m_s: ArrayLike, current_A: ArrayLike, states: Array = NO_STATES
     ) -> Array:
-        """As `advance`, and fill `states` of shape (n, STATE_SIZE)."""
+        """Return the force [N] (n,) at the next n inputs, one every `interval_s`; fills `states` (n, STATE_SIZE)."""
         x, v, i = (np.ascontiguousarray(a, dtype=np.float64) for a in (stroke_m, speed_m_s, current_A))
         force = np.empty(len(x))
         hy.advance(self.coefficients, self.state, x, v, i, self.interval_s, self.substeps, force, states)
@@ -77,10 +74,10 @@ def simulate(
     damper: Damper, interval_s: float, stroke_m: Array, current_A: Array, speed_m_s: Array | None = None,
     step_s: float = STEP_S, extras: Mapping[str, float] = NO_EXTRAS,
 ) -> SimulatedRun:  # fmt: skip
-    """Drive `damper` from rest with samples every `interval_s` seconds; all arrays of shape (n,), n of at least 2.
+    """Drive `damper` from rest with samples every `interval_s` seconds; all arrays of shape (n,), n at least 2.
 
     Without `speed_m_s` the speed is that of the cubic spline through the stroke. Force is positive in compression and
-    holds the gas force. Raises RigError for lengths that differ and values that are not finite or beyond the stroke.
+    includes the gas force. Raises RigError for unequal lengths and for values not finite or beyond the damper's ends.
     """
     stroke, current = np.asarray(stroke_m, dtype=np.float64), np.asarray(current_A, dtype=np.float64)
     _check_input(damper, stroke, current)
@@ -90,7 +87,7 @@ def simulate(
     force, states = np.empty(len(stroke)), np.empty((len(stroke), hy.STATE_SIZE))
     force[0] = stepper.reset(stroke[0], speed[0], current[0])
     states[0] = stepper.state
-    force[1:] = stepper.advance_with_states(stroke[1:], speed[1:], current[1:], states[1:])
+    force[1:] = stepper.advance(stroke[1:], speed[1:], current[1:], states[1:])
     return SimulatedRun(time, force, states)
 
 
@@ -100,7 +97,7 @@ def spline_speed(time_s: Array, stroke_m: Array) -> Array:
 
 
 def equilibrium(damper: Damper, stroke_m: float, speed_m_s: float, current_A: float) -> Array:
-    """Return the kernel's state at rest at this stroke: one pressure everywhere, as filled at mid-stroke."""
+    """Return the kernel's state at rest at this stroke: equal pressure everywhere, filled at mid-stroke."""
     c = coefficients(damper)
     fill = hy.oil_mass(c, 0.0, c.gas_pressure, c.gas_pressure, c.gas_pressure)
 
@@ -122,13 +119,13 @@ def equilibrium(damper: Damper, stroke_m: float, speed_m_s: float, current_A: fl
 
 
 def rest_force(damper: Damper) -> float:
-    """Gas force [N] on the rod at mid-stroke: what a rig's load cell is zeroed by."""
+    """Return the gas force [N] on the rod at mid-stroke, which the rig's tare subtracts."""
     return damper.rod_area_m2 * (damper.reservoir.pressure_Pa - hy.ATMOSPHERE_PA)
 
 
 def _check_input(damper: Damper, stroke: Array, current: Array) -> None:
     if stroke.ndim != 1 or stroke.shape != current.shape or len(stroke) < 2:
-        raise RigError(f"rig: {stroke.shape} strokes and {current.shape} currents; expected equal lengths from 2 on")
+        raise RigError(f"rig: {stroke.shape} strokes and {current.shape} currents; expected equal lengths, at least 2")
     if not (np.isfinite(stroke).all() and np.isfinite(current).all()):
         raise RigError("rig: a stroke or current is not finite; clean the input first")
     reach, limit = np.abs(stroke).max(), damper.body.half_stroke_m

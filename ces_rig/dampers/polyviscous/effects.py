@@ -1,4 +1,4 @@
-"""The ER damper as a plant to calibrate probabilities on: unlike the two others in its laws and its mechanisms."""
+"""The ER damper as a plant that calibrates probabilities; its laws differ from those of the two other dampers."""
 
 from __future__ import annotations
 

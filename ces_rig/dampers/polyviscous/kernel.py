@@ -1,4 +1,4 @@
-"""The numerical kernel of the ER damper: linearly implicit Euler with a fixed step; slow readable twin in the tests.
+"""Numerical kernel of the ER damper: linearly implicit Euler with a fixed step; slow readable version in the tests.
 
 Forces are positive in compression. The oil's spring is bent by `e`, whose rate is the piston's speed less the speed
 `passing_speed(F)` at which oil passes the piston under that force.
@@ -86,7 +86,7 @@ def rubber(c: Any, x: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def slack(c: Any, bend: float) -> tuple[float, float]:
-    """Return how far [m] the bushing bends beyond its play, with soft edges, and the slope."""
+    """Return the bend [m] of the bushing beyond its play, with soft edges, and the slope."""
     if c.play_m <= 0.0:
         return bend, 1.0
     half, w = 0.5 * c.play_m, c.play_edge_m
@@ -113,7 +113,7 @@ def field_path(c: Any, s: Array, current: float, late: float, h: float) -> None:
 
 @njit(cache=True)
 def seal(c: Any, s: Array, h: float) -> tuple[float, float]:
-    """Return force [N] of the Jenkins elements as they stand, and their slope over the next move [N/m]."""
+    """Return the present force [N] of the Jenkins elements, and their slope over the next step [N/m]."""
     level = c.seal_N * (1.0 + c.seal_rise * exp(-abs(s[SPEED]) / c.seal_m_s))
     level += c.side_load_N_m * abs(s[PISTON] - c.side_at_m)
     force, slope = 0.0, 0.0
@@ -183,7 +183,7 @@ def advance(
     c: Any, s: Array, stroke: Array, speed: Array, current: Array, late: Array, interval: float, substeps: int,
     out: Array,
 ) -> None:  # fmt: skip
-    """Run from rest; `late` (n,) is `current` after dead time; `out` (3, n) gets force, voltage and temperature."""
+    """Run from rest; `late` (n,) is `current` after dead time; `out` (3, n) receives force, voltage and temperature."""
     out[0, 0] = settle(c, s, stroke[0], speed[0], current[0])
     out[1, 0], out[2, 0] = current[0], c.start_degC
     continue_run(c, s, stroke, speed, current, late, interval, substeps, out)
@@ -191,7 +191,7 @@ def advance(
 
 @njit(cache=True)
 def settle(c: Any, s: Array, stroke: float, speed: float, current: float) -> float:
-    """Bring the state to rest at this input and return the force [N]; the cell reads 0 under the gas at mid-stroke."""
+    """Bring the state to rest at this input and return the force [N], zero at mid-stroke."""
     s[:] = 0.0
     held = gas(c, stroke)
     s[PISTON] = stroke - held / c.mount_N_m - (0.5 * c.play_m if held > 0.0 else -0.5 * c.play_m)
@@ -206,7 +206,7 @@ def continue_run(
     c: Any, s: Array, stroke: Array, speed: Array, current: Array, late: Array, interval: float, substeps: int,
     out: Array,
 ) -> None:  # fmt: skip
-    """Go from the first input, at which the state stands, through the others; fills `out` from column 1 on."""
+    """Continue from the first input, which the state has reached, through the others; fills `out` from column 1 on."""
     h, zero = interval / substeps, gas(c, 0.0)
     for n in range(1, stroke.shape[0]):
         x0, v0, x1, v1 = stroke[n - 1], speed[n - 1], stroke[n], speed[n]

@@ -1,6 +1,6 @@
-"""Compiled chunks of a live rig with the ER damper; `moves` and `numbers` are those of the hydraulic damper's `live`.
+"""Compiled live simulation of the ER damper; `moves` and `numbers` are defined as in the hydraulic damper's `live`.
 
-Numba's cache watches this file only: touch it after a change in what is called here (test_live_plant.py tells).
+Numba's cache watches this file only: touch it after changing a function that it calls (test_live_plant.py checks this).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ VEHICLE = len(VehicleNumbers._fields)
 
 @njit(cache=True)
 def drive(numbers: Array, state: Array, moves: Array, interval: float, substeps: int, force: Array) -> None:
-    """Move the damper; `force` (n,) receives its force [N] less the gas force at mid-stroke."""
+    """Move the damper; `force` (n,) receives its force [N] minus the gas force at mid-stroke."""
     out = np.empty((3, moves.shape[1]))
     c = Numbers(*to_fixed_tuple(numbers, SIZE))
     pv.continue_run(c, state, moves[0], moves[1], moves[2], moves[3], interval, substeps, out)
@@ -32,7 +32,7 @@ def drive(numbers: Array, state: Array, moves: Array, interval: float, substeps:
 def ride(
     numbers: Array, state: Array, vehicle: Array, motion: Array, moves: Array, interval: float, substeps: int
 ) -> None:
-    """Let the vehicle with the damper ride over the heights in `moves`; `motion` changes in place."""
+    """Drive the vehicle with the damper over the heights in `moves`; `motion` changes in place."""
     c, b = Numbers(*to_fixed_tuple(numbers, SIZE)), VehicleNumbers(*to_fixed_tuple(vehicle, VEHICLE))
     h, zero = interval / substeps, pv.gas(c, 0.0)
     for n in range(1, moves.shape[1]):

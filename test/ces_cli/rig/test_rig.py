@@ -64,7 +64,7 @@ def test_list(capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["none", "--out", "x"], "ces rig: error: none: no such file, and no packaged experiment"),
+        (["none", "--out", "x"], "ces rig: error: none: no such file or packaged experiment"),
         ([], "expected EXPERIMENT and --out BAG"),
         (["sweep"], "expected EXPERIMENT and --out BAG"),
         (["sweep", "--out", "x", "--seed", "-1"], "outside 0 to 2147483648"),

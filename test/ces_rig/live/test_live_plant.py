@@ -103,14 +103,14 @@ def test_effects_are_given_by_name_and_numbers():
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("frction", "no effect 'frction' on a live hydraulic damper; there are friction,"),
+        ("frction", "no effect 'frction' on a live hydraulic damper; expected one of friction,"),
         ("cell_resonance", "no effect 'cell_resonance'"),
         ("foaming", "no effect 'foaming'"),
         ("friction: {coulomb: 3}", "unknown key 'coulomb'; known are severity, coulomb_N"),
-        ("friction: {severity: -1}", "severity -1.0; expected a number from 0 on"),
-        ("friction: 3", "expected a name, or such as"),
-        ("friction: {severity: high}", "expected a name, or such as"),
-        ("[", "expected a name, or such as"),
+        ("friction: {severity: -1}", "severity -1.0; expected a number of at least 0"),
+        ("friction: 3", "expected a name, or for example"),
+        ("friction: {severity: high}", "expected a name, or for example"),
+        ("[", "expected a name, or for example"),
         ("inertia: {severity: 1000}", "moving_mass_kg is"),
     ],
 )

@@ -58,7 +58,7 @@ def test_an_experiment_must_end_where_it_begins():
     experiment = parse_experiment(
         {"duration_s": 2.0, "stroke": sine, "current": {"kind": "constant", "current_A": 0.5}}, "x"
     )
-    with pytest.raises(RigError, match=r"ends 0\.009.* from its start; give stroke.fade_s"):
+    with pytest.raises(RigError, match=r"ends 0\.009.* from its start; set stroke.fade_s"):
         make_experiment_loop(experiment, GRID_S)
 
 
@@ -141,7 +141,7 @@ def test_effects_of_the_sensors_show_in_the_readings():
         ({"script.amplitude_m": 0.08}, r"the stroke reaches 0\.08 m; the damper's ends are at ±0\.06 m"),
         ({"vehicle.road_class": "Z"}, "road_class is 'Z'"),
         ({"noise": -1.0}, "noise is -1.0"),
-        ({"rate_hz": 500}, "'rate_hz' cannot change while it runs; what can is noise"),
+        ({"rate_hz": 500}, "'rate_hz' cannot change while the rig runs; expected one of noise"),
     ],
 )
 def test_a_change_that_cannot_be_is_refused_and_changes_nothing(values, says):

@@ -12,7 +12,7 @@ from ces_rig.errors import RigError
 from ces_rig.live.description import DamperDescription
 from ces_rig.live.plant import LivePlant
 from ces_rig.live.rig import LiveRig, RigSettings
-from ces_rig.live.vehicle import Vehicle, numbers_of
+from ces_rig.live.vehicle import Vehicle, as_kernel_numbers
 
 GRID = 0.5e-3
 WEIGHT_N = (145.0 + 17.0) * 9.81
@@ -20,7 +20,7 @@ WEIGHT_N = (145.0 + 17.0) * 9.81
 
 def ridden(plant: LivePlant, heights: np.ndarray, current: float) -> np.ndarray:
     """Return the motion after each grid interval, shape (n, MOTION_SIZE)."""
-    motion, numbers = np.zeros(qv.MOTION_SIZE), numbers_of(Vehicle(), 0.06)
+    motion, numbers = np.zeros(qv.MOTION_SIZE), as_kernel_numbers(Vehicle(), 0.06)
     plant.settle(0.0, 0.0, current)
     out = []
     for height in heights:
@@ -108,7 +108,7 @@ def test_the_worst_road_stays_between_the_dampers_ends(rate_hz):
 
 
 def test_a_blow_keeps_momentum_and_takes_energy():
-    b = qv.VehicleNumbers(*numbers_of(Vehicle(), 0.06))
+    b = qv.VehicleNumbers(*as_kernel_numbers(Vehicle(), 0.06))
     motion = np.zeros(qv.MOTION_SIZE)
     motion[qv.WHEEL], motion[qv.BODY_SPEED], motion[qv.WHEEL_SPEED] = 0.0605, -1.0, 3.0
     before = 145.0 * -1.0 + 17.0 * 3.0

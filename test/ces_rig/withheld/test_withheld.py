@@ -1,10 +1,12 @@
 """Withheld effects: none at severity 0, more with more, found by the gap they make, the same for the same seed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
 
-from ces_rig.dampers.effects import EFFECTS, OUTSIDE, WithheldEffect, with_severity
+from ces_rig.dampers.effects import EFFECTS, OUTSIDE, WithheldEffect
 from ces_rig.drive.strokes import make_stroke
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, measure_signals
@@ -13,7 +15,6 @@ from ces_rig.simulation import load_rig
 from ces_rig.withheld.plants import (
     PLANTS,
     available_effects,
-    describe_plant,
     draw_effect,
     draw_plant,
     gap_from,
@@ -55,11 +56,13 @@ def test_severity_0_is_none_and_more_is_more(kind, name):
     plant, inputs = plant_of(kind), drive(kind)
     effect = draw_effect(kind, name, np.random.default_rng(5))
     free = simulate_signals(plant, (), *inputs)
-    nothing = simulate_signals(plant, [with_severity(effect, 0.0)], *inputs)
+    nothing = simulate_signals(plant, [replace(effect, severity=0.0)], *inputs)
     assert np.array_equal(nothing.force_N, free.force_N)
     assert np.array_equal(nothing.stroke_m, free.stroke_m) and np.array_equal(nothing.coil_A, free.coil_A)
     small = scale_to_gap(plant, effect, 10.0, *inputs)
-    grown = [simulate_signals(plant, [with_severity(small, factor * small.severity)], *inputs) for factor in (1.0, 1.2)]
+    grown = [
+        simulate_signals(plant, [replace(small, severity=factor * small.severity)], *inputs) for factor in (1.0, 1.2)
+    ]
     gaps = [gap_from(plant, free, true) for true in grown]
     assert gaps[0] == pytest.approx(10.0, rel=0.04)
     assert gaps[1] > 1.05 * gaps[0]
@@ -70,7 +73,7 @@ def test_severity_0_is_none_and_more_is_more(kind, name):
 def test_a_vanishing_severity_makes_a_vanishing_gap(kind):
     plant, inputs = plant_of(kind), drive(kind)
     for name in available_effects(kind):
-        effect = with_severity(draw_effect(kind, name, np.random.default_rng(5)), 1e-5)
+        effect = replace(draw_effect(kind, name, np.random.default_rng(5)), severity=1e-5)
         assert gap_N(plant, [effect], *inputs) < 1.0, name
 
 
@@ -79,7 +82,7 @@ def test_the_description_simulates_the_plant(kind, tmp_path):
     plant, inputs = plant_of(kind), drive(kind)
     true = simulate_signals(plant, (), *inputs)
     path = tmp_path / "rig.yaml"
-    path.write_text(yaml.safe_dump(describe_plant(plant)))
+    path.write_text(yaml.safe_dump(plant.model.description()))
     rig = load_rig(path)
     assert np.sqrt(np.mean((rig(true.time_s, true.stroke_m, true.coil_A) - true.force_N) ** 2)) < 2.0
     recording = measure_signals(true, Sensors(), 1, "x")
@@ -99,7 +102,7 @@ def test_perturbed_to_a_wanted_error(kind):
     assert wrong == perturb(plant, size, np.random.default_rng(7))
     difference = simulate_signals(wrong, (), *inputs).force_N - simulate_signals(plant, (), *inputs).force_N
     assert np.sqrt(np.mean(difference**2)) == pytest.approx(20.0, rel=0.04)
-    changed = [key for key, number in describe_plant(wrong).items() if number != describe_plant(plant)[key]]
+    changed = [key for key, number in wrong.model.description().items() if number != plant.model.description()[key]]
     assert len(changed) >= 5
 
 
@@ -138,7 +141,7 @@ def test_what_needs_a_changing_current_cannot_be_reached_without(kind, name):
 @pytest.mark.parametrize("kind", PLANTS)
 def test_no_damper_is_that_bad(kind):
     with pytest.raises(
-        RigError, match=r"inertia: a gap of 5000 N cannot be reached here; .* beyond, .* 0\.05 to 20 kg"
+        RigError, match=r"inertia: a gap of 5000 N cannot be reached here; .* at larger sizes: .* 0\.05 to 20 kg"
     ):
         scale_to_gap(plant_of(kind), draw_effect(kind, "inertia", np.random.default_rng(1)), 5000.0, *drive(kind))
 
@@ -160,7 +163,10 @@ def test_sensor_effects_leave_the_damper_alone():
 
 @pytest.mark.parametrize(
     ("name", "severity", "says"),
-    [("frction", 1.0, "'frction' is unknown; known are friction"), ("friction", -1.0, "expected a number from 0 on")],
+    [
+        ("frction", 1.0, "'frction' is unknown; expected one of friction"),
+        ("friction", -1.0, "expected a number of at least 0"),
+    ],
 )
 def test_mistakes_are_one_line(name, severity, says):
     with pytest.raises(RigError, match=says):
@@ -168,7 +174,7 @@ def test_mistakes_are_one_line(name, severity, says):
 
 
 def test_unknown_plants_effects_and_grids_are_refused():
-    with pytest.raises(RigError, match="'wet' is unknown; known are hydraulic"):
+    with pytest.raises(RigError, match="'wet' is unknown; expected one of hydraulic"):
         draw_plant("wet", np.random.default_rng(1))
     with pytest.raises(RigError, match="bouc_wen plant: no effect 'sticking_check'; it can have friction"):
         draw_effect("bouc_wen", "sticking_check", np.random.default_rng(1))
@@ -191,6 +197,6 @@ def test_the_search_finds_what_begins_late_and_ends_early():
 
     assert gap(search_size(gap, 20.0, "x")) == pytest.approx(20.0, rel=0.031)
     with pytest.raises(
-        RigError, match=r"200 N cannot be reached here; the largest seen is 1[0-9.]+ N; beyond, too large"
+        RigError, match=r"200 N cannot be reached here; the largest is 1[0-9.]+ N; at larger sizes: too large"
     ):
         search_size(gap, 200.0, "x")

@@ -1,9 +1,10 @@
 """What withheld effects do is what their physics says, on each plant that has them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from ces_rig.dampers.effects import with_severity
 from ces_rig.dampers.hydraulic.stepper import simulate
 from ces_rig.dampers.kinds import KINDS
 from ces_rig.experiment import GRID_S
@@ -28,7 +29,7 @@ def plant_of(kind):
 def added(kind, name, severity, inputs, seed=1):
     """Force [N] with the effect less that without, after the start."""
     plant = plant_of(kind)
-    effect = with_severity(draw_effect(kind, name, np.random.default_rng(seed)), severity)
+    effect = replace(draw_effect(kind, name, np.random.default_rng(seed)), severity=severity)
     return (
         simulate_signals(plant, [effect], *inputs).force_N - simulate_signals(plant, (), *inputs).force_N
     ), physical_numbers(plant, effect)
@@ -65,7 +66,7 @@ def test_friction_opposes_the_motion_and_a_leak_yields_to_it(kind):
 def test_play_lets_the_force_dwell_at_nothing_after_each_reversal(kind):
     inputs = sine(amplitude=0.01, kind=kind)
     plant = plant_of(kind)
-    play = with_severity(draw_effect(kind, "backlash", np.random.default_rng(1)), 3.0)
+    play = replace(draw_effect(kind, "backlash", np.random.default_rng(1)), severity=3.0)
     with_play, without = (simulate_signals(plant, effects, *inputs).force_N for effects in ([play], ()))
     number = plant.model.number
     area = plant.model.damper.rod_area_m2 if kind == "hydraulic" else number("rod_m2")
@@ -126,7 +127,7 @@ def test_the_bump_stop_acts_near_the_ends_alone(kind):
 def test_heat_fades_the_damping_with_time(kind):
     inputs = sine(amplitude=0.03, seconds=6.0, kind=kind)
     plant = plant_of(kind)
-    effect = with_severity(draw_effect(kind, "temperature_fade", np.random.default_rng(1)), 3.0)
+    effect = replace(draw_effect(kind, "temperature_fade", np.random.default_rng(1)), severity=3.0)
     hot, cold = simulate_signals(plant, [effect], *inputs), simulate_signals(plant, (), *inputs)
     assert hot.oil_degC[-1] > cold.oil_degC[-1] + 5
     early, late = (slice(round(a / GRID_S), round((a + 0.5) / GRID_S)) for a in (0.5, 5.5))
