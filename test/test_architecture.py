@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,95 @@ NODE_MODULES = {
     "ces_rig.live.patched_message",
     "ces_rig.live.topics",
     "ces_cli.identify.node",
+}
+ROOMS = {  # what each room of a package imports, from the bottom up
+    "ces_observer": {
+        "clock_watch": "",
+        "current_hold": "",
+        "errors": "",
+        "differentiator": "errors",
+        "json_checks": "errors",
+        "json_text": "errors",
+        "position_queue": "",
+        "proof": "",
+        "recorder": "errors",
+        "signals": "errors",
+        "cdr": "errors signals",
+        "structures": "errors json_checks proof",
+        "model": "errors json_checks json_text proof structures",
+        "tracker": "differentiator model",
+        "estimator": "model tracker",
+        "damper_observer": "current_hold estimator model tracker",
+        "health": "damper_observer estimator model recorder tracker",
+        "control": "errors health model structures",
+        "nodes": (
+            "cdr clock_watch control current_hold damper_observer errors health model position_queue recorder signals"
+        ),
+    },
+    "ces_identify": {
+        "config_file": "",
+        "export": "",
+        "jobs": "",
+        "numerics": "",
+        "recordings": "config_file numerics",
+        "preparation": "numerics recordings",
+        "typesetting": "",
+        "polynomial": "config_file numerics preparation typesetting",
+        "trained": "numerics polynomial preparation",
+        "structures": "numerics polynomial preparation trained typesetting",
+        "simulations": "numerics preparation recordings structures",
+        "validation": "numerics polynomial preparation recordings simulations",
+        "identification": "polynomial preparation recordings structures validation",
+        "campaign": "config_file identification jobs polynomial recordings structures validation",
+        "folds": "identification recordings structures validation",
+        "report": "numerics preparation structures typesetting validation",
+        "api": "identification polynomial preparation recordings report simulations structures validation",
+    },
+    "ces_rig": {
+        "errors": "",
+        "descriptions": "errors",
+        "drive": "descriptions errors",
+        "nested_numbers": "descriptions",
+        "dampers": "descriptions drive errors nested_numbers",
+        "sensors": "descriptions",
+        "experiment": "dampers descriptions drive errors sensors",
+        "simulation": "dampers errors experiment",
+        "withheld": "dampers errors experiment",
+        "blind": "dampers drive errors experiment sensors simulation withheld",
+        "live": "dampers descriptions drive errors experiment nested_numbers sensors withheld",
+    },
+    "ces_gap": {
+        "derivative": "",
+        "errors": "",
+        "grid": "errors",
+        "plant_map": "derivative",
+        "progress": "",
+        "trace": "derivative errors grid plant_map",
+        "effects": "derivative errors grid plant_map trace",
+        "baseline": "effects trace",
+        "augmented": "baseline effects errors trace",
+        "intake": "baseline effects errors progress trace",
+        "inference": "baseline effects intake progress trace",
+        "experiment": "baseline effects inference trace",
+        "where": "baseline errors inference trace",
+        "diagnosis": "baseline experiment inference where",
+        "report": "augmented diagnosis effects errors experiment",
+        "sentence": "diagnosis inference",
+        "pipeline": "diagnosis effects experiment inference intake progress sentence where",
+        "api": "augmented diagnosis intake pipeline progress report",
+        "fleet": "augmented diagnosis effects intake pipeline",
+    },
+    "ces_cli": {
+        "terminal": "",
+        "bags": "terminal",
+        "blind": "terminal",
+        "campaign": "terminal",
+        "diagnose": "terminal",
+        "identify": "campaign terminal",
+        "main": "terminal",
+        "rig": "terminal",
+        "ros_program": "main",
+    },
 }
 BAG_MODULES = {
     "ces_identify.recordings.bag_reader",
@@ -140,15 +230,46 @@ def test_the_listed_modules_exist_and_use_what_they_are_listed_for() -> None:
     assert all("mcap" in tops(name, paths[name]) for name in MCAP_MODULES)
 
 
-@pytest.mark.parametrize("package", ["ces_observer", "ces_identify"])
-def test_rooms_import_each_other_without_a_circle(package: str) -> None:
-    """A room is a folder of the package, or a module at its top."""
+def rooms_of(package: str) -> dict[str, set[str]]:
+    """Return for each room of a package the rooms it imports; a room is a folder, or a module at the top."""
     arrows: dict[str, set[str]] = {}
     for name, path in modules(package):
-        room = ".".join(name.split(".")[:2])
-        others = {".".join(other.split(".")[:2]) for other in imported(name, path) if other.startswith(f"{package}.")}
-        arrows.setdefault(room, set()).update(others - {room})
-    while arrows:
-        ground = {room for room, others in arrows.items() if not others & set(arrows)}
-        assert ground, f"a circle among {', '.join(sorted(arrows))}"
-        arrows = {room: others for room, others in arrows.items() if room not in ground}
+        room = name.partition(".")[2].partition(".")[0]
+        if room:
+            parts = (other.split(".") for other in imported(name, path))
+            others = {
+                part[1] for part in parts if part[0] == package and len(part) > 1 and part[1] in rooms_in(package)
+            }
+            arrows.setdefault(room, set()).update(others - {room})
+    return arrows
+
+
+def rooms_in(package: str) -> set[str]:
+    return {path.stem for path in (ROOT / package).iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_rooms_import_only_the_rooms_below_them(package: str) -> None:
+    found, allowed = rooms_of(package), {room: set(below.split()) for room, below in ROOMS[package].items()}
+    assert set(found) == set(allowed)
+    assert {room: others - allowed[room] for room, others in found.items() if others - allowed[room]} == {}
+    assert {room: below - found[room] for room, below in allowed.items() if below - found[room]} == {}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_rooms_are_listed_from_the_bottom_up(package: str) -> None:
+    """A room may use only those listed before it, so there is no circle."""
+    before: set[str] = set()
+    for room, below in ROOMS[package].items():
+        assert set(below.split()) <= before, room
+        before.add(room)
+
+
+def test_bench_has_no_circle() -> None:
+    """Scripts import each other by full name, or by file name from their own folder."""
+    paths = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in (ROOT / "bench").rglob("*.py")}
+    by_stem = {name.rpartition(".")[2]: name for name in paths}
+    arrows = {
+        name: {by_stem.get(one, one) for one in imported(name, path)} & set(paths) for name, path in paths.items()
+    }
+    list(TopologicalSorter(arrows).static_order())  # raises CycleError, which names the circle

@@ -93,7 +93,7 @@ def _parser() -> terminal.Parser:
     p.add_argument("--reference", nargs="+", default=[], metavar="BAG", help=text)
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write, created if necessary")
-    text = "your own effects in addition to the library's (subclasses of ces_gap.effects.effect.Effect)"
+    text = "your own effects in addition to the library's (subclasses of ces_gap.Effect)"
     p.add_argument("--effects", nargs="+", default=[], metavar="module:Class", help=text)
     text = "default: all processors; with --each, one for each diagnosis"
     p.add_argument("--threads", type=whole(1, 256), metavar="N", help=text)

@@ -11,7 +11,7 @@ from ces_gap.effects.library import library
 from ces_gap.errors import GapError
 from ces_gap.trace import Trace
 
-EXPECTED = "module:Class on PYTHONPATH, a subclass of ces_gap.effects.effect.Effect"
+EXPECTED = "module:Class on PYTHONPATH, a subclass of ces_gap.Effect"
 MAX_SPEC_LENGTH = 200
 
 

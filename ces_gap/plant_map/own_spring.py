@@ -56,7 +56,7 @@ def learn_sprung_map(speed: F, current: F, force: F, usable: B, rate_Hz: float) 
 
     `speed` [m/s] and `current` [A] are the inputs of the simulation; all arrays are (n,).
     """
-    rate, used = derivative(remove_high_frequencies(force, rate_Hz), rate_Hz), _used(usable)
+    rate, used = derivative(remove_high_frequencies(force, rate_Hz), rate_Hz), _usable_or_all(usable)
     best, least, compliant = learn_map(speed, current, force, usable), np.inf, 0.0
     for compliance in COMPLIANCES:
         through = speed - compliance * rate
@@ -72,7 +72,7 @@ def learn_pumped_map(speed: F, current: F, force: F, usable: B, rate_Hz: float, 
 
     Both start at `equal` [m/N], the compliance of `learn_sprung_map`; the other arguments are the same as there.
     """
-    smooth, used = remove_high_frequencies(force, rate_Hz), _used(usable)
+    smooth, used = remove_high_frequencies(force, rate_Hz), _usable_or_all(usable)
     widths = (SOFT * _rms(smooth[used]) + 1e-3, SOFT * _rms(speed[used]) + 1e-6)
     pumping = 0.25 * (1.0 + np.tanh(smooth / widths[0])) * (1.0 + np.tanh(speed / widths[1]))
     rate = derivative(smooth, rate_Hz)
@@ -91,7 +91,7 @@ def learn_pumped_map(speed: F, current: F, force: F, usable: B, rate_Hz: float, 
     return PumpedMap(best, own, widths, remove_high_frequencies(residual, rate_Hz))
 
 
-def _used(usable: B) -> B:
+def _usable_or_all(usable: B) -> B:
     return usable if usable.any() else np.ones(len(usable), bool)
 
 

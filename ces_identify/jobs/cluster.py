@@ -21,7 +21,7 @@ CONNECT_S = 10.0
 @contextmanager
 def open_cluster(address: str) -> Iterator[Any]:
     """Open a client of the Dask scheduler at `address`; raises CesError without workers of this package's version."""
-    client = _connect(dask_distributed(), address)
+    client = _connect(import_dask(), address)
     try:
         _require_same_version(client, address)
         yield client
@@ -29,7 +29,7 @@ def open_cluster(address: str) -> Iterator[Any]:
         client.close()
 
 
-def dask_distributed() -> Any:
+def import_dask() -> Any:
     """Return dask.distributed with its log silenced, which would hide our one line about a lost cluster."""
     try:
         distributed = import_module("distributed")

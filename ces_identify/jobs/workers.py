@@ -12,7 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from ces_identify.jobs.cluster import dask_distributed, open_cluster
+from ces_identify.jobs.cluster import import_dask, open_cluster
 from ces_identify.jobs.job import CRASHED, Job, JobResult, describe_error, failed_job
 from ces_observer.errors import CesError
 
@@ -50,7 +50,7 @@ def run_on_cluster(work: Work, tasks: Iterable[Task], shared: Shared, address: s
     """
     with open_cluster(address) as client:
         remote = dict(zip(shared, client.scatter(list(shared.values()), broadcast=True, hash=False), strict=True))
-        ended = dask_distributed().as_completed(loop=client.loop, raise_errors=False)
+        ended = import_dask().as_completed(loop=client.loop, raise_errors=False)
         waiting, sent = iter(tasks), {}
 
         def send(count: int) -> None:

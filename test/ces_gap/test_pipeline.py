@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 from engine_plant import SIMULATION, WEIGHTS, recorded
-from test_whole_diagnosis import sprung, wrong
-from twin_effects import CurrentGain, Friction, Spring
+from example_effects import CurrentGain, Friction, Spring
+from whole_diagnosis_examples import sprung, wrong
 
 from ces_gap import pipeline
 from ces_gap.diagnosis import NAMED, Diagnosis

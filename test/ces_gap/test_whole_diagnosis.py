@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from engine_plant import NOISE_N, SIMULATION, WEIGHTS, F, Truth, damper, recorded
+from whole_diagnosis_examples import STIFFNESS, sprung, wrong
 
 from ces_gap import pipeline as diagnose_module
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
@@ -19,20 +20,6 @@ from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.trace import Trace, TraceInputs
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation, Simulation
-
-STIFFNESS = 3000.0
-
-
-def wrong(time_s: F, position_m: F, current_A: F) -> F:
-    """A real damper of which the simulation is a rough model, without an effect."""
-    speed = np.gradient(position_m, time_s)
-    bent = 60.0 * speed * np.abs(speed) + 30.0 * np.tanh(speed / 0.1)
-    return np.asarray(1.05 * damper(time_s, position_m, current_A) + bent)
-
-
-def sprung(time_s: F, position_m: F, current_A: F) -> F:
-    """The same with a gas spring."""
-    return wrong(time_s, position_m, current_A) + STIFFNESS * position_m
 
 
 def strange(time_s: F, position_m: F, current_A: F) -> F:

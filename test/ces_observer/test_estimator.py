@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from test_model import make_model
+from model_examples import make_model
 
 from ces_observer import estimator as module
 from ces_observer.estimator import Estimator

@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import cheap_diagnosis
 import numpy as np
 import pytest
 
@@ -20,7 +21,6 @@ from ces_observer.structures.terms import Factor, Term
 
 ROOT = Path(__file__).parents[3]
 import diagnoses  # noqa: E402
-import stand_in  # noqa: E402
 
 DEFAULT = Signals.from_mapping({}, "defaults")
 SIM = "diagnosed_damper:force"
@@ -65,7 +65,7 @@ def ces(*words):
 
 def bag(path, offset_N=0.0, seed=1, seconds=3.0, **more):
     path.parent.mkdir(parents=True, exist_ok=True)
-    recording = stand_in.made(path.name, offset_N, seed, seconds)
+    recording = cheap_diagnosis.made(path.name, offset_N, seed, seconds)
     write_bag(path, (*recording_topics(recording, DEFAULT), *more.get("topics", ())))
     return path
 
@@ -95,9 +95,9 @@ def quick(here, monkeypatch):
     import ces_cli.diagnose.fleet  # noqa: F401
 
     for place in ("ces_gap.pipeline", "ces_cli.diagnose.fleet"):
-        monkeypatch.setattr(f"{place}.diagnose", stand_in.diagnose)
+        monkeypatch.setattr(f"{place}.diagnose", cheap_diagnosis.diagnose)
     for place in ("ces_gap.report.result_files", "ces_cli.diagnose.fleet"):
-        monkeypatch.setattr(f"{place}.result_files", stand_in.files)
+        monkeypatch.setattr(f"{place}.result_files", cheap_diagnosis.files)
     return here
 
 
@@ -246,7 +246,7 @@ def narrow(path):
 
 def spoiled(path, change, seconds=8.0):
     """A bag whose force is changed."""
-    recording = stand_in.made(path.name, 30.0, 4, seconds)
+    recording = cheap_diagnosis.made(path.name, 30.0, 4, seconds)
     force = recording.channel("force")
     channels = {**recording.channels, "force": replace(force, values=change(force.values))}
     write_bag(path, recording_topics(replace(recording, channels=channels), DEFAULT), overwrite=True)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from engine_plant import SIMULATION, F, damper, recorded, traced
-from twin_effects import CurrentGain, Friction, Scale, Spring
+from example_effects import CurrentGain, Friction, Scale, Spring
 
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator, change_recording
 from ces_gap.effects.effect import CELL, Composition, Effect, EffectParameter, Setting

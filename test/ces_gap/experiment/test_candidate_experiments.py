@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from twin_effects import drive, trace_of
+from example_effects import drive, trace_of
 
 from ces_gap.experiment.candidate_experiments import Reach, list_candidate_experiments, reach_of
 from ces_gap.experiment.waveforms import CURRENTS, STROKES, generate_waveforms

@@ -6,9 +6,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy.stats import norm
-from twin_effects import (
+from example_effects import (
     PLANT,
     CurrentGain,
     CurrentOffset,
@@ -19,6 +17,8 @@ from twin_effects import (
     drive,
     whiten_by,
 )
+from numpy.typing import NDArray
+from scipy.stats import norm
 
 from ces_gap.baseline.noise import NoiseModel
 from ces_gap.effects.effect import Composition, Setting

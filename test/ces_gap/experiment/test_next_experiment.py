@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from example_effects import PLANT, SIMULATION, CurrentOffset, Friction, Rubbing, Scale, Spring, damper, drive
 from numpy.typing import NDArray
-from twin_effects import PLANT, SIMULATION, CurrentOffset, Friction, Rubbing, Scale, Spring, damper, drive
 
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.surrogate import learn_surrogate, make_recorded_examples

@@ -9,9 +9,9 @@ import sys
 import time
 from pathlib import Path
 
+import cheap_diagnosis
 import pytest
-import stand_in
-from stand_in import OFFSETS_N, Offset, Options, made
+from cheap_diagnosis import OFFSETS_N, Offset, Options, made
 
 from ces_gap.fleet.request import DiagnosisRequest, job_of
 from ces_gap.fleet.unit_result import diagnose_unit
@@ -23,7 +23,7 @@ from ces_identify.simulations.simulation import FunctionSimulation, function_sim
 from ces_observer.errors import CesError
 
 ROOT = Path(__file__).parents[3]
-SPEC = "stand_in:damper"
+SPEC = "cheap_diagnosis:damper"
 ROWS = "fleet.jsonl"
 
 
@@ -48,8 +48,8 @@ def on_this_machine(packed, work, processes, threads):
 
 
 def make_request(**more):
-    arguments = {"simulation": FunctionSimulation(SPEC, stand_in.damper), "spec": SPEC, "reference": ()}
-    arguments |= {"options": Options(), "diagnose": stand_in.diagnose, "files": stand_in.files}
+    arguments = {"simulation": FunctionSimulation(SPEC, cheap_diagnosis.damper), "spec": SPEC, "reference": ()}
+    arguments |= {"options": Options(), "diagnose": cheap_diagnosis.diagnose, "files": cheap_diagnosis.files}
     return DiagnosisRequest(**{**arguments, **more})
 
 

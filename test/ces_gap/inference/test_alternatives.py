@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from engine_plant import NOISE_N
-from test_search import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, EffectSearchResult, Offset, planted, run_search
+from search_examples import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, EffectSearchResult, Offset, planted, run_search
 
 from ces_gap.effects.effect import EffectParameter
 from ces_gap.inference.alternatives import (

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from engine_plant import NOISE_N, SIMULATION, traced
+from example_effects import CurrentGain, Spring
 from numpy.typing import NDArray
-from twin_effects import CurrentGain, Spring
 
 from ces_gap.baseline.noise import make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from test_search import EFFECTS, FRICTION, OFFSET, SPRING, planted
+from search_examples import EFFECTS, FRICTION, OFFSET, SPRING, planted
 
 from ces_gap.effects.effect import Setting
 from ces_gap.inference.anchored_surrogate import Refinement

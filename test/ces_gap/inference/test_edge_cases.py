@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from engine_plant import NOISE_N, WEIGHTS, traced
-from test_fit import Spring, Useless, fit_alone, fit_together, one, planted
-from test_shrinkage import gaps, make_blocks
+from example_effects import Spring
+from fit_examples import Useless, one, planted
+from shrinkage_examples import gaps, make_blocks
 
 from ces_gap.baseline.ceiling import learn_ceiling
 from ces_gap.inference.explanations import estimate_parameters
+from ces_gap.inference.fit import fit_alone, fit_together
 from ces_gap.inference.verdict import VerdictFigures, calibration, probabilities
 
 

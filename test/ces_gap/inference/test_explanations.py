@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from engine_plant import NOISE_N, SIMULATION, F, traced
-from twin_effects import CurrentGain, Friction, Spring
+from example_effects import CurrentGain, Friction, Spring
 
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 import pytest
-from engine_plant import NOISE_N, SIMULATION, traced
+from example_effects import CurrentGain, Friction, Spring
+from fit_examples import Useless, one, planted
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from twin_effects import CurrentGain, Friction, Spring
 
-from ces_gap.baseline.noise import make_white_noise
-from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
-from ces_gap.inference.evidence import Evidence, gather
+from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import EffectFit, bounds, fit_alone, fit_from, fit_together, make_composition, starts
 from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
-PLANT = Plant(DirectSimulator(SIMULATION))
 
 
 class Line(Effect):
@@ -50,13 +46,6 @@ class BadlyScaled(Effect):
         return np.asarray(force + 1e10 * values[0] * np.tanh(inputs.speed / 0.05) + 1e-6 * values[1] * inputs.speed)
 
 
-class Useless(Effect):
-    """Changes nothing, whatever its parameter."""
-
-    name, form = "useless", "none"
-    parameters = (EffectParameter("nothing", 0.0, 1.0, (0.5,), "nothing"),)
-
-
 @dataclass(frozen=True)
 class Compliance(Effect):
     """A spring, searched as its inverse."""
@@ -68,24 +57,6 @@ class Compliance(Effect):
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return np.asarray(force - force * np.abs(force) / values[0])
-
-
-@cache
-def clean() -> tuple[Trace, ...]:
-    return tuple(traced(seed=s, seconds=4.0) for s in (1, 2))
-
-
-def planted(composition: Composition, noise_N: float = NOISE_N, seed: int = 5) -> Evidence:
-    """Evidence of the plant with a composition, in white noise, without baseline error."""
-    rng = np.random.default_rng(seed)
-    traces = [
-        replace(t, force=PLANT.with_effects(composition, t) + noise_N * rng.standard_normal(len(t))) for t in clean()
-    ]
-    return gather(traces, PLANT, make_white_noise(noise_N), [np.zeros((len(t), 1)) for t in traces], np.zeros((1, 1)))
-
-
-def one(effect: Effect, *values: float) -> Composition:
-    return Composition((Setting(effect, values),))
 
 
 def errors(fit: EffectFit, *values: float) -> F:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from engine_plant import NOISE_N, SIMULATION, F, traced
-from twin_effects import Spring
+from example_effects import Spring
 
 from ces_gap.baseline.noise import make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant

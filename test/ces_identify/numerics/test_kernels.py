@@ -2,29 +2,12 @@
 
 import numpy as np
 import pytest
+from kernel_examples import SEGMENTS, TERMS, tables
 
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.compiled_terms import compile_terms, power_table
-from ces_observer.model import Envelope, Sampling
+from ces_observer.model import Sampling
 from ces_observer.structures.terms import Factor, Term
 from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER, RESTARTED, Tracker
-
-TERMS = (
-    Term(5.0, (Factor("speed", 0, 0.5),)),
-    Term(-2.0, (Factor("speed", 7, 1.7, signed=False), Factor("current", 3, 1.0, signed=False))),
-    Term(0.3, (Factor("force", 1), Factor("speed", 2, 1.0, signed=False))),
-    Term(-0.2, (Factor("force", 4), Factor("current", 0, 2.0, signed=False))),
-    Term(1.0, (Factor("position", 1), Factor("speed", 0, 2.0), Factor("current", 5, 1.0, signed=False))),
-    Term(0.7, ()),
-)
-WIDE = Envelope((-9.0, 9.0), (-9.0, 9.0), (-9.0, 9.0))
-SEGMENTS = np.array([[0, 1500], [1500, 1503], [1503, 4000]])
-
-
-@pytest.fixture
-def inputs():
-    random = np.random.default_rng(5)
-    return random.normal(size=4000), random.normal(size=4000), random.uniform(0, 1, 4000)
 
 
 def slow_product(term, inputs, k, start):
@@ -48,11 +31,6 @@ def slow_free_run(terms, inputs, segments):
         for k in range(start, stop):
             force[k] = sum(t.coefficient * slow_regressor(t, inputs, force, k, start) for t in terms)
     return force
-
-
-def tables(terms, inputs):
-    compiled = compile_terms(terms)
-    return compiled, power_table(compiled.powers, WIDE, *inputs), np.array([t.coefficient for t in terms])
 
 
 @pytest.mark.parametrize("terms", [TERMS, TERMS[:3], TERMS[:2], TERMS[-1:]])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_kernels import SEGMENTS, TERMS, inputs, tables  # noqa: F401
+from kernel_examples import SEGMENTS, TERMS, inputs, tables  # noqa: F401
 
 from ces_identify.numerics import kernels
 from ces_identify.polynomial.free_run_fit import fit_free_run
@@ -86,13 +86,13 @@ def test_a_candidate_outside_the_model_has_its_sensitivity_at_zero(case):
 
 @pytest.fixture(scope="module")
 def problem():
-    from test_identification import RULES, SAMPLING, planted
+    from identification_examples import RULES, SAMPLING, planted
 
     return assemble_problem([prepare(planted(1), SAMPLING)], RULES.candidates())
 
 
 def test_a_fit_finds_the_planted_coefficients_from_afar(problem):
-    from test_identification import PLANTED
+    from identification_examples import PLANTED
 
     factors = [c.factors for c in problem.candidates]
     chosen = np.array([factors.index(t.factors) for t in PLANTED.body.terms])
@@ -105,7 +105,7 @@ def test_a_fit_stays_inside_the_stable_models():
     """The plant is an integrator but for a trace: least squares alone would not be a contraction."""
     from dataclasses import replace
 
-    from test_identification import SAMPLING, planted
+    from identification_examples import SAMPLING, planted
 
     from ces_identify.recordings.recording import Channel
 

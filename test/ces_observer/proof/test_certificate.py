@@ -2,7 +2,7 @@ import math
 import random
 
 import pytest
-from test_model import make_model
+from model_examples import make_model
 
 from ces_observer.model import Envelope
 from ces_observer.proof.intervals import product

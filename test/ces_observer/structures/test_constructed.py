@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_model import make_model
+from model_examples import make_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import Envelope, parse_model

@@ -7,7 +7,7 @@ import tracemalloc
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_model import make_model
+from model_examples import make_model
 
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import (

@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_model import make_model
+from model_examples import make_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import Envelope

@@ -1,0 +1,24 @@
+"""Small polynomial models for the tests of ces_observer."""
+
+from __future__ import annotations
+
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
+
+TERMS = (
+    Term(1200.0, (Factor("speed", 0, 0.5), Factor("current", 5, 1.0, signed=False))),
+    Term(0.4, (Factor("force", 2), Factor("speed", 1, 1.0, signed=False))),
+    Term(-3.0, ()),
+)
+
+
+def make_model(terms=TERMS, **changes):
+    fields = {
+        "sampling": Sampling(1000.0, 60.0, 0.005),
+        "body": Polynomial(terms),
+        "envelope": Envelope((-0.1, 0.1), (-1.0, 1.0), (0.0, 1.0)),
+        "force_envelope_N": (-5000.0, 5000.0),
+        "provenance": {"tool": "test"},
+    }
+    return Model(**{**fields, **changes})

@@ -1,0 +1,66 @@
+"""Effects, a plant and planted evidence for the tests of the search."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from engine_plant import NOISE_N, SIMULATION, traced
+from example_effects import CurrentOffset, Friction, Spring
+from numpy.typing import NDArray
+
+from ces_gap.baseline.noise import make_white_noise
+from ces_gap.baseline.plant import DirectSimulator, Plant
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
+from ces_gap.inference.anchored_surrogate import Refinement
+from ces_gap.inference.evidence import Evidence, gather
+from ces_gap.inference.search import EffectSearchResult, search
+from ces_gap.trace import Trace, TraceInputs
+
+F = NDArray[np.float64]
+
+
+PLANT = Plant(DirectSimulator(SIMULATION))
+
+
+CLEAN = tuple(traced(seed=s, seconds=4.0) for s in (1, 2))
+
+
+class Offset(Effect):
+    """A constant."""
+
+    name, form = "offset", "constant"
+    parameters = (EffectParameter("offset_N", -500.0, 500.0, (10.0,), "offset", magnitude=True),)
+
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
+        return np.asarray(force + values[0])
+
+
+class CubicSpring(Spring):
+    """A richer form of the spring."""
+
+    form = "cubic"
+    parameters = (*Spring.parameters, EffectParameter("cubic_N_m3", 0.0, 1e9, (1e5,), "of the cube"))
+
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
+        return np.asarray(force + values[0] * inputs.position + values[1] * inputs.position**3)
+
+
+EFFECTS: tuple[Effect, ...] = (Offset(), Spring(), CubicSpring(), Friction(), CurrentOffset())
+
+
+OFFSET, SPRING, FRICTION = Setting(Offset(), (30.0,)), Setting(Spring(), (2500.0,)), Setting(Friction(), (40.0, 0.05))
+
+
+def planted(*effects: Setting, seed: int = 5, traces: Sequence[Trace] = CLEAN) -> Evidence:
+    rng = np.random.default_rng(seed)
+    composition = Composition(effects)
+    real = [
+        replace(t, force=PLANT.with_effects(composition, t) + NOISE_N * rng.standard_normal(len(t))) for t in traces
+    ]
+    return gather(real, PLANT, make_white_noise(NOISE_N), [np.zeros((len(t), 1)) for t in real], np.zeros((1, 1)))
+
+
+def run_search(evidence: Evidence, threads: int = 1) -> EffectSearchResult:
+    return search(evidence, EFFECTS, Refinement(), threads)
