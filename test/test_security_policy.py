@@ -26,6 +26,7 @@ MAKERS = (
     "create_client",
     "_publisher",
     "_make_patched",
+    "_make_wrench",
     "EstimateOutput",
 )
 PROFILES = list(ElementTree.parse(FOLDER / "policy.xml").getroot().iter("profile"))

@@ -84,7 +84,7 @@ def test_one_step_errors_use_measured_past_forces_and_so_vanish_on_a_model_s_own
     own = fit.force(params)
     assert np.isfinite(own).all()
     planted = replace(fit, training=replace(fit.training, measured=own))
-    price = fit._prices(params)[0] @ fit._prices(params)[1] ** 2 if kind is OneStepFuzzy else 0.0
+    price = fit._regularisation(params)[0] @ fit._regularisation(params)[1] ** 2 if kind is OneStepFuzzy else 0.0
     assert planted.errors(params, np.inf)[0] == pytest.approx(price, abs=1e-12)
     assert fit.errors(params, np.inf)[0] > price + 1e-8
 

@@ -94,8 +94,8 @@ def run_and_get_line(capsys, status, *words):
     ("how", "message"),
     [
         ({"seconds": 0.6}, "0 ticks with a measured force past warm-up; expected at least 50"),
-        ({"seconds": 1.2}, "too short to share between estimation and selection; expected over 4 s"),
-        ({"seconds": 6.0, "rate": 40.0}, "ticks to estimate from; expected at least 200: record longer"),
+        ({"seconds": 1.2}, "too short for estimation and selection; expected more than 4 s"),
+        ({"seconds": 6.0, "rate": 40.0}, "estimation ticks; expected at least 200: record longer"),
     ],
 )
 def test_too_few_samples(work, tmp_path, capsys, how, message):
@@ -178,14 +178,14 @@ def interrupt(*_, **__):
         "ces_identify.structures.polynomial.assemble_problem",
         "ces_identify.identification.evaluate",
         "ces_observer.json_checks.os.fsync",
-        "ces_identify.report.render",
+        "ces_identify.report.page.page_template",
     ],
 )
 def test_ctrl_c_leaves_nothing_half_written(work, tmp_path, capsys, monkeypatch, moment):
     monkeypatch.setattr(moment, interrupt)
     words = [*identify(work, "one"), "--out", tmp_path / "m.json", "--report", tmp_path / "r.html"]
     assert run_and_get_line(capsys, 130, *words) == "ces identify: interrupted"
-    finished = ["m.json"] if moment == "ces_identify.report.render" else []
+    finished = ["m.json"] if moment == "ces_identify.report.page.page_template" else []
     assert [path.name for path in tmp_path.iterdir()] == finished
 
 
@@ -275,7 +275,7 @@ def test_a_full_disk_keeps_the_old_model(work, tmp_path, capsys, monkeypatch):
     (tmp_path / "m.json").write_text("old")
     monkeypatch.setattr("ces_observer.json_checks.os.fsync", full)
     line = run_and_get_line(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json")
-    assert line.endswith("m.json: cannot be written: No space left on device; choose a folder that can be")
+    assert line.endswith("m.json: cannot be written: No space left on device; choose a writable folder")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("m.json", "old")]
 
 

@@ -70,7 +70,7 @@ def test_identify_learns_from_it(work, tmp_path):
     [
         ("none.fmu", "no such file"),
         ("damper.fmu:position=x", "no real input 'x' for the position"),
-        ("broken.fmu", "it is not a zip file"),
+        ("broken.fmu", "not a zip file"),
     ],
 )
 def test_an_unusable_fmu_gives_one_line(work, tmp_path, capsys, spec, message):
@@ -85,4 +85,4 @@ def test_an_unusable_fmu_gives_one_line(work, tmp_path, capsys, spec, message):
 def test_the_help_says_that_an_fmu_runs_native_code(capsys):
     with pytest.raises(SystemExit):
         ces("simulate", "--help")
-    assert "native code" in capsys.readouterr().out
+    assert "native code" in " ".join(capsys.readouterr().out.split())

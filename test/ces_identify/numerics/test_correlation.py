@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from residual_series import coloured, single_run
 
 from ces_identify.numerics.correlation import (
     autocorrelation,
@@ -11,15 +11,6 @@ from ces_identify.numerics.correlation import (
     longest_memory,
     memory,
 )
-
-
-def single_run(n):
-    return np.array([[0, n]], np.int64)
-
-
-def coloured(n, pole, seed):
-    noise = np.random.default_rng(seed).normal(size=n + 2000)
-    return lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], noise)[2000:]
 
 
 def remembered(x):

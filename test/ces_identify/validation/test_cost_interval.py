@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
-from residual_series import RATE, coloured, evaluation, series
+from residual_series import RATE, coloured, evaluation, series, single_run
 
-from ces_identify.numerics.correlation import single_run
 from ces_identify.preparation.cost import cost
 from ces_identify.validation import cost_interval as module
 from ces_identify.validation.cost_interval import (

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
-from residual_series import coloured, evaluation, series
+from residual_series import coloured, evaluation, series, single_run
 from scipy.stats import chi2
 
-from ces_identify.numerics.correlation import single_run
 from ces_identify.validation.residuals import (
     bartlett,
     cross_correlation,
