@@ -25,8 +25,8 @@ WIDE = Envelope((-9.0, 9.0), (-9.0, 9.0), (-9.0, 9.0))
 SEGMENTS = np.array([[0, 1500], [1500, 1503], [1503, 4000]])
 
 
-@pytest.fixture
-def inputs():
+@pytest.fixture(name="inputs")
+def make_inputs():
     random = np.random.default_rng(5)
     return random.normal(size=4000), random.normal(size=4000), random.uniform(0, 1, 4000)
 

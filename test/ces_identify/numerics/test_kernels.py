@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kernel_examples import SEGMENTS, TERMS, WIDE, inputs, tables  # noqa: F401 - two are fixtures
+from kernel_examples import SEGMENTS, TERMS, make_inputs, tables  # noqa: F401 - make_inputs is a fixture
 
 from ces_identify.numerics import kernels
 from ces_observer.model import Sampling

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kernel_examples import SEGMENTS, TERMS, inputs, tables  # noqa: F401
+from kernel_examples import SEGMENTS, TERMS, make_inputs, tables  # noqa: F401 - make_inputs is a fixture
 
 from ces_identify.numerics import kernels
 from ces_identify.polynomial.free_run_fit import fit_free_run
@@ -33,7 +33,7 @@ def slopes(powers, compiled, coefficients):
 
 
 @pytest.fixture
-def case(inputs):  # noqa: F811
+def case(inputs):
     compiled, powers, coefficients = tables(TERMS, inputs)
     force = run(powers, compiled, coefficients)
     measured = force + np.random.default_rng(3).normal(size=len(force))
