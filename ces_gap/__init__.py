@@ -8,8 +8,9 @@ repaired simulation as a file), `report` (page and gap.json), `fleet` (many diag
 The names below are the public interface; they are imported when they are first used.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ces_observer.lazy_names import import_on_use
 
 if TYPE_CHECKING:
     from ces_gap.api import diagnose, write_diagnosis
@@ -17,15 +18,17 @@ if TYPE_CHECKING:
     from ces_gap.effects.effect import CELL, FLUID, MOTION, PARALLEL, SENSOR, VALVE, Effect, EffectParameter
     from ces_gap.pipeline import DiagnoseOptions
 
-_SOURCES = {
+__getattr__ = import_on_use(
+    __name__,
+    {
     "ces_gap.api": ("diagnose", "write_diagnosis"),
     "ces_gap.diagnosis": ("Diagnosis",),
     "ces_gap.effects.effect": (
         "CELL", "FLUID", "MOTION", "PARALLEL", "SENSOR", "VALVE", "Effect", "EffectParameter",
     ),
     "ces_gap.pipeline": ("DiagnoseOptions",),
-}  # fmt: skip
-_HOME = {name: module for module, names in _SOURCES.items() for name in names}
+    },
+)  # fmt: skip
 
 __all__ = [
     "CELL",
@@ -41,9 +44,3 @@ __all__ = [
     "diagnose",
     "write_diagnosis",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'ces_gap' has no attribute '{name}'")
-    return getattr(import_module(_HOME[name]), name)

@@ -6,8 +6,9 @@ good a model is), `export` (C and FMU), `report` (the page), `campaign` (many id
 once). The names below are the public interface; they are imported when they are first used.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ces_observer.lazy_names import import_on_use
 
 if TYPE_CHECKING:
     from ces_identify.api import (
@@ -29,7 +30,9 @@ if TYPE_CHECKING:
     from ces_identify.validation.evaluate import Evaluation
     from ces_observer import Model, load_model
 
-_SOURCES = {
+__getattr__ = import_on_use(
+    __name__,
+    {
     "ces_identify.api": (
         "identify", "make_recording", "plot", "read_log", "read_recording", "simulate", "simulate_arrays", "validate",
         "write_recording",
@@ -41,8 +44,8 @@ _SOURCES = {
     "ces_identify.structures.kit": ("IdentifyOptions",),
     "ces_identify.validation.evaluate": ("Evaluation",),
     "ces_observer": ("Model", "load_model"),
-}  # fmt: skip
-_HOME = {name: module for module, names in _SOURCES.items() for name in names}
+    },
+)  # fmt: skip
 
 __all__ = [
     "Channel",
@@ -66,9 +69,3 @@ __all__ = [
     "validate",
     "write_recording",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'ces_identify' has no attribute '{name}'")
-    return getattr(import_module(_HOME[name]), name)

@@ -8,7 +8,9 @@ the model file, the tracker and the estimator at the top, `cdr` (serialised mess
     force_N = estimator.step(stamp_ns, position_m, current_A)  # None while it withholds; estimator.reason says why
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ces_observer.lazy_names import import_on_use
 
 if TYPE_CHECKING:
     from ces_observer.errors import CesError
@@ -18,12 +20,11 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = ["CesError", "Estimator", "Model", "load_model"]
 
-_HOME = {"CesError": "errors", "Estimator": "estimator", "Model": "model", "load_model": "model"}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'ces_observer' has no attribute '{name}'")
-    from importlib import import_module
-
-    return getattr(import_module(f"ces_observer.{_HOME[name]}"), name)
+__getattr__ = import_on_use(
+    __name__,
+    {
+        "ces_observer.errors": ("CesError",),
+        "ces_observer.estimator": ("Estimator",),
+        "ces_observer.model": ("Model", "load_model"),
+    },
+)

@@ -61,6 +61,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "differentiator": "errors",
         "json_checks": "errors",
         "json_text": "errors",
+        "lazy_names": "",
         "position_queue": "",
         "proof": "",
         "recorder": "errors",
