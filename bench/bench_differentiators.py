@@ -27,7 +27,7 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from ces_identify.numerics.kernels import free_run
 from ces_identify.polynomial.compiled_terms import compile_terms, power_table
-from ces_identify.polynomial.limits import Limits
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.polynomial.selection import search
 from ces_identify.preparation.cost import series_cost
 from ces_identify.preparation.position_spectrum import position_spectrum, sample_rate

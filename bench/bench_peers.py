@@ -24,8 +24,8 @@ from damper_set import RATE, WARM_UP, F, series
 from identification_peers import FED, HELPED, POWER_FED, RAW, Columns, Feed, PeerModel
 from measurement import Spent, is_installed, print_note, print_table, time_call
 
-from ces_identify.polynomial.limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
 from ces_identify.polynomial.refit import refit_coefficients
+from ces_identify.polynomial.search_limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
 from ces_identify.polynomial.selection import search
 from ces_identify.preparation.cost import cost
 from ces_identify.preparation.series import Series

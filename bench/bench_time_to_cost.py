@@ -21,8 +21,8 @@ import blas_one_thread  # noqa: F401 - before NumPy
 from damper_set import RATE, series
 from measurement import print_note, print_table
 
-from ces_identify.polynomial.limits import BOTH, METHODS, Limits, SearchResult
 from ces_identify.polynomial.problem import Problem
+from ces_identify.polynomial.search_limits import BOTH, METHODS, Limits, SearchResult
 from ces_identify.polynomial.selection import search
 from ces_identify.preparation.cost import series_cost
 from ces_identify.preparation.series import Series

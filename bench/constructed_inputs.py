@@ -15,8 +15,8 @@ import numpy as np
 
 from ces_identify.identification import identify
 from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
-from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.regressors import CandidateRules, load_rules
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.recordings.bag_reader import RecordingWarning, read_recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.structures.kit import IdentifyOptions

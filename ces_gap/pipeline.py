@@ -25,7 +25,7 @@ from ces_gap.inference.verdict import calibration
 from ces_gap.intake.checks import check_traces, find_invisible_effects
 from ces_gap.intake.prepare import prepare_recordings
 from ces_gap.progress import Progress, ignore_progress
-from ces_gap.sentence import format_verdict
+from ces_gap.verdict_sentence import format_verdict
 from ces_gap.where.gap_location import locate_gap
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
         write_recording,
     )
     from ces_identify.identification import IdentificationResult
-    from ces_identify.polynomial.limits import Limits
+    from ces_identify.polynomial.search_limits import Limits
     from ces_identify.recordings.recording import Channel, Recording
     from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
     from ces_identify.structures.kit import IdentifyOptions
@@ -38,7 +38,7 @@ __getattr__ = import_on_use(
         "write_recording",
     ),
     "ces_identify.identification": ("IdentificationResult",),
-    "ces_identify.polynomial.limits": ("Limits",),
+    "ces_identify.polynomial.search_limits": ("Limits",),
     "ces_identify.recordings.recording": ("Channel", "Recording"),
     "ces_identify.simulations.simulation": ("FunctionSimulation", "ModelSimulation", "Simulation"),
     "ces_identify.structures.kit": ("IdentifyOptions",),

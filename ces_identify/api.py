@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ces_identify import identification
 from ces_identify.identification import IdentificationResult
-from ces_identify.polynomial.limits import Listener
+from ces_identify.polynomial.search_limits import Listener
 from ces_identify.preparation.series import prepare
-from ces_identify.recordings import bag_reader, dyno_import
+from ces_identify.recordings import bag_reader, log_import
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.checks import require_usable
 from ces_identify.recordings.consistency import require_consistent
-from ces_identify.recordings.dyno_mapping import load_dyno_mapping
+from ces_identify.recordings.log_mapping import load_dyno_mapping
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulate import sample_force
@@ -48,7 +48,7 @@ def read_recording(
 
 def read_log(path: str | Path, *, mapping: str | Path) -> Recording:
     """Read and check a dyno log (CSV, JSON, MAT); `mapping` is the file that `ces import` takes. Raises CesError."""
-    recording = dyno_import.import_log(Path(path), load_dyno_mapping(Path(mapping)))
+    recording = log_import.import_log(Path(path), load_dyno_mapping(Path(mapping)))
     _warn(recording)
     return recording
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ces_identify.polynomial.limits import Listener, SearchResult
+from ces_identify.polynomial.search_limits import Listener, SearchResult
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import Series, prepare
 from ces_identify.recordings.recording import Recording

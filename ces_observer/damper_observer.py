@@ -101,7 +101,7 @@ class DamperObserver:
                 self._estimator, self._next = self._next, None
                 self.model, self.current = self._estimator.model, self._next_current
         self.position, self.speed = self._estimator.position, self._estimator.speed
-        self.reason = self._decide_reason(force, position_m, current)
+        self.reason = self._reason_for(force, position_m, current)
         if self.reason != OK:
             self.tally.withheld[self.reason] = self.tally.withheld.get(self.reason, 0) + 1
             return None
@@ -133,14 +133,16 @@ class DamperObserver:
             return "the header stamp is 0: the publisher does not fill it in"
         return self._clock_difference() if self.reason == OFF_CLOCK else ""
 
-    def _decide_reason(self, force: float | None, position: float, current: float) -> str:
+    def _reason_for(self, force: float | None, position: float, current: float) -> str:
+        """Return OK for a force that may be published, else why it is withheld: the fast path of the rule below."""
         late = self._max_age_ns and abs(self.age_ns) > self._max_age_ns
         # One sum instead of five tests: it is finite only if all terms are.
         if force is not None and not late and isfinite(force + position + current + self.position + self.speed):
             return OK
-        return self._find_reason(force, position, current)
+        return self._explain_withholding(force, position, current)
 
-    def _find_reason(self, force: float | None, position: float, current: float) -> str:
+    def _explain_withholding(self, force: float | None, position: float, current: float) -> str:
+        """Return why a force is withheld: the first of these rules that applies."""
         if not isfinite(position):
             return POSITION_NOT_FINITE
         if self._max_age_ns and abs(self.age_ns) > self._max_age_ns:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ces_identify.identification import identify
-from ces_identify.polynomial.limits import Limits
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.model import Model
 from ces_rig.dampers.effects import WithheldEffect

@@ -27,7 +27,7 @@ from ces_cli.bags import import_
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis, Estimate
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_identify.identification import identify
-from ces_identify.polynomial.limits import Limits
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals

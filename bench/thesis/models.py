@@ -21,8 +21,8 @@ from joblib import Memory, Parallel, delayed, parallel_config
 
 from bench.thesis.one_step import one_step_model
 from ces_identify.identification import identify
-from ces_identify.polynomial.limits import BOTH, RANDOM, Limits
 from ces_identify.polynomial.regressors import load_rules, parse_rules
+from ces_identify.polynomial.search_limits import BOTH, RANDOM, Limits
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures.fuzzy import FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.polynomial.limits import Limits
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Recording

@@ -10,8 +10,8 @@ from pathlib import Path
 from ces_cli.terminal import terminal
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.checks import findings, mean_rate
-from ces_identify.recordings.dyno_import import import_log
-from ces_identify.recordings.dyno_mapping import TEMPLATE, load_dyno_mapping
+from ces_identify.recordings.log_import import import_log
+from ces_identify.recordings.log_mapping import TEMPLATE, load_dyno_mapping
 from ces_identify.recordings.recording import Recording
 from ces_observer.errors import RecordingError
 from ces_observer.signals import Signals

@@ -15,7 +15,7 @@ from ces_cli.identify.structures import candidate_rules, select_identify_functio
 from ces_cli.terminal import terminal
 from ces_cli.terminal.simulations import open_simulation, with_teacher_force
 from ces_identify.identification import IdentificationResult
-from ces_identify.polynomial.limits import Limits, SearchResult
+from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.recordings.consistency import require_consistent
 from ces_identify.recordings.recording import Recording

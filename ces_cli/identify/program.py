@@ -22,8 +22,8 @@ from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.tables import cost_table
 from ces_identify.folds import split_folds
 from ces_identify.identification import IdentificationResult
-from ces_identify.polynomial.limits import BOTH, METHODS
 from ces_identify.polynomial.regressors import DEFAULT_RULES
+from ces_identify.polynomial.search_limits import BOTH, METHODS
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.structures import KITS
 from ces_identify.validation.usage import RULE

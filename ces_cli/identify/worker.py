@@ -26,7 +26,7 @@ from ces_cli.identify.progress import READING, SEARCHING, WRITING
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import BestResults
 from ces_identify.identification import IdentificationResult
-from ces_identify.polynomial.limits import Limits, SearchResult
+from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.errors import CesError
 

@@ -19,7 +19,7 @@ from rich.progress import (
 )
 
 from ces_cli.terminal import terminal
-from ces_identify.polynomial.limits import Limits, SearchResult
+from ces_identify.polynomial.search_limits import Limits, SearchResult
 
 LOG_EVERY_S = 5.0
 

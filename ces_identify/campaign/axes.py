@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ces_identify.campaign.plan import AUTO, BUILT_IN, Setting
-from ces_identify.polynomial.limits import BOTH, METHODS
+from ces_identify.polynomial.search_limits import BOTH, METHODS
 from ces_identify.structures import KITS
 from ces_identify.structures.kit import SizeOption
 from ces_identify.structures.polynomial import POLYNOMIAL

@@ -13,7 +13,7 @@ from ces_identify.campaign.plan import AUTO, CampaignJob
 from ces_identify.identification import IdentificationResult, identify
 from ces_identify.jobs.job import DONE, JobResult, run_job
 from ces_identify.jobs.row_log import Row
-from ces_identify.polynomial.limits import Limits
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures import KITS
 from ces_identify.structures.kit import IdentifyOptions

@@ -17,7 +17,7 @@ import numpy as np
 from ces_identify.numerics import kernels
 from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.free_run_fit import FreeRunFit, fit_free_run
-from ces_identify.polynomial.limits import SearchResult
+from ces_identify.polynomial.search_limits import SearchResult
 from ces_identify.polynomial.search_start import SearchStart
 from ces_identify.polynomial.sensitivity_kernels import candidate_products, output_gains
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ces_identify.numerics import kernels
 from ces_identify.numerics.arrays import F, I
-from ces_identify.polynomial.limits import SearchResult
+from ces_identify.polynomial.search_limits import SearchResult
 from ces_identify.polynomial.search_start import SearchStart
 
 GAINS = (0.2, 0.05, 0.02, 0.007, 0.003)  # relative gain required of a new term, one after the other

@@ -6,8 +6,8 @@ import numpy as np
 
 from ces_identify.numerics.arrays import F
 from ces_identify.polynomial.free_run_fit import fit_free_run
-from ces_identify.polynomial.limits import SearchResult
 from ces_identify.polynomial.problem import Problem
+from ces_identify.polynomial.search_limits import SearchResult
 
 ITERATIONS = 20
 

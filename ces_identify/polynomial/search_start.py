@@ -8,8 +8,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from ces_identify.numerics import search_clock
-from ces_identify.polynomial.limits import Limits, Listener, SearchResult
 from ces_identify.polynomial.problem import Problem
+from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
 
 
 class SearchStart(ABC):

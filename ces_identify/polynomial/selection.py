@@ -10,9 +10,9 @@ from contextlib import contextmanager
 
 from ces_identify.numerics import search_clock
 from ces_identify.polynomial.gauss_newton import GaussNewtonStart
-from ces_identify.polynomial.limits import BOTH, GAUSS_NEWTON, RANDOM, Limits, Listener, SearchResult
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.random_forward import RandomForwardStart
+from ces_identify.polynomial.search_limits import BOTH, GAUSS_NEWTON, RANDOM, Limits, Listener, SearchResult
 
 POLL_S = 0.1  # between two checks for Ctrl-C
 

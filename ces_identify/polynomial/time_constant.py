@@ -18,9 +18,9 @@ from ces_identify.numerics.arrays import I
 from ces_identify.polynomial.constructed_rules import FIRST_GUESS_S
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.gauss_newton import GaussNewtonStart
-from ces_identify.polynomial.limits import Limits, SearchResult
 from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen
 from ces_identify.polynomial.regressors import CandidateRules
+from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.weighting import EQUAL, Weighting
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from ces_identify.numerics.arrays import F, I
-from ces_identify.polynomial.limits import Limits, Listener, SearchResult
 from ces_identify.polynomial.regressors import CandidateRules, load_rules
+from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.simulated_series import SimulatedSeries
 from ces_identify.preparation.weighting import EQUAL, Weighting

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from ces_identify.polynomial.limits import Listener
+from ces_identify.polynomial.search_limits import Listener
 from ces_identify.preparation.series import Series
 from ces_identify.structures.kit import Fitted, IdentifyOptions
 from ces_identify.trained.family import Family

@@ -10,10 +10,10 @@ import numpy as np
 from ces_identify.numerics import search_clock
 from ces_identify.polynomial.constructed_data import restrict_to_data
 from ces_identify.polynomial.free_run import run_polynomial
-from ces_identify.polynomial.limits import Listener, SearchResult
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.refit import refit_coefficients
 from ces_identify.polynomial.regressors import CandidateRules
+from ces_identify.polynomial.search_limits import Listener, SearchResult
 from ces_identify.polynomial.selection import search
 from ces_identify.polynomial.term_table import term_table
 from ces_identify.polynomial.time_constant import find_time_constants

@@ -17,7 +17,7 @@ import numpy as np
 from ces_identify.numerics import search_clock
 from ces_identify.numerics.arrays import F
 from ces_identify.numerics.levenberg import descend
-from ces_identify.polynomial.limits import Limits, Listener, SearchResult
+from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
 from ces_identify.trained.family import Family
 
 MAX_GAIN = 0.98  # of the past forces: less than 1, so that the bound on the force is useful

@@ -10,7 +10,7 @@ import pytest
 from ces_identify.campaign.description import load_campaign
 from ces_identify.config_file import MAX_BYTES, read_yaml_mapping
 from ces_identify.polynomial.regressors import load_rules
-from ces_identify.recordings.dyno_mapping import load_dyno_mapping
+from ces_identify.recordings.log_mapping import load_dyno_mapping
 from ces_identify.recordings.signals_file import load_signals
 from ces_observer.errors import CesError
 from ces_rig.dampers.hydraulic.parameters import load_damper

@@ -7,8 +7,8 @@ import pytest
 from identification_examples import PLANTED, RULES, planted
 
 from ces_identify.identification import identify
-from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.regressors import parse_rules
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.recordings.recording import Channel
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION

@@ -227,7 +227,7 @@ def test_a_mistake_at_start_is_one_fatal_line_and_status_2(rig: Start) -> None:
     assert status == 2
     assert len(output.splitlines()) == 1, output
     assert "[FATAL]" in output
-    assert "/nowhere.yaml: No such file" in output
+    assert "/nowhere.yaml: cannot be read: No such file" in output
 
 
 @pytest.mark.parametrize("line", MISTAKES)

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
-from ces_gap.effects.output_kernels import void, void_length_at_limit
+from ces_gap.effects.friction_and_void_kernels import void, void_length_at_limit
 from ces_gap.trace import F, Trace, TraceInputs
 
 BUBBLES = EffectParameter("bubbles_m", 1e-4, 5e-3, (5e-4,), "length of void over which the force returns", "log")

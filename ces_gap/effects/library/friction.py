@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
-from ces_gap.effects.output_kernels import bristles
+from ces_gap.effects.friction_and_void_kernels import bristles
 from ces_gap.trace import F, Trace, TraceInputs
 
 STRIBECK_M_S = 0.02  # [m/s] if it is not a parameter: typical strokes pass it within milliseconds

@@ -6,7 +6,7 @@ import pytest
 from campaign_parts import CAMPAIGN, RULES
 
 from ces_identify.campaign.description import MAX_CELLS, CampaignError, load_campaign
-from ces_identify.polynomial.limits import METHODS
+from ces_identify.polynomial.search_limits import METHODS
 from ces_observer.errors import CesError
 
 

@@ -8,8 +8,8 @@ import pytest
 from ces_identify.identification import identify
 from ces_identify.polynomial.constructed_data import restrict_to_data
 from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
-from ces_identify.polynomial.limits import Limits
 from ces_identify.polynomial.regressors import load_rules, parse_rules
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulate import simulate_series

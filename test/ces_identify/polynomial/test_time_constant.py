@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ces_identify.identification import identify
-from ces_identify.polynomial.limits import GAUSS_NEWTON, Limits
 from ces_identify.polynomial.regressors import parse_rules
+from ces_identify.polynomial.search_limits import GAUSS_NEWTON, Limits
 from ces_identify.polynomial.time_constant import GRID_S, find_time_constants
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Channel, Recording

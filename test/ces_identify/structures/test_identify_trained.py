@@ -9,7 +9,7 @@ import pytest
 from planted import FUZZY, NETWORK, RATE_HZ, planted
 
 from ces_identify.identification import identify
-from ces_identify.polynomial.limits import Limits
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.recordings.recording import Channel
 from ces_identify.structures.fuzzy import FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions

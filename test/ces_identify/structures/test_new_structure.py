@@ -15,7 +15,7 @@ from ces_cli.identify.certificate_check import verify_certificate
 from ces_cli.identify.program import parser
 from ces_cli.identify.structures import select_identify_function
 from ces_identify import structures as offline
-from ces_identify.polynomial.limits import SearchResult
+from ces_identify.polynomial.search_limits import SearchResult
 from ces_identify.report import write_report
 from ces_identify.simulations.simulate import sample_force
 from ces_identify.structures.kit import Fitted, IdentifyOptions, SizeOption, StructureKit

@@ -12,6 +12,7 @@ from output_plants import Planted
 from scipy.optimize import least_squares
 
 from ces_gap.effects.effect import Effect
+from ces_gap.effects.friction_and_void_kernels import bristles
 from ces_gap.effects.library import (
     blow_off,
     bump_stop,
@@ -23,7 +24,6 @@ from ces_gap.effects.library import (
     inertia,
     temperature_fade,
 )
-from ces_gap.effects.output_kernels import bristles
 from ces_gap.trace import Trace
 
 AREA, VOLUME, PRESSURE = 2.5e-4, 4e-5, 2e6  # of the rod [m2], of the gas [m3], its gauge pressure [Pa]

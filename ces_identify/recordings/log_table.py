@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.io
 
-from ces_identify.recordings.dyno_mapping import DynoMapping
+from ces_identify.recordings.log_mapping import DynoMapping
 from ces_identify.recordings.recording import Values
 from ces_observer.errors import RecordingError
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ces_identify.recordings.dyno_mapping import Column, DynoMapping, FileNameValue, FixedValue, MappingError, Source
-from ces_identify.recordings.dyno_table import LogTable, read_table
+from ces_identify.recordings.log_mapping import Column, DynoMapping, FileNameValue, FixedValue, MappingError, Source
+from ces_identify.recordings.log_table import LogTable, read_table
 from ces_identify.recordings.recording import Channel, Recording, Stamps, Values
 from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS

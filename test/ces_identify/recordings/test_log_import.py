@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import scipy.io
 
-from ces_identify.recordings.dyno_import import import_log
-from ces_identify.recordings.dyno_mapping import (
+from ces_identify.recordings.log_import import import_log
+from ces_identify.recordings.log_mapping import (
     TEMPLATE,
     Column,
     FileNameValue,

@@ -8,7 +8,7 @@ import pytest
 from diagnoses import named
 
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
-from ces_gap.sentence import format_verdict
+from ces_gap.verdict_sentence import format_verdict
 
 FOUND = named()
 
