@@ -102,7 +102,7 @@ def split_spectrum(spectrum: Spectrum) -> tuple[F, F]:
 def responses(spectrum: Spectrum, bandwidth: float, order: int) -> tuple[C, C]:
     """Return the differentiator's frequency responses (n,) from position to speed [1/s] and to innovation [1]."""
     gains = _gains(bandwidth / spectrum.rate_Hz, order)
-    z = np.exp(2j * np.pi * spectrum.frequency / spectrum.rate_Hz)
+    z: C = np.asarray(np.exp(2j * np.pi * spectrum.frequency / spectrum.rate_Hz), np.complex128)
     d = z - 1.0
     innovation = 1.0 / (1.0 + gains[0] / d + gains[1] * z / d**2 + gains[2] * z * (z + 1.0) / d**3)
     speed = (gains[1] * z / d + 2.0 * gains[2] * z / d**2) * innovation * spectrum.rate_Hz
