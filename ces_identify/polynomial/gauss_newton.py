@@ -55,7 +55,7 @@ class GaussNewtonStart(SearchStart):
         self._grow()
         while self.limits.exchanges and self._exchange_term():
             self._prune()
-        ended = self._reason_to_end() or "candidates exhausted"
+        ended = self._reason_to_end() or "no candidates left"
         self._keep(replace(self.current, trials=self.trials, ended=ended))
         return self.current
 

@@ -39,7 +39,7 @@ class RandomForwardStart(SearchStart):
             self._climb(best.cost)
             if self.current.cost >= best.cost:
                 self.current = best
-        ended = self._reason_to_end() or "candidates exhausted"
+        ended = self._reason_to_end() or "no candidates left"
         self.current = replace(self.current, trials=self.trials, ended=ended)
         self.listener(self.current)
         return self.current
