@@ -9,14 +9,16 @@ from typing import Any
 
 from ces_identify.numerics.arrays import F, I
 from ces_identify.preparation.simulated_series import SimulatedSeries
+from ces_identify.structures.chambers import CHAMBERS
 from ces_identify.structures.fuzzy import ANFIS
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.network import SIGMOID
 from ces_identify.structures.polynomial import POLYNOMIAL
+from ces_identify.structures.relaxation import RELAXATION
 from ces_identify.typesetting import ModelTable
 from ces_observer.model import Model
 
-KITS: dict[str, StructureKit[Any]] = {kit.option: kit for kit in (POLYNOMIAL, SIGMOID, ANFIS)}
+KITS: dict[str, StructureKit[Any]] = {kit.option: kit for kit in (POLYNOMIAL, SIGMOID, ANFIS, RELAXATION, CHAMBERS)}
 
 
 def run_batch(model: Model, inputs: F, segments: I) -> tuple[F, int]:

@@ -37,7 +37,7 @@ class Predictor(Protocol):
 
     @property
     def clamped(self) -> bool:
-        """True if the last inputs lay outside their ranges and were clamped to them."""
+        """True if the last inputs lay outside their ranges; they were clamped, unless the structure extrapolates."""
 
     def reset(self) -> None:
         """Forget the past: earlier forces are zero, earlier inputs equal the first ones to come."""
@@ -49,11 +49,13 @@ class Predictor(Protocol):
 class Structure(ABC):
     """The part of a model that computes the force; `name` and `keys` are its name and keys in a model file.
 
-    `unproved` is the reason given if `is_stable` is False.
+    `extrapolates` is True if inputs outside the envelope are used as they are, at least to some distance, and not clamped
+    to it. `unproved` is the reason given if `is_stable` is False.
     """
 
     name: ClassVar[str]
     keys: ClassVar[tuple[str, ...]]
+    extrapolates: ClassVar[bool] = False
     unproved: ClassVar[str] = "it is not proved to be a contraction over its input envelope"
 
     @property

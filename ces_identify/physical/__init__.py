@@ -1,0 +1,1 @@
+"""Structures with the physics inside, offline: compiled free runs with exact sensitivities, and their fit."""

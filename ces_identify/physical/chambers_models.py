@@ -1,0 +1,155 @@
+"""Models with chambers of one size: their parameters with starts and bounds, and the structure built from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ces_identify.numerics.arrays import F, I
+from ces_identify.physical.chambers_kernel import ChamberArrays, run_chambers
+from ces_identify.physical.common_groups import (
+    MIN_RISE,
+    as_floats,
+    build_side,
+    build_valve,
+    shared_parameters,
+    side_groups,
+    valve_groups,
+)
+from ces_identify.physical.layout import Group, Layout, group, rises_to_nodes
+from ces_identify.physical.models import Kernel, PhysicalModels
+from ces_observer.structures.chambers import Chambers
+from ces_observer.structures.flow_map import FlowMap
+from ces_observer.structures.increasing_curves import IncreasingCurve
+from ces_observer.structures.side_forces import FrictionElement
+
+NAMES = (
+    "lead_s", "viscous_Ns_m", "mass_kg", "gas_N", "ratio", "compression", "rebound", "mount", "check", "refill", "map",
+    "friction", "friction_yield", "growth",
+)  # fmt: skip
+FLOWS = np.array([-0.003, 0.0, 0.003, 0.01, 0.02, 0.04, 0.08, 0.15, 0.25, 0.4, 0.65, 1.0])  # relative to the speed
+DROPS = np.array([-1.0, -0.4, -0.1, 0.0, 0.01, 0.03, 0.08, 0.2, 0.5])  # relative to the force scale
+SUCTIONS = np.array([-1.0, 0.0, 0.003, 0.01, 0.03, 0.1])
+RATIO, LEAST_RATIO, MOST_RATIO = 0.4, 0.02, 3.0
+CHAMBER_M_N, MOUNT_M_N = 2e-7, 3e-7
+STIFFEST_M_N, SOFTEST_M_N = 1e-9, 1e-5
+BACK = 0.01  # force scales at which the rebound chamber is refilled at the first flow node
+FRICTION_N_M, YIELD = 3e5, (0.006, 0.025)  # starts, the latter relative to the force scale
+REACH = 2.0
+
+
+@dataclass(frozen=True)
+class ChambersModels(PhysicalModels):
+    """Models with `rows` valve curves and `friction` friction elements."""
+
+    rows: int = 3
+    friction: int = 1
+
+    @property
+    def kernel(self) -> Kernel:
+        """The compiled free run."""
+        return run_chambers  # type: ignore[no-any-return]
+
+    @cached_property
+    def layout(self) -> Layout:
+        """The parameters."""
+        size, speed = self.scales.force_N, self.scales.speed_m_s
+        softest = SOFTEST_M_N
+        return Layout(
+            (
+                *valve_groups(self.scales),
+                *side_groups(self.scales),
+                group("ratio", RATIO, LEAST_RATIO, MOST_RATIO),
+                group("compression", CHAMBER_M_N, STIFFEST_M_N, softest),
+                group("rebound", CHAMBER_M_N, STIFFEST_M_N, softest),
+                group("mount", MOUNT_M_N, 0.0, softest),
+                self._check(speed),
+                self._refill(speed),
+                self._map(size),
+                group("friction", np.full(self.friction, FRICTION_N_M), 1.0, 1e9),
+                group("friction_yield", size * np.geomspace(*YIELD, self.friction), 1e-5 * size, size),
+                group("growth", 0.1 / size, 0.0, 10.0 / size),
+            )
+        )
+
+    def _check(self, speed: float) -> Group:
+        zero = int(np.flatnonzero(DROPS == 0.0)[0])
+        back = -0.03 * np.diff(np.sqrt(-DROPS[: zero + 1]))
+        through = 4.0 * np.diff(np.sqrt(DROPS[zero:] / DROPS[-1]))
+        rises = speed * np.concatenate([back, through])
+        return group("check", rises, 1e-6 * speed, 1e3 * speed, rises_to_nodes(len(DROPS), zero))
+
+    def _refill(self, speed: float) -> Group:
+        zero = int(np.flatnonzero(SUCTIONS == 0.0)[0])
+        rises = speed * np.append(1e-3, 3.0 * np.diff(np.sqrt(SUCTIONS[zero:] / SUCTIONS[-1])))
+        return group("refill", rises, 1e-6 * speed, 1e3 * speed, rises_to_nodes(len(SUCTIONS), zero))
+
+    def _map(self, size: float) -> Group:
+        """The valve's curves through the origin; for flow back into the rebound chamber they are one."""
+        count = len(FLOWS)
+        one = rises_to_nodes(count, 1)
+        matrix = np.hstack([np.tile(one[:, :1], (self.rows, 1)), np.kron(np.eye(self.rows), one[:, 1:])])
+        levels = np.arange(self.rows) / (self.rows - 1)
+        shape = np.diff(FLOWS[2:])
+        rises = [np.append(0.1 + 0.45 * level, 0.6 * (1.0 + 0.3 * level) * shape) for level in levels]
+        least = MIN_RISE * np.tile(np.append(1.0, shape), self.rows)
+        start, low = np.concatenate([[BACK], *rises]), np.append(1e-4, least)
+        return group("map", size * start, size * low, 10.0 * size, matrix)
+
+    @cached_property
+    def _places(self) -> I:
+        return self.layout.places(NAMES)
+
+    def arrays(self, k: F) -> ChamberArrays:
+        """Return the kernel's view of the model."""
+        s = self.scales
+        return ChamberArrays(
+            k, self._places, s.currents_A, s.speed_m_s * FLOWS, s.force_N * DROPS, s.force_N * SUCTIONS, s.positions_m,
+            self.rows, self.friction, s.interval_s, s.max_acceleration_m_s2,
+        )  # fmt: skip
+
+    def body(self, theta: F) -> Chambers:
+        """Return the structure with these parameters."""
+        k, s = self.layout.k(theta), self.scales
+        values = {g.name: self.layout.part(k, g.name) for g in self.layout.groups}
+        friction = zip(values["friction"], values["friction_yield"], strict=True)
+        return Chambers(
+            build_valve(s, values),
+            float(values["ratio"][0]),
+            float(values["compression"][0]),
+            float(values["rebound"][0]),
+            float(values["mount"][0]),
+            IncreasingCurve(as_floats(s.force_N * DROPS), as_floats(values["check"])),
+            IncreasingCurve(as_floats(s.force_N * SUCTIONS), as_floats(values["refill"])),
+            FlowMap(as_floats(s.speed_m_s * FLOWS), tuple(map(as_floats, values["map"].reshape(self.rows, -1)))),
+            float(values["growth"][0]),
+            build_side(s, values, tuple(FrictionElement(float(a), float(b)) for a, b in friction)),
+            REACH,
+        )
+
+
+def chamber_arrays(body: Chambers, interval_s: float) -> ChamberArrays:
+    """Return the kernel's view of a model with chambers."""
+    elements = body.side.friction
+    parts = [
+        shared_parameters(body.valve, body.side),
+        [body.area_ratio, body.compression_m_N, body.rebound_m_N, body.mount_m_N],
+        body.check.values,
+        body.refill.values,
+        np.ravel(body.map.rows),
+        [one.stiffness_N_m for one in elements],
+        [one.yield_N for one in elements],
+        [body.friction_growth_1_N],
+    ]
+    k = np.concatenate([np.asarray(part, dtype=np.float64) for part in parts])
+    starts = np.cumsum([len(part) for part in parts])
+    shared = int(starts[0])
+    side = shared - len(body.side.position_m) - 3
+    places = [side, side + 1, side + 2, side + 3, *range(shared, shared + 4), *starts[1:-1]]
+    return ChamberArrays(
+        k, np.array(places, dtype=np.int64), np.array(body.valve.characteristic.at), np.array(body.map.at),
+        np.array(body.check.at), np.array(body.refill.at), np.array(body.side.position_m), len(body.map.rows),
+        len(elements), interval_s, body.side.max_acceleration_m_s2,
+    )  # fmt: skip

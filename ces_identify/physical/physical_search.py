@@ -1,0 +1,166 @@
+"""The fit of physical models: several starts, then strength of the penalty and size, all by the selection ticks.
+
+The data's alternating blocks serve estimation (Levenberg-Marquardt on the free run's error, exact derivatives) and
+selection (cost of the free run). The best model is fitted once more to all ticks.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ces_identify.numerics import search_clock
+from ces_identify.numerics.arrays import F
+from ces_identify.numerics.bounded_levenberg import BoundedProblem, descend_within_bounds
+from ces_identify.physical.models import PhysicalModels
+from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
+
+MAX_STARTS = 4
+SPREAD = 0.7  # of the logarithms of a perturbed start's groups
+PENALTIES = (0.03, 0.1, 0.01, 0.003, 0.001)  # [J %] of a change of one parameter by its scale; the first is for starts
+MIN_GAIN = 3e-4  # relative fall of the error over WINDOW steps, below which a descent has ended
+WINDOW = 4
+MAX_STEPS = 60
+LARGER = 0.98  # a larger size must lower the selection cost to this share
+
+
+@dataclass(frozen=True)
+class PhysicalFit:
+    """Parameters of one model of `models`, its cost on the selection ticks [%], and the penalty's strength."""
+
+    models: PhysicalModels
+    theta: F
+    cost: float
+    penalty: float
+    result: SearchResult
+
+
+@dataclass
+class PhysicalSearch:
+    """One search; `stop` or the deadline ends it with the best so far."""
+
+    limits: Limits
+    listener: Listener
+    stop: threading.Event = field(default_factory=threading.Event)
+    ended: str = "no step lowers the error"
+
+    def __post_init__(self) -> None:
+        self._deadline = search_clock.now() + self.limits.seconds
+        self._lock = threading.Lock()
+        self._best = np.inf
+        self._trials = 0
+
+    def run(self, smallest: PhysicalModels, sizes: Sequence[PhysicalModels], short: bool = False) -> list[PhysicalFit]:
+        """Return the fits, best first. With `short`, only one start of the `smallest` models."""
+        try:
+            fits = self._run_starts(smallest, 1 if short else min(self.limits.starts, MAX_STARTS))
+            if fits and not short:
+                fits = _sorted([*fits, *self._vary_penalty(fits[0])])
+                fits = _sorted([*fits, *self._enlarge(fits[0], sizes)])
+        except KeyboardInterrupt:
+            self.stop.set()
+            raise
+        return fits
+
+    def refit(self, fit: PhysicalFit) -> F:
+        """Return the parameters after a last fit to all ticks, if their free run does not get worse by it."""
+        everything = fit.models.training.estimation + fit.models.training.selection
+        before = fit.models.cost(fit.theta, everything)
+        theta = fit.theta
+        for _, theta in self._descend(fit.models, everything, fit.theta, fit.penalty):
+            pass
+        return theta if fit.models.cost(theta, everything) <= before else fit.theta
+
+    def _run_starts(self, models: PhysicalModels, count: int) -> list[PhysicalFit]:
+        with ThreadPoolExecutor(max(1, self.limits.threads)) as pool:
+            runs = [pool.submit(self._fit, models, self._start(models, i), PENALTIES[0], i) for i in range(count)]
+            try:
+                return _sorted([run.result() for run in runs])
+            except KeyboardInterrupt:
+                self.stop.set()
+                raise
+
+    def _start(self, models: PhysicalModels, i: int) -> F:
+        if i == 0:
+            return models.layout.start
+        return models.layout.perturbed(np.random.default_rng(self.limits.seed + i), SPREAD)
+
+    def _vary_penalty(self, best: PhysicalFit) -> Iterator[PhysicalFit]:
+        """Fit on from the best with other strengths of the penalty; go on while a weaker one helps."""
+        at = best
+        for penalty in PENALTIES[2:]:
+            weaker = self._fit(best.models, at.theta, penalty, 0)
+            yield weaker
+            if weaker.cost >= at.cost:
+                break
+            at = weaker
+        if at is best:
+            yield self._fit(best.models, best.theta, PENALTIES[1], 0)
+
+    def _enlarge(self, best: PhysicalFit, sizes: Sequence[PhysicalModels]) -> Iterator[PhysicalFit]:
+        for models in sizes:
+            fit = self._fit(models, models.layout.start, best.penalty, 0)
+            if fit.cost < LARGER * best.cost:
+                yield fit
+
+    def _fit(self, models: PhysicalModels, start: F, penalty: float, seed: int) -> PhysicalFit:
+        training = models.training
+        theta, cost = models.layout.project(start), np.inf
+        for _, trial in self._descend(models, training.estimation, start, penalty):
+            trial_cost = models.cost(trial, training.selection)
+            if trial_cost < cost:
+                theta, cost = trial, trial_cost
+                self._report(models, theta, cost, seed)
+        result = SearchResult(
+            np.arange(len(theta)),
+            theta,
+            cost,
+            self.limits.seed + seed,
+            self._trials,
+            self._find_stop_reason() or self.ended,
+        )
+        return PhysicalFit(models, theta, cost, penalty, result)
+
+    def _report(self, models: PhysicalModels, theta: F, cost: float, seed: int) -> None:
+        with self._lock:
+            self._trials += 1
+            if cost >= self._best:
+                return
+            self._best = cost
+        self.listener(
+            SearchResult(np.arange(len(theta)), theta, cost, self.limits.seed + seed, self._trials, "running")
+        )
+
+    def _descend(self, models: PhysicalModels, weights: F, start: F, penalty: float) -> Iterator[tuple[float, F]]:
+        layout = models.layout
+        problem = BoundedProblem(
+            lambda theta: models.error(theta, weights),
+            lambda theta: models.normal_equations(theta, weights),
+            layout.project,
+            layout.low,
+            layout.high,
+            (0.01 * penalty / layout.scale) ** 2,
+            layout.start,
+        )
+        values: list[float] = []
+        for value, theta in descend_within_bounds(problem, start):
+            yield value, theta
+            values.append(value)
+            still = len(values) > WINDOW and values[-1] > (1.0 - WINDOW * MIN_GAIN) * values[-1 - WINDOW]
+            if still or len(values) >= MAX_STEPS or self._find_stop_reason():
+                return
+
+    def _find_stop_reason(self) -> str:
+        if self.stop.is_set():
+            return "interrupted"
+        if self._best <= self.limits.target:
+            return "target cost reached"
+        return "time is up" if search_clock.now() > self._deadline else ""
+
+
+def _sorted(fits: Sequence[PhysicalFit]) -> list[PhysicalFit]:
+    return sorted((fit for fit in fits if np.isfinite(fit.cost)), key=lambda fit: fit.cost)

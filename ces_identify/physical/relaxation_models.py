@@ -1,0 +1,134 @@
+"""Relaxation models of one size: their parameters with starts and bounds, and the structure built from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ces_identify.numerics.arrays import F, I
+from ces_identify.physical.common_groups import (
+    MIN_RISE,
+    as_floats,
+    build_side,
+    build_valve,
+    shared_parameters,
+    side_groups,
+    valve_groups,
+)
+from ces_identify.physical.layout import Layout, group, rises_to_nodes
+from ces_identify.physical.models import Kernel, PhysicalModels
+from ces_identify.physical.relaxation_kernel import RelaxationArrays, run_relaxation
+from ces_observer.structures.flow_map import FlowMap
+from ces_observer.structures.relaxation import Relaxation, YieldingSpring
+
+NAMES = ("lead_s", "viscous_Ns_m", "mass_kg", "compliance", "leak", "gas_N", "stiffness", "yield", "map")
+SPEEDS = np.array([0.01, 0.03, 0.08, 0.18, 0.35, 0.6, 1.0])  # nodes relative to the speed scale, on either side
+COMPLIANCE_M_N, STIFFEST_M_N, SOFTEST_M_N = 3e-7, 1e-9, 1e-4
+STIFFNESSES_N_M = (1e6, 1e5)  # range over which the springs' stiffnesses start
+SLOW_N_M = 5e2  # start of the last spring, a memory as slow as the leak, which yields at SLOW_YIELD force scales
+SLOW_YIELD = 0.25
+REACH = 2.0
+
+
+@dataclass(frozen=True)
+class RelaxationModels(PhysicalModels):
+    """Relaxation models with `rows` force-speed curves and `springs` yielding springs beside a slow one."""
+
+    rows: int = 3
+    springs: int = 3
+
+    @property
+    def kernel(self) -> Kernel:
+        """The compiled free run."""
+        return run_relaxation  # type: ignore[no-any-return]
+
+    @cached_property
+    def speeds(self) -> F:
+        """Nodes [m/s] of the force-speed curves."""
+        half = self.scales.speed_m_s * SPEEDS
+        return np.concatenate([-half[::-1], [0.0], half])
+
+    @cached_property
+    def layout(self) -> Layout:
+        """The parameters."""
+        size, speed = self.scales.force_N, self.scales.speed_m_s
+        steps, middle = np.diff(self.speeds) / speed, len(SPEEDS)
+        roots = np.diff(np.sqrt(np.concatenate([[0.0], SPEEDS])))
+        shape = np.concatenate([roots[::-1], roots])
+        levels = 0.2 + 0.6 * np.arange(self.rows) / (self.rows - 1)
+        matrix = np.kron(np.eye(self.rows), rises_to_nodes(len(self.speeds), middle))
+        yields = size * (0.05 + 0.1 * np.arange(self.rows) / (self.rows - 1))
+        limits = np.repeat(yields[:, None], self.springs + 1, axis=1)
+        limits[:, -1] = SLOW_YIELD * size
+        fixed = np.zeros_like(limits)
+        fixed[:, -1] = limits[:, -1]
+        highest = np.full_like(limits, size)
+        highest[:, -1] = limits[:, -1]
+        stiffnesses = np.append(np.geomspace(*STIFFNESSES_N_M, self.springs), SLOW_N_M)
+        return Layout(
+            (
+                *valve_groups(self.scales),
+                *side_groups(self.scales),
+                group("compliance", COMPLIANCE_M_N, STIFFEST_M_N, SOFTEST_M_N),
+                group("leak", 1e-3 * COMPLIANCE_M_N / self.scales.interval_s, 0.0, speed / size),
+                group("stiffness", stiffnesses, 1e-3, 1e9),
+                group("yield", limits.ravel(), np.maximum(1e-4 * size, fixed.ravel()), highest.ravel()),
+                group("map", size * np.outer(levels, shape).ravel(), size * MIN_RISE * np.tile(steps, self.rows),
+                      10.0 * size, matrix),
+            )
+        )  # fmt: skip
+
+    @cached_property
+    def _places(self) -> I:
+        return self.layout.places(NAMES)
+
+    def arrays(self, k: F) -> RelaxationArrays:
+        """Return the kernel's view of the model."""
+        s = self.scales
+        return RelaxationArrays(
+            k, self._places, s.currents_A, self.speeds, s.positions_m, self.rows, self.springs + 1, s.interval_s,
+            s.max_acceleration_m_s2,
+        )  # fmt: skip
+
+    def body(self, theta: F) -> Relaxation:
+        """Return the structure with these parameters."""
+        k = self.layout.k(theta)
+        values = {g.name: self.layout.part(k, g.name) for g in self.layout.groups}
+        limits = values["yield"].reshape(self.rows, -1)
+        return Relaxation(
+            build_valve(self.scales, values),
+            float(values["compliance"][0]),
+            float(values["leak"][0]),
+            FlowMap(as_floats(self.speeds), tuple(map(as_floats, values["map"].reshape(self.rows, -1)))),
+            tuple(
+                YieldingSpring(float(stiffness), as_floats(limits[:, j]))
+                for j, stiffness in enumerate(values["stiffness"])
+            ),
+            build_side(self.scales, values),
+            REACH,
+        )
+
+
+def relaxation_arrays(body: Relaxation, interval_s: float) -> RelaxationArrays:
+    """Return the kernel's view of a relaxation model."""
+    limits = np.array([spring.yield_N for spring in body.springs]).reshape(len(body.springs), len(body.map.rows))
+    parts = [
+        shared_parameters(body.valve, body.side),
+        [body.compliance_m_N, body.leak_m_Ns],
+        [spring.stiffness_N_m for spring in body.springs],
+        limits.T.ravel(),
+        np.ravel(body.map.rows),
+    ]
+    k = np.concatenate([np.asarray(part, dtype=np.float64) for part in parts])
+    first, *sizes = (len(part) for part in parts)
+    gas = len(body.side.position_m)
+    side, springs = first - gas - 3, first + 2
+    yields = springs + len(body.springs)
+    places = [side, side + 1, side + 2, first, first + 1, side + 3, springs, yields, yields + sizes[2]]
+    return RelaxationArrays(
+        k, np.array(places), np.array(body.valve.characteristic.at), np.array(body.map.at),
+        np.array(body.side.position_m), len(body.map.rows), len(body.springs), interval_s,
+        body.side.max_acceleration_m_s2,
+    )  # fmt: skip

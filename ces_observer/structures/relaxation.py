@@ -1,0 +1,214 @@
+"""A relaxation model: a spring in series with a valve and yielding springs (a nonlinear Maxwell element).
+
+    compliance (y(k) - y(k-1)) + T (q(k) + leak y(k)) = T drive(k)
+    y(k)   = map(q(k), setting(k)) + sum_j h_j(k),  h_j(k) = clip(h_j(k-1) + stiffness_j T q(k), -+yield_j(setting(k)))
+    force  = y(k) + side force(k)
+
+y is the force [N] in oil and mounts, q the speed [m/s] at which the oil passes the valve. The map rises with q, so each
+step has one solution, and for two runs with the same inputs, with dh and dq their differences,
+
+    compliance dy (dy - dy(k-1)) + T (dq + leak dy) dy = 0,  dq dy >= sum_j dh_j (dh_j - dh_j(k-1)) / (T stiffness_j),
+
+so compliance dy^2 + sum_j dh_j^2 / stiffness_j never grows (Moreau 1977 for the yielding springs). If |y| exceeds the
+map at the largest drive plus all yield forces, then |q| exceeds the drive, and |y| falls: that is the bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Any, ClassVar, Self
+
+from ces_observer.errors import ModelError
+from ces_observer.json_checks import JsonObject
+from ces_observer.proof.energy import EnergyCertificate
+from ces_observer.structures.flow_map import FlowMap, parse_growth
+from ces_observer.structures.increasing_curves import MAX_VALUE
+from ces_observer.structures.reach import MAX_REACH, InputLimiter, widen
+from ces_observer.structures.side_forces import SideForces, SideRun, pick_segment
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.structures.valve_path import ValvePath, ValveRun
+
+MAX_SPRINGS = 8
+MAX_STEPS = 200  # of a bisection: enough for any pair of floats of such numbers
+CLOSE = 1e-13  # relative change of the solution that ends a step
+CLAIM = "the energy of the difference of two runs with the same inputs never grows; |F| stays bounded for every input"
+METHOD = "all curves rise; |y| falls wherever the valve passes more than the largest drive"
+
+
+@dataclass(frozen=True)
+class YieldingSpring:
+    """A spring whose force is limited by the valve's setting: stiffness [N/m], yield force [N] at each map row."""
+
+    stiffness_N_m: float
+    yield_N: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Relaxation(Structure):
+    """A relaxation model: compliance [m/N] and leak [m/(N s)] in series with the valve's map of force over speed."""
+
+    name: ClassVar[str] = "relaxation"
+    keys: ClassVar[tuple[str, ...]] = ("relaxation",)
+    extrapolates: ClassVar[bool] = True
+
+    valve: ValvePath
+    compliance_m_N: float
+    leak_m_Ns: float
+    map: FlowMap
+    springs: tuple[YieldingSpring, ...]
+    side: SideForces
+    reach: float
+
+    @property
+    def max_lag(self) -> int:
+        """Longest lag of any signal in ticks."""
+        return self.valve.max_lag
+
+    @property
+    def size(self) -> str:
+        """The size, in words."""
+        return f"{len(self.map.rows)} force-speed curves of {len(self.map.at)} nodes, {len(self.springs)} springs"
+
+    def steady_force(self, speed_m_s: float, current_A: float) -> float:
+        """Return the force [N] of the oil at a constant speed [m/s] and current [A], without gas and inertia."""
+        setting = self.valve.steady(current_A)
+        row, share = self.map.pick(setting)
+        yields = sum(one.yield_N[row] + share * (one.yield_N[row + 1] - one.yield_N[row]) for one in self.springs)
+        sign = (speed_m_s > 0.0) - (speed_m_s < 0.0)
+        return self.map.force(speed_m_s, setting) + sign * yields
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the contents of the model file."""
+        numbers = {
+            "valve": self.valve.to_json(),
+            "compliance_m_N": self.compliance_m_N,
+            "leak_m_Ns": self.leak_m_Ns,
+            "map": self.map.to_json("speed_m_s"),
+            "springs": [{"stiffness_N_m": s.stiffness_N_m, "yield_N": list(s.yield_N)} for s in self.springs],
+            "side": self.side.to_json(),
+            "reach": self.reach,
+        }
+        return {"relaxation": numbers}
+
+    @classmethod
+    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
+        """Check the relaxation model of a model file; raises ModelError."""
+        node = root.at("relaxation")
+        node.require_only_keys("valve", "compliance_m_N", "leak_m_Ns", "map", "springs", "side", "reach")
+        flow = FlowMap.from_json(node.at("map"), "speed_m_s")
+        side = SideForces.from_json(node.at("side"))
+        if side.friction:
+            raise ModelError(f"{node.where}: side has friction elements; expected none: they are among the springs")
+        return cls(
+            ValvePath.from_json(node.at("valve")),
+            node.number("compliance_m_N", 1e-15, 1.0),
+            parse_growth(node, "leak_m_Ns"),
+            flow,
+            tuple(_parse_spring(item, len(flow.rows)) for item in node.items("springs", 0, MAX_SPRINGS)),
+            side,
+            node.number("reach", 1.0, MAX_REACH),
+        )
+
+    def make_predictor(self, within: OperatingRange) -> RelaxationRun:
+        """Return a new free run."""
+        return RelaxationRun(self, within)
+
+    def certify(self, within: OperatingRange) -> EnergyCertificate:
+        """Return the proved bounds on |force| [N]."""
+        any_input = self._bound(widen(within.inputs, self.reach))
+        return EnergyCertificate(self._bound(within.inputs), any_input, CLAIM, METHOD)
+
+    def _bound(self, inputs: Ranges) -> float:
+        fastest = self.side.max_drive(inputs["speed"])
+        passed = max(self.map.highest(fastest), -self.map.lowest(-fastest), 0.0)
+        springs = sum(max(one.yield_N) for one in self.springs)
+        return (passed + springs + self.side.bound_N(inputs)) * (1.0 + 1e-9)
+
+
+def _parse_spring(node: JsonObject, rows: int) -> YieldingSpring:
+    node.require_only_keys("stiffness_N_m", "yield_N")
+    limits = node.numbers("yield_N", rows, MAX_VALUE)
+    if min(limits) < 0.0:
+        raise ModelError(f"{node.where}: yield_N has {min(limits):g}; expected forces from 0 on")
+    return YieldingSpring(node.number("stiffness_N_m", 1e-9, 1e12), limits)
+
+
+class RelaxationRun:
+    """The free run of a relaxation model; `clamped` is True if the last inputs were outside the envelope."""
+
+    def __init__(self, model: Relaxation, within: OperatingRange) -> None:
+        self._interval = interval = 1.0 / within.rate_Hz
+        self._inputs = InputLimiter(within, model.reach)
+        self._valve = ValveRun(model.valve, interval)
+        self._side = SideRun(model.side, interval)
+        self._map, self._nodes = model.map, model.map.at
+        self._compliance = model.compliance_m_N
+        self._held = model.compliance_m_N + interval * model.leak_m_Ns
+        self._springs = [(one.stiffness_N_m * interval, one.yield_N) for one in model.springs]
+        self._limits = within.force_N
+        self.reset()
+
+    @property
+    def clamped(self) -> bool:
+        """True if the last inputs lay outside the envelope."""
+        return self._inputs.outside
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._valve.reset()
+        self._side.reset()
+        self._force = self._passed = 0.0
+        self._stretched = [0.0] * len(self._springs)
+        self._piece = 0
+        self._inputs.outside = False
+
+    def tick(self, position: float, speed: float, current: float) -> float:
+        """Return the force [N] at this tick; infinite if it left the force envelope."""
+        position, speed, current = self._inputs.limit(position, speed, current)
+        setting = self._valve.tick(current)
+        side = self._side
+        drive = side.drive(speed)
+        force = self._advance(drive, setting) + side.others(position, drive)
+        low, high = self._limits
+        return force if low <= force <= high else inf
+
+    def _advance(self, drive: float, setting: float) -> float:
+        """Solve the step for the passed speed q by Newton's method in a bracket; return the oil's force [N]."""
+        row, share = self._map.pick(setting)
+        below, above = self._map.rows[row], self._map.rows[row + 1]
+        limits = [(step, y[row] + share * (y[row + 1] - y[row])) for step, y in self._springs]
+        nodes, stretched, held, interval = self._nodes, self._stretched, self._held, self._interval
+        target = interval * drive + self._compliance * self._force
+        q, j, low, high = self._passed, self._piece, -inf, inf
+        force = 0.0
+        for _ in range(MAX_STEPS):
+            j = pick_segment(nodes, q, j)
+            left = below[j] + share * (above[j] - below[j])
+            right = below[j + 1] + share * (above[j + 1] - below[j + 1])
+            slope = (right - left) / (nodes[j + 1] - nodes[j])
+            force = left + slope * (q - nodes[j])
+            for h, (step, limit) in zip(stretched, limits, strict=True):
+                h += step * q
+                if h > limit:
+                    force += limit
+                elif h < -limit:
+                    force -= limit
+                else:
+                    force += h
+                    slope += step
+            excess = held * force + interval * q - target
+            change = excess / (held * slope + interval)
+            if abs(change) <= CLOSE * (1.0 + abs(q)):
+                break
+            if excess > 0.0:
+                high = q
+            else:
+                low = q
+            new = q - change
+            q = new if low < new < high else 0.5 * (low + high)
+        self._stretched = [
+            min(max(h + step * q, -limit), limit) for h, (step, limit) in zip(stretched, limits, strict=True)
+        ]
+        self._passed, self._piece, self._force = q, j, force
+        return force

@@ -1,0 +1,113 @@
+"""From current to the valve's setting: dead time, remanence, characteristic and pilot lag; current in, 0 to 1 out.
+
+    delayed(k) = current(k - delay), interpolated between ticks
+    remanence  = mean of plays of half widths 1/3, 1 and 5/3 of `hysteresis_A` (Prandtl-Ishlinskii operator)
+    target     = characteristic(remanence), rising from 0 to 1, constant beyond its ends
+    setting(k) = setting(k-1) + T / (lag + T) (target - setting(k-1)), with one lag for a rising and one for a falling target
+
+Every stage is driven by the current alone and none amplifies a difference, so the setting stays within 0 to 1.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, Self
+
+from ces_observer.errors import ModelError
+from ces_observer.json_checks import JsonObject
+from ces_observer.structures.increasing_curves import IncreasingCurve, interpolate, parse_nodes
+from ces_observer.structures.structure import MAX_LAG
+
+PLAYS = (1.0 / 3.0, 1.0, 5.0 / 3.0)  # half widths relative to their mean
+MAX_LAG_S = 1.0
+KEYS = ("current_A", "setting", "delay_ticks", "hysteresis_A", "rise_s", "fall_s")
+
+
+@dataclass(frozen=True)
+class ValvePath:
+    """The valve's characteristic (setting over current [A], from 0 to 1) and its dynamics."""
+
+    characteristic: IncreasingCurve
+    delay_ticks: float
+    hysteresis_A: float
+    rise_s: float
+    fall_s: float
+
+    @property
+    def max_lag(self) -> int:
+        """Longest lag of the current in ticks."""
+        return int(self.delay_ticks) + 1
+
+    def steady(self, current_A: float) -> float:
+        """Return the setting at a constant current [A], in the middle of the magnetic loop."""
+        return min(max(interpolate(self.characteristic.at, self.characteristic.values, current_A), 0.0), 1.0)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the contents of the model file."""
+        return {
+            **self.characteristic.to_json("current_A", "setting"),
+            "delay_ticks": self.delay_ticks,
+            "hysteresis_A": self.hysteresis_A,
+            "rise_s": self.rise_s,
+            "fall_s": self.fall_s,
+        }
+
+    @classmethod
+    def from_json(cls, node: JsonObject) -> Self:
+        """Check it in a model file; raises ModelError."""
+        node.require_only_keys(*KEYS)
+        currents = parse_nodes(node, "current_A")
+        settings = parse_nodes(node, "setting", len(currents))
+        if settings[0] != 0.0 or settings[-1] != 1.0:
+            raise ModelError(f"{node.where}: setting runs from {settings[0]:g} to {settings[-1]:g}; expected 0 to 1")
+        return cls(
+            IncreasingCurve(currents, settings),
+            node.number("delay_ticks", 0.0, MAX_LAG - 1),
+            node.number("hysteresis_A", 0.0, 1e3),
+            node.number("rise_s", 0.0, MAX_LAG_S),
+            node.number("fall_s", 0.0, MAX_LAG_S),
+        )
+
+
+class ValveRun:
+    """The valve's past."""
+
+    def __init__(self, path: ValvePath, interval_s: float) -> None:
+        self._path = path
+        self._whole = int(path.delay_ticks)
+        self._share = path.delay_ticks - self._whole
+        self._halves = [path.hysteresis_A * play for play in PLAYS] if path.hysteresis_A > 0.0 else []
+        self._rise = interval_s / (path.rise_s + interval_s)
+        self._fall = interval_s / (path.fall_s + interval_s)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: earlier currents equal the first one to come."""
+        self._currents: deque[float] = deque(maxlen=self._whole + 2)
+        self._plays: list[float] = []
+        self._setting = 0.0
+
+    def tick(self, current: float) -> float:
+        """Return the setting after this tick's current [A]."""
+        currents = self._currents
+        if not currents:
+            currents.extend([current] * (self._whole + 1))
+            self._plays = [current] * len(self._halves)
+            self._setting = self._path.steady(current)
+        currents.appendleft(current)
+        newer = currents[self._whole]
+        delayed = newer + self._share * (currents[self._whole + 1] - newer)
+        target = self._path.steady(self._remanence(delayed) if self._halves else delayed)
+        setting = self._setting
+        self._setting = setting = setting + (self._rise if target > setting else self._fall) * (target - setting)
+        return setting
+
+    def _remanence(self, current: float) -> float:
+        plays = self._plays
+        for k, half in enumerate(self._halves):
+            if plays[k] < current - half:
+                plays[k] = current - half
+            elif plays[k] > current + half:
+                plays[k] = current + half
+        return sum(plays) / len(plays)
