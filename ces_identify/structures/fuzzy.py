@@ -18,8 +18,8 @@ from ces_identify.trained.fuzzy_kernels import FuzzyArrays
 from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table, unscaled_inputs
 from ces_identify.trained.training import LAGS, LagCounts, Lags, Training, build_regressors
-from ces_observer.errors import CesError
 from ces_identify.typesetting import UNITS, ModelTable, four_figures, minus, parameter_table, signal_symbol
+from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.structures.fuzzy import Fuzzy, Rule
 

@@ -42,7 +42,7 @@ LAGS = Lags()
 
 @dataclass(frozen=True)
 class LagCounts:
-    """How many past forces (from one tick ago), currents and speeds (from the present tick) to use: thesis table 5.2."""
+    """How many past forces (from one tick ago), currents and speeds (from this tick on) to use: thesis table 5.2."""
 
     forces: int
     currents: int

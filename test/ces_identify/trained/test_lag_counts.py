@@ -1,4 +1,4 @@
-"""Numbers of past forces, currents and speeds become regressors; a neuro-fuzzy model without a past force has no memory."""
+"""Counts of past forces, currents and speeds become regressors; rules without a past force have no memory."""
 
 from dataclasses import replace
 
