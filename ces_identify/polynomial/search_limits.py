@@ -15,11 +15,12 @@ METHODS = (BOTH, RANDOM, GAUSS_NEWTON, THESIS)
 
 @dataclass(frozen=True)
 class Limits:
-    """When to stop: maximum number of terms (None: `term_limit`), seconds, target cost [%], number of starts, first seed, threads.
+    """When to stop: maximum number of terms, seconds, target cost [%], number of starts, first seed, threads.
 
     `method` chooses terms by random forward selection in `rounds`, by Gauss-Newton gain, or by both: every other start
     then continues with the latter from the result of the former. `thesis` is the thesis' own procedure
-    (ces_identify.polynomial.thesis_procedure). Without `exchanges`, a full model keeps its weak terms.
+    (ces_identify.polynomial.thesis_procedure). Without `exchanges`, a full model keeps its weak terms; without
+    `max_terms`, `term_limit` says how many there may be.
     """
 
     max_terms: int | None = None
@@ -34,7 +35,7 @@ class Limits:
 
     @property
     def term_limit(self) -> int:
-        """Maximum number of terms: `max_terms`, by default DEFAULT_TERMS or, for `thesis`, what a model file can hold."""
+        """Maximum number of terms: by default DEFAULT_TERMS, for the thesis' procedure what a model file can hold."""
         return self.max_terms or (MAX_TERMS if self.method == THESIS else DEFAULT_TERMS)
 
 
