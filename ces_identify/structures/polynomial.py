@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ces_identify.numerics import search_clock
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.constructed_data import restrict_to_data
 from ces_identify.polynomial.free_run import run_polynomial
+from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.refit import refit_coefficients
 from ces_identify.polynomial.regressors import CandidateRules
@@ -24,6 +27,7 @@ from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
 
+REFIT_STEPS = 8
 MIN_SEARCH_SHARE = 0.5  # of the time limit that the search gets, however long it took to build the problem
 
 
@@ -47,7 +51,7 @@ def fit_polynomial(
         "candidates": len(problem.candidates),
         "most_terms": options.limits.max_terms,
     }
-    return Fitted(model, results, how)
+    return Fitted(model, results, how, partial(_refit, problem, model, results[0].chosen))
 
 
 def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Problem:
@@ -86,6 +90,15 @@ def _model(problem: Problem, sampling: Sampling, best: SearchResult) -> Model:
         coefficients = best.coefficients
     terms = [Term(float(c), problem.candidates[i].factors) for c, i in zip(coefficients, best.chosen, strict=True)]
     return Model(sampling, Polynomial(tuple(terms)), problem.envelope, problem.force_envelope)
+
+
+def _refit(problem: Problem, model: Model, chosen: I, weights: F) -> Model | None:
+    """Return the model with coefficients fitted to the weighted ticks, as `Fitted.refit` describes it."""
+    assert isinstance(model.body, Polynomial)
+    coefficients = np.array([term.coefficient for term in model.body.terms])
+    fit = fit_free_run(problem, chosen, coefficients, weights * problem.everything, REFIT_STEPS)
+    terms = [replace(t, coefficient=float(c)) for t, c in zip(model.body.terms, fit.coefficients, strict=True)]
+    return replace(model, body=Polynomial(tuple(terms))) if np.isfinite(fit.error) else None
 
 
 POLYNOMIAL = StructureKit(
