@@ -39,8 +39,8 @@ KEYS = (
     "parts",
     "mean",
     "whitening",
-    "min_distance",
     "max_distance",
+    "constant_share",
 )
 LARGEST = 1e12  # of any number: far from where squares overflow
 MAX_DISTANCE = 1e6

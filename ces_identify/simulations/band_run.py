@@ -41,7 +41,7 @@ def band_half_width(band: Band, series: Series, force: F) -> F:
 def band_signals(series: Series, force: F, change_s: float, reversal_s: float) -> BandSignals:
     """Return the signals of the band for the free run `force` (ticks,) of `series`."""
     change = _change(force, series, change_s)
-    return BandSignals(band_state(series, change_s), force, change, _reversals(series, reversal_s))
+    return BandSignals(band_state(series, change_s), force, change, np.exp(-since_reversal(series) / reversal_s))
 
 
 def band_state(series: Series, change_s: float) -> F:
@@ -63,7 +63,8 @@ def part_values(signals: BandSignals, speed_m_s: float, current_A: Range) -> F:
 def growth(band: Band, state: F) -> F:
     """Return how much larger errors are at `state` (5, ticks) than on the identification data, by the band's law."""
     squares = ((as_matrix(band.whitening) @ (state - np.array(band.mean)[:, None])) ** 2).sum(axis=0)
-    return np.sqrt(band.constant_share + (1.0 - band.constant_share) * np.minimum(squares, band.max_distance**2))
+    share = band.constant_share
+    return np.asarray(np.sqrt(share + (1.0 - share) * np.minimum(squares, band.max_distance**2)))
 
 
 def as_matrix(triangle: Sequence[Sequence[float]]) -> F:
@@ -82,10 +83,9 @@ def _change(signal: F, series: Series, change_s: float) -> F:
     return out
 
 
-def _reversals(series: Series, reversal_s: float) -> F:
-    """Return exp(-age / `reversal_s`) (ticks,) of the last change of direction or segment start."""
-    ticks, speed = np.arange(len(series)), series.speed
-    turned = np.append(True, speed[1:] * speed[:-1] <= 0.0)
+def since_reversal(series: Series) -> F:
+    """Return the time [s] (ticks,) since the last change of direction or segment start."""
+    ticks = np.arange(len(series))
+    turned = np.append(True, series.speed[1:] * series.speed[:-1] <= 0.0)
     turned[series.segments[:, 0]] = True
-    last = np.maximum.accumulate(np.where(turned, ticks, 0))
-    return np.asarray(np.exp((last - ticks) / (reversal_s * series.rate_Hz)))
+    return np.asarray((ticks - np.maximum.accumulate(np.where(turned, ticks, 0))) / series.rate_Hz)

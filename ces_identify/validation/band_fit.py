@@ -40,6 +40,7 @@ MIN_TICKS = 200  # of errors, for a band
 MAX_FITTED_TICKS = 20_000
 ROUNDS = 6  # of reweighted least squares
 RIDGE = 1e-4  # of the state's correlation matrix: directions that the recordings hardly have
+FIGURES = 6
 MIN_SPREAD = 1e-6  # [m, m/s, A]: a state that changes less counts as constant
 MIN_SIZE = 1e-3  # of an error's prediction, relative to the mean error
 
@@ -119,11 +120,11 @@ def _describe_state(series: Sequence[Series], ticks: Sequence[Mask]) -> Band:
         level=LEVEL,
         change_s=CHANGE_S,
         reversal_s=REVERSAL_S,
-        speed_m_s=max(float(np.sqrt(np.mean(speed**2))), MIN_SPREAD),
-        current_A=(float(current.min()), float(current.max())),
+        speed_m_s=max(_round(np.sqrt(np.mean(speed**2))), MIN_SPREAD),
+        current_A=(_round(current.min()), _round(current.max())),
         parts=(0.0,) * len(PARTS),
-        mean=tuple(mean.tolist()),
-        whitening=tuple(tuple(row[i:].tolist()) for i, row in enumerate(_whitening(state - mean[:, None]))),
+        mean=_rounded(mean),
+        whitening=tuple(_rounded(row[i:]) for i, row in enumerate(_whitening(state - mean[:, None]))),
         max_distance=MAX_DISTANCE,
         constant_share=CONSTANT_SHARE,
     )
@@ -147,7 +148,7 @@ def _fit_parts(band: Band, ways: Sequence[_Errors]) -> Band:
     weights = _fit_sizes(errors.parts[:, some], errors.size[some])
     scores = [one.size / np.maximum(weights @ one.parts, 1e-9) for one in ways]
     scale = max(float(np.quantile(score, band.level)) for score in scores)
-    return replace(band, parts=tuple((scale * weights).tolist()))
+    return replace(band, parts=_rounded(scale * weights))
 
 
 def _fit_sizes(parts: F, sizes: F) -> F:
@@ -160,3 +161,12 @@ def _fit_sizes(parts: F, sizes: F) -> F:
         weights = nnls((parts / scale[:, None] / predicted).T, sizes / predicted)[0] / scale
         predicted = np.maximum(weights @ parts, least)
     return np.asarray(weights)
+
+
+def _rounded(numbers: F) -> tuple[float, ...]:
+    return tuple(map(_round, numbers))
+
+
+def _round(number: float) -> float:
+    """Return the number with FIGURES significant figures, so that the model file stays readable."""
+    return float(f"{number:.{FIGURES}g}")
