@@ -163,15 +163,15 @@ class DamperTopics:
         force = damper.step(stamp_ns, position_m, now_ns)
         if force is not None:
             raw = self._publish(stamp_ns, frame, damper.position, damper.speed, force)
-            half_width = damper.half_width()
-            if half_width is not None:
-                self._publish_band(stamp_ns, frame, force - half_width, force + half_width)
             health, sent_ns = self.health, self._clock.now()
             health.latency.take(sent_ns - stamp_ns)
             if self.on_estimate is not None:
                 self.on_estimate(sent_ns, raw)
             if health.cost is not None:
                 health.cost.add_estimate(stamp_ns, force)
+            half_width = damper.half_width()
+            if half_width is not None:
+                self._publish_band(stamp_ns, frame, force - half_width, force + half_width)
         if damper.reason != self._reported_reason:
             self._report_change()
 
