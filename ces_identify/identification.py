@@ -17,6 +17,7 @@ from ces_identify.preparation.series import Series, prepare
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures.kit import Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
+from ces_identify.validation.band_fit import fit_band
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.validation.usage import RULE, usage
 from ces_observer import __version__
@@ -52,8 +53,9 @@ def identify(
     whole = [prepare(recording, sampling) for recording in recordings]
     identified = [series.part(0.0, options.split) for series in whole]
     fitted = fitter(identified, sampling, options, listener)
+    model = replace(fitted.model, band=fit_band(fitted.model, identified, fitted.refit) if options.band else None)
     held_out = _select_held_out(whole, options.split) + [prepare(recording, sampling) for recording in validation]
-    evaluations = evaluate(fitted.model, identified, IDENTIFICATION) + evaluate(fitted.model, held_out, VALIDATION)
+    evaluations = evaluate(model, identified, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     provenance = {
         "tool": f"ces_observer {__version__}",
         "identification": [_describe_origin(r) | {"share": [0.0, options.split]} for r in recordings],
@@ -66,7 +68,7 @@ def identify(
         ],
         "selection": {**fitted.how, **_describe_search(fitted.results, options)},
     }
-    return IdentificationResult(replace(fitted.model, provenance=provenance), tuple(evaluations), tuple(fitted.results))
+    return IdentificationResult(replace(model, provenance=provenance), tuple(evaluations), tuple(fitted.results))
 
 
 def _describe_search(results: Sequence[SearchResult], options: IdentifyOptions) -> dict[str, Any]:

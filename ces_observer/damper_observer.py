@@ -109,6 +109,10 @@ class DamperObserver:
         self.tally.clamped += self._estimator.clamped
         return force
 
+    def half_width(self) -> float | None:
+        """Return the half-width [N] of the band around the force that `step` has just returned, None without one."""
+        return self._estimator.half_width()
+
     def count_unreadable_position(self, error: str) -> None:
         """Count a position message without the configured field; it explains a later silence."""
         self.tally.unreadable += 1

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
+from ces_observer.band import BandRun
 from ces_observer.model import Model
 from ces_observer.tracker import NOT_FINITE, OK, RESTARTED, UNSETTLED, Tracker
 
@@ -26,6 +27,7 @@ class Estimator:
         self.model = model
         self._tracker = Tracker(model.sampling)
         self._predictor = model.make_predictor()
+        self._band = None if model.band is None else BandRun(model.band, model.sampling.rate_Hz)
         self._limits = model.force_envelope_N
         self._warm_up = round(model.sampling.warm_up_s * model.sampling.rate_Hz)
         self.reset()
@@ -39,6 +41,8 @@ class Estimator:
 
     def _restart_model(self) -> None:
         self._predictor.reset()
+        if self._band is not None:
+            self._band.reset()
         self._wait = self._warm_up
         self._newest = self._previous = 0.0
 
@@ -46,6 +50,14 @@ class Estimator:
     def clamped(self) -> bool:
         """True if the last inputs lay outside the model's envelope and were clamped to it."""
         return self._predictor.clamped
+
+    def half_width(self) -> float | None:
+        """Return the half-width [N] of the band around the force that `step` has just returned.
+
+        None if the model has no band or the inputs are beyond any damper's.
+        """
+        width = inf if self._band is None else self._band.half_width()
+        return width if isfinite(width) else None
 
     def step(self, stamp_ns: int, position_m: float, current_A: float) -> float | None:
         """Return the force [N] at `stamp_ns`, within the model's force envelope, or None with `reason` set.
@@ -68,7 +80,7 @@ class Estimator:
         return force
 
     def _run(self, current: float) -> float | None:
-        tracker = self._tracker
+        tracker, band = self._tracker, self._band
         self.position, self.speed = tracker.position, tracker.speed
         for position, speed in tracker.ticks:
             self._wait -= 1
@@ -78,6 +90,8 @@ class Estimator:
                 self.reason = UNBOUNDED
                 return None
             self._previous, self._newest = self._newest, force
+            if band is not None:
+                band.tick(position, speed, current, force)
         if self._wait >= 0:
             self.reason = WARMING_UP
             return None

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from ces_observer.band import Band
 from ces_observer.errors import ModelError
 from ces_observer.json_checks import JsonObject, write_atomically
 from ces_observer.json_text import parse_json, read_bounded
@@ -21,6 +22,7 @@ from ces_observer.structures import STRUCTURES
 from ces_observer.structures.structure import OperatingRange, Predictor, Range, Ranges, Structure
 
 SCHEMA = "ces-model/1"
+BAND = "band"  # optional key
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
 KEYS = ("schema", "structure", "units", "sampling", "input_envelope", "force_envelope_N", "certificate", "provenance")
 MAX_BYTES = 1_000_000
@@ -60,7 +62,8 @@ class Envelope:
 class Model:
     """A force model: force [N] from position [m], speed [m/s] and current [A] at `sampling.rate_Hz`.
 
-    `body` is the structure that computes the force; the rest is the same for every structure.
+    `body` is the structure that computes the force; the rest is the same for every structure. `band` says how far the
+    measured force may lie from it, None if that is not known.
     """
 
     sampling: Sampling
@@ -69,6 +72,7 @@ class Model:
     force_envelope_N: Range
     certificate: Mapping[str, Any] | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    band: Band | None = None
 
     @property
     def structure(self) -> str:
@@ -113,6 +117,7 @@ class Model:
             "input_envelope": asdict(self.envelope),
             "force_envelope_N": self.force_envelope_N,
             "certificate": self.certificate,
+            **({} if self.band is None else {BAND: self.band.to_json()}),
             "provenance": self.provenance,
         }
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -159,8 +164,9 @@ def parse_model(text: str, source: str) -> Model:
         force_envelope_N=root.range("force_envelope_N", MAX_FORCE_N),
         certificate=root.mapping_or_none("certificate"),
         provenance=root.mapping_or_none("provenance") or {},
+        band=Band.from_json(root.at(BAND)) if BAND in root.value else None,
     )
-    root.require_only_keys(*KEYS, *structure.keys)
+    root.require_only_keys(*KEYS, BAND, *structure.keys)
     return model
 
 

@@ -28,6 +28,7 @@ MAKERS = (
     "_make_patched",
     "_make_wrench",
     "EstimateOutput",
+    "BandOutput",
 )
 PROFILES = list(ElementTree.parse(FOLDER / "policy.xml").getroot().iter("profile"))
 COMMON = ElementTree.parse(FOLDER / "node.xml").getroot()
@@ -62,6 +63,7 @@ def test_nothing_is_granted_wholesale() -> None:
     """A wildcard stands only for a damper's name below the observer's own; no block is for both directions."""
     assert {name for element in (COMMON, *PROFILES) for name in names(element) if "*" in name} == {
         "~/*/estimate",
+        "~/*/estimate_band",
         "~/*/reload_model",
     }
     assert all(len(block.attrib) == 1 and "request" not in block.attrib for block in blocks())

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from unittest.mock import patch
 
@@ -68,6 +68,8 @@ def try_estimator(estimator: Estimator, samples: Iterable[FuzzSample]) -> dict[s
         force = estimator.step(s.stamp_ns, s.position_m, 0.0 if s.current_A is None else s.current_A)
         assert (force is None) == (estimator.reason != OK)
         assert force is None or low <= force <= high, force
+        half_width = estimator.half_width()
+        assert half_width is None or 0.0 <= half_width < inf, half_width
         assert isfinite(estimator.position) and isfinite(estimator.speed)
         count[WITHHELD if force is None else FORCE] += 1
     return count

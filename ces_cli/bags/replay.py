@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,9 @@ from ces_observer.model import Model, load_model
 from ces_observer.signals import Signal, Signals
 
 ESTIMATE_TOPIC = "/observer/estimate"
+BAND_TOPIC = "/observer/estimate_band"
+TYPE = "sensor_msgs/msg/JointState"
+KEYS = ("position", "velocity", "effort")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,7 +32,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     recording = terminal.read_one(options.bag, signals)
     with terminal.err.status(f"replaying {recording.name}"):
         rows, reasons = _replay(model, recording)
-        topics = (*recording_topics(recording, signals), _estimate_topic(rows, signals))
+        estimates = [_estimate_topic(rows, signals), *([] if model.band is None else [_band_topic(rows, signals)])]
+        topics = (*recording_topics(recording, signals), *estimates)
         write_bag(options.out, topics, overwrite=options.overwrite, notes={"model_sha256": model.digest()})
     print(f"{len(rows)} forces estimated from {len(recording.channel('position'))} position samples")
     for reason, count in reasons.most_common():
@@ -38,11 +43,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _replay(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Counter[str]]:
-    """Return rows (n, 4) of stamp [ns], position [m], speed [m/s] and force [N], and the reasons where none."""
+    """Return rows (n, 6) of stamp [ns], position [m], speed [m/s], force [N] and its bounds [N]; reasons where none.
+
+    Without a band, the bounds are NaN.
+    """
     estimator = Estimator(model)
     position = recording.channel("position")
     current = hold_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
-    rows: list[tuple[int, float, float, float]] = []
+    rows: list[tuple[int, float, float, float, float, float]] = []
     reasons: Counter[str] = Counter()
     samples = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
     for stamp, x, c in samples:
@@ -50,25 +58,40 @@ def _replay(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Co
         if force is None:
             reasons[estimator.reason] += 1
         else:
-            rows.append((stamp, estimator.position, estimator.speed, force))
-    return np.array(rows, dtype=object).reshape(-1, 4), reasons
+            half_width = estimator.half_width()
+            width = nan if half_width is None else half_width
+            rows.append((stamp, estimator.position, estimator.speed, force, force - width, force + width))
+    return np.array(rows, dtype=object).reshape(-1, 6), reasons
 
 
 def _estimate_topic(rows: NDArray[np.float64], signals: Signals) -> TopicData:
-    """Return the estimates under the joint name in the position signal's field path, `damper` if it has none."""
+    joint = _joint(signals)
+    return _joint_states(ESTIMATE_TOPIC, rows, {f"{key}[{joint}]": i for i, key in enumerate(KEYS, 1)})
+
+
+def _band_topic(rows: NDArray[np.float64], signals: Signals) -> TopicData:
+    joint = _joint(signals)
+    return _joint_states(BAND_TOPIC, rows, {f"effort[{joint}_lower]": 4, f"effort[{joint}_upper]": 5})
+
+
+def _joint(signals: Signals) -> str:
+    """Return the joint name in the position signal's field path, `damper` if it has none."""
     position = signals["position"]
     steps = position.field.steps if isinstance(position, Signal) else ()
-    joint = next((element for _, element in steps if isinstance(element, str)), "damper")
-    names = (f"position[{joint}]", f"velocity[{joint}]", f"effort[{joint}]")
-    columns = {name: rows[:, i + 1].astype(np.float64) for i, name in enumerate(names)}
-    return TopicData(ESTIMATE_TOPIC, "sensor_msgs/msg/JointState", rows[:, 0].astype(np.int64), columns)
+    return next((element for _, element in steps if isinstance(element, str)), "damper")
+
+
+def _joint_states(topic: str, rows: NDArray[np.float64], columns: Mapping[str, int]) -> TopicData:
+    values = {field: rows[:, column].astype(np.float64) for field, column in columns.items()}
+    return TopicData(topic, TYPE, rows[:, 0].astype(np.int64), values)
 
 
 def _parser() -> terminal.Parser:
     p = terminal.parser(
         "replay",
         "Run the estimator over a recording as the observer node would, and write its inputs and estimates to a bag "
-        f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort).",
+        f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort; {BAND_TOPIC}: its bounds, if "
+        "the model has a band).",
         "ces replay model.json bags/road --out out/road_replayed",
     )
     p.add_argument("model", type=Path, metavar="MODEL.json")

@@ -7,6 +7,11 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
+from ces_identify.numerics.arrays import F
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulate import sample_bounds
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
+from ces_observer.errors import CesError
 from ces_observer.json_checks import write_atomically
 
 
@@ -17,12 +22,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     simulation = open_simulation(options.sim)
     recording = terminal.read_one(options.bag, signals)
     with terminal.err.status(f"simulating {recording.name}"):
-        force = simulation.force(with_predictions(simulation, options.bag, recording, signals))
+        columns = {"force_N": simulation.force(with_predictions(simulation, options.bag, recording, signals))}
+        if options.band:
+            columns |= _bounds(simulation, recording)
     stamps = recording.channel("position").stamps_ns
-    rows = [f"{t:.9f},{f!r}" for t, f in zip(((stamps - stamps[0]) * 1e-9).tolist(), force.tolist(), strict=True)]
-    write_atomically(options.out, "\n".join(["time_s,force_N", *rows]) + "\n")
+    values = zip(((stamps - stamps[0]) * 1e-9).tolist(), *(c.tolist() for c in columns.values()), strict=True)
+    rows = [f"{time:.9f},{','.join(map(repr, forces))}" for time, *forces in values]
+    write_atomically(options.out, "\n".join([",".join(["time_s", *columns]), *rows]) + "\n")
     print(f"{len(rows)} rows: {options.out}")
     return 0
+
+
+def _bounds(simulation: Simulation, recording: Recording) -> dict[str, F]:
+    """Return the bounds of a model's band; raises CesError for other simulations."""
+    if not isinstance(simulation, ModelSimulation):
+        raise CesError("--band: only a model file has a band; give --sim MODEL.json")
+    return dict(zip(("lower_N", "upper_N"), sample_bounds(simulation.model, recording), strict=True))
 
 
 def _parser() -> terminal.Parser:
@@ -36,4 +51,5 @@ def _parser() -> terminal.Parser:
     p.add_argument("--sim", required=True, metavar="SIM", help=HELP)
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
+    p.add_argument("--band", action="store_true", help="add columns lower_N,upper_N: the bounds of the model's band")
     return p

@@ -70,7 +70,8 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     split = options.split if options.split is not None else 1.0 if validation else 0.75
     searches = (options.starts, options.seed, options.threads)
     limits = Limits(options.terms, options.time, options.target, *searches, method=options.method)
-    how = IdentifyOptions(split, rules, limits, options.rate, options.bandwidth, not options.no_certificate, weighting)
+    fixed = (options.rate, options.bandwidth, not options.no_certificate)
+    how = IdentifyOptions(split, rules, limits, *fixed, weighting, band=not options.no_band)
     return Identification(options, bags, validation, tuple(measured.values()), how)
 
 

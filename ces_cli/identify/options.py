@@ -46,6 +46,7 @@ PARAMETERS = (
     Option("seed", 1, "seed of the first start", 0, 2**31),
     Option("threads", 0, "threads of the search; 0: one per processor", 0, 256, unset=0),
     Option("no_certificate", False, "also accept models whose stability is not proved (unsafe)"),
+    Option("no_band", False, "fit no band around the force"),
     Option("rate", 0.0, "rate of the model [Hz], at least 1; 0: from the data", 0, 1e5, unset=0),
     Option("bandwidth", 0.0, "bandwidth of the differentiator [Hz], at least 0.01; 0: from the data", 0, 5e4, unset=0),
 )

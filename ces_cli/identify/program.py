@@ -18,7 +18,7 @@ from ces_cli.terminal import terminal
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.progress import SearchProgress
-from ces_cli.terminal.tables import cost_table
+from ces_cli.terminal.tables import cost_table, print_band
 from ces_identify.folds import split_folds
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.regressors import built_in_rules
@@ -65,6 +65,7 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace, arg
         )
     _print_certificate(result.model)
     _print_structures(result)
+    print_band(result.model, result.evaluations)
     print(f"model:  {options.out}")
     if options.picture is not None:
         save_cost_picture(result.evaluations, options.picture)
@@ -136,6 +137,8 @@ def parser() -> terminal.Parser:
     p.add_argument("--threads", type=whole(1, 256), default=threads, metavar="N", help="default: all processors")
     text = "also accept models whose stability is not proved (unsafe)"
     p.add_argument("--no-certificate", action="store_true", help=text)
+    text = "fit no band: how far the measured force may lie from the estimate (takes less than a second)"
+    p.add_argument("--no-band", action="store_true", help=text)
     p.add_argument("--rate", type=number(1.0, 1e5), metavar="HZ", help="rate of the model (default: from the data)")
     text = "bandwidth of the differentiator (default: from the data)"
     p.add_argument("--bandwidth", type=number(0.01, 5e4), metavar="HZ", help=text)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 from rich.table import Table
 
 from ces_cli.terminal.terminal import make_table
@@ -15,6 +16,7 @@ from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.validation.cost_interval import CostInterval, cost_interval, pooled_cost
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
+from ces_observer.model import Model
 
 NONE = "-"
 
@@ -25,26 +27,42 @@ def cost_table(
     """Return a table with a row for each evaluation, and one for all held-out recordings together.
 
     Columns: use of the scored seconds, J and its 95 % interval, the noise floor of J where cycles repeat, the weighted
-    J if there are weights, the RMS error, and the share of ticks outside the envelope. With `exact` the evaluations
+    J if there are weights, the RMS error, the share of ticks outside the envelope, and that of measured forces inside
+    the band, if the model has one. With `exact` the evaluations
     are those of the identification itself, whose seconds of estimation and selection are known.
     """
     floors = [cycle_noise(e.series) for e in evaluations]
     has_floor = any(isinstance(floor, CycleNoise) for floor in floors)
+    has_band = any(e.coverage is not None for e in evaluations)
     headings = ("J %", "95 %", *(["floor"] if has_floor else []), *(["weighted"] if weighting else []))
-    table = make_table(title, ("recording", "used for"), (*headings, "RMS N", "out %"))
+    table = make_table(
+        title, ("recording", "used for"), (*headings, "RMS N", "out %", *(["band %"] if has_band else []))
+    )
     table.columns[0].min_width = min(14, max(len(e.name) for e in evaluations))
     table.columns[1].no_wrap = True
     for e, floor in zip(evaluations, floors, strict=True):
         cells = [e.name, describe_use(e, exact), percent(e.cost), interval_text(cost_interval([e]))]
         cells += [f"{floor.floor:.2f}" if isinstance(floor, CycleNoise) else NONE] if has_floor else []
         cells += [_format_weighted_cost(e, weighting)] if weighting else []
-        table.add_row(*cells, f"{e.rms_N:.1f}" if math.isfinite(e.rms_N) else NONE, f"{100 * e.clamped_share:.1f}")
+        cells += [f"{e.rms_N:.1f}" if math.isfinite(e.rms_N) else NONE, f"{100 * e.clamped_share:.1f}"]
+        table.add_row(*cells, *([NONE if e.coverage is None else f"{100 * e.coverage:.1f}"] if has_band else []))
     held_out = [e for e in evaluations if e.role == VALIDATION and math.isfinite(e.cost)]
     if len(held_out) > 1:
         table.add_section()
         costs = (percent(pooled_cost(held_out)), interval_text(cost_interval(held_out)))
         table.add_row("all held out", _test(held_out), *costs)
     return table
+
+
+def print_band(model: Model, evaluations: Sequence[Evaluation]) -> None:
+    """Print what the column `band %` shows, if the model has a band."""
+    if model.band is None:
+        return
+    widths = [float(np.mean(e.half_width[e.series.scored])) for e in evaluations if e.half_width is not None]
+    print(
+        f"band: meant to hold {100 * model.band.level:.0f} % of the measured forces, sensor noise included; column "
+        f"'band %' is the share it holds; mean half-width {min(widths):.0f} to {max(widths):.0f} N"
+    )
 
 
 def fold_table(result: CrossValidation) -> Table:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from math import ceil, pi, sqrt
 from typing import Any
 
+from ces_identify.export.band_c import band_facts
 from ces_identify.export.c_text import render
 from ces_identify.export.polynomial_c import polynomial_facts
 from ces_observer import __version__, estimator, tracker
@@ -56,6 +57,7 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
         "reasons": REASONS,
         "tick": tick,
         "constants": {},
+        "band": band_facts(model.band, model.sampling.rate_Hz),
         **_sampling(model),
         **tick_facts(model.body, model),
     }

@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from ces_identify.numerics.arrays import F, Mask
 from ces_identify.report.drawing import Panel, around_zero, axes, legend, note, panel, span_of, svg
-from ces_identify.report.marks import dots, line, shade
+from ces_identify.report.marks import corridor, dots, line, shade
 from ces_identify.report.window import Window
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
@@ -51,16 +51,18 @@ def _window_panels(evaluation: Evaluation, window: Window) -> list[str]:
     breaks = _restarts(evaluation)[some]
     error = np.where(series.scored[some], measured - simulated, np.nan)
     span = (float(time[0]), float(time[-1]))
+    width = np.zeros(0) if evaluation.half_width is None else evaluation.half_width[some]
     force = panel(span, span_of(measured, simulated), (58, 34, 586, 170))
     below = panel(span, around_zero(error), (58, 238, 586, 58))
     return [
         *(shade(p, time, run.clamped[some], "outside") for p in (force, below)),
         axes(force, "", "Force [N]", 8, 5),
         *_error_axes(below, "Time [s]", "Error, measured \N{MINUS SIGN} simulated [N]", error),
+        *([corridor(force, time, simulated - width, simulated + width, "bounds")] if len(width) else []),
         line(force, time, measured, "measured", breaks),
         line(force, time, simulated, "simulated", breaks),
         line(below, time, error, "error", breaks),
-        legend(force.x.stop, 23, BOTH),
+        legend(force.x.stop, 23, (*BOTH, *([("bounds", "band")] if len(width) else []))),
     ]
 
 

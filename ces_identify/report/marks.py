@@ -1,4 +1,4 @@
-"""Marks in a panel: curves, dots, bands and shades, each with at most a few thousand points."""
+"""Marks in a panel: curves, dots, bands, corridors and shades, each with at most a few thousand points."""
 
 from __future__ import annotations
 
@@ -29,8 +29,19 @@ def band(p: Panel, x: F, y: F, css: str) -> str:
         return ""
     pixels = p.y.px(y[finite])
     top, bottom = np.minimum.reduceat(pixels, starts) - 0.5, np.maximum.reduceat(pixels, starts) + 0.5
-    filled = np.split(np.arange(len(starts)), np.flatnonzero(np.diff(column[starts]) > 1) + 1)
-    return _path(css + " area", "".join(_loop(column[starts][c], top[c], bottom[c]) for c in filled))
+    return _area(css, column[starts], top, bottom)
+
+
+def corridor(p: Panel, x: F, low: F, high: F, css: str) -> str:
+    """Return the area between `low` and `high` (n,), interrupted at pixel columns without a finite point."""
+    finite = np.flatnonzero(np.isfinite(low + high))
+    column = np.floor(p.x.px(x[finite])).astype(int)
+    starts = np.flatnonzero(np.diff(column, prepend=column[:1] - 1))
+    if not len(starts):
+        return ""
+    top = np.minimum.reduceat(p.y.px(np.minimum(high[finite], p.y.high)), starts)
+    bottom = np.maximum.reduceat(p.y.px(np.maximum(low[finite], p.y.low)), starts)
+    return _area(css, column[starts], top, bottom)
 
 
 def shade(p: Panel, x: F, mask: Mask, css: str) -> str:
@@ -49,6 +60,12 @@ def dots(p: Panel, x: F, y: F, css: str) -> str:
     finite = np.isfinite(y)
     points = zip(p.x.px(x[finite]), p.y.px(y[finite]), strict=True)
     return _path(css, "".join(f"M{a:.1f},{b:.1f}h0" for a, b in points))
+
+
+def _area(css: str, column: I, top: F, bottom: F) -> str:
+    """Return the area between two edges [px] over some pixel columns."""
+    filled = np.split(np.arange(len(column)), np.flatnonzero(np.diff(column) > 1) + 1)
+    return _path(css + " area", "".join(_loop(column[c], top[c], bottom[c]) for c in filled))
 
 
 def _loop(column: I, top: F, bottom: F) -> str:

@@ -17,6 +17,7 @@ from ces_identify.report.summary import cost_rows, headline, pooled_row, select_
 from ces_identify.report.window import choose_window
 from ces_identify.structures import model_table
 from ces_identify.typesetting import minus
+from ces_identify.validation.band_coverage import coverage_regions
 from ces_identify.validation.error_regions import error_cells, error_regions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
 from ces_identify.validation.residuals import residual_tests, verdicts
@@ -59,6 +60,7 @@ def write_report(
         maps=_maps(ordered, model),
         cells=error_cells(shown)[:WORST_CELLS],
         regions=error_regions(shown),
+        coverage=coverage_regions(shown),
         settings=_settings(model),
         history={k: v for k, v in model.provenance.items() if not _fits_on_line(v)},
     )

@@ -84,6 +84,7 @@ def _row(
         "diverged": not finite or e.run.diverged >= 0,
         "rms": three_figures(e.rms_N),
         "outside": three_figures(100.0 * e.clamped_share) if e.clamped_share else "0",
+        "coverage": "" if e.coverage is None else three_figures(100.0 * e.coverage),
         "dropped": f"{sum(e.series.dropped.values())} / {gaps}",
         "reasons": ", ".join(f"{reason}: {n}" for reason, n in reasons.items()),
         "interval": _format_interval(interval),

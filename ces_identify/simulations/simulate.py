@@ -10,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ces_identify.numerics import kernels
-from ces_identify.numerics.arrays import F, Mask
+from ces_identify.numerics.arrays import F, I, Mask
 from ces_identify.preparation.series import Series, prepare, track_samples, usable_samples
 from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.band_run import band_half_width
 from ces_identify.structures import run_batch
+from ces_observer.errors import ModelError
 from ces_observer.model import Model
 
 
@@ -49,6 +51,23 @@ def sample_force(model: Model, recording: Recording) -> F:
     NaN where the estimator withholds it: at unusable samples, in the warm-up, and from a divergence to the segment's
     end (where the estimator would restart its warm-up).
     """
+    return _sample(model, recording)[0]
+
+
+def sample_bounds(model: Model, recording: Recording) -> tuple[F, F]:
+    """Return the lower and upper bound [N] of the band at every position sample (n,), NaN where there is no force.
+
+    Raises ModelError if the model has no band.
+    """
+    if model.band is None:
+        raise ModelError("the model has no band; identify it again without --no-band")
+    force, newest, series, run = _sample(model, recording)
+    widths = np.append(band_half_width(model.band, series, run), np.nan)[newest]
+    return force - widths, force + widths
+
+
+def _sample(model: Model, recording: Recording) -> tuple[F, I, Series, F]:
+    """Return the force [N] and newest tick (-1: none) at every position sample (n,), the series and its forces [N]."""
     series = prepare(recording, model.sampling)
     force = simulate_series(model, series).force
     samples = usable_samples(recording, model.sampling.max_current_age_s)
@@ -60,6 +79,6 @@ def sample_force(model: Model, recording: Recording) -> F:
     starts = series.segments[:, 0]
     since = newest - starts[np.searchsorted(starts, newest, side="right") - 1]
     at_samples[~taken | (since < series.warm_up)] = np.nan
-    out = np.full(len(recording.channel("position")), np.nan)
-    out[samples.index] = at_samples
-    return out
+    out, ticks = np.full(len(recording.channel("position")), np.nan), np.full(len(recording.channel("position")), -1)
+    out[samples.index], ticks[samples.index] = at_samples, newest
+    return out, ticks, series, force

@@ -28,7 +28,8 @@ class IdentifyOptions:
 
     Without `rules`, the built-in ones of the search method apply. `weighting` sets which ticks matter more in fit and
     selection. With `certify`, only models with a certificate (ces_observer.proof.certificate) are considered; the
-    thesis' procedure considers all and gives a certificate to the model that it finds, if the proof succeeds.
+    thesis' procedure considers all and gives a certificate to the model that it finds, if the proof succeeds. With `band`, the model gets a band
+    (ces_observer.band).
     """
 
     split: float = 0.75
@@ -38,15 +39,21 @@ class IdentifyOptions:
     bandwidth_Hz: float | None = None
     certify: bool = True
     weighting: Weighting = EQUAL
+    band: bool = True
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model, the results of all starts (best first), and the selection facts for the model's provenance."""
+    """A model, the results of all starts (best first), and the selection facts for the model's provenance.
+
+    `refit` fits the model's parameters again with a weight of 0 or 1 for each tick of the stacked series, from the
+    model's own values and in a few steps; it returns None if that fails.
+    """
 
     model: Model
     results: Sequence[SearchResult]
     how: Mapping[str, Any]
+    refit: Callable[[F], Model | None] | None = None
 
 
 # Returns the best model on prepared series; raises CesError if they hold too little.

@@ -5,8 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 from typing import ClassVar
 
+from ces_identify.numerics.arrays import F
+from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.search_limits import Listener
 from ces_identify.preparation.series import Series
 from ces_identify.structures.kit import Fitted, IdentifyOptions
@@ -14,7 +18,9 @@ from ces_identify.trained.family import Family
 from ces_identify.trained.simulation_error import train
 from ces_identify.trained.training import Training, build_training
 from ces_observer.errors import CesError
-from ces_observer.model import Sampling
+from ces_observer.model import Model, Sampling
+
+REFIT_STEPS = 4  # trial steps of Levenberg-Marquardt
 
 
 @dataclass(frozen=True)
@@ -43,4 +49,12 @@ class LaggedShape(ABC):
                 raise CesError("the model could not be proved stable; try other sizes or give --no-certificate")
             model = replace(model, certificate=certificate.to_mapping())
         how = {"method": "Levenberg-Marquardt on the free-run error, stopped early", "parameters": len(params)}
-        return Fitted(model, results, how)
+        return Fitted(model, results, how, partial(_refit, family, params, sampling))
+
+
+def _refit(family: Family, params: F, sampling: Sampling, weights: F) -> Model | None:
+    """Return the model with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""
+    data = family.training
+    weighted = replace(family, training=replace(data, estimation=weights * (data.estimation + data.selection)))
+    *_, (_, params) = ((0.0, params), *islice(descend(weighted.errors, params), REFIT_STEPS))
+    return weighted.model(params, sampling)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ces_identify.numerics import search_clock
+from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.constructed_data import restrict_to_data
 from ces_identify.polynomial.free_run import run_polynomial
+from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.refit import refit_coefficients
 from ces_identify.polynomial.regressors import CandidateRules, load_rules
@@ -29,6 +32,7 @@ NO_MODEL_BY_THESIS = (
     "no model below 100 %: the free run of the initial model diverges or follows nothing, and no candidate mends that; "
     "give another initial model or more candidates, a lower --rate or more time"
 )
+REFIT_STEPS = 8
 MIN_SEARCH_SHARE = 0.5  # of the time limit that the search gets, however long it took to build the problem
 
 
@@ -57,7 +61,7 @@ def fit_polynomial(
         how |= {"not_proved": doubt} if doubt else {}
     else:
         model, results = _best_model(problem, sampling, results, options.certify)
-    return Fitted(model, results, how)
+    return Fitted(model, results, how, partial(_refit, problem, model, results[0].chosen))
 
 
 def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Problem:
@@ -107,6 +111,15 @@ def _model(problem: Problem, sampling: Sampling, best: SearchResult, refit: bool
         coefficients = best.coefficients
     terms = [Term(float(c), problem.candidates[i].factors) for c, i in zip(coefficients, best.chosen, strict=True)]
     return Model(sampling, Polynomial(tuple(terms)), problem.envelope, problem.force_envelope)
+
+
+def _refit(problem: Problem, model: Model, chosen: I, weights: F) -> Model | None:
+    """Return the model with coefficients fitted to the weighted ticks, as `Fitted.refit` describes it."""
+    assert isinstance(model.body, Polynomial)
+    coefficients = np.array([term.coefficient for term in model.body.terms])
+    fit = fit_free_run(problem, chosen, coefficients, weights * problem.everything, REFIT_STEPS)
+    terms = [replace(t, coefficient=float(c)) for t, c in zip(model.body.terms, fit.coefficients, strict=True)]
+    return replace(model, body=Polynomial(tuple(terms))) if np.isfinite(fit.error) else None
 
 
 POLYNOMIAL = StructureKit(

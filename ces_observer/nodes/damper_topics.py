@@ -1,4 +1,4 @@
-"""The topics of one damper: position, current and measured force in, estimates out."""
+"""The topics of one damper: position, current and measured force in, estimates and their bands out."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ces_observer.damper_observer import NO_CURRENT, SILENT, DamperObserver
 from ces_observer.health.health import Health
 from ces_observer.health.running_cost import RunningCost, default_warn_J
 from ces_observer.health.streams import Arrivals
-from ces_observer.nodes.estimate_output import EstimateOutput
+from ces_observer.nodes.estimate_output import BandOutput, EstimateOutput
 from ces_observer.nodes.input_subscriptions import Deliver, InputSubscriptions
 from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.nodes.observer_parameters import DamperSettings, live_value
@@ -51,6 +51,7 @@ class DamperTopics:
         self._last_samples, self._quiet_s = 0, 0.0
         output = EstimateOutput(node, f"{settings.topics}estimate", settings.name)
         self.estimate_topic, self._publish = output.topic, output.publish
+        self._publish_band = BandOutput(node, f"{settings.topics}estimate_band", settings.name).publish
         self.on_estimate: Callable[[int, bytes], None] | None = None
         self._subscribe(inputs)
 
@@ -168,6 +169,9 @@ class DamperTopics:
                 self.on_estimate(sent_ns, raw)
             if health.cost is not None:
                 health.cost.add_estimate(stamp_ns, force)
+            half_width = damper.half_width()
+            if half_width is not None:
+                self._publish_band(stamp_ns, frame, force - half_width, force + half_width)
         if damper.reason != self._reported_reason:
             self._report_change()
 

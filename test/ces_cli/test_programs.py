@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from ces_cli.main import PROGRAMS, main
+from ces_identify.preparation.series import prepare
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
@@ -122,6 +124,43 @@ def test_replay_and_simulate_agree(work):
     times = (estimate.stamps_ns - position.stamps_ns[0]).tolist()
     assert times == list(simulated)
     np.testing.assert_allclose(estimate.values, list(simulated.values()), rtol=1e-9, atol=1e-6)
+
+
+def test_bounds_of_the_band_are_replayed_and_simulated(work):
+    assert ces("replay", work / "model.json", work / "two", "--out", work / "bounds", "--overwrite") == 0
+    assert ces("simulate", "--sim", work / "model.json", work / "two", "--out", work / "band.csv", "--band") == 0
+    rows = [row for row in csv.DictReader((work / "band.csv").open()) if row["force_N"] != "nan"]
+    for side, column in (("lower", "lower_N"), ("upper", "upper_N")):
+        described = {"topic": "/observer/estimate_band", "type": "sensor_msgs/msg/JointState"}
+        described["field"] = f"effort[rear_damper_{side}]"
+        replayed = read_recording(work / "bounds", Signals.from_mapping({"sim_force": described}, "test"))
+        simulated = [float(row[column]) for row in rows]
+        np.testing.assert_allclose(replayed.channel("sim_force").values, simulated, rtol=1e-9, atol=1e-6)
+    force, lower, upper = (np.array([float(row[c]) for row in rows]) for c in ("force_N", "lower_N", "upper_N"))
+    assert (lower < force).all() and (force < upper).all()
+
+
+def test_validate_shows_the_share_that_the_band_holds(work, capsys):
+    assert ces("validate", work / "model.json", work / "two", "--report", work / "v.html") == 0
+    printed = capsys.readouterr().out
+    assert "band %" in printed and "meant to hold 90 % of the measured forces" in printed
+    share = float(next(line for line in printed.splitlines() if "test" in line and "two" in line).split()[-1])
+    model = load_model(work / "model.json")
+    two = evaluate(model, [prepare(read_recording(work / "two", DEFAULT), model.sampling)], VALIDATION)[0]
+    assert share == pytest.approx(100.0 * two.coverage, abs=0.06) and 80.0 < share < 99.0
+    assert 'id="band"' in (work / "v.html").read_text()
+
+
+def test_a_model_without_a_band_is_used_as_before(work, capsys):
+    words = ("--candidates", work / "rules.yaml", "--terms", 5, "--starts", 1, "--time", 3, "--report", work / "n.html")
+    assert ces("identify", work / "one", "--out", work / "plain.json", "--no-band", *words) == 0
+    assert load_model(work / "plain.json").band is None
+    assert ces("validate", work / "plain.json", work / "two") == 0
+    assert ces("replay", work / "plain.json", work / "two", "--out", work / "plain", "--overwrite") == 0
+    assert "band" not in capsys.readouterr().out
+    assert 'id="band"' not in (work / "n.html").read_text()
+    line = error_line(capsys, "simulate", "--sim", work / "plain.json", work / "two", "--out", work / "n.csv", "--band")
+    assert "the model has no band; identify it again without --no-band" in line
 
 
 def test_predictions_in_the_bag_are_a_simulation(work):
@@ -262,6 +301,7 @@ def test_a_broken_model(work, tmp_path, capsys, change, expected):
         (("simulate", "--sim", "what", "one", "--out", "x.csv"), "--sim 'what'"),
         (("simulate", "--sim", "topic:/none", "one", "--out", "x.csv"), "/joint_states"),
         (("simulate", "--sim", "no_module:f", "one", "--out", "x.csv"), "cannot be imported"),
+        (("simulate", "--sim", "topic:/measured_force", "one", "--out", "x.csv", "--band"), "--band: only a model"),
         (("identify", "one", "--out", "none/m.json"), "none/m.json"),
         (("replay", "model.json", "one", "--out", "two"), "two"),
         (("validate", "model.json", "two", "--picture", "p.bmp"), "p.bmp"),

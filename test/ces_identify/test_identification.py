@@ -42,6 +42,15 @@ def test_the_same_seed_gives_the_same_model(result):
     assert again.model == result.model
 
 
+def test_the_model_has_a_band_unless_told_otherwise(result):
+    assert result.model.band.level == 0.9
+    fresh = next(e for e in result.evaluations if e.name == "fresh")
+    assert 0.85 <= fresh.coverage <= 0.96  # planted noise; the band widens a little on other strokes
+    bare = identify([planted(1), planted(2)], (), options(split=1.0, band=False))
+    assert bare.model == replace(result.model, band=None, provenance=bare.model.provenance)
+    assert bare.evaluations[0].coverage is None
+
+
 def test_held_out_data_do_not_change_the_model():
     spoiled = planted(1)
     force = spoiled.channel("force")

@@ -15,7 +15,7 @@ from std_msgs.msg import Bool, Byte, Float32, Float64, Float64MultiArray, Header
 from std_msgs.msg import MultiArrayLayout as ArrayLayout
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ces_observer.cdr.joint_state import RawEstimate
+from ces_observer.cdr.joint_state import RawBand, RawEstimate
 from ces_observer.cdr.signal import RawSignal
 from ces_observer.cdr.types import CdrUnsupportedError
 from ces_observer.errors import SignalsError
@@ -137,3 +137,10 @@ def test_estimate_is_the_message_that_rclpy_would_serialise(name, frame_id):
     raw = writer.fill(STAMP_NS, frame_id.encode(), 0.25, -1.5, 1e308)
     assert deserialize_message(raw, JointState) == message
     assert raw == serialize_message(message)
+
+
+@pytest.mark.parametrize("frame_id", ["", "base_link", "mässig"])
+@pytest.mark.parametrize("name", ["rear_damper", "r", "dämpfer"])
+def test_band_is_the_message_that_rclpy_would_serialise(name, frame_id):
+    message = joints(f"{name}_lower", f"{name}_upper", frame_id=frame_id, effort=[-1.5, 2.5])
+    assert RawBand(name).fill(STAMP_NS, frame_id.encode(), -1.5, 2.5) == serialize_message(message)

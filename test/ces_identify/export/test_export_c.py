@@ -6,9 +6,11 @@ import random
 import shutil
 import struct
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from bands import BAND
 from constructed_models import TERMS as CONSTRUCTED
 from trained_models import fuzzy_model
 
@@ -53,6 +55,23 @@ void ticks(int64_t n, const double *positions, const double *speeds, const doubl
         if (model_tick(&past, positions[i], speeds[i], currents[i], &forces[i]) != MODEL_OK) {
             model_past_reset(&past);
         }
+    }
+}
+"""
+
+BAND_HARNESS = """
+#include "model.h"
+#include <string.h>
+
+void widths(int64_t n, const int64_t *stamps, const double *positions, const double *currents, double *out)
+{
+    model_state state;
+    double force;
+    memset(&state, 0x01, sizeof state);
+    model_reset(&state);
+    for (int64_t i = 0; i < n; i++) {
+        const bool good = model_step(&state, stamps[i], positions[i], currents[i], &force) == MODEL_OK;
+        out[i] = good ? model_half_width(&state) : -1.0;
     }
 }
 """
@@ -155,6 +174,7 @@ MODELS = {
     "drawn, order 3": make(*drawn(1)),
     "drawn, order 2": make(*drawn(2), order=2),
 }
+BANDED = replace(make(*PLAIN), band=BAND)
 
 
 # ---------------------------------------------------------------------------------------------------------- inputs
@@ -286,9 +306,9 @@ INPUTS = [
 # ------------------------------------------------------------------------------------------------------------ twins
 
 
-def compile_c(folder, model, certificate=UNPROVED):
+def compile_c(folder, model, certificate=UNPROVED, harness=HARNESS):
     source, header = export_c(model, "model", "model", certificate)
-    for name, text in (("model.c", source), ("model.h", header), ("harness.c", HARNESS)):
+    for name, text in (("model.c", source), ("model.h", header), ("harness.c", harness)):
         (folder / name).write_text(text, encoding="ascii")
     run = [compiler, *STRICT, "-fPIC", "-shared", "-o", "model.so", "model.c", "harness.c", "-lm"]
     done = subprocess.run(run, cwd=folder, capture_output=True, text=True, check=False)
@@ -346,6 +366,27 @@ def test_forces_and_reasons_are_the_estimators(library, name, shape):
     np.testing.assert_allclose(rows[:, 0], expected[:, 0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(rows[:, 1:3], expected[:, 1:3], rtol=1e-9, atol=1e-14)
     np.testing.assert_array_equal(np.isnan(rows[:, 0]), reasons != CODES["ok"])
+
+
+@pytest.fixture(scope="module")
+def band_library(tmp_path_factory):
+    return compile_c(tmp_path_factory.mktemp("band"), BANDED, harness=BAND_HARNESS)
+
+
+@needs_compiler
+@pytest.mark.parametrize("shape", INPUTS)
+def test_half_widths_are_the_estimators(band_library, shape):
+    samples = seeded(shape)
+    arrays = [np.ascontiguousarray(a, kind) for a, kind in zip(samples, (np.int64, float, float), strict=True)]
+    widths, e = np.full(len(arrays[0]), 1e9), Estimator(BANDED)
+    band_library.widths(ctypes.c_int64(len(widths)), *pointers(*arrays, widths))
+    rows = zip(*(a.tolist() for a in arrays), strict=True)
+    expected = [-1.0 if e.step(*row) is None else e.half_width() for row in rows]
+    np.testing.assert_allclose(widths, expected, rtol=1e-9)
+
+
+def test_without_a_band_the_code_has_none():
+    assert "half_width" not in "".join(export_c(MODELS["a constant"], "model", "model", UNPROVED))
 
 
 @needs_compiler

@@ -52,6 +52,12 @@ def test_cost_on_a_fresh_recording_is_the_noise_floor(result):
     assert fresh.rms_N == pytest.approx(NOISE_N, rel=0.1)
 
 
+def test_the_band_holds_its_share_of_a_fresh_recording(result):
+    _, identified = result
+    fresh = next(e for e in identified.evaluations if e.name == "fresh")
+    assert 0.85 <= fresh.coverage <= 0.96  # planted noise; the band widens a little on other strokes
+
+
 def test_the_model_is_certified_and_its_proof_stands(result):
     _, identified = result
     assert identified.model.certificate["gain"] < MAX_GAIN + 1e-9

@@ -5,7 +5,7 @@ from cdr_messages import fields_of, header, message, serialised
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.cdr.joint_state import RawEstimate
+from ces_observer.cdr.joint_state import RawBand, RawEstimate
 from ces_observer.cdr.signal import RawSignal
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath, Signal
@@ -35,6 +35,16 @@ def test_bytes_are_those_of_rosbags(name, estimates):
         assert raw == serialised(joint_state(name, stamp_ns, frame_id, *numbers))
 
 
+@settings(max_examples=100, deadline=None)
+@given(TEXTS, st.lists(st.tuples(STAMPS, TEXTS, FLOATS, FLOATS), min_size=1, max_size=5))
+def test_bytes_of_bands_are_those_of_rosbags(name, bands):
+    writer = RawBand(name)
+    for stamp_ns, frame_id, *bounds in bands * 2:
+        head = {"header": header(stamp_ns, frame_id), "name": [f"{name}_lower", f"{name}_upper"]}
+        expected = message("sensor_msgs/JointState", **head, position=[], velocity=[], effort=bounds)
+        assert writer.fill(stamp_ns, frame_id.encode(), *bounds) == serialised(expected)
+
+
 def test_earlier_estimates_stay_as_they_were():
     writer = RawEstimate("rear")
     first = writer.fill(1, b"", 1.0, 2.0, 3.0)
@@ -53,3 +63,5 @@ def test_estimate_is_read_by_the_raw_reader(field, value):
 def test_a_stamp_out_of_range_raises(stamp_ns):
     with pytest.raises(SignalsError, match=f"stamp {stamp_ns} ns is out of the range"):
         RawEstimate("rear").fill(stamp_ns, b"", 1.0, 2.0, 3.0)
+    with pytest.raises(SignalsError, match=f"stamp {stamp_ns} ns is out of the range"):
+        RawBand("rear").fill(stamp_ns, b"", 1.0, 2.0)

@@ -1,0 +1,155 @@
+"""The band holds the planted share of noise whose size depends on the state, and widens away from the data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from damper_models import plain_damper
+from residual_series import RATE, evaluation, series
+
+from ces_identify.simulations.band_run import band_half_width, since_reversal
+from ces_identify.simulations.simulate import simulate_series
+from ces_identify.validation.band_coverage import coverage_regions
+from ces_identify.validation.band_fit import LEVEL, fit_band
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
+from ces_observer.model import Envelope
+
+MODEL = replace(
+    plain_damper(rate_Hz=RATE), envelope=Envelope((-1.0, 1.0), (-9.0, 9.0), (-9.0, 9.0)), force_envelope_N=(-1e5, 1e5)
+)
+
+
+def noisy(seed, noise, n=15_000, scale=1.0, model=MODEL):
+    """A ride whose force has noise of the size [N] that `noise(series, force)` says."""
+    one = series(n, seed, warm_up=50)
+    one = replace(one, speed=scale * one.speed)
+    force = simulate_series(model, one).force
+    random = np.random.default_rng(seed + 500)
+    return replace(one, force=force + noise(one, force) * random.normal(size=n))
+
+
+def by_force_and_reversal(one, force):
+    return 10.0 + 0.1 * np.abs(force) + 60.0 * np.exp(-since_reversal(one) / 0.02)
+
+
+def coverage(band, one, ticks=slice(None)):
+    force = simulate_series(MODEL, one).force
+    inside = np.abs(one.force - force) <= band_half_width(band, one, force)
+    return float(inside[one.scored][ticks].mean())
+
+
+def itself(weights):
+    """Refit of a model that is right already."""
+    return MODEL
+
+
+@pytest.fixture(scope="module")
+def band():
+    return fit_band(MODEL, [noisy(1, by_force_and_reversal), noisy(2, by_force_and_reversal)], itself)
+
+
+def test_a_fresh_recording_is_covered(band):
+    assert coverage(band, noisy(7, by_force_and_reversal)) == pytest.approx(LEVEL, abs=0.02)
+
+
+def test_coverage_is_even_over_force_and_reversals(band):
+    fresh = noisy(8, by_force_and_reversal)
+    force = np.abs(simulate_series(MODEL, fresh).force[fresh.scored])
+    since = since_reversal(fresh)[fresh.scored]
+    for signal in (force, since):
+        for part in np.array_split(np.argsort(signal), 4):
+            assert 0.85 <= coverage(band, fresh, part) <= 0.95
+
+
+def test_the_width_follows_the_noise(band):
+    fresh = noisy(9, by_force_and_reversal)
+    force = simulate_series(MODEL, fresh).force
+    widths, noise = band_half_width(band, fresh, force), by_force_and_reversal(fresh, force)
+    assert np.corrcoef(widths, noise)[0, 1] > 0.7
+
+
+def test_states_that_were_not_recorded_widen_the_band(band):
+    def width(scale):
+        one = noisy(10, lambda s, f: 0.0 * f, scale=scale)
+        return float(np.median(band_half_width(band, one, np.full(len(one), 300.0))))
+
+    assert width(4.0) > 1.5 * width(1.0)
+
+
+def test_errors_of_refitted_models_count_not_those_of_the_model_itself():
+    """A model that gets one recording wrong unless it was fitted to it needs a band for other recordings."""
+    rides = [noisy(seed, lambda s, f: np.full(len(f), 5.0)) for seed in (1, 2)]
+    first = np.arange(2 * len(rides[0])) < len(rides[0])
+    worse = replace(
+        MODEL,
+        body=replace(MODEL.body, terms=tuple(replace(t, coefficient=0.85 * t.coefficient) for t in MODEL.body.terms)),
+    )
+
+    def refit(weights):
+        return worse if not weights[first].any() or not weights[~first].any() else MODEL
+
+    own, held_out = (fit_band(MODEL, rides, how) for how in (itself, refit))
+    force = simulate_series(MODEL, rides[0]).force
+    assert band_half_width(held_out, rides[0], force).mean() > 2.0 * band_half_width(own, rides[0], force).mean()
+
+
+def test_without_a_refit_the_errors_are_those_of_the_fit():
+    rides = [noisy(seed, by_force_and_reversal) for seed in (3, 4)]
+    assert coverage(fit_band(MODEL, rides), rides[0]) == pytest.approx(LEVEL, abs=0.03)
+
+
+def test_refits_that_fail_are_left_out():
+    rides = [noisy(seed, by_force_and_reversal) for seed in (3, 4)]
+    assert fit_band(MODEL, rides, lambda weights: None) == fit_band(MODEL, rides)
+
+
+def test_a_single_recording_is_divided_into_stretches():
+    seen = []
+
+    def refit(weights):
+        seen.append(weights)
+        return MODEL
+
+    assert fit_band(MODEL, [noisy(1, by_force_and_reversal)], refit) is not None
+    assert len(seen) == 3
+    np.testing.assert_array_equal(sum(1.0 - weights for weights in seen), 1.0)
+
+
+def test_too_little_data_give_no_band():
+    assert fit_band(MODEL, [noisy(1, by_force_and_reversal, n=200)], itself) is None
+
+
+def test_a_constant_current_that_changes_later_widens_the_band():
+    fixed = [replace(noisy(s, by_force_and_reversal), current=np.full(15_000, 0.5)) for s in (1, 2)]
+    band = fit_band(MODEL, fixed, itself)
+    force = simulate_series(MODEL, fixed[0]).force
+    usual = band_half_width(band, fixed[0], force)
+    other = band_half_width(band, replace(fixed[0], current=np.full(15_000, 0.6)), force)
+    assert np.isfinite(usual).all() and np.median(other / usual) > 2.0
+
+
+def test_evaluations_have_the_coverage_of_the_band(band):
+    fresh = noisy(7, by_force_and_reversal)
+    with_band, without = (evaluate(m, [fresh], VALIDATION)[0] for m in (replace(MODEL, band=band), MODEL))
+    assert with_band.coverage == coverage(band, fresh)
+    assert without.coverage is None and without.half_width is None
+    assert coverage_regions([without]) == []
+
+
+def test_regions_of_coverage(band):
+    found = evaluate(replace(MODEL, band=band), [noisy(7, by_force_and_reversal)], VALIDATION)
+    regions = coverage_regions(found)
+    for axis in ("speed, either direction", "current", "time since reversal"):
+        rows = [r for r in regions if r.axis == axis]
+        assert len(rows) >= 3
+        assert sum(r.ticks for r in rows) == pytest.approx(1.0, abs=0.02)
+        assert sum(r.ticks * r.coverage for r in rows) == pytest.approx(found[0].coverage, abs=0.02)
+
+
+def test_ticks_after_a_divergence_are_outside_the_band():
+    one = series(1000)
+    error = np.zeros(1000)
+    error[600:] = np.nan
+    diverged = replace(evaluation(one, error, IDENTIFICATION), half_width=np.where(np.isnan(error), np.nan, 1.0))
+    assert diverged.coverage == pytest.approx(0.6)
+    assert all(r.coverage <= 0.75 for r in coverage_regions([diverged]))

@@ -1,0 +1,74 @@
+"""The band on a real ROS 2: published beside each estimate of a model that has one, and withheld with the estimate."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from math import nan
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+from bands import BAND
+from damper_models import plain_damper
+from node_process import NodeProcess
+from sensor_msgs.msg import JointState
+from vehicle import DEEP, JOINT, Vehicle, stamp_of, wait
+
+TOPIC = "observer/estimate_band"
+Start = Callable[..., NodeProcess]
+
+
+@pytest.fixture
+def heard(vehicle: Vehicle) -> list[JointState]:
+    """Return a list that the bands are kept in."""
+    bands: list[JointState] = []
+    vehicle.node.create_subscription(JointState, TOPIC, bands.append, DEEP)
+    return bands
+
+
+def test_the_band_surrounds_each_estimate(
+    vehicle: Vehicle, heard: list[JointState], start: Start, tmp_path: Path
+) -> None:
+    replace(plain_damper(), band=BAND).save(tmp_path / "model.json")
+    start(model=tmp_path / "model.json")
+    vehicle.meets_node()
+    vehicle.drive(1.5)
+    wait(lambda: len(heard) > 1000 and len(heard) == len(vehicle.estimates), "a band for each estimate")
+    for estimate, band in zip(list(vehicle.estimates), list(heard), strict=True):
+        assert (stamp_of(band), band.header.frame_id) == (stamp_of(estimate), estimate.header.frame_id)
+        assert list(band.name) == [f"{JOINT}_lower", f"{JOINT}_upper"]
+        lower, upper = band.effort
+        assert lower < estimate.effort[0] < upper
+        assert 0.5 * (lower + upper) == pytest.approx(estimate.effort[0], abs=1e-6)
+        assert not band.position and not band.velocity
+
+
+def test_the_band_is_withheld_with_the_estimate(
+    vehicle: Vehicle, heard: list[JointState], start: Start, tmp_path: Path
+) -> None:
+    replace(plain_damper(), band=BAND).save(tmp_path / "model.json")
+    start(model=tmp_path / "model.json")
+    vehicle.meets_node()
+    vehicle.drive(0.5)
+    wait(lambda: len(heard) > 100, "bands")
+    with vehicle.driving(position=lambda time_s: nan):
+        vehicle.hears("position is not finite", None)
+        time.sleep(0.2)
+        before = len(heard)
+        time.sleep(0.3)
+        assert len(heard) == before
+    vehicle.drive(0.5)
+    wait(lambda: len(heard) > before, "bands again")
+
+
+def test_a_model_without_a_band_publishes_none(vehicle: Vehicle, heard: list[JointState], start: Start) -> None:
+    start()
+    vehicle.meets_node()
+    vehicle.drive(0.5)
+    wait(lambda: len(vehicle.estimates) > 100, "estimates")
+    assert vehicle.node.count_publishers(TOPIC) == 1
+    assert not heard
