@@ -37,6 +37,7 @@ class IdentifyOptions:
     bandwidth_Hz: float | None = None
     certify: bool = True
     weighting: Weighting = EQUAL
+    differentiator: str | None = None
 
 
 @dataclass(frozen=True)
