@@ -1,11 +1,11 @@
 """The adaptive differentiator: three Kalman filters of different bandwidths, weighted by how well each predicts.
 
 A slow stroke needs little bandwidth and a fast one much. Each filter is a `Differentiator`; its one-step prediction
-errors e have the variance S = noise^2 / (1 - gain of the position) if its bandwidth suits the stroke. The output is the
-mean of the filters with the weights exp(score), where every sample adds -(e^2 / S + ln S) / 2 to a score and scores fade
-with MEMORY_S: the weights of Bayesian model averaging (Bar-Shalom, Li & Kirubarajan, Estimation with Applications to
-Tracking and Navigation, sec. 11.6) with a fading memory. The weights are positive and sum to one, so the output is
-bounded by those of the filters, each of which is stable. docs/differentiator.md compares it with a fixed bandwidth.
+errors e have the variance S = noise^2 / (1 - gain of the position) if its bandwidth suits the stroke. The output is
+the mean of the filters with the weights exp(score), where every sample adds -(e^2 / S + ln S) / 2 to a score and scores
+fade with MEMORY_S: a static multiple-model estimator (Bar-Shalom, Li & Kirubarajan, Estimation with Applications to
+Tracking and Navigation, sec. 11.6) with a fading memory. The weights are positive and sum to one, so the output lies
+between those of the filters, each of which is stable. docs/differentiator.md compares it with a fixed bandwidth.
 """
 
 from __future__ import annotations

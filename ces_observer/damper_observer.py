@@ -115,8 +115,8 @@ class DamperObserver:
             return _NO_SIGNAL
         if name not in self.motions:
             raise ModelError(
-                f"the model needs the signal '{name}' (differentiator {model.sampling.differentiator}); set {name}.topic,"
-                f" {name}.type and {name}.field"
+                f"the model needs the signal '{name}' (differentiator {model.sampling.differentiator}); "
+                f"set {name}.topic, {name}.type and {name}.field"
             )
         return self.motions[name].with_max_age(model.sampling.max_gap_s)
 

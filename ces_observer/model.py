@@ -196,6 +196,8 @@ def _sampling(node: JsonObject) -> Sampling:
         differentiator=kind,
         noise_m=node.number("noise_m", 1e-12, 1.0) if kind == ADAPTIVE else 0.0,
     )
+    if kind == FUSED and sampling.order != 3:
+        raise ModelError(f"{node.where}: order is {sampling.order}; expected 3 with differentiator {FUSED}")
     ticks = sampling.rate_Hz * sampling.max_gap_s
     if ticks > MAX_GAP_TICKS:
         raise ModelError(f"{node.where}: max_gap_s spans {ticks:.0f} ticks; expected at most {MAX_GAP_TICKS}")

@@ -22,7 +22,6 @@ from ces_identify.recordings.recording import Recording
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 
-
 AUTO = "auto"  # the differentiator: measured speed, or fused acceleration, if all recordings have it
 
 

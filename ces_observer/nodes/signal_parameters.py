@@ -19,7 +19,9 @@ def declare_signals(node: Node, prefix: str) -> None:
     for signal in SIGNALS:
         defaults = {**DEFAULTS[signal], "scale": 1.0, "offset": 0.0} if signal in DEFAULTS else {}
         for key, meaning in SIGNAL_KEYS.items():
-            free = bool(prefix) or not defaults or key in ("scale", "offset")  # not set, or perhaps set to a whole number
+            free = (
+                bool(prefix) or not defaults or key in ("scale", "offset")
+            )  # not set, or perhaps set to a whole number
             descriptor = ParameterDescriptor(description=f"{signal}: {meaning}", read_only=True, dynamic_typing=free)
             declare_anew(node, f"{prefix}{signal}.{key}", None if prefix else defaults.get(key), descriptor)
     descriptor = ParameterDescriptor(
@@ -34,7 +36,9 @@ def read_signals(node: Node, prefix: str) -> Signals:
         signal: override(_read_parameters(node, signal), _read_parameters(node, prefix + signal) if prefix else None)
         for signal in SIGNALS
     }
-    mapping = {signal: keys for signal, keys in mapping.items() if keys or signal in DEFAULTS}  # the others are optional
+    mapping = {
+        signal: keys for signal, keys in mapping.items() if keys or signal in DEFAULTS
+    }  # the others are optional
     return Signals.from_mapping(mapping, f"parameters of '{prefix[:-1]}'" if prefix else "parameters")
 
 
