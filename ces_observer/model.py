@@ -183,8 +183,8 @@ def parse_model(text: str, source: str) -> Model:
 
 
 def _sampling(node: JsonObject) -> Sampling:
-    node.require_only_keys(*(one.name for one in fields(Sampling)))
     kind = node.choice("differentiator", tuple(DIFFERENTIATORS)) if "differentiator" in node.value else KALMAN
+    node.require_only_keys(*(one.name for one in fields(Sampling) if one.name != "noise_m" or kind == ADAPTIVE))
     sampling = Sampling(
         rate_Hz=node.number("rate_Hz", 1.0, 100e3),
         bandwidth_Hz=node.number("bandwidth_Hz", 1e-3, 50e3),

@@ -52,8 +52,8 @@ def _require_fit(name: str, signal: str, expected: F, measured: F, raw: F) -> No
         )
     if not low <= scale <= high:
         raise RecordingError(
-            f"{name}: {signal} is {scale:.3g} times what the position's derivative says; "
-            f"multiply its scale in the signals file by {1.0 / scale:.3g}"
+            f"{name}: {signal} is {scale:.2g} times what the position's derivative says; "
+            f"multiply its scale in the signals file by {1.0 / scale:.2g}"
         )
     if abs(raw.mean()) > MAX_MEAN * raw.std():
         raise RecordingError(
