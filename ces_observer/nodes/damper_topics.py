@@ -8,7 +8,7 @@ from functools import partial
 from rclpy.node import Node
 
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
-from ces_observer.damper_observer import NO_CURRENT, SILENT, DamperObserver
+from ces_observer.damper_observer import NO_CURRENT, NO_MOTION, SILENT, DamperObserver
 from ces_observer.health.health import Health
 from ces_observer.health.running_cost import RunningCost, default_warn_J
 from ces_observer.health.streams import Arrivals
@@ -94,9 +94,10 @@ class DamperTopics:
     def detail(self) -> str:
         """Return details of the damper's reason, including the state of a silent topic."""
         detail = self.damper.explain()
-        if detail or self.damper.reason not in (SILENT, NO_CURRENT):
+        names = {SILENT: "position", NO_CURRENT: "current", NO_MOTION: self.damper.motion_name}
+        if detail or self.damper.reason not in names:
             return detail
-        silent = self.settings.signals["position" if self.damper.reason == SILENT else "current"]
+        silent = self.settings.signals[names[self.damper.reason]]
         return self._topic_state(silent) if isinstance(silent, Signal) else ""
 
     def _wait_for_current(self, wait_s: float) -> None:
@@ -170,11 +171,11 @@ class DamperTopics:
             self._estimate(stamp_ns, position_m, frame, now_ns)
 
     def _newest_known(self) -> int | None:
-        """Return the stamp [ns] up to which the current, and the motion signal if the model needs one, are known."""
+        """Return the stamp [ns] up to which all measured signals that the model needs are known; None: unknown."""
         damper = self.damper
-        signals = [damper.current, damper.motion] if damper.motion_name else [damper.current]
+        signals = (damper.current, damper.motion)
         stamps = [signal.newest_ns for signal in signals if not isinstance(signal, ConstantCurrent)]
-        return None if None in stamps else min(stamp for stamp in stamps if stamp is not None)
+        return min((stamp for stamp in stamps if stamp is not None), default=None) if None not in stamps else None
 
     def _estimate(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
         damper = self.damper
