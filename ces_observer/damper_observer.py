@@ -182,7 +182,7 @@ class DamperObserver:
         if self.reason == NO_CURRENT:
             return self.current_error or self.current.explain(self.stamp_ns)
         if self.reason == NO_MOTION:
-            return self.motion_error or self.motion.explain(self.stamp_ns).replace("current", self.motion_name)
+            return self.motion_error or self.motion.explain(self.stamp_ns, self.motion_name)
         if self.reason in (OFF_CLOCK, OUT_OF_ORDER) and self.stamp_ns == 0:
             return "the header stamp is 0: the publisher does not fill it in"
         return self._clock_difference() if self.reason == OFF_CLOCK else ""

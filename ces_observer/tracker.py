@@ -156,7 +156,7 @@ class Tracker:
     def _restart(self, stamp_ns: int, position: float, motion: float) -> str:
         self._differentiator.reset(position)
         self.speed = motion if self._measured else 0.0
-        self._motion = motion
+        self._motion, self._bias = motion, 0.0
         self._stamp_ns = self._origin_ns = stamp_ns
         self._tau = self.ahead = self._doubted_tau = 0.0
         self._settled_tau = self._settling_ticks

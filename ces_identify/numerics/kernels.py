@@ -203,7 +203,7 @@ def _track(
             x, v, a = positions[i], 0.0, 0.0
             filters[:, 0], filters[:, 1], filters[:, 2], scores[:] = x, 0.0, 0.0, 0.0
             speed = motion[i] if measured else 0.0
-            newest_motion = motion[i]
+            newest_motion, bias = motion[i], 0.0
             stamp = origin = stamps[i]
             tau = 0.0
             settled = settling * rate
