@@ -49,7 +49,9 @@ def identify(
     """
     options = options or IdentifyOptions()
     first_parts = [recording.first_part(options.split) for recording in recordings]
-    sampling = choose_sampling(first_parts, options.rate_Hz, options.bandwidth_Hz)
+    sampling = choose_sampling(
+        first_parts, options.rate_Hz, options.bandwidth_Hz, differentiator=options.differentiator
+    )
     whole = [prepare(recording, sampling) for recording in recordings]
     identified = [series.part(0.0, options.split) for series in whole]
     fitted = fitter(identified, sampling, options, listener)

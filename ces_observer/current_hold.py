@@ -1,7 +1,8 @@
 """The current hold: the current at a position sample is the newest one stamped no later, if it is not too old.
 
 The rule is the same offline (`ces_identify.preparation.series.hold_current`). A short history is kept because position
-and current come in separate queues, so that a current may arrive before a position that was measured earlier.
+and current come in separate queues, so that a current may arrive before a position that was measured earlier. A speed
+or acceleration that a model needs is held in the same way.
 """
 
 from __future__ import annotations
@@ -57,8 +58,8 @@ class CurrentHold:
             return nan
         return self._values[newest]
 
-    def explain(self, stamp_ns: int) -> str:
-        """Return why `at` returns NaN at `stamp_ns`; empty if no current was received at all."""
+    def explain(self, stamp_ns: int, name: str = "current") -> str:
+        """Return why `at` returns NaN at `stamp_ns` for the signal `name`; empty if none was received at all."""
         if not self._stamps:
             return ""
         newest = bisect_right(self._stamps, stamp_ns) - 1
@@ -66,9 +67,9 @@ class CurrentHold:
         if newest < 0:
             ahead = (self._stamps[0] - stamp_ns) * 1e-9
             question = ": are both on one clock?" if ahead > limit else ""
-            return f"the position was measured {ahead:.3g} s before the first known current" + question
+            return f"the position was measured {ahead:.3g} s before the first known {name}" + question
         age = (stamp_ns - self._stamps[newest]) * 1e-9
-        return f"the newest current is {age:.3g} s older than the position; the model allows {limit:g} s"
+        return f"the newest {name} is {age:.3g} s older than the position; the model allows {limit:g} s"
 
 
 class ConstantCurrent(CurrentHold):

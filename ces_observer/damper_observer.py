@@ -6,10 +6,12 @@ new one warms up on the same samples beside the old one and takes over between t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite
 
-from ces_observer.current_hold import CurrentHold
+from ces_observer.current_hold import ConstantCurrent, CurrentHold
+from ces_observer.errors import ModelError
 from ces_observer.estimator import UNBOUNDED, Estimator
 from ces_observer.model import Model
 from ces_observer.tracker import OK, OUT_OF_ORDER
@@ -17,6 +19,7 @@ from ces_observer.tracker import OK, OUT_OF_ORDER
 SILENT = "no position samples arrive"
 POSITION_NOT_FINITE = "position is not finite"
 NO_CURRENT = "no usable current"
+NO_MOTION = "no usable speed or acceleration"
 OFF_CLOCK = "position stamps are off the node's clock"
 
 
@@ -35,26 +38,35 @@ class Tally:
         return replace(self, withheld=dict(self.withheld))
 
 
+_NO_SIGNAL = ConstantCurrent(0.0)  # for a model that needs the position only
+
+
 class DamperObserver:
     """The estimator and current hold of one damper.
 
     After `step`: `reason` is "ok" or why the force was withheld; `position` [m] and `speed` [m/s] are the values used.
     `max_age_s` is the largest difference between a position's stamp and the node's clock, in either direction, at
     which its force is returned; 0 switches the check off. The estimator runs on while forces are withheld.
+    `motions` holds the signals that a model may need beside the position, "speed" [m/s] or "acceleration" [m/s2].
+    Raises ModelError if the model needs another.
     """
 
-    def __init__(self, model: Model, current: CurrentHold, max_age_s: float) -> None:
+    def __init__(
+        self, model: Model, current: CurrentHold, max_age_s: float, motions: Mapping[str, CurrentHold] | None = None
+    ) -> None:
         self.model = model
         self.current = current
+        self.motions = motions or {}
+        self.motion = self._motion_for(model)
         self.tally = Tally()
         self.reason = SILENT
         self.stamp_ns = 0
         self.age_ns = 0
         self.position_error = ""
-        self.current_error = ""
+        self.current_error = self.motion_error = ""
         self._estimator = Estimator(model)
         self._next: Estimator | None = None
-        self._next_current = current
+        self._next_current, self._next_motion = current, self.motion
         self.position = self.speed = 0.0
         self.set_max_age(max_age_s)
 
@@ -63,7 +75,11 @@ class DamperObserver:
         self._max_age_ns = round(max_age_s * 1e9)
 
     def load(self, model: Model) -> None:
-        """Let `model` take over as soon as it has warmed up, instead of any other that was still warming up."""
+        """Let `model` take over as soon as it has warmed up, instead of any other that was still warming up.
+
+        Raises ModelError if it needs a signal that is not there.
+        """
+        self._next_motion = self._motion_for(model)
         self._next = Estimator(model)
         self._next_current = self.current.with_max_age(model.sampling.max_current_age_s)
 
@@ -75,6 +91,8 @@ class DamperObserver:
     def reset(self) -> None:
         """Forget all samples and currents, as after a time jump; keep counts and models."""
         self.current.reset()
+        for motion in self.motions.values():
+            motion.reset()
         self._estimator.reset()
         if self._next is not None:
             self._next.reset()
@@ -86,22 +104,41 @@ class DamperObserver:
         self.current_error = "" if isfinite(current_A) else f"the current is {current_A}"
         self.current.add(stamp_ns, current_A)
 
+    def require_signals(self, model: Model) -> None:
+        """Raise ModelError if `model` needs a signal that is not there."""
+        self._motion_for(model)
+
+    def _motion_for(self, model: Model) -> CurrentHold:
+        """Return the hold of the signal that `model` needs beside the position; constant if it needs none."""
+        name = model.sampling.motion_signal
+        if not name:
+            return _NO_SIGNAL
+        if name not in self.motions:
+            raise ModelError(
+                f"the model needs the signal '{name}' (differentiator {model.sampling.differentiator}); "
+                f"set {name}.topic, {name}.type and {name}.field"
+            )
+        return self.motions[name].with_max_age(model.sampling.max_gap_s)
+
     def step(self, stamp_ns: int, position_m: float, now_ns: int) -> float | None:
         """Return the force [N] at `stamp_ns`, or None with `reason` set; `now_ns` is the node's clock."""
         self.tally.samples += 1
         self.stamp_ns, self.age_ns = stamp_ns, now_ns - stamp_ns
         self.position_error = ""
         current = self.current.at(stamp_ns)
-        force = self._estimator.step(stamp_ns, position_m, current)
+        motion = self.motion.at(stamp_ns)
+        force = self._estimator.step(stamp_ns, position_m, current, motion)
         if self._next is not None:
             next_current = self._next_current.at(stamp_ns)
-            next_force = self._next.step(stamp_ns, position_m, next_current)
+            next_motion = self._next_motion.at(stamp_ns)
+            next_force = self._next.step(stamp_ns, position_m, next_current, next_motion)
             if next_force is not None and isfinite(next_force):
-                force, current = next_force, next_current
+                force, current, motion = next_force, next_current, next_motion
                 self._estimator, self._next = self._next, None
                 self.model, self.current = self._estimator.model, self._next_current
+                self.motion = self._next_motion
         self.position, self.speed = self._estimator.position, self._estimator.speed
-        self.reason = self._reason_for(force, position_m, current)
+        self.reason = self._reason_for(force, position_m, current, motion)
         if self.reason != OK:
             self.tally.withheld[self.reason] = self.tally.withheld.get(self.reason, 0) + 1
             return None
@@ -118,10 +155,25 @@ class DamperObserver:
         self.tally.unreadable += 1
         self.position_error = error
 
+    def count_unreadable_motion(self, error: str) -> None:
+        """Count a speed or acceleration message without the configured field."""
+        self.tally.unreadable += 1
+        self.motion_error = error
+
     def count_unreadable_current(self, error: str) -> None:
         """Count a current message without the configured field; it explains a later lack of current."""
         self.tally.unreadable += 1
         self.current_error = error
+
+    @property
+    def motion_name(self) -> str:
+        """The signal that the running model needs beside the position; empty: none."""
+        return self.model.sampling.motion_signal
+
+    def take_motion(self, name: str, stamp_ns: int, value: float) -> None:
+        """Add a sample of "speed" [m/s] or "acceleration" [m/s2]."""
+        self.motion_error = "" if isfinite(value) else f"the {name} is {value}"
+        self.motions[name].add(stamp_ns, value)
 
     def report_silence(self) -> None:
         """Set the reason to SILENT: no position sample has arrived for too long."""
@@ -133,19 +185,21 @@ class DamperObserver:
             return self.position_error
         if self.reason == NO_CURRENT:
             return self.current_error or self.current.explain(self.stamp_ns)
+        if self.reason == NO_MOTION:
+            return self.motion_error or self.motion.explain(self.stamp_ns, self.motion_name)
         if self.reason in (OFF_CLOCK, OUT_OF_ORDER) and self.stamp_ns == 0:
             return "the header stamp is 0: the publisher does not fill it in"
         return self._clock_difference() if self.reason == OFF_CLOCK else ""
 
-    def _reason_for(self, force: float | None, position: float, current: float) -> str:
+    def _reason_for(self, force: float | None, position: float, current: float, motion: float) -> str:
         """Return OK for a force that may be published, else why it is withheld: the fast path of the rule below."""
         late = self._max_age_ns and abs(self.age_ns) > self._max_age_ns
         # One sum instead of five tests: it is finite only if all terms are.
         if force is not None and not late and isfinite(force + position + current + self.position + self.speed):
             return OK
-        return self._explain_withholding(force, position, current)
+        return self._explain_withholding(force, position, current, motion)
 
-    def _explain_withholding(self, force: float | None, position: float, current: float) -> str:
+    def _explain_withholding(self, force: float | None, position: float, current: float, motion: float) -> str:
         """Return why a force is withheld: the first of these rules that applies."""
         if not isfinite(position):
             return POSITION_NOT_FINITE
@@ -153,6 +207,8 @@ class DamperObserver:
             return OFF_CLOCK
         if not isfinite(current):
             return NO_CURRENT
+        if not isfinite(motion):
+            return NO_MOTION
         if force is None:
             return self._estimator.reason
         return OK if isfinite(force) and isfinite(self.position) and isfinite(self.speed) else UNBOUNDED

@@ -55,6 +55,15 @@ class Differentiator:
         self.acceleration += self._twice_third * innovation / (interval * interval)
         self.position = position - self._product * innovation
 
+    def coast(self) -> None:
+        """Forget the acceleration, as after a jump of it while no sample came."""
+        self.acceleration = 0.0
+
+    @property
+    def confidence(self) -> float:
+        """The position noise's variance over that of the predictions' errors, at the last interval."""
+        return self._product
+
     def _place_poles(self, interval: float) -> None:
         """Set the gains for `interval`; they stay while the interval does."""
         radius = exp(self._decay * interval)

@@ -59,15 +59,15 @@ class Estimator:
         width = inf if self._band is None else self._band.half_width()
         return width if isfinite(width) else None
 
-    def step(self, stamp_ns: int, position_m: float, current_A: float) -> float | None:
+    def step(self, stamp_ns: int, position_m: float, current_A: float, motion: float = 0.0) -> float | None:
         """Return the force [N] at `stamp_ns`, within the model's force envelope, or None with `reason` set.
 
-        Bad samples count as missing.
+        `motion` is the signal `model.sampling.motion_signal`, if the model needs one. Bad samples count as missing.
         """
         if not isfinite(current_A):
             self.reason = NOT_FINITE
             return None
-        outcome = self._tracker.advance(stamp_ns, position_m)
+        outcome = self._tracker.advance(stamp_ns, position_m, motion)
         if outcome == RESTARTED:
             self._restart_model()
         elif outcome not in (OK, UNSETTLED):

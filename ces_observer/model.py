@@ -26,6 +26,8 @@ BAND = "band"  # optional key
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
 KEYS = ("schema", "structure", "units", "sampling", "input_envelope", "force_envelope_N", "certificate", "provenance")
 MAX_BYTES = 1_000_000
+KALMAN, ADAPTIVE, FUSED, MEASURED = "kalman", "adaptive", "fused", "measured"
+DIFFERENTIATORS = {KALMAN: "", ADAPTIVE: "", FUSED: "acceleration", MEASURED: "speed"}  # and the signal each needs
 MAX_INPUT = 1e6  # [m, m/s, A]: beyond any damper, and far from where powers overflow
 MAX_FORCE_N = 1e9
 MAX_GAP_TICKS = 20_000  # that one position sample may have to compute, after the longest bridged gap
@@ -42,6 +44,22 @@ class Sampling:
     max_current_age_s: float = 0.2  # [s] an older current is not used
     warm_up_s: float = 0.5  # [s] after each restart: forces are withheld, and not scored
     order: int = 3  # of the differentiator: 2 (white acceleration) or 3 (white jerk)
+    differentiator: str = KALMAN  # where the speed comes from, one of DIFFERENTIATORS
+    noise_m: float = 0.0  # [m] RMS noise of the positions, for the adaptive differentiator
+
+    @property
+    def motion_signal(self) -> str:
+        """The signal that is measured beside the position for the speed; empty: none."""
+        return DIFFERENTIATORS[self.differentiator]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the object in the model file; a plain Kalman filter needs no further keys."""
+        content = asdict(self)
+        if self.differentiator != ADAPTIVE:
+            del content["noise_m"]
+        if self.differentiator == KALMAN:
+            del content["differentiator"]
+        return content
 
 
 @dataclass(frozen=True)
@@ -112,7 +130,7 @@ class Model:
             "schema": SCHEMA,
             "structure": self.structure,
             "units": UNITS,
-            "sampling": asdict(self.sampling),
+            "sampling": self.sampling.to_json(),
             **self.body.to_json(),
             "input_envelope": asdict(self.envelope),
             "force_envelope_N": self.force_envelope_N,
@@ -171,7 +189,8 @@ def parse_model(text: str, source: str) -> Model:
 
 
 def _sampling(node: JsonObject) -> Sampling:
-    node.require_only_keys(*(one.name for one in fields(Sampling)))
+    kind = node.choice("differentiator", tuple(DIFFERENTIATORS)) if "differentiator" in node.value else KALMAN
+    node.require_only_keys(*(one.name for one in fields(Sampling) if one.name != "noise_m" or kind == ADAPTIVE))
     sampling = Sampling(
         rate_Hz=node.number("rate_Hz", 1.0, 100e3),
         bandwidth_Hz=node.number("bandwidth_Hz", 1e-3, 50e3),
@@ -180,7 +199,11 @@ def _sampling(node: JsonObject) -> Sampling:
         max_current_age_s=node.number("max_current_age_s", 1e-4, 1e6),
         warm_up_s=node.number("warm_up_s", 0.0, 60.0),
         order=node.integer("order", 2, 3),
+        differentiator=kind,
+        noise_m=node.number("noise_m", 1e-12, 1.0) if kind == ADAPTIVE else 0.0,
     )
+    if kind == FUSED and sampling.order != 3:
+        raise ModelError(f"{node.where}: order is {sampling.order}; expected 3 with differentiator {FUSED}")
     ticks = sampling.rate_Hz * sampling.max_gap_s
     if ticks > MAX_GAP_TICKS:
         raise ModelError(f"{node.where}: max_gap_s spans {ticks:.0f} ticks; expected at most {MAX_GAP_TICKS}")

@@ -13,8 +13,17 @@ from typing import Any
 
 from ces_observer.errors import SignalsError
 
-NAMES = ("position", "current", "force", "sim_force", "temperature")
-UNITS = {"position": "m", "current": "A", "force": "N", "sim_force": "N", "temperature": "degC"}
+NAMES = ("position", "current", "force", "sim_force", "temperature", "speed", "acceleration")
+MOTIONS = ("speed", "acceleration")  # what may be measured beside the position, so that the speed is better known
+UNITS = {
+    "position": "m",
+    "current": "A",
+    "force": "N",
+    "sim_force": "N",
+    "temperature": "degC",
+    "speed": "m/s",
+    "acceleration": "m/s2",
+}
 DEFAULTS: dict[str, dict[str, Any]] = {
     "position": {"topic": "joint_states", "type": "sensor_msgs/msg/JointState", "field": "position[rear_damper]"},
     "current": {"topic": "valve_current", "type": "std_msgs/msg/Float64", "field": "data"},

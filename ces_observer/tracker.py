@@ -26,8 +26,9 @@ from __future__ import annotations
 
 from math import floor, isfinite, pi
 
+from ces_observer.adaptive_differentiator import AdaptiveDifferentiator
 from ces_observer.differentiator import Differentiator
-from ces_observer.model import Sampling
+from ces_observer.model import ADAPTIVE, FUSED, MEASURED, Sampling
 
 OK = "ok"
 NOT_FINITE = "position or current is not finite"
@@ -42,11 +43,20 @@ DOUBT = 5.0  # times that: until the model has settled, too, if the speed after 
 LARGEST_CHANGE = 5.0  # times outlier_m * 2 pi bandwidth [m/s]: of speed, while no sample comes
 
 
+def make_differentiator(sampling: Sampling) -> Differentiator | AdaptiveDifferentiator:
+    """Return the filter that computes position and speed; with a measured speed, the position only."""
+    if sampling.differentiator == ADAPTIVE:
+        return AdaptiveDifferentiator(sampling.bandwidth_Hz, sampling.order, sampling.noise_m)
+    return Differentiator(sampling.bandwidth_Hz, sampling.order)
+
+
 class Tracker:
     """Uniform ticks from position samples; `ticks` holds the (position, speed) pairs of the last sample."""
 
     def __init__(self, sampling: Sampling) -> None:
-        self._differentiator = Differentiator(sampling.bandwidth_Hz, sampling.order)
+        self._differentiator = make_differentiator(sampling)
+        self._fused = sampling.differentiator == FUSED
+        self._measured = sampling.differentiator == MEASURED
         self._max_gap_ns = round(sampling.max_gap_s * 1e9)
         self._outlier_m = sampling.outlier_m
         self._largest_change_m_s = LARGEST_CHANGE * 2.0 * pi * sampling.bandwidth_Hz * sampling.outlier_m
@@ -68,53 +78,58 @@ class Tracker:
         self._last_interval_s = self._lost_s = 0.0  # of the samples rejected since the last accepted one
         self.ticks: list[tuple[float, float]] = []
         self.ahead = 0.0
+        self.speed = 0.0  # [m/s] at the last accepted sample
+        self._motion = self._bias = 0.0  # [m/s2] measured acceleration, and what the position adds to it
 
     @property
     def position(self) -> float:
         """Filtered position [m] at the last accepted sample."""
         return self._differentiator.position
 
-    @property
-    def speed(self) -> float:
-        """Speed [m/s] at the last accepted sample."""
-        return self._differentiator.speed
+    def advance(self, stamp_ns: int, position: float, motion: float = 0.0) -> str:
+        """Process a sample; set `ticks` and `ahead`, its time after the last tick [ticks]. Return OK or a reason.
 
-    def advance(self, stamp_ns: int, position: float) -> str:
-        """Process a sample; set `ticks` and `ahead`, its time after the last tick [ticks]. Return OK or a reason."""
+        `motion` is the measured speed [m/s] or acceleration [m/s2], if the sampling's differentiator needs one.
+        """
         self.ticks.clear()
-        if not isfinite(position):
+        if not isfinite(position + motion):
             return NOT_FINITE
         if self._stamp_ns is None:
-            return self._restart(stamp_ns, position)
+            return self._restart(stamp_ns, position, motion)
         step_ns = stamp_ns - self._stamp_ns
         if step_ns > self._max_gap_ns or step_ns < -self._max_gap_ns:
-            return self._restart(stamp_ns, position)
+            return self._restart(stamp_ns, position, motion)
         if step_ns <= 0:
             return OUT_OF_ORDER
         interval = step_ns * 1e-9
+        if self._fused:
+            self._differentiator.acceleration = self._bias + 0.5 * (self._motion + motion)
         innovation = position - self._differentiator.predict(interval)
         if interval > self._overdue_s or abs(innovation) > self._outlier_m:
-            return self._advance_doubtful(stamp_ns, interval, position, innovation)
+            return self._advance_doubtful(stamp_ns, interval, position, innovation, motion)
         self._rejected = 0
-        self._accept(stamp_ns, interval, position, innovation)
+        self._accept(stamp_ns, interval, position, innovation, motion)
         return OK if self._tau >= self._doubted_tau else UNSETTLED
 
-    def _advance_doubtful(self, stamp_ns: int, interval: float, position: float, innovation: float) -> str:
+    def _advance_doubtful(
+        self, stamp_ns: int, interval: float, position: float, innovation: float, motion: float
+    ) -> str:
         """Process a sample that is late or far from its prediction."""
         lost = self._count_lost(interval)
         unsettled, doubted = lost > 0.0, lost > self._doubt_s
         if abs(innovation) > self._outlier_m:
             d = self._differentiator
             coasted = position - (d.position + interval * d.speed)
-            coasts = abs(coasted) < abs(innovation)
+            coasts = abs(coasted) < abs(innovation) and not self._fused
             innovation = coasted if coasts else innovation
             if not self._within_reach(interval, lost, innovation):
                 self._rejected += 1
-                return OUTLIER if self._rejected <= PATIENCE else self._restart(stamp_ns, position)
-            d.acceleration = 0.0 if coasts else d.acceleration
+                return OUTLIER if self._rejected <= PATIENCE else self._restart(stamp_ns, position, motion)
+            if coasts:
+                d.coast()
             unsettled = doubted = True
         self._rejected = 0
-        self._accept(stamp_ns, interval, position, innovation)
+        self._accept(stamp_ns, interval, position, innovation, motion)
         if unsettled:
             self._settled_tau = self._tau + self._settling_ticks
         if doubted:
@@ -138,19 +153,26 @@ class Tracker:
             changed = lost - 0.5 * ramp if lost > ramp else 0.5 * lost * lost / ramp
         return changed > 0.0 and abs(deviation) <= self._outlier_m + self._largest_change_m_s * changed
 
-    def _restart(self, stamp_ns: int, position: float) -> str:
+    def _restart(self, stamp_ns: int, position: float, motion: float) -> str:
         self._differentiator.reset(position)
+        self.speed = motion if self._measured else 0.0
+        self._motion, self._bias = motion, 0.0
         self._stamp_ns = self._origin_ns = stamp_ns
         self._tau = self.ahead = self._doubted_tau = 0.0
         self._settled_tau = self._settling_ticks
         self._last_tick = self._rejected = 0
-        self.ticks.append((position, 0.0))
+        self.ticks.append((position, self.speed))
         return RESTARTED
 
-    def _accept(self, stamp_ns: int, interval: float, position: float, innovation: float) -> None:
+    def _accept(self, stamp_ns: int, interval: float, position: float, innovation: float, motion: float) -> None:
         d = self._differentiator
-        old_position, old_speed, old_tau = d.position, d.speed, self._tau
+        old_position, old_speed, old_tau = d.position, self.speed, self._tau
         d.correct(interval, position, innovation)
+        if self._fused:
+            self._bias = d.acceleration - 0.5 * (self._motion + motion)
+            self._motion = motion
+            d.acceleration = self._bias + motion
+        self.speed = speed = motion if self._measured else d.speed
         self._stamp_ns = stamp_ns
         self._tau = tau = (stamp_ns - self._origin_ns) * self._scale
         newest, tick = floor(tau + 0.5), self._last_tick
@@ -159,11 +181,11 @@ class Tracker:
             if tick <= tau:
                 share = (tick - old_tau) / (tau - old_tau)
                 x = old_position + share * (d.position - old_position)
-                v = old_speed + share * (d.speed - old_speed)
+                v = old_speed + share * (speed - old_speed)
             else:
                 lead = (tick - tau) / (tau - old_tau) * interval
-                x = d.position + lead * d.speed
-                v = d.speed + lead * d.acceleration
+                x = d.position + lead * speed
+                v = speed + lead * d.acceleration
             self.ticks.append((x, v))
         self._last_tick = newest
         self.ahead = tau - newest

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
-from ces_identify.preparation.series import hold_current
+from ces_identify.preparation.series import hold_current, hold_motion
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Recording
 from ces_observer.estimator import Estimator
@@ -52,9 +52,10 @@ def _replay(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Co
     current = hold_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
     rows: list[tuple[int, float, float, float, float, float]] = []
     reasons: Counter[str] = Counter()
-    samples = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
-    for stamp, x, c in samples:
-        force = estimator.step(stamp, x, c)
+    motion = hold_motion(recording, position.stamps_ns, model.sampling)
+    columns = (position.stamps_ns, position.values, current, motion)
+    for stamp, x, c, m in zip(*(column.tolist() for column in columns), strict=True):
+        force = estimator.step(stamp, x, c, m)
         if force is None:
             reasons[estimator.reason] += 1
         else:

@@ -22,6 +22,8 @@ from ces_identify.recordings.recording import Recording
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 
+AUTO = "auto"  # the differentiator: measured speed, or fused acceleration, if all recordings have it
+
 
 class Progress(Protocol):
     """Receives the results of a search while it runs; `listen` is called from any thread."""
@@ -70,8 +72,17 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     split = options.split if options.split is not None else 1.0 if validation else 0.75
     searches = (options.starts, options.seed, options.threads)
     limits = Limits(options.terms, options.time, options.target, *searches, method=options.method)
-    fixed = (options.rate, options.bandwidth, not options.no_certificate)
-    how = IdentifyOptions(split, rules, limits, *fixed, weighting, band=not options.no_band)
+    how = IdentifyOptions(
+        split,
+        rules,
+        limits,
+        options.rate,
+        options.bandwidth,
+        not options.no_certificate,
+        weighting,
+        not options.no_band,
+        None if options.differentiator == AUTO else options.differentiator,
+    )
     return Identification(options, bags, validation, tuple(measured.values()), how)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from ces_identify.polynomial.search_limits import BOTH, METHODS
 from ces_identify.structures import KITS
 from ces_observer.errors import CesError
+from ces_observer.model import DIFFERENTIATORS
 from ces_observer.nodes.parameter_table import NO_WORDS, ParameterSpec, Value
 
 
@@ -49,6 +50,7 @@ PARAMETERS = (
     Option("no_band", False, "fit no band around the force"),
     Option("rate", 0.0, "rate of the model [Hz], at least 1; 0: from the data", 0, 1e5, unset=0),
     Option("bandwidth", 0.0, "bandwidth of the differentiator [Hz], at least 0.01; 0: from the data", 0, 5e4, unset=0),
+    Option("differentiator", "auto", "source of the speed", one_of=("auto", *DIFFERENTIATORS)),
 )
 EXIT_WHEN_DONE = ParameterSpec("exit_when_done", False, "end after publishing the model")
 

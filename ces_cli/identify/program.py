@@ -12,7 +12,7 @@ from pathlib import Path
 from ces_cli.campaign.program import add_campaign, run_campaign
 from ces_cli.identify.distillation import print_teacher
 from ces_cli.identify.folds import add_folds, with_folds
-from ces_cli.identify.identification import prepare_identification, write_report_page
+from ces_cli.identify.identification import AUTO, prepare_identification, write_report_page
 from ces_cli.identify.structures import add_candidates, add_structure
 from ces_cli.terminal import terminal
 from ces_cli.terminal.cost_picture import save_cost_picture
@@ -26,7 +26,7 @@ from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import advise
 from ces_identify.validation.usage import RULE
-from ces_observer.model import Model
+from ces_observer.model import DIFFERENTIATORS, Model
 from ces_observer.proof.certificate import summarize
 
 
@@ -142,6 +142,12 @@ def parser() -> terminal.Parser:
     p.add_argument("--rate", type=number(1.0, 1e5), metavar="HZ", help="rate of the model (default: from the data)")
     text = "bandwidth of the differentiator (default: from the data)"
     p.add_argument("--bandwidth", type=number(0.01, 5e4), metavar="HZ", help=text)
+    text = (
+        "source of the speed: the position through a Kalman filter or through three of them (adaptive), the position "
+        "fused with the signal acceleration, or the signal speed (measured). auto (default): measured or fused if all "
+        "BAGs have the signal, else kalman"
+    )
+    p.add_argument("--differentiator", choices=(AUTO, *DIFFERENTIATORS), default=AUTO, help=text)
     add_folds(p)
     add_campaign(p)
     return p

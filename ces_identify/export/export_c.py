@@ -16,8 +16,9 @@ from ces_identify.export.band_c import band_facts
 from ces_identify.export.c_text import render
 from ces_identify.export.polynomial_c import polynomial_facts
 from ces_observer import __version__, estimator, tracker
+from ces_observer.adaptive_differentiator import MAX_SQUARE, MEMORY_S, NOISE_SHARE, SHARES
 from ces_observer.errors import ModelError
-from ces_observer.model import Model
+from ces_observer.model import ADAPTIVE, FUSED, Model, Sampling
 from ces_observer.proof.certificate import Certificate
 from ces_observer.structures.polynomial import Polynomial
 
@@ -88,6 +89,10 @@ def _sampling(model: Model) -> dict[str, object]:
     settling_s = tracker.SETTLING / (2.0 * pi * s.bandwidth_Hz)
     return {
         "order": s.order,
+        "motion": s.motion_signal,
+        "unit": {"speed": "m_s", "acceleration": "m_s2"}.get(s.motion_signal, ""),
+        "coasts": s.order == 3 and s.differentiator != FUSED,
+        **(_filters(s) if s.differentiator == ADAPTIVE else {"adaptive": False}),
         "ticks_per_ns": s.rate_Hz * 1e-9,
         "max_gap_s": s.max_gap_s,
         "max_gap_ns": round(s.max_gap_s * 1e9),
@@ -102,4 +107,19 @@ def _sampling(model: Model) -> dict[str, object]:
         "warm_up_ticks": round(s.warm_up_s * s.rate_Hz),
         "decay": -damping * 2.0 * pi * s.bandwidth_Hz,
         "turn": sqrt(1.0 - damping * damping) * 2.0 * pi * s.bandwidth_Hz,
+    }
+
+
+def _filters(s: Sampling) -> dict[str, object]:
+    """Return the constants of the adaptive differentiator's filters."""
+    damping = 0.5 if s.order == 3 else sqrt(0.5)
+    turn = sqrt(1.0 - damping * damping) * 2.0 * pi
+    return {
+        "adaptive": True,
+        "shares": SHARES,
+        "memory_s": MEMORY_S,
+        "variance": NOISE_SHARE * s.noise_m * s.noise_m,
+        "max_square": MAX_SQUARE,
+        "decays": [-damping * 2.0 * pi * (share * s.bandwidth_Hz) for share in SHARES],
+        "turns": [turn * (share * s.bandwidth_Hz) for share in SHARES],
     }

@@ -25,7 +25,7 @@ from pathlib import Path
 from ces_identify.export.c_text import render
 from ces_identify.export.export_c import REASONS, export_c
 from ces_observer import __version__
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Model
 from ces_observer.proof.certificate import Certificate
 
@@ -77,6 +77,11 @@ def export_fmu(model: Model, name: str, certificate: Certificate, compiler: Sequ
 
 def sources(model: Model, name: str, certificate: Certificate) -> dict[str, str]:
     """Return the texts in the FMU's folder sources/ by file name."""
+    if model.sampling.motion_signal:
+        raise ModelError(
+            f"the model needs the signal '{model.sampling.motion_signal}', and an FMU has position and current only; "
+            "identify with --differentiator kalman or adaptive"
+        )
     source, header = export_c(model, name, name, certificate)
     facts = _facts(model, name, certificate)
     wrapper, build = render("fmi2.c", facts), render("fmi2_build.txt", facts)

@@ -7,7 +7,7 @@ start the inputs equal those of its first tick and the forces are zero, exactly 
 
 from __future__ import annotations
 
-from math import cos, exp, floor, inf, pi, sqrt
+from math import cos, exp, floor, inf, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ces_identify.numerics.arrays import F, I
+from ces_observer.adaptive_differentiator import MAX_SQUARE, MEMORY_S, NOISE_SHARE, SHARES
+from ces_observer.model import ADAPTIVE, FUSED, KALMAN, MEASURED
 from ces_observer.tracker import DOUBT, LARGEST_CHANGE, OVERDUE, PATIENCE, SETTLING
 
 BLOCK = 1024  # ticks per pass, which fit into the first-level cache
@@ -49,15 +51,91 @@ class ScoredRun(NamedTuple):
     bounds: Bounds
 
 
-@njit(cache=True, nogil=True)
 def track(
-    stamps: I, positions: F, rate: float, bandwidth: float, max_gap_ns: int, outlier: float, order: int = 3
+    stamps: I,
+    positions: F,
+    rate: float,
+    bandwidth: float,
+    max_gap_ns: int,
+    outlier: float,
+    order: int = 3,
+    motion: F | None = None,
+    differentiator: str = KALMAN,
+    noise_m: float = 0.0,
 ) -> tuple[F, I, I, NDArray[np.int8], F, float]:
-    """Twin of `ces_observer.tracker.Tracker` over n finite samples.
+    """Twin of `ces_observer.tracker.Tracker` over n finite samples; `motion` (n,) as in its `advance`.
 
     Returns ticks (m, 2) of position and speed, tick stamps (m,) [ns], for each sample the number of ticks so far,
     its status and its time after the last tick [ticks], and the sum of squared innovations [m2].
     """
+    adaptive = differentiator == ADAPTIVE
+    shares = np.array(SHARES if adaptive else (1.0,))
+    variance = NOISE_SHARE * noise_m * noise_m if adaptive else 1.0
+    result: tuple[F, I, I, NDArray[np.int8], F, float] = _track(
+        stamps,
+        positions,
+        np.zeros(len(stamps)) if motion is None else motion,
+        rate,
+        bandwidth,
+        max_gap_ns,
+        outlier,
+        order,
+        shares,
+        variance,
+        differentiator == FUSED,
+        differentiator == MEASURED,
+    )
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _correct(
+    filters: F, scores: F, shares: F, bandwidth: float, order: int, variance: float, interval: float, position: float
+) -> tuple[float, float, float]:
+    """Correct the filters (f, 3) of position, speed and acceleration; return the same of their weighted mean."""
+    damping = 0.5 if order == 3 else sqrt(0.5)
+    fade = exp(-interval / MEMORY_S)
+    for i in range(len(shares)):
+        radius = exp(-damping * 2.0 * pi * (shares[i] * bandwidth) * interval)
+        turn = sqrt(1.0 - damping * damping) * 2.0 * pi * (shares[i] * bandwidth)
+        pair = 2.0 * radius * cos(turn * interval)
+        square = radius * radius
+        x, v, a = filters[i]
+        innovation = position - (x + interval * (v + 0.5 * interval * a))
+        product = square
+        second = 1.0 - pair + square
+        if order == 3:
+            product = square * square
+            third = 0.5 * (1.0 - square) * (1.0 - pair + square)
+            second = product + 2.0 - pair - square - third
+            filters[i, 2] = a + 2.0 * third * innovation / (interval * interval)
+        filters[i, 1] = v + (interval * a + second * innovation / interval)
+        filters[i, 0] = position - product * innovation
+        surprise = min(innovation * innovation * product / variance, MAX_SQUARE)
+        scores[i] = fade * scores[i] - 0.5 * (surprise - log(product))
+    if len(shares) == 1:
+        return filters[0, 0], filters[0, 1], filters[0, 2]
+    weights = np.exp(scores - scores.max())
+    x, v, a = (weights[:, None] * filters).sum(axis=0) / weights.sum()
+    return x, v, a
+
+
+@njit(cache=True, nogil=True)
+def _track(
+    stamps: I,
+    positions: F,
+    motion: F,
+    rate: float,
+    bandwidth: float,
+    max_gap_ns: int,
+    outlier: float,
+    order: int,
+    shares: F,
+    variance: float,
+    fused: bool,
+    measured: bool,
+) -> tuple[F, I, I, NDArray[np.int8], F, float]:
+    """Do the work of `track`, with a Kalman filter for each of the `shares` of the bandwidth."""
     n = len(stamps)
     room = n + 2
     for i in range(1, n):
@@ -68,9 +146,6 @@ def track(
     total = np.zeros(n, np.int64)
     status = np.zeros(n, np.int8)
     ahead = np.zeros(n)
-    damping = 0.5 if order == 3 else sqrt(0.5)
-    decay = -damping * 2.0 * pi * bandwidth
-    turn = sqrt(1.0 - damping * damping) * 2.0 * pi * bandwidth
     largest_change = LARGEST_CHANGE * 2.0 * pi * bandwidth * outlier
     overdue = OVERDUE / rate
     settling = SETTLING / (2.0 * pi * bandwidth)
@@ -79,6 +154,8 @@ def track(
     rejected = 0
     squares = 0.0
     x = v = a = tau = settled = doubted = innovation = heard = lost = 0.0
+    speed = bias = newest_motion = mean = 0.0
+    filters, scores = np.zeros((len(shares), 3)), np.zeros(len(shares))
     stamp = origin = np.int64(0)
     for i in range(n):
         status[i] = STATUS_OK
@@ -91,6 +168,9 @@ def track(
         interval = gap * 1e-9
         doubtful = unsettled = guessed = False
         if not restart:
+            if fused:
+                mean = 0.5 * (newest_motion + motion[i])
+                a = filters[0, 2] = bias + mean
             innovation = positions[i] - (x + interval * (v + 0.5 * interval * a))
             doubtful = interval > overdue or abs(innovation) > outlier
         if doubtful:
@@ -102,12 +182,13 @@ def track(
             guessed = lost > DOUBT * settling
         if doubtful and abs(innovation) > outlier:
             coasted = positions[i] - (x + interval * v)
-            coasts = abs(coasted) < abs(innovation)
+            coasts = abs(coasted) < abs(innovation) and not fused
             innovation = coasted if coasts else innovation
             changed = lost - 0.5 * settling if lost > settling else 0.5 * lost * lost / settling
             changed = interval if tau < settled else changed
             if changed > 0.0 and abs(innovation) <= outlier + largest_change * changed:
-                a = 0.0 if coasts else a
+                if coasts:
+                    filters[:, 2] = 0.0
                 unsettled = guessed = True
             else:
                 rejected += 1
@@ -120,32 +201,28 @@ def track(
         if restart:
             status[i] = STATUS_RESTART
             x, v, a = positions[i], 0.0, 0.0
+            filters[:, 0], filters[:, 1], filters[:, 2], scores[:] = x, 0.0, 0.0, 0.0
+            speed = motion[i] if measured else 0.0
+            newest_motion, bias = motion[i], 0.0
             stamp = origin = stamps[i]
             tau = 0.0
             settled = settling * rate
             doubted = 0.0
             last = 0
             ticks[m, 0] = x
-            ticks[m, 1] = 0.0
+            ticks[m, 1] = speed
             times[m] = stamp
             m += 1
             total[i] = m
             continue
-        old_x, old_v, old_tau = x, v, tau
-        radius = exp(decay * interval)
-        pair = 2.0 * radius * cos(turn * interval)
-        square = radius * radius
+        old_x, old_v, old_tau = x, speed, tau
         squares += innovation * innovation
-        if order == 3:
-            product = square * square
-            third = 0.5 * (1.0 - square) * (1.0 - pair + square)
-            second = product + 2.0 - pair - square - third
-            v += interval * a + second * innovation / interval
-            a += 2.0 * third * innovation / (interval * interval)
-        else:
-            product = square
-            v += (1.0 - pair + square) * innovation / interval
-        x = positions[i] - product * innovation
+        x, v, a = _correct(filters, scores, shares, bandwidth, order, variance, interval, positions[i])
+        if fused:
+            bias = a - mean
+            newest_motion = motion[i]
+            a = filters[0, 2] = bias + newest_motion
+        speed = motion[i] if measured else v
         stamp = stamps[i]
         tau = (stamp - origin) * (rate * 1e-9)
         if unsettled:
@@ -159,11 +236,11 @@ def track(
             if tick <= tau:
                 share = (tick - old_tau) / (tau - old_tau)
                 ticks[m, 0] = old_x + share * (x - old_x)
-                ticks[m, 1] = old_v + share * (v - old_v)
+                ticks[m, 1] = old_v + share * (speed - old_v)
             else:
                 lead = (tick - tau) / (tau - old_tau) * interval
-                ticks[m, 0] = x + lead * v
-                ticks[m, 1] = v + lead * a
+                ticks[m, 0] = x + lead * speed
+                ticks[m, 1] = speed + lead * a
             times[m] = origin + np.int64(floor(tick * (1e9 / rate) + 0.5))
             m += 1
         last = newest

@@ -67,9 +67,12 @@ class PhysicalSearch:
             raise
         return fits
 
-    def refit(self, fit: PhysicalFit) -> F:
-        """Return the parameters after a last fit to all ticks, if their free run does not get worse by it."""
-        everything = fit.models.training.estimation + fit.models.training.selection
+    def refit(self, fit: PhysicalFit, share: F | float = 1.0) -> F:
+        """Return the parameters after a last fit to all ticks, if their free run does not get worse by it.
+
+        `share` (ticks,) scales the ticks' weights.
+        """
+        everything = (fit.models.training.estimation + fit.models.training.selection) * share
         before = fit.models.cost(fit.theta, everything)
         steps = [theta for _, theta in self._descend(fit.models, everything, fit.theta, fit.penalty)]
         theta = steps[-1] if steps else fit.theta

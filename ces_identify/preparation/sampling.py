@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.numerics.arrays import F
+from ces_identify.preparation.motion_check import require_consistent_motion
 from ces_identify.preparation.position_spectrum import Spectrum, position_spectrum, sample_rate
 from ces_identify.recordings.recording import Recording
-from ces_observer.model import Sampling
+from ces_observer.adaptive_differentiator import SHARES
+from ces_observer.model import ADAPTIVE, DIFFERENTIATORS, FUSED, KALMAN, MEASURED, Sampling
 
 C = NDArray[np.complex128]
 
@@ -26,6 +28,7 @@ WIDEST = {2: 1.0 / 3.0, 3: 0.15}  # of the sampling rate, by order; docs/differe
 NOISE_FROM_HZ = 100.0  # [Hz] the stroke has no content above this, or a quarter of the sampling rate if lower
 EXTRA_SHARE = 0.02  # power of the added wide-band speed, relative to the recording's speed
 EXTRA_HZ = 40.0  # [Hz] corner frequency of the added speed
+FUSED_HZ = 3.0  # [Hz] with an accelerometer: below, the position determines the speed; above, the acceleration does
 
 
 def choose_sampling(
@@ -35,23 +38,60 @@ def choose_sampling(
     max_gap_s: float | None = None,
     warm_up_s: float = 0.5,
     order: int | None = None,
+    differentiator: str | None = None,
 ) -> Sampling:
     """Return the sampling rules for models of these recordings; arguments that are not None are kept.
 
     The rate is the lowest position rate among the recordings, at most 1000 Hz or 8 times the differentiator's
-    bandwidth; a gap is more than 50 ms or ten sampling intervals. With a bandwidth and no order, the order is 3. Raises
-    RecordingError if a position has too few samples or is constant.
+    bandwidth; a gap is more than 50 ms or ten sampling intervals. With a bandwidth and no order, the order is 3. The
+    differentiator is the one that `default_differentiator` returns. Raises RecordingError if a position has too few
+    samples or is constant, or a recording lacks the signal that the differentiator needs.
     """
+    kind = default_differentiator(recordings) if differentiator is None else differentiator
     rates = [sample_rate(recording) for recording in recordings]
     gap = max(0.05, 10.0 / min(rates)) if max_gap_s is None else max_gap_s
     spectra = [position_spectrum(recording, gap) for recording in recordings]
-    if bandwidth_Hz is None:
+    wanted_Hz = bandwidth_Hz
+    if bandwidth_Hz is None or kind == FUSED:
         bandwidth_Hz, order = best_differentiator(spectra, tuple(WIDEST) if order is None else (order,))
     order = 3 if order is None else order
     highest = max(HIGHEST_RATE, TICKS_A_BANDWIDTH * bandwidth_Hz)
     rate = min([highest, *(float(f"{r:.4g}") for r in rates)]) if rate_Hz is None else rate_Hz
+    if kind == ADAPTIVE:
+        bandwidth_Hz = min(bandwidth_Hz, min(rates) * WIDEST[order] / max(SHARES))
+    elif kind == FUSED:
+        bandwidth_Hz, order = wanted_Hz or FUSED_HZ, 3
     outlier = max(outlier_distance(s, bandwidth_Hz, order) for s in spectra)
-    return Sampling(rate, round(bandwidth_Hz, 2), float(f"{outlier:.3g}"), gap, warm_up_s=warm_up_s, order=order)
+    sampling = Sampling(
+        rate,
+        round(bandwidth_Hz, 2),
+        float(f"{outlier:.3g}"),
+        gap,
+        warm_up_s=warm_up_s,
+        order=order,
+        differentiator=kind,
+        noise_m=float(f"{max(map(noise_rms, spectra)):.3g}") if kind == ADAPTIVE else 0.0,
+    )
+    for recording in recordings:
+        require_consistent_motion(recording, sampling)
+    return sampling
+
+
+def default_differentiator(recordings: Sequence[Recording]) -> str:
+    """Return the differentiator for these recordings: a signal that all of them have is used.
+
+    A measured speed needs no differentiator; a measured acceleration supports it.
+    """
+    for kind in (MEASURED, FUSED):
+        if all(DIFFERENTIATORS[kind] in recording.channels for recording in recordings):
+            return kind
+    return KALMAN
+
+
+def noise_rms(spectrum: Spectrum) -> float:
+    """Return the RMS noise [m] of the position samples: the noise is as strong as between 100 Hz and the limit."""
+    _, noise = split_spectrum(spectrum)
+    return float(np.sqrt(noise.sum() * spectrum.frequency[0]))
 
 
 def best_differentiator(spectra: Sequence[Spectrum], orders: Sequence[int] = tuple(WIDEST)) -> tuple[float, int]:

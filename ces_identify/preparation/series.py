@@ -58,14 +58,32 @@ class Series:
 class PositionSamples:
     """The usable position samples of a recording with the current held at each.
 
-    `index` (n,) are their indices in the position channel.
+    `index` (n,) are their indices in the position channel; `motion` (n,) is the signal that the sampling's
+    differentiator measures beside the position, zero if there is none.
     """
 
     index: I
     stamps_ns: I
     position: F
     current: F
+    motion: F
     dropped: dict[str, int]
+
+
+def sampled(recording: Recording, sampling: Sampling) -> PositionSamples:
+    """Return the position samples that a model with this `sampling` uses, with the motion signal that it needs.
+
+    A speed or acceleration older than the longest gap is not used. Raises RecordingError if it was not recorded.
+    """
+    samples = usable_samples(recording, sampling.max_current_age_s)
+    motion, name = hold_motion(recording, samples.stamps_ns, sampling), sampling.motion_signal
+    if not name:
+        return samples
+    good = np.isfinite(motion)
+    if not good.any():
+        raise RecordingError(f"{recording.name}: no position sample with a {name} at most {sampling.max_gap_s:g} s old")
+    arrays = {key: getattr(samples, key)[good] for key in ("index", "stamps_ns", "position", "current")}
+    return PositionSamples(**arrays, motion=motion[good], dropped=samples.dropped | {f"no {name}": int((~good).sum())})
 
 
 def usable_samples(recording: Recording, max_current_age_s: float) -> PositionSamples:
@@ -78,14 +96,36 @@ def usable_samples(recording: Recording, max_current_age_s: float) -> PositionSa
     if not good.any():
         raise RecordingError(f"{recording.name}: no position sample with a current at most {max_current_age_s} s old")
     index = np.flatnonzero(good)
-    return PositionSamples(index, position.stamps_ns[index], position.values[index], current[index], dropped)
+    still = np.zeros(len(index))
+    return PositionSamples(index, position.stamps_ns[index], position.values[index], current[index], still, dropped)
 
 
 def hold_current(recording: Recording, stamps_ns: I, max_age_s: float) -> F:
     """Return the newest current [A] at or before each stamp, NaN where there is none or it is too old."""
     if "current" in recording.constants:
         return np.full(len(stamps_ns), float(recording.constants["current"]))
-    channel = _finite(recording.channel("current"))
+    return hold_signal(recording.channel("current"), stamps_ns, max_age_s)
+
+
+def hold_motion(recording: Recording, stamps_ns: I, sampling: Sampling) -> F:
+    """Return the speed [m/s] or acceleration [m/s2] that the differentiator needs at each stamp; zero if it needs none.
+
+    It is NaN where the newest value is older than the longest gap. Raises RecordingError if it was not recorded.
+    """
+    name = sampling.motion_signal
+    if not name:
+        return np.zeros(len(stamps_ns))
+    if name not in recording.channels:
+        raise RecordingError(
+            f"{recording.name}: no '{name}' channel, which the differentiator '{sampling.differentiator}' needs; "
+            f"describe '{name}' in the signals file, or identify with --differentiator kalman"
+        )
+    return hold_signal(recording.channel(name), stamps_ns, sampling.max_gap_s)
+
+
+def hold_signal(logged: Channel, stamps_ns: I, max_age_s: float) -> F:
+    """Return the newest value at or before each stamp, NaN where there is none or it is too old."""
+    channel = _finite(logged)
     order = np.argsort(channel.stamps_ns, kind="stable")
     if not len(order):
         return np.full(len(stamps_ns), np.nan)
@@ -97,7 +137,7 @@ def hold_current(recording: Recording, stamps_ns: I, max_age_s: float) -> F:
 
 def prepare(recording: Recording, sampling: Sampling) -> Series:
     """Return the series of `recording`; raises RecordingError if no segment is longer than the warm-up."""
-    samples = usable_samples(recording, sampling.max_current_age_s)
+    samples = sampled(recording, sampling)
     ticks, times, total, status, _, _ = track_samples(samples, sampling)
     starts = total[status == kernels.STATUS_RESTART] - 1
     segments = np.stack([starts, np.append(starts[1:], len(ticks))], axis=1)
@@ -138,6 +178,9 @@ def track_samples(samples: PositionSamples, sampling: Sampling) -> tuple[F, I, I
         round(sampling.max_gap_s * 1e9),
         sampling.outlier_m,
         sampling.order,
+        samples.motion,
+        sampling.differentiator,
+        sampling.noise_m,
     )
     return tracked
 

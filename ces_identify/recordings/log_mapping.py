@@ -44,6 +44,8 @@ current: {column: current_A}
 # current: {from_name: "_([0-9.]+)A", scale: 1.0}         # the first group, found in the file's name
 force: {column: F_N}
 # temperature: {column: T_oil, offset: -273.15}           # [degC]
+# speed: {column: v_mm_s, scale: 0.001}                   # [m/s], measured; it also needs a topic in the signals file
+# acceleration: {column: a_g, scale: 9.80665}             # [m/s2], of the piston relative to the cylinder; likewise
 """
 
 

@@ -28,8 +28,8 @@ class IdentifyOptions:
 
     Without `rules`, the built-in ones of the search method apply. `weighting` sets which ticks matter more in fit and
     selection. With `certify`, only models with a certificate (ces_observer.proof.certificate) are considered; the
-    thesis' procedure considers all and gives a certificate to the model that it finds, if the proof succeeds. With `band`, the model gets a band
-    (ces_observer.band).
+    thesis' procedure considers all and gives a certificate to the model that it finds, if the proof succeeds.
+    With `band`, the model gets a band (ces_observer.band).
     """
 
     split: float = 0.75
@@ -40,6 +40,7 @@ class IdentifyOptions:
     certify: bool = True
     weighting: Weighting = EQUAL
     band: bool = True
+    differentiator: str | None = None
 
 
 @dataclass(frozen=True)

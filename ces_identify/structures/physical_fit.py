@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -48,15 +49,23 @@ def physical_fitter(option: str, sizes: Sizes) -> Fitter:
             "penalty": fits[0].penalty,
             "standard_errors": standard_errors(fits[0].models, theta),
         }
-        return Fitted(_model(fits[0], theta, sampling), [one.result for one in fits], how)
+        best = replace(fits[0], theta=theta)
+        return Fitted(
+            _model(best, sampling), [one.result for one in fits], how, partial(_refit, search, best, sampling)
+        )
 
     return fit
 
 
-def _model(fit: PhysicalFit, theta: F, sampling: Sampling) -> Model:
+def _refit(search: PhysicalSearch, best: PhysicalFit, sampling: Sampling, weights: F) -> Model:
+    """Return the model after a few more steps on the ticks with a weight."""
+    return _model(replace(best, theta=search.refit(best, weights)), sampling)
+
+
+def _model(fit: PhysicalFit, sampling: Sampling) -> Model:
     """Return the model; its force envelope holds its proved bound, so that it never leaves it."""
     training = fit.models.training
-    model = Model(sampling, fit.models.body(theta), training.envelope, training.force_envelope)
+    model = Model(sampling, fit.models.body(fit.theta), training.envelope, training.force_envelope)
     certificate: Any = model.certify()
     if not certificate.holds or not np.isfinite(certificate.force_bound_N):
         raise CesError("the force of the model could not be bounded; give other data")

@@ -8,7 +8,7 @@ from functools import partial
 from rclpy.node import Node
 
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
-from ces_observer.damper_observer import NO_CURRENT, SILENT, DamperObserver
+from ces_observer.damper_observer import NO_CURRENT, NO_MOTION, SILENT, DamperObserver
 from ces_observer.health.health import Health
 from ces_observer.health.running_cost import RunningCost, default_warn_J
 from ces_observer.health.streams import Arrivals
@@ -17,7 +17,7 @@ from ces_observer.nodes.input_subscriptions import Deliver, InputSubscriptions
 from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.nodes.observer_parameters import DamperSettings, live_value
 from ces_observer.position_queue import PositionQueue
-from ces_observer.signals import Constant, Signal
+from ces_observer.signals import MOTIONS, Constant, Signal
 
 MIN_SILENCE_S = 0.2
 
@@ -40,7 +40,9 @@ class DamperTopics:
         on_first_force: Callable[[DamperTopics], None],
     ) -> None:
         self.settings = settings
-        self.damper = DamperObserver(settings.model, _make_current(settings), settings.values["max_age_s"])
+        self.damper = DamperObserver(
+            settings.model, _make_current(settings), settings.values["max_age_s"], _make_motions(settings)
+        )
         self.health = Health(self.damper, {}, name=settings.name)
         self._node, self._clock = node, clock
         self._on_change, self._on_first_force = on_change, on_first_force
@@ -93,23 +95,28 @@ class DamperTopics:
     def detail(self) -> str:
         """Return details of the damper's reason, including the state of a silent topic."""
         detail = self.damper.explain()
-        if detail or self.damper.reason not in (SILENT, NO_CURRENT):
+        names = {SILENT: "position", NO_CURRENT: "current", NO_MOTION: self.damper.motion_name}
+        if detail or self.damper.reason not in names:
             return detail
-        silent = self.settings.signals["position" if self.damper.reason == SILENT else "current"]
+        silent = self.settings.signals[names[self.damper.reason]]
         return self._topic_state(silent) if isinstance(silent, Signal) else ""
 
     def _wait_for_current(self, wait_s: float) -> None:
         """Hold positions back for at most `wait_s` [s] until their current is known; a constant current always is."""
-        self._positions.set_wait(0.0 if isinstance(self.damper.current, ConstantCurrent) else wait_s)
+        damper = self.damper
+        measured = bool(damper.motions) or not isinstance(damper.current, ConstantCurrent)
+        self._positions.set_wait(wait_s if measured else 0.0)
 
     def _make_cost(self) -> RunningCost:
         warn_J = live_value(self._node, self.settings, "cost_warn_J")
         return RunningCost.from_model(self.damper.model, warn_J or None, self.settings.values["cost_window_s"])
 
     def _subscribe(self, inputs: InputSubscriptions) -> None:
-        """Subscribe, to the current first: if one message carries both, its current holds for its position."""
+        """Subscribe, to the position last: what else its message carries holds for it."""
         health, damper = self.health, self.damper
         health.current = self._subscribe_signal(inputs, "current", self._on_current, damper.count_unreadable_current)
+        for name in damper.motions:
+            self._subscribe_signal(inputs, name, partial(self._on_motion, name), damper.count_unreadable_motion)
         health.position = self._subscribe_signal(
             inputs, "position", self._on_position, damper.count_unreadable_position
         )
@@ -135,6 +142,12 @@ class DamperTopics:
         if self._positions.is_waiting:
             self._release_positions(now_ns)
 
+    def _on_motion(self, name: str, stamp_ns: int, value: float, frame: bytes, now_ns: int) -> None:
+        del frame
+        self.damper.take_motion(name, stamp_ns, value)
+        if self._positions.is_waiting:
+            self._release_positions(now_ns)
+
     def _on_position(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
         self.health.position.take(stamp_ns, now_ns)
         self.health.stillness.take(stamp_ns, position_m)
@@ -155,8 +168,15 @@ class DamperTopics:
 
     def _release_positions(self, now_ns: int) -> None:
         """Estimate from the positions whose wait for their current is over."""
-        for stamp_ns, position_m, frame in self._positions.pop_ready(self.damper.current.newest_ns, now_ns):
+        for stamp_ns, position_m, frame in self._positions.pop_ready(self._newest_known(), now_ns):
             self._estimate(stamp_ns, position_m, frame, now_ns)
+
+    def _newest_known(self) -> int | None:
+        """Return the stamp [ns] up to which all measured signals that the model needs are known; None: unknown."""
+        damper = self.damper
+        signals = (damper.current, damper.motion)
+        stamps = [signal.newest_ns for signal in signals if not isinstance(signal, ConstantCurrent)]
+        return min((stamp for stamp in stamps if stamp is not None), default=None) if None not in stamps else None
 
     def _estimate(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
         damper = self.damper
@@ -196,6 +216,12 @@ def _make_current(settings: DamperSettings) -> CurrentHold:
     if isinstance(current, Signal):
         return CurrentHold(settings.model.sampling.max_current_age_s)
     return ConstantCurrent(current.value)
+
+
+def _make_motions(settings: DamperSettings) -> dict[str, CurrentHold]:
+    """Return a hold for each signal that a model may need beside the position."""
+    max_age_s = settings.model.sampling.max_gap_s
+    return {name: CurrentHold(max_age_s) for name in MOTIONS if isinstance(settings.signals.by_name.get(name), Signal)}
 
 
 def _ignore(error: str) -> None:

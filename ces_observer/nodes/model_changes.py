@@ -40,6 +40,7 @@ class ModelUser:
     prefix: str  # of the service's name
     topic: str  # latched, with models as text; empty: none
     tasks: tuple[str, ...]  # of model_check, before a model is adopted
+    require: Callable[[Model], None] = lambda model: None  # raises CesError for a model that this user cannot run
 
 
 class ModelChanges:
@@ -104,6 +105,7 @@ class ModelChanges:
         self._begin(load_model(path), str(path))
 
     def _begin(self, model: Model, source: str) -> None:
+        self._user.require(model)
         self._answer(False, f"overtaken by {source}")
         self._reload.start(model, source, self._user.tasks)
         self.state = f"{source}: is being checked"

@@ -72,6 +72,7 @@ class Observer(TableNode):
             prefix=settings.topics,
             topic=settings.values["model_topic"],
             tasks=() if settings.values["allow_uncertified"] else (PROVE,),
+            require=topics.damper.require_signals,
         )
         changes = ModelChanges(self, user, settings.model_path)
         topics.use_model(changes.source)

@@ -9,19 +9,21 @@ from rclpy.node import Node
 
 from ces_observer.nodes.node_parameters import declare_anew, value_of
 from ces_observer.nodes.observer_table import SIGNAL_KEYS
-from ces_observer.signals import DEFAULTS, Signals, override
+from ces_observer.signals import DEFAULTS, MOTIONS, Signals, override
 
-SIGNALS = ("position", "current", "force")
+SIGNALS = ("position", "current", "force", *MOTIONS)
 
 
 def declare_signals(node: Node, prefix: str) -> None:
     """Declare the parameters of all signals; with the `prefix` of one damper they have no defaults."""
     for signal in SIGNALS:
-        defaults = {**DEFAULTS[signal], "scale": 1.0, "offset": 0.0}
+        defaults = {**DEFAULTS[signal], "scale": 1.0, "offset": 0.0} if signal in DEFAULTS else {}
         for key, meaning in SIGNAL_KEYS.items():
-            free = bool(prefix) or key in ("scale", "offset")  # not set, or perhaps set to a whole number
+            free = (
+                bool(prefix) or not defaults or key in ("scale", "offset")
+            )  # not set, or perhaps set to a whole number
             descriptor = ParameterDescriptor(description=f"{signal}: {meaning}", read_only=True, dynamic_typing=free)
-            declare_anew(node, f"{prefix}{signal}.{key}", None if prefix else defaults[key], descriptor)
+            declare_anew(node, f"{prefix}{signal}.{key}", None if prefix else defaults.get(key), descriptor)
     descriptor = ParameterDescriptor(
         description="current: known value in SI units instead of a topic", read_only=True, dynamic_typing=True
     )
@@ -34,6 +36,9 @@ def read_signals(node: Node, prefix: str) -> Signals:
         signal: override(_read_parameters(node, signal), _read_parameters(node, prefix + signal) if prefix else None)
         for signal in SIGNALS
     }
+    mapping = {
+        signal: keys for signal, keys in mapping.items() if keys or signal in DEFAULTS
+    }  # the others are optional
     return Signals.from_mapping(mapping, f"parameters of '{prefix[:-1]}'" if prefix else "parameters")
 
 

@@ -15,7 +15,7 @@ from trained_models import fuzzy_model, network_model
 from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.estimator import Estimator
-from ces_observer.model import Model, Sampling
+from ces_observer.model import ADAPTIVE, FUSED, MEASURED, Model, Sampling
 from ces_observer.tracker import NOT_FINITE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED, UNSETTLED, Tracker
 
 MS = 1_000_000
@@ -28,12 +28,20 @@ def soon(model: Model, **changes: object) -> Model:
     return replace(model, sampling=replace(model.sampling, warm_up_s=0.003), **changes)
 
 
+def speed_from(model: Model, kind: str, **sampling: float) -> Model:
+    """Return the model with another source of its speed."""
+    return soon(replace(model, sampling=replace(model.sampling, differentiator=kind, **sampling)))
+
+
 MODELS = {
     "polynomial": soon(plain_damper()),
     "tight": soon(plain_damper(), force_envelope_N=(-30.0, 20.0)),
     "constructed": soon(constructed_damper()),
     "network": soon(network_model()),
     "fuzzy": soon(fuzzy_model()),
+    "adaptive": speed_from(plain_damper(), ADAPTIVE, noise_m=15e-6),
+    "fused": speed_from(plain_damper(), FUSED, bandwidth_Hz=3.0),
+    "measured": speed_from(plain_damper(), MEASURED),
 }
 
 odd = st.one_of(
@@ -72,7 +80,7 @@ def test_a_force_is_within_the_envelope_or_withheld(name: str) -> None:
     def holds(steps: list[tuple[int, float, float]]) -> None:
         estimator = Estimator(model)
         for stamp, position, current in stamped(steps):
-            force = estimator.step(stamp, position, current)
+            force = estimator.step(stamp, position, current, current)  # as wild a speed or acceleration
             assert (force is None) == (estimator.reason != OK)
             assert force is None or low <= force <= high
             assert isfinite(estimator.position) and isfinite(estimator.speed)
@@ -98,7 +106,7 @@ def test_it_recovers_from_whatever_came() -> None:
     def recovers(steps: list[tuple[int, float, float]], name: str) -> None:
         estimator = Estimator(MODELS[name])
         for stamp, position, current in stamped(steps):
-            estimator.step(stamp, position, current)
+            estimator.step(stamp, position, current, current)
         later = stamped(steps)[-1][0] + 3600 * 10**9
         forces = [estimator.step(later + k * MS, 1e-7 * k, 0.5) for k in range(200)]
         assert all(force is not None for force in forces[100:])

@@ -115,3 +115,23 @@ def test_measured_logs_become_bags_without_loss(tmp_path, name, pattern, count):
         for signal, channel in expected.channels.items():
             np.testing.assert_array_equal(recording.channel(signal).values, channel.values)
             np.testing.assert_array_equal(recording.channel(signal).stamps_ns, channel.stamps_ns)
+
+
+def test_a_signal_without_a_topic_is_left_out_with_a_warning(files, capsys):
+    (files / "map.yaml").write_text(MAPPING + "speed: {column: x, scale: 2.0}\n")
+    assert run(files / "a.csv", "--mapping", files / "map.yaml", "--out", files / "bag") == 0
+    out, err = capsys.readouterr()
+    assert "5 samples of position, current, force at 100.0 Hz" in out
+    assert "speed is left out; give it a topic in the signals file" in err
+
+
+def test_a_speed_goes_into_the_message_of_the_position(files, capsys):
+    (files / "map.yaml").write_text(MAPPING + "speed: {column: x, scale: 2.0}\n")
+    joints = 'topic: joint_states, type: sensor_msgs/msg/JointState, field: "velocity[rear_damper]"'
+    (files / "s.yaml").write_text(f"speed: {{{joints}}}\n")
+    words = ("--mapping", files / "map.yaml", "--out", files / "bag", "--signals", files / "s.yaml")
+    assert run(files / "a.csv", *words) == 0
+    recording = read_recording(files / "bag", load_signals(files / "s.yaml"))
+    np.testing.assert_array_equal(recording.channel("speed").values, 2.0 * np.arange(5))
+    np.testing.assert_array_equal(recording.channel("speed").stamps_ns, recording.channel("position").stamps_ns)
+    assert "left out" not in capsys.readouterr().err

@@ -32,14 +32,20 @@ HARNESS = """
 #include "model.h"
 #include <string.h>
 
-void steps(int64_t n, const int64_t *stamps, const double *positions, const double *currents,
+#ifdef MOTION
+#define STEP(i) model_step(&state, stamps[i], positions[i], currents[i], motions[i], &out[4 * i])
+#else
+#define STEP(i) ((void)motions, model_step(&state, stamps[i], positions[i], currents[i], &out[4 * i]))
+#endif
+
+void steps(int64_t n, const int64_t *stamps, const double *positions, const double *currents, const double *motions,
            double *out, int32_t *reasons)
 {
     model_state state;
     memset(&state, 0x01, sizeof state); /* reset has to set everything */
     model_reset(&state);
     for (int64_t i = 0; i < n; i++) {
-        reasons[i] = (int32_t)model_step(&state, stamps[i], positions[i], currents[i], &out[4 * i]);
+        reasons[i] = (int32_t)STEP(i);
         out[4 * i + 1] = state.position_m;
         out[4 * i + 2] = state.speed_m_s;
         out[4 * i + 3] = state.past.clamped ? 1.0 : 0.0;
@@ -173,6 +179,11 @@ MODELS = {
     "constructed inputs without a lag": make(*CONSTRUCTED[:3], order=2),
     "drawn, order 3": make(*drawn(1)),
     "drawn, order 2": make(*drawn(2), order=2),
+    "adaptive, order 3": make(*PLAIN, differentiator="adaptive", noise_m=15e-6),
+    "adaptive, order 2": make(*PLAIN, differentiator="adaptive", noise_m=15e-6, order=2),
+    "measured speed, order 3": make(*PLAIN, differentiator="measured"),
+    "measured speed, order 2": make(*LAGS, differentiator="measured", order=2),
+    "measured acceleration": make(*PLAIN, differentiator="fused", bandwidth_Hz=3.0),
 }
 BANDED = replace(make(*PLAIN), band=BAND)
 
@@ -310,7 +321,8 @@ def compile_c(folder, model, certificate=UNPROVED, harness=HARNESS):
     source, header = export_c(model, "model", "model", certificate)
     for name, text in (("model.c", source), ("model.h", header), ("harness.c", harness)):
         (folder / name).write_text(text, encoding="ascii")
-    run = [compiler, *STRICT, "-fPIC", "-shared", "-o", "model.so", "model.c", "harness.c", "-lm"]
+    motion = ["-DMOTION"] if model.sampling.motion_signal else []
+    run = [compiler, *STRICT, *motion, "-fPIC", "-shared", "-o", "model.so", "model.c", "harness.c", "-lm"]
     done = subprocess.run(run, cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     return ctypes.CDLL(str(folder / "model.so"))
@@ -333,9 +345,17 @@ def pointers(*arrays):
     return [ctypes.c_void_p(a.ctypes.data) for a in arrays]
 
 
+def motion_of(stamps, position):
+    """Return a rough speed or acceleration: some are missing, as where none was recent enough."""
+    motion = 40.0 * np.clip(np.nan_to_num(position), -1.0, 1.0) + 1e-9 * (stamps % 1_000_003)
+    return np.where(stamps % 97 == 0, np.nan, motion)
+
+
 def c_steps(library, stamps, position, current):
     """Return rows (n, 4) of force, position, speed and clamped, and reasons (n,)."""
-    arrays = [np.ascontiguousarray(a, kind) for a, kind in ((stamps, np.int64), (position, float), (current, float))]
+    motion = motion_of(stamps, position)
+    kinds = (np.int64, float, float, float)
+    arrays = [np.ascontiguousarray(a, k) for a, k in zip((stamps, position, current, motion), kinds, strict=True)]
     rows, reasons = np.full((len(stamps), 4), 1e9), np.full(len(stamps), -1, np.int32)
     library.steps(ctypes.c_int64(len(stamps)), *pointers(*arrays, rows, reasons))
     return rows, reasons
@@ -343,7 +363,8 @@ def c_steps(library, stamps, position, current):
 
 def python_steps(model, stamps, position, current):
     e, rows, reasons = Estimator(model), [], []
-    for sample in zip(stamps.tolist(), position.tolist(), current.tolist(), strict=True):
+    motion = motion_of(stamps, position) if model.sampling.motion_signal else np.zeros(len(stamps))
+    for sample in zip(stamps.tolist(), position.tolist(), current.tolist(), motion.tolist(), strict=True):
         force = e.step(*sample)
         rows.append((math.nan if force is None else force, e.position, e.speed, e.clamped))
         reasons.append(CODES[e.reason])

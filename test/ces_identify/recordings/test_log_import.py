@@ -255,7 +255,8 @@ def test_template_is_a_mapping_and_so_is_all_that_it_comments_out(tmp_path):
     plain = mapping(tmp_path, TEMPLATE)
     assert plain.signals["position"] == Column("x_mm", 0.001)
     keys = set(re.findall(r"^# ?([a-z_]+): ", TEMPLATE, flags=re.MULTILINE))
-    assert keys == {"format", "delimiter", "decimal", "header_lines", "names", "rows", "rate", "current", "temperature"}
+    layout = {"format", "delimiter", "decimal", "header_lines", "names", "rows", "rate"}
+    assert keys == layout | {"current", "temperature", "speed", "acceleration"}
     for line in re.findall(r"^# ((?:[a-z_]+): .*)$", TEMPLATE, flags=re.MULTILINE):
         key = line.partition(":")[0]
         others = [

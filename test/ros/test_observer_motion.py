@@ -1,0 +1,162 @@
+"""A node whose model needs a measured speed: the same numbers as offline, a named reason when there is none."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import replace
+from math import cos, nan, pi
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+from damper_models import plain_damper
+from node_process import NodeProcess
+from replay import MS, START_NS, Samples, currents, jittered_positions
+from sensor_msgs.msg import JointState, Temperature
+from vehicle import DEEP, JOINT, Vehicle, reliable_inputs, stroke, wait
+
+from ces_observer.estimator import Estimator
+from ces_observer.model import FUSED, MEASURED, Model
+
+Start = Callable[..., NodeProcess]
+STAMPED = {"type": "sensor_msgs/msg/Temperature", "field": "temperature"}
+STAMPED_CURRENT = {f"current.{key}": value for key, value in {"topic": "stamped_current", **STAMPED}.items()}
+IN_JOINTS = {
+    "speed.topic": "joint_states",
+    "speed.type": "sensor_msgs/msg/JointState",
+    "speed.field": f"velocity[{JOINT}]",
+}
+REPLAYED = {"max_age_s": 0.0, "wait_for_current_s": 10.0}
+
+
+def model_of(kind: str) -> Model:
+    model = plain_damper(max_gap_s=0.3)
+    bandwidth = 3.0 if kind == FUSED else 60.0
+    return replace(model, sampling=replace(model.sampling, differentiator=kind, bandwidth_Hz=bandwidth))
+
+
+def saved(folder: Path, kind: str) -> Path:
+    model_of(kind).save(folder / "model.json")
+    return folder / "model.json"
+
+
+def speed_at(stamp_ns: int) -> float:
+    """Return what the speed sensor measures [m/s]: 3 % more than the speed of the stroke."""
+    return 1.03 * 0.02 * 4.0 * pi * cos(4.0 * pi * 1e-9 * (stamp_ns - START_NS))
+
+
+def held(samples: Samples, stamp_ns: int) -> float:
+    place = bisect_right([stamp for stamp, _ in samples], stamp_ns) - 1
+    return samples[place][1] if place >= 0 else nan
+
+
+def offline(kind: str, positions: Samples, motions: Samples) -> dict[int, tuple[float, float, float]]:
+    """Return by stamp the position, speed and force of an estimator that is fed in order."""
+    estimator, found = Estimator(model_of(kind)), {}
+    for stamp, position in positions:
+        force = estimator.step(stamp, position, held(currents(2000), stamp), held(motions, stamp))
+        if force is not None:
+            found[stamp] = (estimator.position, estimator.speed, force)
+    return found
+
+
+def require_equal(vehicle: Vehicle, expected: dict[int, tuple[float, float, float]]) -> None:
+    wait(lambda: len(vehicle.estimates) >= len(expected), "all estimates")
+    assert vehicle.stamps() == list(expected)
+    assert len(expected) > 1500
+    for message, numbers in zip(vehicle.estimates, expected.values(), strict=True):
+        found = (message.position[0], message.velocity[0], message.effort[0])
+        assert found == pytest.approx(numbers, rel=1e-9)
+
+
+def publish_joints(vehicle: Vehicle, stamp_ns: int, position_m: float, speed_m_s: float) -> None:
+    message = JointState(name=["steering", JOINT], position=[1.0, position_m], velocity=[0.0, speed_m_s])
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+    vehicle.position.publish(message)
+
+
+def test_a_speed_in_the_message_of_the_position_is_used(
+    vehicle: Vehicle, start: Start, namespace: str, tmp_path: Path
+) -> None:
+    positions = jittered_positions(2000)
+    motions = [(stamp, speed_at(stamp)) for stamp, _ in positions]
+    start(
+        model=saved(tmp_path, MEASURED),
+        **REPLAYED,
+        **STAMPED_CURRENT,
+        **IN_JOINTS,
+        **reliable_inputs(namespace, ["joint_states", "stamped_current"]),
+    )
+    vehicle.meets_node()
+    for stamp, current in currents(2000):
+        vehicle.publish_current(stamp, current)
+    for (stamp, position), (_, speed) in zip(positions, motions, strict=True):
+        publish_joints(vehicle, stamp, position, speed)
+    expected = offline(MEASURED, positions, motions)
+    require_equal(vehicle, expected)
+    assert {message.velocity[0] for message in vehicle.estimates} <= {speed for _, speed in motions}
+
+
+@pytest.mark.parametrize("positions_first", [False, True])
+def test_an_acceleration_on_its_own_topic_is_fused(
+    vehicle: Vehicle, start: Start, namespace: str, tmp_path: Path, positions_first: bool
+) -> None:
+    """Positions wait for the acceleration as they do for the current, so the order of arrival does not matter."""
+    positions = jittered_positions(2000)
+    motions = [(START_NS + k * MS - MS // 4, -0.02 * (4 * pi) ** 2 * stroke(k * 1e-3) / 0.02) for k in range(2010)]
+    publisher = vehicle.node.create_publisher(Temperature, "acceleration", DEEP)
+    start(
+        model=saved(tmp_path, FUSED),
+        **REPLAYED,
+        **STAMPED_CURRENT,
+        **{f"acceleration.{key}": value for key, value in {"topic": "acceleration", **STAMPED}.items()},
+        **reliable_inputs(namespace, ["joint_states", "stamped_current", "acceleration"]),
+    )
+    vehicle.meets_node()
+    wait(lambda: publisher.get_subscription_count() > 0, "the node subscribes to the acceleration")
+
+    def publish_motion(stamp: int, value: float) -> None:
+        message = Temperature(temperature=value)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        publisher.publish(message)
+
+    def publish_positions() -> None:
+        for sample in positions:
+            vehicle.publish_position(*sample)
+
+    if positions_first:
+        publish_positions()
+    for sample in currents(2000):
+        vehicle.publish_current(*sample)
+    for sample in motions:
+        publish_motion(*sample)
+    if not positions_first:
+        publish_positions()
+    require_equal(vehicle, offline(FUSED, positions, motions))
+
+
+def test_a_missing_speed_is_told_and_a_model_without_it_refused(vehicle: Vehicle, start: Start, tmp_path: Path) -> None:
+    path = saved(tmp_path, MEASURED)
+    start(model=path, **{**IN_JOINTS, "speed.topic": "speeds"})
+    vehicle.meets_node()
+    vehicle.drive(0.5)
+    vehicle.hears("no usable speed or acceleration", None)
+    vehicle.hears("nothing publishes", None)
+    assert not vehicle.estimates
+
+
+def test_a_node_without_the_signal_does_not_start_or_change(vehicle: Vehicle, start: Start, tmp_path: Path) -> None:
+    path = saved(tmp_path, MEASURED)
+    status, output = start(model=path).ended()
+    assert status == 2
+    assert "the model needs the signal 'speed' (differentiator measured); set speed.topic" in output
+    assert "Traceback" not in output
+    start()
+    vehicle.meets_node()
+    with vehicle.driving():
+        wait(lambda: bool(vehicle.estimates), "an estimate")
+        assert vehicle.sets("model", str(path)).successful  # the file itself is good
+        vehicle.hears_value("last change of the model", "refused, the old model runs on: the model needs the signal")
