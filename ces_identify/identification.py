@@ -15,12 +15,13 @@ from ces_identify.polynomial.search_limits import Listener, SearchResult
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import Series, prepare
 from ces_identify.recordings.recording import Recording
-from ces_identify.structures.kit import Fitter, IdentifyOptions
+from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.band_fit import fit_band
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.validation.usage import RULE, usage
 from ces_observer import __version__
+from ces_observer.band import Band
 from ces_observer.model import Model
 
 MIN_SCORED_TICKS = 50  # of a held-out part, for an evaluation
@@ -55,7 +56,7 @@ def identify(
     whole = [prepare(recording, sampling) for recording in recordings]
     identified = [series.part(0.0, options.split) for series in whole]
     fitted = fitter(identified, sampling, options, listener)
-    model = replace(fitted.model, band=fit_band(fitted.model, identified, fitted.refit) if options.band else None)
+    model = replace(fitted.model, band=_fit_band(fitted, identified) if options.band else None)
     held_out = _select_held_out(whole, options.split) + [prepare(recording, sampling) for recording in validation]
     evaluations = evaluate(model, identified, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     provenance = {
@@ -71,6 +72,10 @@ def identify(
         "selection": {**fitted.how, **_describe_search(fitted.results, options)},
     }
     return IdentificationResult(replace(model, provenance=provenance), tuple(evaluations), tuple(fitted.results))
+
+
+def _fit_band(fitted: Fitted, identified: Sequence[Series]) -> Band | None:
+    return fit_band(fitted.model, identified, fitted.refit, fitted.leave_out_recordings)
 
 
 def _describe_search(results: Sequence[SearchResult], options: IdentifyOptions) -> dict[str, Any]:

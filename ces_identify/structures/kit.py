@@ -48,13 +48,15 @@ class Fitted:
     """A model, the results of all starts (best first), and the selection facts for the model's provenance.
 
     `refit` fits the model's parameters again with a weight of 0 or 1 for each tick of the stacked series, from the
-    model's own values and in a few steps; it returns None if that fails.
+    model's own values and in a few steps; it returns None if that fails. With `leave_out_recordings`, the band also
+    counts errors on whole recordings left out; a model whose curves need them all would look worse than it is.
     """
 
     model: Model
     results: Sequence[SearchResult]
     how: Mapping[str, Any]
     refit: Callable[[F], Model | None] | None = None
+    leave_out_recordings: bool = True
 
 
 # Returns the best model on prepared series; raises CesError if they hold too little.

@@ -51,7 +51,11 @@ def physical_fitter(option: str, sizes: Sizes) -> Fitter:
         }
         best = replace(fits[0], theta=theta)
         return Fitted(
-            _model(best, sampling), [one.result for one in fits], how, partial(_refit, search, best, sampling)
+            _model(best, sampling),
+            [one.result for one in fits],
+            how,
+            partial(_refit, search, best, sampling),
+            leave_out_recordings=False,
         )
 
     return fit

@@ -58,24 +58,33 @@ class _Errors:
     parts: F
 
 
-def fit_band(model: Model, series: Sequence[Series], refit: Refit | None = None) -> Band | None:
-    """Return the band of `model`, which was identified on `series`; None if these hold too little."""
+def fit_band(
+    model: Model, series: Sequence[Series], refit: Refit | None = None, leave_out_recordings: bool = True
+) -> Band | None:
+    """Return the band of `model`, which was identified on `series`; None if these hold too little.
+
+    Without `leave_out_recordings`, only stretches are left out.
+    """
     scored = [s.scored for s in series]
     if sum(int(mask.sum()) for mask in scored) < MIN_TICKS:
         return None
     band = _describe_state(series, scored)
-    ways = [_held_out_errors(refit, series, band, parts) for parts in _ways_to_hold_out(series)] if refit else []
+    ways = (
+        [_held_out_errors(refit, series, band, parts) for parts in _ways_to_hold_out(series, leave_out_recordings)]
+        if refit
+        else []
+    )
     ways = [errors for errors in ways if len(errors.size) >= MIN_TICKS]
     ways = ways or [_errors_on(model, series, scored, band, band)]
     return _fit_parts(band, ways) if len(ways[0].size) >= MIN_TICKS else None
 
 
-def _ways_to_hold_out(series: Sequence[Series]) -> list[list[list[Mask]]]:
+def _ways_to_hold_out(series: Sequence[Series], leave_out_recordings: bool) -> list[list[list[Mask]]]:
     """Return the ways to divide the ticks into parts, one mask for each series: by recordings, and by stretches."""
     groups = min(len(series), MAX_RECORDING_PARTS)
     by_recording = [[np.full(len(s), i % groups == group) for i, s in enumerate(series)] for group in range(groups)]
     by_stretch = [[STRETCHES * np.arange(len(s)) // len(s) == k for s in series] for k in range(STRETCHES)]
-    return [by_recording, by_stretch] if groups > 1 else [by_stretch]
+    return [by_recording, by_stretch] if leave_out_recordings and groups > 1 else [by_stretch]
 
 
 def _held_out_errors(refit: Refit, series: Sequence[Series], band: Band, parts: Sequence[Sequence[Mask]]) -> _Errors:
