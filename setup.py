@@ -57,6 +57,7 @@ setup(
         files("launch", "*.launch.py"),
         files("config", "*.yaml", "*.json", "*.xml"),
         files("config/models", "*.*"),
+        files("config/thesis", "*.yaml"),
         *security(),
     ],
     install_requires=[

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from ces_identify.polynomial.search_limits import BOTH, METHODS
 from ces_identify.structures import KITS
 from ces_observer.errors import CesError
 from ces_observer.nodes.parameter_table import NO_WORDS, ParameterSpec, Value
@@ -33,10 +34,10 @@ PARAMETERS = (
     *(Option(s.name, s.default, s.meaning, *(s.whole or ())) for kit in KITS.values() for s in kit.sizes),
     Option("split", 0.0, "first share of each recording to identify on; 0: 0.75, or 1 with validate", 0, 1, unset=0),
     Option("teacher", "", "simulation whose force replaces the measured force; empty: none"),
-    Option("candidates", "", "file of candidate rules; empty: the built-in ones", is_path=True),
+    Option("candidates", "", "file of candidate rules; empty: the built-in ones of the method", is_path=True),
     Option("construct", NO_WORDS, "constructed inputs for terms to use, such as hysteresis:0.001"),
     Option("blend", NO_WORDS, "sub-models with blending between values of a signal, such as speed:-0.3,0.3"),
-    Option("method", "both", "search method", one_of=("both", "random", "gauss-newton")),
+    Option("method", BOTH, "search method", one_of=METHODS),
     Option("weight", NO_WORDS, "regions with more weight, each as REGION=W"),
     Option("terms", 25, "maximum number of terms", 1, 200),
     Option("time", 60.0, "maximum time of the search [s]", 0.1, 1e6),

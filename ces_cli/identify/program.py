@@ -6,9 +6,8 @@ import argparse
 import os
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from ces_cli.campaign.program import add_campaign, run_campaign
 from ces_cli.identify.distillation import print_teacher
@@ -22,11 +21,11 @@ from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.tables import cost_table
 from ces_identify.folds import split_folds
 from ces_identify.identification import IdentificationResult
-from ces_identify.polynomial.regressors import DEFAULT_RULES
-from ces_identify.polynomial.search_limits import BOTH, METHODS
+from ces_identify.polynomial.regressors import built_in_rules
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.structures import KITS
 from ces_identify.validation.usage import RULE
+from ces_observer.model import Model
 from ces_observer.proof.certificate import summarize
 
 
@@ -35,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser()
     options = arguments.parse_args(argv)
     if options.show_candidates:
-        print(DEFAULT_RULES, end="")
+        print(built_in_rules(options.method), end="")
         return 0
     if options.campaign is not None or options.dask is not None or options.jobs is not None:
         return run_campaign(options, arguments)
@@ -63,7 +62,7 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace, arg
         terminal.print_warning(
             "no validation data: these costs show the fit, not how well the model predicts other recordings"
         )
-    _print_certificate(result.model.certificate)
+    _print_certificate(result.model)
     print(f"model:  {options.out}")
     if options.picture is not None:
         save_cost_picture(result.evaluations, options.picture)
@@ -74,11 +73,15 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace, arg
     print(f"report: {options.report}")
 
 
-def _print_certificate(certificate: Mapping[str, Any] | None) -> None:
-    if certificate is None:
-        terminal.print_warning("--no-certificate: this model's stability is not proved; the observer will refuse it")
-    else:
-        print(f"stable: {summarize(certificate)} (proved)")
+def _print_certificate(model: Model) -> None:
+    """Print the certificate, or why there is none and what that means."""
+    if model.certificate is not None:
+        print(f"stable: {summarize(model.certificate)} (proved)")
+        return
+    doubt = model.provenance["selection"].get("not_proved", "the proof was not tried (--no-certificate)")
+    terminal.print_warning(
+        f"not proved stable: {doubt}; the observer will refuse this model unless allow_uncertified is true"
+    )
 
 
 def parser() -> terminal.Parser:
@@ -101,8 +104,6 @@ def parser() -> terminal.Parser:
     p.add_argument("--split", type=number(0.05, 1.0), metavar="SHARE", help=text)
     p.add_argument("--teacher", metavar="SIM", help="learn this simulation's force instead of the measured force")
     add_candidates(p)
-    text = "search method: random forward selection, Gauss-Newton selection, or starts of both kinds (default)"
-    p.add_argument("--method", choices=METHODS, default=BOTH, help=text)
     terminal.add_weight(p, "give ticks in this region W times the weight in fit and selection")
     p.add_argument("--terms", type=whole(1, 200), default=25, metavar="N", help="maximum number of terms (default 25)")
     text = "maximum search time in seconds, without the compilation in the first run (default 60)"

@@ -11,11 +11,16 @@ from ces_cli.terminal import terminal
 from ces_identify.identification import IdentificationResult, identify
 from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
 from ces_identify.polynomial.regressors import CandidateRules, load_rules
+from ces_identify.polynomial.search_limits import BOTH, METHODS
 from ces_identify.structures import KITS
 from ces_identify.structures.kit import SizeOption
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_observer.errors import CesError
 
+METHOD_HELP = (
+    "search method: random forward selection, Gauss-Newton selection, or starts of both kinds (default); thesis: the "
+    "procedure and the candidates of the thesis to the letter, for comparison, where nothing keeps a model stable"
+)
 CONSTRUCT_HELP = (
     "let terms use a constructed input: hysteresis:M,... (stroke since the last reversal, at most M metres), "
     "remanence:A,... (current with a hysteresis of A amperes), lag:S,... (current after a first-order lag of S "
@@ -45,9 +50,11 @@ def add_structure(to: argparse.ArgumentParser) -> None:
 
 
 def add_candidates(to: argparse.ArgumentParser) -> None:
-    """Add the options --candidates, --show-candidates, --construct and --blend."""
+    """Add the options --method, --candidates, --show-candidates, --construct and --blend."""
+    to.add_argument("--method", choices=METHODS, default=BOTH, help=METHOD_HELP)
     to.add_argument("--candidates", type=Path, metavar="FILE", help="candidate rules (YAML; see --show-candidates)")
-    to.add_argument("--show-candidates", action="store_true", help="print the built-in candidate rules and exit")
+    text = "print the built-in candidate rules (with --method thesis, those of the thesis) and exit"
+    to.add_argument("--show-candidates", action="store_true", help=text)
     to.add_argument("--construct", action="append", default=[], metavar="INPUT", help=CONSTRUCT_HELP)
     to.add_argument("--blend", action="append", default=[], metavar="SIGNAL:A,B,...", help=BLEND_HELP)
 
@@ -61,7 +68,7 @@ def candidate_rules(options: argparse.Namespace) -> CandidateRules:
     """Return the candidate rules that the options describe; raises CesError naming the option or file at fault."""
     if options.structure != POLYNOMIAL.option and (options.construct or options.blend):
         raise CesError(f"--construct and --blend: apply to polynomials only, not to --structure {options.structure}")
-    rules = reduce(add_constructed_inputs, options.construct, load_rules(options.candidates))
+    rules = reduce(add_constructed_inputs, options.construct, load_rules(options.candidates, options.method))
     return reduce(add_blend, options.blend, rules)
 
 

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.campaign.axes import COMMON, LIMITS, STRUCTURES, CampaignAxis, number_between
-from ces_identify.campaign.plan import BUILT_IN, Campaign, Candidates, CellLimits, Setting
+from ces_identify.campaign.plan import BUILT_IN, BUILT_IN_THESIS, Campaign, Candidates, CellLimits, Setting
 from ces_identify.config_file import read_yaml_mapping, require_known_keys
-from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
+from ces_identify.polynomial.regressors import built_in_rules, load_rules
+from ces_identify.polynomial.search_limits import BOTH, THESIS
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_observer.errors import CesError
 
@@ -117,8 +118,11 @@ class _Reader:
         return self._resolve_path(name) if name else None
 
     def _candidates(self, structures: Mapping[str, Mapping[str, tuple[Setting, ...]]]) -> dict[str, Candidates]:
-        names = map(str, structures.get(POLYNOMIAL.option, {}).get("candidates", ()))
-        return {name: _load_candidates(None if name == BUILT_IN else self._resolve_path(name)) for name in names}
+        axes = structures.get(POLYNOMIAL.option, {})
+        names = map(str, axes.get("candidates", ()))
+        named = {name: _load_candidates(None if name == BUILT_IN else self._resolve_path(name)) for name in names}
+        by_thesis = {BUILT_IN_THESIS: _load_candidates(None, THESIS)} if THESIS in axes.get("method", ()) else {}
+        return {**named, **by_thesis}
 
     def _require_size(self, campaign: Campaign) -> None:
         """Raise CampaignError if there are too many cells."""
@@ -144,12 +148,12 @@ class _Reader:
         return CampaignError(f"{self.path}: {where} is {value!r}; expected {expected}")
 
 
-def _load_candidates(path: Path | None) -> Candidates:
+def _load_candidates(path: Path | None, method: str = BOTH) -> Candidates:
     """Return checked rules; raises CesError if they cannot be read or define too many candidates."""
-    rules = load_rules(path)
+    rules = load_rules(path, method)
     try:
         rules.at_rate(NOMINAL_HZ).candidates()
     except CesError as error:
         raise CesError(f"{path}: {error}" if path else str(error)) from None
-    text = DEFAULT_RULES.encode() if path is None else path.read_bytes()
+    text = built_in_rules(method).encode() if path is None else path.read_bytes()
     return Candidates(rules, hashlib.sha256(text).hexdigest())

@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.polynomial.regressors import CandidateRules
+from ces_identify.polynomial.search_limits import THESIS
 from ces_identify.recordings.recording import Recording
 from ces_observer import __version__
 from ces_observer.errors import CesError
 
-BUILT_IN = "built-in"  # candidate rules
+BUILT_IN = "built-in"  # candidate rules,
+BUILT_IN_THESIS = f"{BUILT_IN} of the thesis"  # and those of its procedure
 AUTO = "auto"  # a rate or bandwidth chosen from the data
 
 Setting = bool | int | float | str
@@ -147,7 +149,7 @@ def _job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], d
     hashes = [recordings[path].sha256 for path in mine]
     pairs = [(name, path) for name, paths in campaign.validate.items() for path in paths]
     validation = tuple((name, path) for name, path in pairs if recordings[path].sha256 not in hashes)
-    candidates = campaign.candidates.get(str(cell.settings.get("candidates")))
+    candidates = campaign.candidates.get(_candidates_name(cell.settings))
     facts = {
         "tool": __version__,
         "structure": cell.structure,
@@ -161,6 +163,11 @@ def _job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], d
     rules = candidates.rules if candidates else None
     key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:20]
     return CampaignJob(key, cell, campaign.limits, campaign.split, rules, mine, validation)
+
+
+def _candidates_name(settings: CellSettings) -> str:
+    name = str(settings.get("candidates"))
+    return BUILT_IN_THESIS if name == BUILT_IN and settings["method"] == THESIS else name
 
 
 def _combine(axes: Mapping[str, Sequence[Setting]]) -> list[CellSettings]:

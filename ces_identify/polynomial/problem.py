@@ -7,7 +7,7 @@ run), so that both cover every regime, such as a whole sweep, and share no tick.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import qmc
@@ -40,7 +40,7 @@ class Problem:
     `gram` (n + 1, n + 1) holds the measured force as its last row and column. `selection` and `everything` (ticks,) are
     the weights of the selection ticks and of all scored ticks in the free-run cost. `probes` (n, points) are the
     inputs' factors over the envelope; the search skips models with a gain of `max_gain` or more there. For the other
-    arrays see `kernels.ScoredRun`.
+    arrays see `kernels.ScoredRun`. `initial` are the indices of the terms from which the thesis' procedure starts.
     """
 
     candidates: tuple[Term, ...]
@@ -56,6 +56,7 @@ class Problem:
     gram: F
     probes: F
     max_gain: float
+    initial: I = field(default_factory=lambda: np.empty(0, np.int64))
 
     @property
     def run(self) -> kernels.ScoredRun:

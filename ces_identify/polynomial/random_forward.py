@@ -1,4 +1,4 @@
-"""Random forward selection with pruning by free-run cost (thesis fig. 3.2): one seeded start of a search.
+"""Random forward selection with pruning by free-run cost (from thesis fig. 3.2): one seeded start of a search.
 
 A start tries candidates in random order. It adds a candidate if the model with it, fitted by least squares on the
 estimation ticks, lowers the cost of the free run on the selection ticks; after every success it prunes the terms that
@@ -13,19 +13,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ces_identify.numerics import kernels
-from ces_identify.numerics.arrays import F, I
+from ces_identify.polynomial.least_squares_start import BATCH, LeastSquaresStart
 from ces_identify.polynomial.search_limits import SearchResult
-from ces_identify.polynomial.search_start import SearchStart
 
 GAINS = (0.2, 0.05, 0.02, 0.007, 0.003)  # relative gain required of a new term, one after the other
 PRUNE_LOSS = 0.001  # relative loss below which a term is pruned
 SHAKE_SHARE = 0.4  # share of the terms removed at the beginning of a round
-BATCH = 32  # candidates tried between two checks of the clock
-RIDGE = 1e-9  # smallest pivot of the scaled Gram matrix; columns with a smaller one count as dependent
 
 
-class RandomForwardStart(SearchStart):
+class RandomForwardStart(LeastSquaresStart):
     """One start; its current model may be worse than the best one of an earlier round."""
 
     def run(self) -> SearchResult:
@@ -59,7 +55,7 @@ class RandomForwardStart(SearchStart):
         place, cost, coefficients = self._try(less[:-1], less[-1:], np.inf, False)
         if place < 0:
             less, cost, coefficients = np.empty(0, np.int64), np.inf, np.empty(0)
-        self.current = SearchResult(less, coefficients, cost, self.seed, self.trials, "running")
+        self.current = self._result(less, coefficients, cost)
 
     def _add_one_term(self, gain: float) -> bool:
         """Try candidates in random order until one lowers the cost by `gain`, then prune; False if none does."""
@@ -69,14 +65,11 @@ class RandomForwardStart(SearchStart):
             if self._reason_to_end():
                 return False
             trial = order[at : at + BATCH]
-            place, cost, coefficients = self._try(self.current.chosen, trial, self.current.cost * (1.0 - gain), False)
-            if place < 0:
+            place, grown = self._add_first_better(self.current, trial, self.current.cost * (1.0 - gain))
+            if grown is None:
                 at += len(trial)
                 continue
             at += place + 1
-            grown = SearchResult(
-                np.append(self.current.chosen, trial[place]), coefficients, cost, self.seed, self.trials, "running"
-            )
             pruned = self._prune(grown, ceiling=self.current.cost * (1.0 - gain))
             if pruned is not None:
                 self.current = pruned
@@ -93,25 +86,3 @@ class RandomForwardStart(SearchStart):
                 return None if over else model
             model = smaller
         return model
-
-    def _remove_weakest_term(self, model: SearchResult, bound: float) -> SearchResult | None:
-        """Return `model` without the term whose removal costs least, if that keeps the cost below `bound`."""
-        best: SearchResult | None = None
-        places = self.random.permutation(len(model.chosen))
-        at = 0
-        while at < len(places):
-            place, cost, coefficients = self._try(model.chosen, places[at:], bound, True)
-            if place < 0:
-                break
-            chosen = np.delete(model.chosen, places[at + place])
-            best = SearchResult(chosen, coefficients, cost, self.seed, self.trials, "running")
-            bound = cost
-            at += place + 1
-        return best
-
-    def _try(self, chosen: I, trial: I, bound: float, drop: bool) -> tuple[int, float, F]:
-        p = self.problem
-        limits = bound, RIDGE, p.probes, p.max_gain
-        place, cost, coefficients = kernels.first_better(p.gram, chosen, trial, p.run, p.compiled.arrays, *limits, drop)
-        self.trials += len(trial) if place < 0 else place + 1
-        return int(place), float(cost), coefficients

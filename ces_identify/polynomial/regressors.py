@@ -7,44 +7,50 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import chain, product
 from math import prod
 from pathlib import Path
 from typing import Any
 
 from ces_identify.config_file import parse_yaml_mapping, read_yaml_mapping, require_known_keys
 from ces_identify.polynomial.constructed_rules import Constructions, constructions_from, replace_auto
+from ces_identify.polynomial.repeated_signals import MAX_CHOICES, choose_factors
+from ces_identify.polynomial.search_limits import BOTH, THESIS
+from ces_identify.polynomial.term_list import FORMS, parse_term_list
+from ces_identify.polynomial.thesis_rules import THESIS_RULES
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import ConstructedInput, Lag, TriangularMembership
 from ces_observer.structures.structure import MAX_LAG
 from ces_observer.structures.terms import Factor, Term
-from ces_observer.structures.terms_file import MAX_POWER
+from ces_observer.structures.terms_file import MAX_FACTORS, MAX_POWER
 
 MAX_CANDIDATES = 6000
 MAX_LAG_MS = 200.0
 SIGNALS = ("force", "speed", "current", "position")
 EXPECTED = f"candidate rules: {', '.join(SIGNALS)} and products"
-FORMS = {"signed": True, "magnitude": False}
 
 
 @dataclass(frozen=True)
 class SignalRule:
     """Lags, powers and forms (signed or magnitude) a signal may take in a term.
 
-    Lags are in ticks, or with `in_ms` in milliseconds, to the nearest tick.
+    Lags are in ticks, or with `in_ms` in milliseconds, to the nearest tick. `again` is the rule of the signal's next
+    factor in a product that names it again; without it, that factor has the same rule and another lag.
     """
 
     lags: tuple[float, ...]
     powers: tuple[float, ...] = (1.0,)
     forms: tuple[str, ...] = ("signed",)
     in_ms: bool = False
+    again: SignalRule | None = None
 
     def at_rate(self, rate_Hz: float) -> SignalRule:
         """Return the rule with its lags in ticks of that rate, without repetitions."""
+        again = self.again and self.again.at_rate(rate_Hz)
         if not self.in_ms:
-            return self
+            return replace(self, again=again)
         ticks = (min(MAX_LAG, round(lag * 1e-3 * rate_Hz)) for lag in self.lags)
-        return replace(self, lags=tuple(dict.fromkeys(ticks)), in_ms=False)
+        return replace(self, lags=tuple(dict.fromkeys(ticks)), in_ms=False, again=again)
 
     def factors(self, signal: str) -> tuple[Factor, ...]:
         """Return every factor that the rule allows, except |s|^0, which is 1."""
@@ -61,6 +67,9 @@ class SignalRule:
 class CandidateRules:
     """Rules by signal, and the products of signals that make a term; () is the constant term.
 
+    The terms `initial`, whose factors have no definitions yet, are candidates, too, and the first ones: the thesis'
+    procedure starts from them.
+
     `beside_force` holds other rules for signals that multiply a past force; few different lags there keep the proof of
     stability short (ces_observer.proof.certificate). `constructed` defines the constructed inputs; if a name has
     several (memberships), each makes its own terms. The time constants of `open_lags` are estimated from the data
@@ -72,10 +81,12 @@ class CandidateRules:
     beside_force: Mapping[str, SignalRule] = field(default_factory=dict)
     constructed: Constructions = field(default_factory=dict)
     open_lags: tuple[str, ...] = ()
+    initial: tuple[tuple[Factor, ...], ...] = ()
 
     def count(self) -> int:
-        """Return the number of candidates."""
-        return sum(prod(len(factors) for factors in self._factors(signals)) for signals in self.products)
+        """Return the number of candidates, counting a term that two products make twice."""
+        made = sum(prod(self._count_choices(signals)) for signals in self.products)
+        return made + len(self.initial_terms())
 
     def at_rate(self, rate_Hz: float) -> CandidateRules:
         """Return the rules with every lag in ticks of that rate."""
@@ -104,6 +115,7 @@ class CandidateRules:
         return replace(
             self,
             products=tuple(p for p in self.products if not removed & set(p)),
+            initial=tuple(term for term in self.initial if not removed & {f.signal for f in term}),
             constructed={name: made for name, made in self.constructed.items() if name not in removed},
             open_lags=tuple(name for name in self.open_lags if name not in removed),
         )
@@ -111,7 +123,7 @@ class CandidateRules:
     def candidates(self) -> tuple[Term, ...]:
         """Return one term (coefficient 1) for each candidate; raises CesError with the count if they are too many.
 
-        Lags must be in ticks (`at_rate`), else ValueError is raised.
+        The initial terms come first. Lags must be in ticks (`at_rate`), else ValueError is raised.
         """
         if any(rule.in_ms for rule in (*self.signals.values(), *self.beside_force.values())):
             raise ValueError("lags in milliseconds; call at_rate first")
@@ -119,16 +131,41 @@ class CandidateRules:
             raise CesError(
                 f"candidate rules make {self.count()} terms; at most {MAX_CANDIDATES}: drop lags, powers or products"
             )
-        return tuple(Term(1.0, factors) for signals in self.products for factors in product(*self._factors(signals)))
+        made = (choice for signals in self.products for choice in product(*self._choices(signals)))
+        terms = (Term(1.0, tuple(chain.from_iterable(factors))) for factors in made)
+        return tuple(dict.fromkeys((*self.initial_terms(), *terms)))
 
-    def _factors(self, signals: tuple[str, ...]) -> list[tuple[Factor, ...]]:
+    def initial_terms(self) -> tuple[Term, ...]:
+        """Return the terms (coefficient 1) from which the thesis' procedure starts."""
+        made = (product(*(self._define(f.signal, [f]) for f in term)) for term in self.initial)
+        return tuple(dict.fromkeys(Term(1.0, factors) for factors in chain.from_iterable(made)))
+
+    def _choices(self, signals: tuple[str, ...]) -> list[list[tuple[Factor, ...]]]:
+        """Return for each signal of a product the factors it can contribute."""
+        return [choose_factors(factors) for factors in self._factors(signals)]
+
+    def _count_choices(self, signals: tuple[str, ...]) -> list[int]:
+        """Return the number of choices for each signal of a product, or a larger one if there are very many."""
+        sizes = [(factors, prod(map(len, factors))) for factors in self._factors(signals)]
+        return [size if size > MAX_CHOICES or len(f) == 1 else len(choose_factors(f)) for f, size in sizes]
+
+    def _factors(self, signals: tuple[str, ...]) -> list[list[tuple[Factor, ...]]]:
+        """Return for each different signal of a product the factors of its occurrences."""
         rules = {**self.signals, **self.beside_force} if "force" in signals else self.signals
-        return [self._factors_of(signal, rules[signal]) for signal in signals]
+        return [self._factors_of(s, rules[s], signals.count(s)) for s in dict.fromkeys(signals)]
 
-    def _factors_of(self, signal: str, rule: SignalRule) -> tuple[Factor, ...]:
+    def _factors_of(self, signal: str, rule: SignalRule, occurrences: int) -> list[tuple[Factor, ...]]:
+        factors = []
+        for _ in range(occurrences):
+            factors.append(self._define(signal, rule.factors(signal)))
+            rule = rule.again or rule
+        return factors
+
+    def _define(self, signal: str, factors: Sequence[Factor]) -> tuple[Factor, ...]:
+        """Return factors of a signal with its definition, or with each of those of a group of memberships."""
         if signal not in self.constructed:
-            return rule.factors(signal)
-        return tuple(replace(f, definition=one) for one in self.constructed[signal] for f in rule.factors(one.name))
+            return tuple(factors)
+        return tuple(replace(f, signal=one.name, definition=one) for one in self.constructed[signal] for f in factors)
 
 
 DEFAULT_RULES = """\
@@ -166,6 +203,12 @@ products:
   - [force, speed]
   - [force, valve]
   - [force, speed, valve]
+# A product may name an input again: the factors then have different lags. `again` in the input's rule gives the second
+# factor a rule of its own, with any lag:
+#   speed: {lags_ms: [0, 3], powers: [0.5], forms: [magnitude], again: {lags_ms: [0, 3], powers: [0], forms: [signed]}}
+# initial lists terms to start from with --method thesis, and candidates for the other methods:
+#   initial:
+#     - [{signal: speed}, {signal: current, lag: 8, power: 2, form: magnitude}]
 # Constructed inputs stand in rules and products as the signals do, once they are defined (docs/constructed.md):
 #   constructed:
 #     hysteresis: {kind: stop, of: position, half_width: 0.0005}    stroke since the last reversal, at most this [m]
@@ -175,12 +218,17 @@ products:
 """
 
 
-def load_rules(path: Path | None) -> CandidateRules:
-    """Read candidate rules, by default the built-in ones; raises CesError naming file and key."""
+def built_in_rules(method: str = BOTH) -> str:
+    """Return the text of the candidate rules for a search method: those of the thesis for its procedure."""
+    return THESIS_RULES if method == THESIS else DEFAULT_RULES
+
+
+def load_rules(path: Path | None, method: str = BOTH) -> CandidateRules:
+    """Read candidate rules, by default the built-in ones of `method`; raises CesError naming file and key."""
     if path is not None:
         return parse_rules(read_yaml_mapping(path, EXPECTED), str(path))
     source = "built-in candidate rules"
-    return parse_rules(parse_yaml_mapping(DEFAULT_RULES, source, EXPECTED), source)
+    return parse_rules(parse_yaml_mapping(built_in_rules(method), source, EXPECTED), source)
 
 
 def parse_rules(raw: Mapping[str, Any], source: str) -> CandidateRules:
@@ -188,12 +236,14 @@ def parse_rules(raw: Mapping[str, Any], source: str) -> CandidateRules:
     block, open_lags = replace_auto(raw.get("constructed", {}))
     constructed = constructions_from(block, f"{source}: constructed")
     names = (*SIGNALS, *constructed)
-    require_known_keys(raw, (*names, "constructed", "products"), source)
+    require_known_keys(raw, (*names, "constructed", "products", "initial"), source)
     hats = {name for name, made in constructed.items() if isinstance(made[0], TriangularMembership)}
     force, beside = _split_force(raw.get("force"), names[1:], hats, source)
     rules = {**raw, "force": force} if "force" in raw else raw
     signals = {s: _signal_rule(s, rules[s], f"{source}: {s}", s in hats) for s in names if s in rules}
-    return CandidateRules(signals, _products(raw.get("products"), signals, source), beside, constructed, open_lags)
+    initial = parse_term_list(raw["initial"], names, hats, f"{source}: initial") if "initial" in raw else ()
+    products = _products(raw.get("products"), signals, source) if "products" in raw or not initial else ()
+    return CandidateRules(signals, products, beside, constructed, open_lags, initial)
 
 
 def _split_force(
@@ -209,8 +259,8 @@ def _split_force(
 def _signal_rule(signal: str, raw: object, where: str, hat: bool = False) -> SignalRule:
     if not isinstance(raw, Mapping):
         raise CesError(f"{where}: expected lags, powers and forms")
-    keys = ("lags", "lags_ms") if hat else ("lags", "lags_ms", "powers", "forms")
-    require_known_keys(raw, keys, where)
+    keys = ("lags", "lags_ms") if hat else ("lags", "lags_ms", "powers", "forms", "again")
+    require_known_keys(raw, keys[:-1] if signal == "force" else keys, where)
     min_lag = 1 if signal == "force" else 0
     in_ms = "lags_ms" in raw
     if in_ms and (signal == "force" or "lags" in raw):
@@ -226,7 +276,8 @@ def _signal_rule(signal: str, raw: object, where: str, hat: bool = False) -> Sig
     forms = _read_list(raw, "forms", where) if "forms" in raw else ("signed",)
     if not set(forms) <= set(FORMS):
         raise CesError(f"{where}: forms {list(forms)}; expected {' or '.join(FORMS)}")
-    return SignalRule(lags, tuple(float(p) for p in powers), forms, in_ms)
+    again = _signal_rule(signal, raw["again"], f"{where}: again") if "again" in raw else None
+    return SignalRule(lags, tuple(float(p) for p in powers), forms, in_ms, again)
 
 
 def _is_number(x: object) -> bool:
@@ -245,7 +296,21 @@ def _products(raw: object, signals: Mapping[str, SignalRule], source: str) -> tu
         raise CesError(f"{source}: products is {raw!r}; expected a list of lists of signals")
     products = []
     for item in raw:
-        if not isinstance(item, list) or len(set(item)) != len(item) or not set(item) <= set(signals):
-            raise CesError(f"{source}: product {item!r}; expected different signals among {', '.join(signals)}")
+        if not isinstance(item, list) or not all(isinstance(s, str) and s in signals for s in item):
+            raise CesError(f"{source}: product {item!r}; expected signals among {', '.join(signals)}")
+        if item.count("force") > 1 or len(item) > MAX_FACTORS:
+            raise CesError(f"{source}: product {item!r}; expected at most {MAX_FACTORS} signals, force once")
+        for signal in set(item):
+            _require_lags(signals[signal], item.count(signal), f"{source}: product {item!r}: {signal}")
         products.append(tuple(item))
     return tuple(dict.fromkeys(products))
+
+
+def _require_lags(rule: SignalRule, occurrences: int, where: str) -> None:
+    """Raise CesError if a signal occurs more often in a product than its rule has lags, without `again`."""
+    if rule.again is None and occurrences > len(rule.lags):
+        raise CesError(
+            f"{where} {occurrences} times, but its rule has {len(rule.lags)} lags; add lags or a rule 'again'"
+        )
+    if rule.again is not None and occurrences > 1:
+        _require_lags(rule.again, occurrences - 1, where)

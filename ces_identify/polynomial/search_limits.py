@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 from ces_identify.numerics.arrays import F, I
 
-RANDOM, GAUSS_NEWTON, BOTH = "random", "gauss-newton", "both"
-METHODS = (BOTH, RANDOM, GAUSS_NEWTON)
+RANDOM, GAUSS_NEWTON, BOTH, THESIS = "random", "gauss-newton", "both", "thesis"
+METHODS = (BOTH, RANDOM, GAUSS_NEWTON, THESIS)
 
 
 @dataclass(frozen=True)
 class Limits:
     """When to stop: maximum number of terms, seconds, target cost [%], number of starts, first seed, threads.
 
-    `method` chooses terms by random forward selection (thesis fig. 3.2) in `rounds`, by Gauss-Newton gain, or by both:
-    every other start then continues with the latter from the result of the former. Without `exchanges`, a full model
-    keeps its weak terms.
+    `method` chooses terms by random forward selection in `rounds`, by Gauss-Newton gain, or by both: every other start
+    then continues with the latter from the result of the former. `thesis` is the thesis' own procedure
+    (ces_identify.polynomial.thesis_procedure). Without `exchanges`, a full model keeps its weak terms.
     """
 
     max_terms: int = 25

@@ -1,4 +1,6 @@
-"""The search for terms: seeded starts in parallel threads, by random selection, Gauss-Newton gain, or both."""
+"""The search for terms: seeded starts in parallel threads, by random selection, Gauss-Newton gain, both, or as in the
+thesis.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from ces_identify.numerics import search_clock
 from ces_identify.polynomial.gauss_newton import GaussNewtonStart
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.random_forward import RandomForwardStart
-from ces_identify.polynomial.search_limits import BOTH, GAUSS_NEWTON, RANDOM, Limits, Listener, SearchResult
+from ces_identify.polynomial.search_limits import BOTH, GAUSS_NEWTON, RANDOM, THESIS, Limits, Listener, SearchResult
+from ces_identify.polynomial.thesis_procedure import ThesisStart
 
 POLL_S = 0.1  # between two checks for Ctrl-C
 
@@ -52,6 +55,8 @@ def _start(
 ) -> SearchResult:
     """Run one start by `limits.method`; with both, every other start continues from a random selection."""
     arguments = problem, limits, seed, deadline, stop, listener
+    if limits.method == THESIS:
+        return ThesisStart(*arguments).run()
     if limits.method == GAUSS_NEWTON or (limits.method == BOTH and (seed - limits.seed) % 2 == 0):
         return GaussNewtonStart(*arguments).run()
     result = RandomForwardStart(*arguments).run()

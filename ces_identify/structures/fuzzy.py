@@ -17,12 +17,15 @@ from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
 from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table, unscaled_inputs
-from ces_identify.trained.training import LAGS, Lags, Training, build_regressors
+from ces_identify.trained.training import LAGS, LagCounts, Lags, Training, build_regressors
 from ces_identify.typesetting import UNITS, ModelTable, four_figures, minus, parameter_table, signal_symbol
+from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.structures.fuzzy import Fuzzy, Rule
 
 MAX_RULES = 60
+NONE = "none"
+CURRENT_AND_SPEED = LagCounts(0, 1, 1)  # the inputs of the thesis' neuro-fuzzy models, at the present tick
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class FuzzyShape(LaggedShape):
     speeds: int = 7
     currents: int = 2
     current_delay_s: float = 0.008  # of the current in the premises
-    lags: Lags = LAGS
+    lags: Lags | LagCounts = LAGS
     decay: float = 3e-6  # [(J / 100)^2] cost of a squared consequent
 
     def family(self, data: Training, rate_Hz: float) -> FuzzyFit:
@@ -45,13 +48,38 @@ class FuzzyShape(LaggedShape):
 
 
 def read_grid(text: str) -> tuple[int, int]:
-    """Return the numbers of memberships in `VxI`; raises ValueError."""
+    """Return the numbers of memberships of speed and current in `VxI`; raises ValueError."""
     speeds, _, currents = text.partition("x")
+    return _check_grid(text, "VxI, such as 7x2", speeds, currents)
+
+
+def read_memberships(text: str) -> tuple[int, int] | None:
+    """Return the numbers of memberships of speed and current in `AxB`, None for `none`; raises ValueError.
+
+    As in the thesis, A is the number of the current's and B of the speed's.
+    """
+    if text == NONE:
+        return None
+    currents, _, speeds = text.partition("x")
+    return _check_grid(text, "AxB, such as 4x4", speeds, currents)
+
+
+def _check_grid(text: str, expected: str, speeds: str, currents: str) -> tuple[int, int]:
     if not (speeds.isdecimal() and currents.isdecimal() and int(speeds) >= 2 and int(currents) >= 1):
-        raise ValueError(f"'{text}' is not VxI, such as 7x2, with at least 2 of speed and 1 of current")
+        raise ValueError(f"'{text}' is not {expected}, with at least 2 of speed and 1 of current")
     if int(speeds) * int(currents) > MAX_RULES:
         raise ValueError(f"'{text}' makes {int(speeds) * int(currents)} rules; at most {MAX_RULES}")
     return int(speeds), int(currents)
+
+
+def choose_shape(rules: str, memberships: str) -> FuzzyShape:
+    """Return the shape of the options `rules` (with a past force) and `memberships` (without); raises CesError."""
+    static = read_memberships(memberships)
+    if static is None:
+        return FuzzyShape(*read_grid(rules))
+    if rules != RULES.default:
+        raise CesError(f"--rules {rules} and --memberships {memberships}: give one; only --rules has a past force")
+    return FuzzyShape(*static, current_delay_s=0.0, lags=CURRENT_AND_SPEED)
 
 
 def run_fuzzy(fuzzy: Fuzzy, model: Model, inputs: F, segments: I) -> tuple[F, int]:
@@ -105,12 +133,21 @@ RULES = SizeOption(
     check=read_grid,
     metavar="VxI",
 )
+MEMBERSHIPS = SizeOption(
+    "memberships",
+    NONE,
+    "instead of --rules: neuro-fuzzy rules of present current and speed alone, with A memberships of current and B of "
+    "speed, as in thesis table 5.3; such a model has no memory",
+    f"{NONE} or memberships AxB such as 4x4, at most {MAX_RULES} rules",
+    check=lambda text: read_memberships(text) or NONE,
+    metavar="AxB",
+)
 ANFIS = StructureKit(
     option=FuzzyShape.option,
     about="neuro-fuzzy rules",
     body=Fuzzy,
-    sizes=(RULES,),
-    fitter=lambda sizes: FuzzyShape(*read_grid(str(sizes["rules"]))),
+    sizes=(RULES, MEMBERSHIPS),
+    fitter=lambda sizes: choose_shape(str(sizes["rules"]), str(sizes["memberships"])),
     batch_run=run_fuzzy,
     table=fuzzy_table,
 )

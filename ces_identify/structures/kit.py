@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from ces_identify.numerics.arrays import F, I
-from ces_identify.polynomial.regressors import CandidateRules, load_rules
+from ces_identify.polynomial.regressors import CandidateRules
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.simulated_series import SimulatedSeries
@@ -26,12 +26,13 @@ Size = bool | int | float | str
 class IdentifyOptions:
     """Options of an identification: share of each recording to identify on, candidate rules, limits, fixed sampling.
 
-    `weighting` sets which ticks matter more in fit and selection. With `certify`, only models with a certificate
-    (ces_observer.proof.certificate) are considered.
+    Without `rules`, the built-in ones of the search method apply. `weighting` sets which ticks matter more in fit and
+    selection. With `certify`, only models with a certificate (ces_observer.proof.certificate) are considered; the
+    thesis' procedure considers all and gives a certificate to the model that it finds, if the proof succeeds.
     """
 
     split: float = 0.75
-    rules: CandidateRules = field(default_factory=lambda: load_rules(None))
+    rules: CandidateRules | None = None
     limits: Limits = field(default_factory=Limits)
     rate_Hz: float | None = None
     bandwidth_Hz: float | None = None

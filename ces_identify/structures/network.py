@@ -17,10 +17,13 @@ from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.network_fit import NetworkFit
 from ces_identify.trained.network_kernels import NetworkArrays
-from ces_identify.trained.training import LAGS, Lags, Training, build_regressors
+from ces_identify.trained.training import LAGS, LagCounts, Lags, Training, build_regressors
 from ces_identify.typesetting import ModelTable, four_figures, parameter_table, signal_symbol
 from ces_observer.model import Model
 from ces_observer.structures.network import Network
+
+AUTO = "auto"
+MAX_COUNT = 20  # lags of a signal: three times as many stay below MAX_REGRESSORS
 
 
 @dataclass(frozen=True)
@@ -29,12 +32,27 @@ class NetworkShape(LaggedShape):
 
     option: ClassVar[str] = "sigmoid"
     units: int = 10
-    lags: Lags = LAGS
+    lags: Lags | LagCounts = LAGS
     decay: float = 3e-6  # [(J / 100)^2]
 
     def family(self, data: Training, rate_Hz: float) -> NetworkFit:
         """Return the networks of this size for the data."""
         return NetworkFit(data, build_regressors(data, self.lags, rate_Hz), self.units, self.decay)
+
+
+def read_lags(text: str) -> Lags | LagCounts:
+    """Return the lags of `auto` or of the counts `Y,C,V` (thesis table 5.2); raises ValueError."""
+    if text == AUTO:
+        return LAGS
+    counts = text.split(",")
+    if len(counts) != 3 or not all(one.strip().isdecimal() and int(one) <= MAX_COUNT for one in counts):
+        raise ValueError(
+            f"'{text}' is not Y,C,V, such as 2,4,5: numbers of past forces, currents and speeds from 0 to {MAX_COUNT}"
+        )
+    lags = LagCounts(*map(int, counts))
+    if not lags.currents + lags.speeds:
+        raise ValueError(f"'{text}' leaves no input; expected at least one current or speed")
+    return lags
 
 
 def run_network(network: Network, model: Model, inputs: F, segments: I) -> tuple[F, int]:
@@ -69,12 +87,21 @@ def _steps(network: Network, j: int) -> tuple[float, float]:
 UNITS = SizeOption(
     "units", NetworkShape().units, "sigmoids of a sigmoid network", "whole numbers from 1 to 60", whole=(1, 60)
 )
+NETWORK_LAGS = SizeOption(
+    "lags",
+    AUTO,
+    "numbers of past forces, currents and speeds that a sigmoid network uses (thesis table 5.2), such as 2,4,5: past "
+    "forces from one tick ago, the others from the present tick",
+    f"{AUTO} or counts Y,C,V such as '2,4,5', each from 0 to {MAX_COUNT}",
+    check=read_lags,
+    metavar="Y,C,V",
+)
 SIGMOID = StructureKit(
     option=NetworkShape.option,
     about="sigmoid network NARX",
     body=Network,
-    sizes=(UNITS,),
-    fitter=lambda sizes: NetworkShape(units=int(sizes["units"])),
+    sizes=(UNITS, NETWORK_LAGS),
+    fitter=lambda sizes: NetworkShape(units=int(sizes["units"]), lags=read_lags(str(sizes["lags"]))),
     batch_run=run_network,
     table=network_table,
 )

@@ -12,8 +12,8 @@ from ces_identify.polynomial.constructed_data import restrict_to_data
 from ces_identify.polynomial.free_run import run_polynomial
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.refit import refit_coefficients
-from ces_identify.polynomial.regressors import CandidateRules
-from ces_identify.polynomial.search_limits import Listener, SearchResult
+from ces_identify.polynomial.regressors import CandidateRules, load_rules
+from ces_identify.polynomial.search_limits import THESIS, Listener, SearchResult
 from ces_identify.polynomial.selection import search
 from ces_identify.polynomial.term_table import term_table
 from ces_identify.polynomial.time_constant import find_time_constants
@@ -32,7 +32,8 @@ def fit_polynomial(
 ) -> Fitted:
     """Return the best polynomial of the options' candidates; raises CesError if the series hold too little.
 
-    A last fit on all identification data is used only if it does not worsen their free run.
+    A last fit on all identification data is used only if it does not worsen their free run. The thesis' procedure has
+    neither that fit nor a constraint on stability; its model has a certificate if the proof succeeds.
     """
     started = search_clock.now()
     problem = build_problem(training, options)
@@ -41,20 +42,26 @@ def fit_polynomial(
     results = [f for f in search(problem, limits, listener) if f.cost < 100.0]
     if not results:
         raise CesError("no candidate lowered the cost below 100 %; check signs, signals and rules, or give more time")
-    model, results = _best_model(problem, sampling, results, options.certify)
     how = {
         "method": f"{options.limits.method}, judged by free run",
         "candidates": len(problem.candidates),
         "most_terms": options.limits.max_terms,
     }
+    if options.limits.method == THESIS:
+        model, doubt = _certify_if_stable(_model(problem, sampling, results[0], refit=False), options.certify)
+        return Fitted(model, results, how | ({"not_proved": doubt} if doubt else {}))
+    model, results = _best_model(problem, sampling, results, options.certify)
     return Fitted(model, results, how)
 
 
 def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Problem:
     """Return the problem of choosing terms on prepared series, with all open time constants determined."""
-    rules = _restrict_rules(options.rules.at_rate(training[0].rate_Hz), training)
-    rules = find_time_constants(rules, training, options.limits, options.certify, options.weighting)
-    return assemble_problem(training, rules.candidates(), options.certify, options.weighting)
+    rules = options.rules or load_rules(None, options.limits.method)
+    stable = options.certify and options.limits.method != THESIS
+    rules = _restrict_rules(rules.at_rate(training[0].rate_Hz), training)
+    rules = find_time_constants(rules, training, options.limits, stable, options.weighting)
+    problem = assemble_problem(training, rules.candidates(), stable, options.weighting)
+    return replace(problem, initial=np.arange(len(rules.initial_terms())))
 
 
 def _restrict_rules(rules: CandidateRules, training: Sequence[Series]) -> CandidateRules:
@@ -79,9 +86,17 @@ def _best_model(
     )
 
 
-def _model(problem: Problem, sampling: Sampling, best: SearchResult) -> Model:
+def _certify_if_stable(model: Model, prove: bool) -> tuple[Model, str]:
+    """Return the model, with `prove` and if it can be proved stable with its certificate, and the doubt otherwise."""
+    proof = model.certify() if prove else None
+    if proof is None or not proof.holds:
+        return model, proof.doubt if proof else ""
+    return replace(model, certificate=proof.to_mapping()), ""
+
+
+def _model(problem: Problem, sampling: Sampling, best: SearchResult, refit: bool = True) -> Model:
     try:
-        coefficients = refit_coefficients(problem, best)
+        coefficients = refit_coefficients(problem, best) if refit else best.coefficients
     except KeyboardInterrupt:
         coefficients = best.coefficients
     terms = [Term(float(c), problem.candidates[i].factors) for c, i in zip(coefficients, best.chosen, strict=True)]

@@ -15,6 +15,7 @@ from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.preparation.series import Series
 from ces_identify.preparation.weighting import EQUAL, Weighting
+from ces_observer.errors import CesError
 from ces_observer.model import Envelope
 from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.structure import Range
@@ -37,6 +38,20 @@ class Lags:
 
 
 LAGS = Lags()
+
+
+@dataclass(frozen=True)
+class LagCounts:
+    """How many past forces (from one tick ago), currents and speeds (from this tick on) to use: thesis table 5.2."""
+
+    forces: int
+    currents: int
+    speeds: int
+
+    def at_rate(self, rate_Hz: float) -> Lags:
+        """Return the lags at a model's rate; a tick is a tick at every rate."""
+        currents, speeds = (tuple(k / rate_Hz for k in range(count)) for count in (self.currents, self.speeds))
+        return Lags(tuple(range(1, self.forces + 1)), speeds, currents)
 
 
 @dataclass(frozen=True)
@@ -91,13 +106,16 @@ class Training:
         return {name for name, (span, size) in ranges.items() if span > MIN_CHANGE * max(1e-9, size)}
 
 
-def build_regressors(data: Training, lags: Lags, rate_Hz: float) -> tuple[Regressor, ...]:
-    """Return the scaled regressors, without those of constant inputs."""
+def build_regressors(data: Training, lags: Lags | LagCounts, rate_Hz: float) -> tuple[Regressor, ...]:
+    """Return the scaled regressors, without those of constant inputs; raises CesError if none is left."""
+    lags = lags.at_rate(rate_Hz) if isinstance(lags, LagCounts) else lags
     delays = {"speed": lags.speed_s, "current": lags.current_s, "position": lags.position_s}
     chosen = [("force", lag) for lag in lags.force]
     for signal, seconds in delays.items():
         if signal in data.changing_inputs():
             chosen += [(signal, lag) for lag in dict.fromkeys(round(s * rate_Hz) for s in seconds)]
+    if not chosen:
+        raise CesError("every input among the regressors is constant; use past forces or another input, too")
     return tuple(data.regressor(signal, lag) for signal, lag in chosen)
 
 

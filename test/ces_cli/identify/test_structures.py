@@ -4,9 +4,11 @@ import pytest
 
 from ces_cli.identify.structures import add_structure, select_identify_function
 from ces_identify.identification import identify
-from ces_identify.structures.fuzzy import FuzzyShape
+from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
 from ces_identify.structures.network import NetworkShape
 from ces_identify.structures.polynomial import fit_polynomial
+from ces_identify.trained.training import LagCounts
+from ces_observer.errors import CesError
 
 
 def select_from(*arguments):
@@ -26,6 +28,33 @@ def test_each_structure_has_its_fitter():
     assert network.keywords == {"fitter": NetworkShape(units=6)}
     assert anfis.keywords == {"fitter": FuzzyShape(speeds=5, currents=3)}
     assert select_from("--structure", "anfis").keywords == {"fitter": FuzzyShape()}
+
+
+def test_lags_and_memberships_are_as_in_the_thesis():
+    network = select_from("--structure", "sigmoid", "--units", "30", "--lags", "2,4,5")
+    assert network.keywords == {"fitter": NetworkShape(units=30, lags=LagCounts(forces=2, currents=4, speeds=5))}
+    anfis = select_from("--structure", "anfis", "--memberships", "3x6")
+    assert anfis.keywords == {"fitter": FuzzyShape(6, 3, 0.0, CURRENT_AND_SPEED)}
+    with pytest.raises(CesError, match="--rules 5x2 and --memberships 4x4: give one"):
+        select_from("--structure", "anfis", "--memberships", "4x4", "--rules", "5x2")
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("--lags=2,4", "'2,4' is not Y,C,V"),
+        ("--lags=2,4,x", "not Y,C,V"),
+        ("--lags=2,-1,3", "not Y,C,V"),
+        ("--lags=21,1,1", "from 0 to 20"),
+        ("--lags=2,0,0", "leaves no input"),
+        ("--memberships=4", "'4' is not AxB"),
+        ("--memberships=4x1", "at least 2 of speed"),
+        ("--memberships=9x9", "makes 81 rules"),
+    ],
+)
+def test_invalid_lags_and_memberships_are_refused(option, message):
+    with pytest.raises(argparse.ArgumentError, match=message):
+        select_from(option)
 
 
 @pytest.mark.parametrize(

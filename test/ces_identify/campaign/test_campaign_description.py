@@ -36,7 +36,7 @@ def test_what_is_left_out_is_as_in_identify(load):
     campaign = load("bags: {a: one}\nstructures: {polynomial: , anfis: {}}\n")
     assert campaign.structures == {
         "polynomial": {"terms": (15,), "method": (METHODS[0],), "candidates": ("built-in",)},
-        "anfis": {"rules": ("7x2",)},
+        "anfis": {"rules": ("7x2",), "memberships": ("none",)},
     }
     assert campaign.split == 0.75
     assert load("bags: {a: one}\nvalidate: {b: two}\nstructures: {sigmoid: }\n").split == 1.0
@@ -58,6 +58,8 @@ def test_what_is_left_out_is_as_in_identify(load):
         ("rules.yaml", "none.yaml", "none.yaml: cannot be read: No such file or directory; expected candidate rules"),
         ("sigmoid: {units: 2}", "spline: {}", "structures: unknown key 'spline'; known are polynomial"),
         ("sigmoid: {units: 2}", "anfis: {rules: 40x2}", "structures: anfis: rules is '40x2'; expected one or a list"),
+        ("sigmoid: {units: 2}", "sigmoid: {lags: '2,4'}", "structures: sigmoid: lags is '2,4'; expected one or a list"),
+        ("sigmoid: {units: 2}", "anfis: {memberships: 4}", "structures: anfis: memberships is 4; expected one or"),
         ("limits: {seconds: 20}", "limits: {second: 20}", "limits: unknown key 'second'; known are seconds"),
         ("limits: {seconds: 20}", "limits: {seconds: -1}", "limits: seconds is -1; expected a number from 0.1"),
         ("one: [one]", "one: []", "bags: one is []; expected a list of bags"),

@@ -1,8 +1,15 @@
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 
 from ces_identify.polynomial.regressors import DEFAULT_RULES, MAX_CANDIDATES, load_rules, parse_rules
+from ces_identify.polynomial.search_limits import THESIS
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import Lag
+from ces_observer.structures.terms import Factor
+
+PUBLISHED = sorted((Path(__file__).resolve().parents[3] / "config" / "thesis").glob("*.yaml"))
 
 SMALL = {
     "force": {"lags": [1, 3]},
@@ -95,8 +102,28 @@ def test_an_exploding_rule_is_refused_with_its_count():
         ({"force": {"lags_ms": [1]}}, r"force: lags_ms \[1\]; expected lags alone in ticks"),
         ({"force": {"lags": [1], "speed": {"lags_ms": [-1]}}}, r"force: speed: lags_ms \[-1\]"),
         ({"products": []}, "products"),
-        ({"products": [["speed", "speed"]]}, "different signals"),
-        ({"products": [["temperature"]]}, "different signals"),
+        (
+            {"products": [["current", "current"]]},
+            "current 2 times, but its rule has 1 lags; add lags or a rule 'again'",
+        ),
+        ({"products": [["force", "force"]]}, "expected at most 8 signals, force once"),
+        ({"products": [["speed"] * 9]}, "expected at most 8 signals, force once"),
+        ({"products": [["temperature"]]}, "expected signals among force, speed, current"),
+        ({"products": [[["speed"]]]}, "expected signals among force, speed, current"),
+        ({"speed": {"lags": [0], "again": {"lags": [-1]}}}, r"speed: again: lags \[-1\]; expected whole numbers"),
+        ({"force": {"lags": [1], "again": {"lags": [2]}}}, "force: unknown key 'again'; known are lags"),
+        ({"initial": []}, r"initial: expected a list of terms"),
+        ({"initial": [{"signal": "speed"}]}, r"initial\[0\]: .*; expected a list of factors, at most 8"),
+        ({"initial": [["speed"]]}, r"initial\[0\]\[0\]: 'speed'; expected a factor such as {signal: speed"),
+        ({"initial": [[{"lag": 1}]]}, r"initial\[0\]\[0\]: key 'signal' is missing"),
+        ({"initial": [[{"signal": "heat"}]]}, r"initial\[0\]\[0\]: signal is 'heat'; expected one of force, speed"),
+        ({"initial": [[{"signal": "speed", "lags": [1]}]]}, r"initial\[0\]\[0\]: unknown key 'lags'; known are signal"),
+        ({"initial": [[{"signal": "speed", "lag": 0.5}]]}, "lag is 0.5; expected a whole number from 0"),
+        ({"initial": [[{"signal": "speed", "power": -1}]]}, "power is -1; expected a finite number from 0 to 8"),
+        ({"initial": [[{"signal": "speed", "power": 0, "form": "magnitude"}]]}, "power 0 is 1; leave the factor out"),
+        ({"initial": [[{"signal": "force"}]]}, "lag is 0; expected a whole number from 1"),
+        ({"initial": [[{"signal": "force", "lag": 1, "power": 2}]]}, "unknown key 'power'; known are signal, lag"),
+        ({"initial": [[{"signal": "force", "lag": 1}, {"signal": "force", "lag": 2}]]}, "more than one past force"),
     ],
 )
 def test_what_is_wrong_is_named(change, message):
@@ -109,3 +136,80 @@ def test_a_broken_file_is_named(tmp_path, text):
     (tmp_path / "r.yaml").write_text(text)
     with pytest.raises(CesError, match=r"r\.yaml"):
         load_rules(tmp_path / "r.yaml")
+
+
+SPEED, SIZE = {"lags": [0, 1, 2, 3], "powers": [0.2, 1.0], "forms": ["magnitude"]}, Factor("speed", 0, 0.2, False)
+SIGN = {"lags": [0, 3], "powers": [0], "forms": ["signed"]}
+
+
+def test_a_signal_named_twice_has_two_lags():
+    rules = parse_rules({"speed": {"lags": [0, 1, 2]}, "products": [["speed", "speed"]]}, "test")
+    assert rules.count() == 3
+    assert [tuple(f.lag for f in t.factors) for t in rules.candidates()] == [(0, 1), (0, 2), (1, 2)]
+    thrice = parse_rules({"speed": {"lags": [0, 1, 2]}, "products": [["speed"] * 3]}, "test")
+    assert [tuple(f.lag for f in t.factors) for t in thrice.candidates()] == [(0, 1, 2)]
+
+
+def test_the_second_factor_of_a_signal_may_have_a_rule_of_its_own():
+    block = {
+        "force": {"lags": [1]},
+        "current": {"lags": [1], "forms": ["magnitude"]},
+        "speed": {**SPEED, "again": SIGN},
+        "products": [["force", "current", "speed", "speed"]],
+    }
+    terms = parse_rules(block, "test").candidates()
+    assert len(terms) == len(set(terms)) == (4 * 2) * 2
+    assert {t.factors[:2] for t in terms} == {(Factor("force", 1), Factor("current", 1, 1.0, False))}
+    inputs = {t.factors[2:] for t in terms}
+    assert (replace(SIZE, lag=2), Factor("speed", 3, 0.0)) in inputs
+    # |v|^0.2 sign(v) of one lag is one factor
+    assert (Factor("speed", 3, 0.2),) in inputs
+    assert all(len(factors) == 2 for factors in inputs if factors[0].lag not in (0, 3))
+
+
+def test_lags_in_milliseconds_become_ticks_in_the_rule_again():
+    again = {"lags_ms": [0, 8], "powers": [0], "forms": ["signed"]}
+    rules = parse_rules({"speed": {"lags_ms": [4], "again": again}, "products": [["speed", "speed"]]}, "test")
+    assert [tuple(f.lag for f in t.factors) for t in rules.at_rate(500.0).candidates()] == [(2, 0), (2, 4)]
+
+
+def test_very_many_combinations_are_counted_without_being_made():
+    wide = {"lags": list(range(100)), "powers": [0.1 * k for k in range(1, 50)]}
+    with pytest.raises(CesError, match=r"candidate rules make 24010000 terms; at most"):
+        parse_rules({"speed": wide, "products": [["speed", "speed"]]}, "test").candidates()
+
+
+def test_initial_terms_are_the_first_candidates():
+    sized = [{"signal": "current", "lag": 4, "form": "magnitude"}, {"signal": "speed", "power": 0.4}]
+    twice = [{"signal": "speed", "power": 0.5, "form": "magnitude"}, {"signal": "speed", "power": 0}]
+    rules = parse_rules({**SMALL, "initial": [sized, [{"signal": "force", "lag": 3}], twice]}, "test")
+    first = rules.candidates()[:3]
+    assert first == rules.initial_terms()
+    assert first[0].factors == (Factor("current", 4, 1.0, False), Factor("speed", 0, 0.4))
+    assert (first[1].output_lag, first[2].factors) == (3, (Factor("speed", 0, 0.5),))
+    # the last is among the products, too
+    assert len(rules.candidates()) == rules.count() - 1 == len(parse_rules(SMALL, "test").candidates()) + 2
+    assert rules.without_signal("current").initial_terms() == first[1:]
+    assert parse_rules({"initial": [sized]}, "test").candidates() == first[:1]
+
+
+def test_initial_terms_may_use_constructed_inputs():
+    valve = {"valve": {"kind": "lag", "of": "current", "time_constant_s": "auto"}}
+    rules = parse_rules({"constructed": valve, "initial": [[{"signal": "valve"}]]}, "test")
+    assert rules.with_time_constant("valve", 0.02).candidates()[0].factors == (
+        Factor("valve", 0, definition=Lag("valve", "current", 0.02)),
+    )
+    assert rules.without_signal("current").initial_terms() == ()
+
+
+def test_the_candidates_of_the_thesis_include_its_published_regressors():
+    candidates = set(load_rules(None, THESIS).candidates())
+    published = [term for path in PUBLISHED for term in load_rules(path).initial_terms()]
+    assert [len(load_rules(path).initial_terms()) for path in PUBLISHED] == [9, 7, 5]
+    assert {
+        term for term in published if frozenset(term.factors) not in {frozenset(c.factors) for c in candidates}
+    } == set()
+    assert all(sum(f.signal == "force" for f in term.factors) <= 1 for term in candidates)
+    assert {f.lag for term in candidates for f in term.factors} == {0, 1, 2, 3}
+    powers = {f.power for term in candidates for f in term.factors if f.signal == "speed"}
+    assert powers == {0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2}

@@ -1,0 +1,71 @@
+"""Counts of past forces, currents and speeds become regressors; rules without a past force have no memory."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted import FUZZY, NETWORK, RATE_HZ, SAMPLING, planted
+
+from ces_identify.identification import identify
+from ces_identify.polynomial.search_limits import Limits
+from ces_identify.preparation.series import prepare
+from ces_identify.simulations.simulate import simulate_series
+from ces_identify.structures.fuzzy import choose_shape
+from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.network import NetworkShape, read_lags
+from ces_identify.trained.training import LAGS, LagCounts, build_regressors, build_training
+from ces_observer.errors import CesError
+from ces_observer.model import parse_model
+
+OPTIONS = IdentifyOptions(1.0, limits=Limits(seconds=20.0, starts=1, threads=1), rate_Hz=RATE_HZ, bandwidth_Hz=40.0)
+
+
+def regressors(counts, rate_Hz=RATE_HZ, recording=None):
+    series = prepare(recording or planted(NETWORK, 1), SAMPLING)
+    return [(r.signal, r.lag) for r in build_regressors(build_training([series]), counts, rate_Hz)]
+
+
+@pytest.mark.parametrize("rate_Hz", [120.0, RATE_HZ, 1000.0, 1234.5])
+def test_counts_are_ticks_at_every_rate(rate_Hz):
+    assert regressors(LagCounts(2, 1, 3), rate_Hz) == [
+        *(("force", 1), ("force", 2), ("speed", 0), ("speed", 1), ("speed", 2), ("current", 0))
+    ]
+
+
+def test_the_text_of_the_option_is_the_counts():
+    assert read_lags("2,4,5") == LagCounts(forces=2, currents=4, speeds=5)
+    assert read_lags("auto") == LAGS
+
+
+def test_a_network_uses_the_lags_asked_for():
+    shape = NetworkShape(2, read_lags("2,2,1"))
+    model = identify([planted(NETWORK, 1)], [], OPTIONS, fitter=shape).model
+    assert [(r.signal, r.lag) for r in model.body.regressors] == [
+        *(("force", 1), ("force", 2), ("speed", 0), ("current", 0), ("current", 1))
+    ]
+    assert parse_model(model.to_json(), "m.json").body == model.body
+
+
+def test_a_constant_current_alone_leaves_nothing_to_use():
+    varied = planted(NETWORK, 4)
+    current = varied.channel("current")
+    constant = replace(current, values=np.full(len(current), 0.5))
+    fixed = replace(varied, channels={**varied.channels, "current": constant})
+    assert regressors(LagCounts(1, 3, 1), recording=fixed) == [("force", 1), ("speed", 0)]
+    with pytest.raises(CesError, match="every input among the regressors is constant"):
+        regressors(LagCounts(0, 3, 0), recording=fixed)
+
+
+def test_memberships_of_current_and_speed_make_a_model_without_memory():
+    model = identify([planted(FUZZY, 1)], [], OPTIONS, fitter=choose_shape("7x2", "2x3")).model
+    body = model.body
+    assert [(p.signal, p.lag, len(p.memberships)) for p in body.premises] == [("speed", 0, 3), ("current", 0, 2)]
+    assert {(r.signal, r.lag) for r in body.regressors} == {("speed", 0), ("current", 0)}
+    assert (body.max_lag, len(body.rules), model.certificate["gain"]) == (0, 6, 0.0)
+    series = prepare(planted(FUZZY, 2), SAMPLING)
+    forces = simulate_series(model, series).force
+    predictor = model.make_predictor()
+    for k in np.flatnonzero(series.scored)[::97]:
+        predictor.reset()
+        tick = predictor.tick(float(series.position[k]), float(series.speed[k]), float(series.current[k]))
+        assert tick == pytest.approx(forces[k], rel=1e-9)
