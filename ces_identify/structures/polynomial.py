@@ -24,6 +24,13 @@ from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
 
+_NO_CANDIDATE = "no candidate lowered the cost below 100 %; check signs, signals and rules, or give more time"
+_REASONS = {
+    THESIS: (
+        "no model below 100 %: the free run of the initial model diverges or follows nothing, and no candidate mends "
+        "that; give another initial model or more candidates, a lower --rate or more time"
+    )
+}
 MIN_SEARCH_SHARE = 0.5  # of the time limit that the search gets, however long it took to build the problem
 
 
@@ -41,7 +48,7 @@ def fit_polynomial(
     limits = replace(options.limits, seconds=seconds)
     results = [f for f in search(problem, limits, listener) if f.cost < 100.0]
     if not results:
-        raise CesError("no candidate lowered the cost below 100 %; check signs, signals and rules, or give more time")
+        raise CesError(_REASONS.get(options.limits.method, _NO_CANDIDATE))
     how = {
         "method": f"{options.limits.method}, judged by free run",
         "candidates": len(problem.candidates),

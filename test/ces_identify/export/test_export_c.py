@@ -106,6 +106,13 @@ POWERS = (
     Term(3e4, (f("position", 0, 1.25),)),
     Term(0.5, (f("force", 1), f("current", 0, 0.1, False))),
 )
+PUBLISHED = (  # two factors of the speed in a term, as in the thesis' noise model
+    Term(900.0, (f("current", 0, 1.0, False), f("speed", 0, 0.6, False), f("speed", 1, 0.0))),
+    Term(0.2, (f("force", 2), f("current", 1, 1.0, False), f("speed", 0, 1.0))),
+    Term(-0.3, (f("force", 2), f("current", 0, 1.0, False), f("speed", 1, 0.2, False), f("speed", 3, 0.0))),
+    Term(0.2, (f("force", 2), f("speed", 2, 1.0, False), f("speed", 0, 0.0))),
+    Term(40.0, (f("speed", 1, 0.6, False),)),
+)
 UNSTABLE = (Term(1.02, (f("force", 1),)), Term(60.0, (f("speed"),)), Term(2.0, ()))
 
 
@@ -135,6 +142,7 @@ MODELS = {
     "several output lags": make(*LAGS, warm_up_s=0.0),
     "many factors": make(*MANY_FACTORS, order=2, outlier_m=0.02),
     "powers": make(*POWERS, bandwidth_Hz=60.0),
+    "published regressors": make(*PUBLISHED, warm_up_s=0.0),
     "slower ticks than samples": make(*PLAIN, rate_Hz=400.0, bandwidth_Hz=40.0),
     "odd rate and a long gap": make(*LAGS, rate_Hz=1333.3, max_gap_s=0.2, order=2),
     "unstable": make(*UNSTABLE, warm_up_s=0.05),

@@ -1,5 +1,6 @@
 import math
 import random
+from dataclasses import replace
 
 import pytest
 from model_examples import make_model
@@ -38,6 +39,18 @@ def test_terms_that_cancel_have_a_small_bound():
 
 def test_different_output_lags_add_up():
     assert model(output(0.5), output(-0.4, lag=2)).certify().gain == pytest.approx(0.9, rel=3e-3)
+
+
+def test_a_signal_at_two_delays_of_a_term_is_two_variables():
+    """Speed and sign of different delays may take any values together; those of one delay may not."""
+    size, sign = Factor("speed", 3, 0.4, signed=False), Factor("speed", 1, 0.0)
+    both = output(0.5, Factor("current", 0, 1.0, signed=False), size, sign)
+    assert model(both).certify().gain == pytest.approx(0.5 * 0.7 * 1.2**0.4, rel=3e-3)
+    apart = output(-0.5, Factor("current", 0, 1.0, signed=False), size, Factor("speed", 2, 0.0))
+    assert model(both, apart).certify().gain == pytest.approx(2 * 0.5 * 0.7 * 1.2**0.4, rel=3e-3)
+    # where one sign cancels, the bound is loose, never wrong: near zero the sign counts as either
+    cancelling = model(both, replace(both, coefficient=-0.4)).certify().gain
+    assert 0.07 * 1.2**0.4 <= cancelling <= 0.9 * 0.7 * 1.2**0.4 * 1.01
 
 
 def test_what_is_no_contraction_gets_no_certificate():
