@@ -13,21 +13,21 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from joblib import Memory, Parallel, delayed, parallel_config
 
-from bench.thesis.one_step import one_step_network
+from bench.thesis.one_step import fit_conventionally
 from bench.thesis.rows import ANFIS, NETWORK, POLYNOMIAL
 from ces_identify.identification import identify
+from ces_identify.polynomial.regressors import load_rules
 from ces_identify.polynomial.search_limits import BOTH, Limits
 from ces_identify.polynomial.search_limits import THESIS as TO_THE_LETTER
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
-from ces_identify.structures.kit import Fitter, IdentifyOptions
+from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.network import NetworkShape
-from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.trained.training import LagCounts
 from ces_observer.errors import CesError
 from ces_observer.model import Model
@@ -37,7 +37,10 @@ ROOT = Path(__file__).resolve().parents[2]
 CODE_MODULES = ("ces_observer", "ces_identify", "ces_rig", "bench.thesis.models", "bench.thesis.one_step")
 FRESH = 1000  # added to an experiment's seed for the run on which models are evaluated
 
-THESIS, OURS = "thesis", "ours"
+THESIS, OURS, PUBLISHED = "thesis", "ours", "published"
+NAMES = {THESIS: "its procedure here", OURS: "ours", PUBLISHED: "its regressors here"}
+REGRESSORS = ROOT / "config" / "thesis"  # files of the published regressors
+REGRESSORS_HZ = 250.0  # of 1000, 500 and 250 Hz the only rate at which all of them give a stable model
 STARTS = {POLYNOMIAL: 24, NETWORK: 4, ANFIS: 4}
 SEVERAL = 4  # times the seconds of search for a model from several experiments
 
@@ -56,8 +59,7 @@ class TrainingJob:
         return seconds * (SEVERAL if len(self.sources) > 1 else 1)
 
     def __str__(self) -> str:
-        how = "its procedure" if self.procedure == THESIS else "ours"
-        return f"{self.structure} {self.size}, {how}, from {' + '.join(self.sources)}"
+        return f"{self.structure} {self.size}, {NAMES[self.procedure]}, from {' + '.join(self.sources)}"
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ def code_digest() -> str:
         Path(m.__file__) for n, m in sys.modules.items() if {n, n.partition(".")[0]} & {*CODE_MODULES} and m.__file__
     }
     digest = hashlib.sha256()
-    for path in sorted(files | set((ROOT / "ces_rig").rglob("*.yaml"))):
+    for path in sorted(files | set((ROOT / "ces_rig").rglob("*.yaml")) | set(REGRESSORS.glob("*.yaml"))):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -130,24 +132,29 @@ def train_job(job: TrainingJob, seconds: float, code: str) -> TrainingOutcome:
 
 
 def _train(job: TrainingJob, recordings: Sequence[Recording], seconds: float) -> Model:
-    ours = job.procedure == OURS
-    terms = job.size[0] if job.structure == POLYNOMIAL else Limits().max_terms
-    method = BOTH if ours else TO_THE_LETTER
-    limits = Limits(terms, seconds, starts=STARTS[job.structure], threads=1, method=method)
-    if job.structure == NETWORK and not ours:
-        return one_step_network(LagCounts(*job.size[:3]), job.size[3], recordings, limits)
+    ours, starts = job.procedure == OURS, STARTS[job.structure]
+    if job.structure != POLYNOMIAL:
+        limits = Limits(seconds=seconds, starts=starts, threads=1)
+        shape = make_shape(job)
+        if not ours:
+            return fit_conventionally(shape, recordings, limits)
+        return identify(recordings, (), IdentifyOptions(split=1.0, limits=limits), fitter=shape).model
+    limits = Limits(job.size[0], seconds, starts=starts, threads=1, method=BOTH if ours else TO_THE_LETTER)
     options = IdentifyOptions(split=1.0, limits=limits, certify=ours)
-    return identify(recordings, (), options, fitter=make_fitter(job)).model
+    if job.procedure == PUBLISHED:  # the search has no candidates beyond the initial model
+        rules = load_rules(REGRESSORS / f"{Path(job.sources[0]).name}.yaml")
+        options = replace(options, rules=rules, rate_Hz=REGRESSORS_HZ)
+    return identify(recordings, (), options).model
 
 
-def make_fitter(job: TrainingJob) -> Fitter:
-    """Return the fit of a job; ours has the same size, and the lags of the program's defaults."""
-    if job.structure == POLYNOMIAL:
-        return fit_polynomial
+def make_shape(job: TrainingJob) -> NetworkShape | FuzzyShape:
+    """Return the shape of a network or of rules: the inputs of the thesis, or for ours those of the defaults."""
+    ours = job.procedure == OURS
     if job.structure == NETWORK:
-        return NetworkShape(units=job.size[3])
+        *counts, units = job.size
+        return NetworkShape(units) if ours else NetworkShape(units, LagCounts(*counts))
     currents, speeds = job.size
-    if job.procedure == OURS:
+    if ours:
         return FuzzyShape(speeds, currents)
     return FuzzyShape(speeds, currents, current_delay_s=0.0, lags=CURRENT_AND_SPEED)
 

@@ -18,7 +18,7 @@ from matplotlib import pyplot as plt
 
 from bench.small_png import save_small
 from bench.thesis.costs import FOLDER, Evaluations, percent
-from bench.thesis.models import OURS, THESIS, load_named_experiment
+from bench.thesis.models import NAMES, OURS, THESIS, load_named_experiment
 from bench.thesis.rows import TIME, Panel, panels
 from ces_identify.validation.evaluate import Evaluation
 from ces_rig.drive.reg1 import Reg1
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 F = NDArray[np.float64]
 
-ROWS = {THESIS: "its procedure here", OURS: "ours"}
 MEASURED, SIMULATED, REFERENCE, ZERO = "#3465a4", "#d62728", "#2ca02c", "#888888"
 CLOUD = 2500  # points of a speed-force plot of a sweep or of noise
 LOOP_S = 0.75  # of a sine, drawn as a line over speed
@@ -74,7 +73,7 @@ def draw(pair: tuple[Panel, Panel], evaluations: Evaluations, path: Path) -> Non
 
 def _subtitle(procedure: str, evaluation: Evaluation | None) -> str:
     cost = percent(evaluation)
-    return f"{ROWS[procedure]}: {f'J = {cost} %' if cost[0].isdigit() else cost}"
+    return f"{NAMES[procedure]}: {f'J = {cost} %' if cost[0].isdigit() else cost}"
 
 
 def _plot(axis: Axes, panel: Panel, evaluation: Evaluation) -> None:
@@ -121,9 +120,9 @@ def _draw_reference(axis: Axes, panel: Panel, evaluation: Evaluation) -> None:
 
 def _limit(axis: Axes, evaluation: Evaluation) -> None:
     """Limit the axis to the measured forces and a margin, so that an unstable run does not hide them."""
-    low, high = evaluation.series.force.min() / 1e3, evaluation.series.force.max() / 1e3
-    simulated = evaluation.run.force[evaluation.series.scored] / 1e3
-    margin = MARGIN * (high - low)
+    scored = evaluation.series.scored
+    measured, simulated = evaluation.series.force[scored] / 1e3, np.nan_to_num(evaluation.run.force[scored]) / 1e3
+    low, high, margin = measured.min(), measured.max(), MARGIN * np.ptp(measured)
     axis.set_ylim(
         max(low - margin, min(1.05 * low, simulated.min())), min(high + margin, max(1.05 * high, simulated.max()))
     )

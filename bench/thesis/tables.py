@@ -13,10 +13,20 @@ import sys
 from collections.abc import Iterator
 
 from bench.markdown import between, markdown, replace_between
-from bench.thesis.costs import FOLDER, Evaluations, Outcomes, evaluate_all, make_job, noise_floor, percent
-from bench.thesis.models import OURS, ROOT, THESIS, TrainingJob, load_named_experiment, processors, train_all
+from bench.thesis.costs import FOLDER, Evaluations, Outcomes, cells, evaluate_all, make_job, noise_floor, percent
+from bench.thesis.models import (
+    NAMES,
+    OURS,
+    PUBLISHED,
+    ROOT,
+    THESIS,
+    TrainingJob,
+    load_named_experiment,
+    processors,
+    train_all,
+)
 from bench.thesis.plots import caption, draw_all
-from bench.thesis.rows import TABLES, format_size, panels
+from bench.thesis.rows import POLYNOMIAL, TABLES, ThesisRow, format_size, panels
 from ces_rig.experiment import run
 
 STORE = ROOT / "out" / "tables"
@@ -44,13 +54,7 @@ def main() -> None:
 
 def jobs() -> list[TrainingJob]:
     """Return all models of the tables, each once, the largest first."""
-    wanted = [
-        make_job(structure, procedure, row)
-        for structure, table in TABLES.items()
-        for row in table.rows
-        for procedure in (OURS, THESIS)
-    ]
-    return sorted(dict.fromkeys(wanted), key=lambda job: -sum(job.size))
+    return sorted({make_job(*cell) for cell in cells()}, key=lambda job: (-sum(job.size), str(job)))
 
 
 def sections(evaluations: Evaluations) -> Iterator[str]:
@@ -66,13 +70,20 @@ def sections(evaluations: Evaluations) -> Iterator[str]:
 def format_table(structure: str, evaluations: Evaluations) -> str:
     """Return one of the thesis' tables as Markdown."""
     table = TABLES[structure]
-    rows = [["row", table.size, "thesis J %", "its procedure here J %", "ours J %", "noise floor J %", "figure"]]
+    procedures = (PUBLISHED, THESIS, OURS) if structure == POLYNOMIAL else (THESIS, OURS)
+    heads = [f"{NAMES[procedure]} J %" for procedure in procedures]
+    rows = [["row", table.size, "thesis J %", *heads, "noise floor J %", "figure"]]
     for row in table.rows:
-        cells = [percent(evaluations[structure, procedure, row]) for procedure in (THESIS, OURS)]
+        costs = [format_cell(evaluations, (structure, procedure, row)) for procedure in procedures]
         published = "unstable" if row.cost is None else f"{row.cost:g}"
         floor = f"{noise_floor(f'{FOLDER}/{row.target}'):.2f}"
-        rows.append([row.title, format_size(row), published, *cells, floor, row.figure or "-"])
+        rows.append([row.title, format_size(row), published, *costs, floor, row.figure or "-"])
     return markdown(rows)
+
+
+def format_cell(evaluations: Evaluations, cell: tuple[str, str, ThesisRow]) -> str:
+    """Return the cost of a cell; "-" where the thesis publishes no regressors."""
+    return percent(evaluations[cell]) if cell in evaluations else "-"
 
 
 def facts(outcomes: Outcomes, seconds: float) -> str:
