@@ -1,8 +1,9 @@
 """`reg1`, a controller closed over the damper: measured stroke and force go in, the valve's current comes out.
 
-In the thesis reg1 is Öhlins' own controller, connected to the damper during the experiments; its reference is a curve
-of force over speed (fig. 5.1b), and it uses 0.29 to 0.7 A, a small segment of the allowed range (section 5.1). Its law,
-its curve and its gains are not published. Those here were chosen for this rig: a PI controller of the force,
+In the thesis reg1 is Öhlins' present control solution, connected to the damper during the experiments (section 3.3);
+its reference is a curve of force over speed (fig. 5.1b), and it uses 0.29 to 0.7 A, a small segment of the allowed
+range (section 5.1). Its law, curve and gains, and whether it measures the force, are not stated. Those here were chosen
+for this rig: a PI controller of the measured force,
 
     i = middle + gain * (e + integral of e / reset),   e = sign(v) * (curve(v) - force),
 
