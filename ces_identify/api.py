@@ -83,8 +83,9 @@ def identify(
 ) -> IdentificationResult:
     """Identify a model; neither the fit nor the selection sees the `validation` recordings.
 
-    `structure` is "polynomial", "sigmoid" (size `units`) or "anfis" (size `rules`, such as "7x2"). `listener` is called
-    with each improvement. Warns of recordings that differ; raises CesError if they hold too little.
+    `structure` is "polynomial", "sigmoid" (sizes `units` and `lags`, such as "2,4,5") or "anfis" (size `rules`, such as
+    "7x2", or `memberships`, such as "4x4"). `listener` is called with each improvement. Warns of recordings that
+    differ; raises CesError if they hold too little.
 
         result = identify([read_recording("bags/noise")], validation=[read_recording("bags/road")])
         result.model.save(Path("model.json"))
@@ -95,10 +96,14 @@ def identify(
     known = {size.name: size.default for size in kit.sizes}
     if not sizes.keys() <= known.keys():
         raise CesError(f"structure '{structure}' has no size {', '.join(sizes.keys() - known.keys())}")
+    try:
+        fitter = kit.fitter({**known, **sizes})
+    except ValueError as error:
+        raise CesError(f"structure '{structure}': {error}") from None
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
     for finding in require_consistent([*given, *validation]):
         warnings.warn(finding.text, stacklevel=2)
-    return identification.identify(given, validation, options, listener, kit.fitter({**known, **sizes}))
+    return identification.identify(given, validation, options, listener, fitter)
 
 
 def validate(model: Model, recordings: Recording | Sequence[Recording]) -> list[Evaluation]:

@@ -39,7 +39,7 @@ PARAMETERS = (
     Option("blend", NO_WORDS, "sub-models with blending between values of a signal, such as speed:-0.3,0.3"),
     Option("method", BOTH, "search method", one_of=METHODS),
     Option("weight", NO_WORDS, "regions with more weight, each as REGION=W"),
-    Option("terms", 25, "maximum number of terms", 1, 200),
+    Option("terms", 0, "maximum number of terms; 0: 25, or no limit with method thesis", 0, 200, unset=0),
     Option("time", 60.0, "maximum time of the search [s]", 0.1, 1e6),
     Option("target", 0.0, "cost at which the search stops [%]", 0, 100),
     Option("starts", 8, "starts of the search", 1, 10000),

@@ -105,7 +105,8 @@ def parser() -> terminal.Parser:
     p.add_argument("--teacher", metavar="SIM", help="learn this simulation's force instead of the measured force")
     add_candidates(p)
     terminal.add_weight(p, "give ticks in this region W times the weight in fit and selection")
-    p.add_argument("--terms", type=whole(1, 200), default=25, metavar="N", help="maximum number of terms (default 25)")
+    text = "maximum number of terms (default 25; no limit with --method thesis)"
+    p.add_argument("--terms", type=whole(1, 200), metavar="N", help=text)
     text = "maximum search time in seconds, without the compilation in the first run (default 60)"
     p.add_argument("--time", type=number(0.1, 1e6), default=60.0, metavar="S", help=text)
     p.add_argument("--target", type=number(0.0, 100.0), default=0.0, metavar="J", help="stop at this cost in percent")

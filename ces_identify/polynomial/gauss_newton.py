@@ -74,7 +74,7 @@ class GaussNewtonStart(SearchStart):
     def _grow(self) -> None:
         """Add terms until PATIENCE of them have not lowered the cost; prune after each success."""
         model, stale = self.current, 0
-        while len(model.chosen) < self.limits.max_terms and stale <= PATIENCE and not self._reason_to_end():
+        while len(model.chosen) < self.limits.term_limit and stale <= PATIENCE and not self._reason_to_end():
             grown = self._add_best_candidate(model, np.inf)
             if grown is None:
                 return

@@ -79,7 +79,7 @@ class RandomForwardStart(LeastSquaresStart):
     def _prune(self, model: SearchResult, ceiling: float) -> SearchResult | None:
         """Return `model` without the terms it does not need; None if it stays above the term limit."""
         while len(model.chosen) > 1:
-            over = len(model.chosen) > self.limits.max_terms
+            over = len(model.chosen) > self.limits.term_limit
             bound = ceiling if over else min(ceiling, model.cost * (1.0 + PRUNE_LOSS))
             smaller = self._remove_weakest_term(model, bound)
             if smaller is None:

@@ -242,7 +242,7 @@ def parse_rules(raw: Mapping[str, Any], source: str) -> CandidateRules:
     rules = {**raw, "force": force} if "force" in raw else raw
     signals = {s: _signal_rule(s, rules[s], f"{source}: {s}", s in hats) for s in names if s in rules}
     initial = parse_term_list(raw["initial"], names, hats, f"{source}: initial") if "initial" in raw else ()
-    products = _products(raw.get("products"), signals, source) if "products" in raw or not initial else ()
+    products = _products(raw.get("products"), signals, beside, source) if "products" in raw or not initial else ()
     return CandidateRules(signals, products, beside, constructed, open_lags, initial)
 
 
@@ -291,7 +291,9 @@ def _read_list(raw: Mapping[str, Any], key: str, where: str) -> tuple[Any, ...]:
     return tuple(dict.fromkeys(value))
 
 
-def _products(raw: object, signals: Mapping[str, SignalRule], source: str) -> tuple[tuple[str, ...], ...]:
+def _products(
+    raw: object, signals: Mapping[str, SignalRule], beside: Mapping[str, SignalRule], source: str
+) -> tuple[tuple[str, ...], ...]:
     if not isinstance(raw, list) or not raw:
         raise CesError(f"{source}: products is {raw!r}; expected a list of lists of signals")
     products = []
@@ -300,8 +302,9 @@ def _products(raw: object, signals: Mapping[str, SignalRule], source: str) -> tu
             raise CesError(f"{source}: product {item!r}; expected signals among {', '.join(signals)}")
         if item.count("force") > 1 or len(item) > MAX_FACTORS:
             raise CesError(f"{source}: product {item!r}; expected at most {MAX_FACTORS} signals, force once")
-        for signal in set(item):
-            _require_lags(signals[signal], item.count(signal), f"{source}: product {item!r}: {signal}")
+        rules = {**signals, **beside} if "force" in item else signals
+        for signal in dict.fromkeys(item):
+            _require_lags(rules[signal], item.count(signal), f"{source}: product {item!r}: {signal}")
         products.append(tuple(item))
     return tuple(dict.fromkeys(products))
 

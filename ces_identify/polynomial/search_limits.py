@@ -6,8 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ces_identify.numerics.arrays import F, I
+from ces_observer.structures.terms_file import MAX_TERMS
 
 RANDOM, GAUSS_NEWTON, BOTH, THESIS = "random", "gauss-newton", "both", "thesis"
+DEFAULT_TERMS = 25
 METHODS = (BOTH, RANDOM, GAUSS_NEWTON, THESIS)
 
 
@@ -17,10 +19,11 @@ class Limits:
 
     `method` chooses terms by random forward selection in `rounds`, by Gauss-Newton gain, or by both: every other start
     then continues with the latter from the result of the former. `thesis` is the thesis' own procedure
-    (ces_identify.polynomial.thesis_procedure). Without `exchanges`, a full model keeps its weak terms.
+    (ces_identify.polynomial.thesis_procedure). Without `exchanges`, a full model keeps its weak terms; without
+    `max_terms`, `term_limit` says how many there may be.
     """
 
-    max_terms: int = 25
+    max_terms: int | None = None
     seconds: float = 60.0
     target: float = 0.0
     starts: int = 8
@@ -29,6 +32,11 @@ class Limits:
     rounds: int = 2
     method: str = BOTH
     exchanges: bool = True
+
+    @property
+    def term_limit(self) -> int:
+        """Maximum number of terms: by default DEFAULT_TERMS, for the thesis' procedure what a model file can hold."""
+        return self.max_terms or (MAX_TERMS if self.method == THESIS else DEFAULT_TERMS)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ It starts from an initial model. One random candidate is added and removed from 
 is lower at all. Then one regressor at a time is removed; the best smaller model replaces the model if it costs less,
 and pruning starts over. The procedure ends when the list is empty, at the target cost, or when time is up. Nothing
 keeps a model stable. The thesis estimates parameters one step ahead (`nlarx`): least squares on the estimation ticks
-here, whose validation data are the selection ticks. It has no limit on the number of terms; `max_terms` is one.
+here, whose validation data are the selection ticks. It has no limit on the number of terms, unless `max_terms` is set.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ThesisStart(LeastSquaresStart):
             place, grown = self._add_first_better(self.current, trial, self.current.cost)
             at += len(trial) if grown is None else place + 1
             pruned = self._prune(grown) if grown is not None else self.current
-            if grown is not None and len(pruned.chosen) <= self.limits.max_terms:
+            if grown is not None and len(pruned.chosen) <= self.limits.term_limit:
                 self._keep(pruned)
         ended = self._reason_to_end() or "no candidates left"
         self._keep(replace(self.current, trials=self.trials, ended=ended))

@@ -39,7 +39,7 @@ def find_time_constants(
 ) -> CandidateRules:
     """Return `rules` with every open time constant [s] set to that of the lowest selection cost [%] on `series`."""
     step = max(1, round(series[0].rate_Hz / COARSE_HZ)) if series else 1
-    short = replace(limits, target=0.0, max_terms=min(TERMS, limits.max_terms), exchanges=False)
+    short = replace(limits, target=0.0, max_terms=min(TERMS, limits.term_limit), exchanges=False)
 
     def problem(choice: CandidateRules, chosen: I | None = None) -> Problem:
         terms = choice.candidates()

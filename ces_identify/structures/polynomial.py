@@ -52,7 +52,7 @@ def fit_polynomial(
     how = {
         "method": f"{options.limits.method}, judged by free run",
         "candidates": len(problem.candidates),
-        "most_terms": options.limits.max_terms,
+        "most_terms": options.limits.term_limit,
     }
     if options.limits.method == THESIS:
         model, doubt = _certify_if_stable(_model(problem, sampling, results[0], refit=False), options.certify)

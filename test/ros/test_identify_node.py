@@ -125,7 +125,7 @@ def test_sigterm_before_there_is_a_model_leaves_none(listener: Listener, begin: 
     [
         ({"bags": "['']"}, "parameter 'bags' is not set"),
         ({"bags": "[]"}, "has no value or is an empty list"),
-        ({"terms": 999}, "Min: 1, Max: 200, value: 999"),
+        ({"terms": 999}, "Min: 0, Max: 200, value: 999"),
         ({"method": "best"}, "parameter 'method' is 'best'; expected one of both, random, gauss-newton"),
         ({"bags": "[/nowhere]"}, "/nowhere: no such file or folder"),
     ],

@@ -53,6 +53,34 @@ def test_a_row_tells_settings_size_and_costs(work, structure, size):
     assert row["costs"][-1]["J"] == pytest.approx(again, abs=1e-5)
 
 
+@pytest.fixture
+def comparison(tmp_path):
+    """The jobs of a campaign of the thesis' procedures, by the settings that vary, and its recording."""
+    structures = (
+        "{polynomial: {method: [random, thesis], terms: 6, candidates: rules.yaml}, "
+        "sigmoid: {units: 2, lags: ['1,2,3']}, anfis: {memberships: 2x2}}"
+    )
+    (tmp_path / "rules.yaml").write_text(RULES)
+    (tmp_path / "c.yaml").write_text(f"bags: {{a: one}}\nstructures: {structures}\nlimits: {{seconds: 10}}\n")
+    campaign = load_campaign(tmp_path / "c.yaml")
+    recordings = {path: made(1, name=path.name) for path in campaign.paths}
+    by_settings = {j.cell.settings.get("method", j.cell.structure): j for j in jobs(campaign, recordings, "")}
+    return by_settings, list(recordings.values())
+
+
+def test_lags_memberships_and_the_procedure_of_the_thesis_reach_the_cells(comparison):
+    by_settings, recordings = comparison
+    done = {name: compute_cell(job, recordings) for name, job in by_settings.items()}
+    assert {name: one.row["status"] for name, one in done.items()} == dict.fromkeys(by_settings, DONE)
+    models = {name: parse_model(*one.files.values(), "test") for name, one in done.items()}
+    assert [(r.signal, r.lag) for r in models["sigmoid"].body.regressors] == [
+        *(("force", 1), ("speed", 0), ("speed", 1), ("speed", 2), ("current", 0), ("current", 1))
+    ]
+    assert (len(models["anfis"].body.rules), done["anfis"].row["gain"]) == (4, 0.0)
+    methods = {name: models[name].provenance["selection"]["method"] for name in ("random", "thesis")}
+    assert methods == {name: f"{name}, judged by free run" for name in ("random", "thesis")}
+
+
 def test_parameters_of_a_polynomial_are_its_terms(work):
     done = computed(work, "both", "polynomial")
     assert done.row["parameters"] == len(parse_model(*done.files.values(), "test").body.terms) == 4

@@ -8,6 +8,8 @@ from campaign_parts import CAMPAIGN, RULES, made
 
 from ces_identify.campaign.description import load_campaign
 from ces_identify.campaign.plan import jobs
+from ces_identify.polynomial.regressors import load_rules
+from ces_identify.polynomial.search_limits import THESIS
 from ces_observer.errors import CesError
 
 SMALL = "bags: {a: one}\nvalidate: {b: two}\nstructures: {polynomial: {candidates: rules.yaml}}\n"
@@ -55,6 +57,19 @@ def test_names_threads_defaults_and_further_cells_leave_the_key(keys, text):
 )
 def test_settings_recordings_and_signals_change_the_key(keys, change):
     assert keys(**change) != keys()
+
+
+def test_the_procedure_of_the_thesis_has_its_own_built_in_candidates(tmp_path, keys):
+    text = "bags: {a: one}\nstructures: {polynomial: {method: [random, thesis], candidates: [built-in, rules.yaml]}}\n"
+    assert len(set(keys(text))) == 4
+    campaign = load_campaign(tmp_path / "c.yaml")
+    rules = {
+        (job.cell.settings["method"], job.cell.settings["candidates"]): job.rules
+        for job in jobs(campaign, {path: made(1) for path in campaign.paths}, "defaults")
+    }
+    assert rules["random", "built-in"] == load_rules(None)
+    assert rules["thesis", "built-in"] == load_rules(None, THESIS)
+    assert rules["random", "rules.yaml"] == rules["thesis", "rules.yaml"] == load_rules(tmp_path / "rules.yaml")
 
 
 def test_keys_of_a_campaign_differ(keys):

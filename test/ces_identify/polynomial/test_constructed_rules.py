@@ -121,13 +121,15 @@ def test_a_time_constant_may_be_left_open_and_set_later_also_below_hats():
     assert not {"valve", "slow", "by_valve"} & set(bare.constructed)
 
 
-def test_the_look_up_in_the_documentation_can_be_used_as_it_stands():
+def test_the_rules_in_the_documentation_can_be_used_as_they_stand():
     text = (Path(__file__).parents[3] / "docs" / "constructed.md").read_text(encoding="utf-8")
-    valve, block = map(yaml.safe_load, re.findall(r"```yaml\n(.*?)```", text, re.DOTALL))
+    valve, twice, block = map(yaml.safe_load, re.findall(r"```yaml\n(.*?)```", text, re.DOTALL))
     built_in = yaml.safe_load(DEFAULT_RULES)
     assert valve == {"constructed": built_in["constructed"]}
     rules = parse_rules({**built_in, **block, "products": built_in["products"] + block["products"]}, "documented")
     assert rules.count() == load_rules(None).count() + (2 + 4) * 2
+    thesis = parse_rules({"force": {"lags": [1]}, "current": {"lags": [1]}, **twice}, "documented")
+    assert thesis.count() == len(thesis.candidates()) == 4 * 3 * 4
 
 
 @pytest.mark.parametrize(

@@ -106,6 +106,10 @@ def test_an_exploding_rule_is_refused_with_its_count():
             {"products": [["current", "current"]]},
             "current 2 times, but its rule has 1 lags; add lags or a rule 'again'",
         ),
+        (
+            {"force": {"lags": [1], "speed": {"lags": [0]}}, "products": [["force", "speed", "speed"]]},
+            "speed 2 times, but its rule has 1 lags",
+        ),
         ({"products": [["force", "force"]]}, "expected at most 8 signals, force once"),
         ({"products": [["speed"] * 9]}, "expected at most 8 signals, force once"),
         ({"products": [["temperature"]]}, "expected signals among force, speed, current"),

@@ -19,6 +19,7 @@ from ces_identify.preparation.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError, ModelError
 from ces_observer.nodes.model_check import require_stable
+from ces_observer.structures.terms_file import MAX_TERMS
 
 pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
 ROOT = Path(__file__).resolve().parents[3]
@@ -150,3 +151,8 @@ def test_regressors_that_diverge_are_refused_with_what_to_do():
     rules = load_rules(ROOT / "config" / "thesis" / "sweep.yaml")
     with pytest.raises(CesError, match="no model below 100 %: the free run of the initial model diverges or"):
         identify([read_recording(ROOT / "bags" / "sweep")], options=IdentifyOptions(rules=rules, limits=ONCE))
+
+
+def test_only_the_procedure_of_the_thesis_has_no_limit_on_terms_unless_it_is_given():
+    assert (Limits().term_limit, Limits(method=THESIS).term_limit) == (25, MAX_TERMS)
+    assert Limits(7).term_limit == Limits(7, method=THESIS).term_limit == 7

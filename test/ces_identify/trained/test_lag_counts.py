@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, RATE_HZ, SAMPLING, planted
 
+import ces_identify
 from ces_identify.identification import identify
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.preparation.series import prepare
@@ -44,6 +45,18 @@ def test_a_network_uses_the_lags_asked_for():
         *(("force", 1), ("force", 2), ("speed", 0), ("current", 0), ("current", 1))
     ]
     assert parse_model(model.to_json(), "m.json").body == model.body
+
+
+@pytest.mark.parametrize(
+    ("structure", "size", "message"),
+    [
+        ("sigmoid", {"lags": "2,4"}, "structure 'sigmoid': '2,4' is not Y,C,V, such as 2,4,5"),
+        ("anfis", {"memberships": "4"}, "structure 'anfis': '4' is not AxB, such as 4x4"),
+    ],
+)
+def test_a_wrong_size_is_one_line_in_a_script(structure, size, message):
+    with pytest.raises(CesError, match=message):
+        ces_identify.identify(planted(NETWORK, 1), structure=structure, **size)
 
 
 def test_a_constant_current_alone_leaves_nothing_to_use():
