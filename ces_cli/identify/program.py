@@ -78,9 +78,12 @@ def _print_certificate(model: Model) -> None:
     if model.certificate is not None:
         print(f"stable: {summarize(model.certificate)} (proved)")
         return
-    doubt = model.provenance["selection"].get("not_proved", "the proof was not tried (--no-certificate)")
+    doubt = model.provenance["selection"].get("not_proved")
+    refusal = "the observer will refuse this model unless allow_uncertified is true"
     terminal.print_warning(
-        f"not proved stable: {doubt}; the observer will refuse this model unless allow_uncertified is true"
+        f"not proved stable: {doubt}; {refusal}"
+        if doubt
+        else f"--no-certificate: no proof of this model's stability was tried; if the observer's fails, {refusal}"
     )
 
 

@@ -266,6 +266,13 @@ def test_without_validation_the_page_says_so(tmp_path: Path, both: list[Evaluati
     assert "RMS error on the identification recordings" in words(section(root, "coverage"))
 
 
+def test_the_page_says_whether_the_model_has_a_certificate(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    assert "None: this model comes without a proof of stability." in words(section(root, "provenance"))
+    _, root = page(tmp_path, both, used=model(certificate={"gain": 0.9}))
+    assert "without a proof" not in words(section(root, "provenance"))
+
+
 def test_no_recording_at_all_still_shows_the_model(tmp_path: Path) -> None:
     _, root = page(tmp_path, [])
     assert len(list(section(root, "terms").iter(f"{XHTML}tr"))) == len(TERMS) + 1
