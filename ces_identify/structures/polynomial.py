@@ -24,13 +24,11 @@ from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
 
-_NO_CANDIDATE = "no candidate lowered the cost below 100 %; check signs, signals and rules, or give more time"
-_REASONS = {
-    THESIS: (
-        "no model below 100 %: the free run of the initial model diverges or follows nothing, and no candidate mends "
-        "that; give another initial model or more candidates, a lower --rate or more time"
-    )
-}
+NO_CANDIDATE = "no candidate lowered the cost below 100 %; check signs, signals and rules, or give more time"
+NO_MODEL_BY_THESIS = (
+    "no model below 100 %: the free run of the initial model diverges or follows nothing, and no candidate mends that; "
+    "give another initial model or more candidates, a lower --rate or more time"
+)
 MIN_SEARCH_SHARE = 0.5  # of the time limit that the search gets, however long it took to build the problem
 
 
@@ -48,7 +46,7 @@ def fit_polynomial(
     limits = replace(options.limits, seconds=seconds)
     results = [f for f in search(problem, limits, listener) if f.cost < 100.0]
     if not results:
-        raise CesError(_REASONS.get(options.limits.method, _NO_CANDIDATE))
+        raise CesError(NO_MODEL_BY_THESIS if options.limits.method == THESIS else NO_CANDIDATE)
     how = {
         "method": f"{options.limits.method}, judged by free run",
         "candidates": len(problem.candidates),
@@ -56,8 +54,9 @@ def fit_polynomial(
     }
     if options.limits.method == THESIS:
         model, doubt = _certify_if_stable(_model(problem, sampling, results[0], refit=False), options.certify)
-        return Fitted(model, results, how | ({"not_proved": doubt} if doubt else {}))
-    model, results = _best_model(problem, sampling, results, options.certify)
+        how |= {"not_proved": doubt} if doubt else {}
+    else:
+        model, results = _best_model(problem, sampling, results, options.certify)
     return Fitted(model, results, how)
 
 
