@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from ces_identify.config_file import read_yaml_mapping, require_known_keys
 from ces_identify.recordings.recording import Channel, Recording
+from ces_rig.closed_loop import simulate_controlled
 from ces_rig.dampers.hydraulic.parameters import Damper, load_damper, parse_damper
-from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
+from ces_rig.dampers.hydraulic.stepper import SimulatedRun, rest_force, simulate
 from ces_rig.descriptions import build, fill_defaults, quantity
 from ces_rig.drive.currents import Current, make_current
+from ces_rig.drive.reg1 import Reg1
 from ces_rig.drive.strokes import Stroke, make_stroke
 from ces_rig.errors import RigError
 from ces_rig.sensors import Sensors
@@ -49,7 +51,7 @@ class Experiment:
 
     settings: ExperimentSettings
     stroke: Stroke
-    current: Current
+    current: Current | Reg1
     damper: Damper
     sensors: Sensors
 
@@ -67,9 +69,10 @@ class Truth:
 
 
 def packaged_experiments() -> dict[str, Path]:
-    """Return the experiments that come with the package, by name."""
+    """Return the experiments that come with the package, by name; those of a folder are `folder/name`."""
     folder = Path(str(files("ces_rig"))) / "experiments"
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    paths = sorted(folder.glob("*.yaml")) + sorted(folder.glob("*/*.yaml"))
+    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in paths}
 
 
 def find_experiment(name_or_path: str) -> Path:
@@ -109,10 +112,17 @@ def simulate_truth(experiment: Experiment) -> Truth:
     settings = experiment.settings
     time = np.arange(round(settings.duration_s / GRID_S) + 1, dtype=np.float64) * GRID_S
     stroke = experiment.stroke.samples(time, _rng(settings.seed, "stroke"))
-    command = experiment.current.samples(time, stroke, _rng(settings.seed, "current"))
-    run = simulate(experiment.damper, GRID_S, stroke, command)
+    run, command = _drive_damper(experiment, time, stroke)
     force = run.force_N - (rest_force(experiment.damper) if settings.tare else 0.0)
     return Truth(time, stroke, command, run.state("coil_A"), force, run.state("oil_degC"))
+
+
+def _drive_damper(experiment: Experiment, time_s: Array, stroke_m: Array) -> tuple[SimulatedRun, Array]:
+    """Return the damper's run on `stroke_m` (n,), and the commanded current [A] (n,)."""
+    if isinstance(experiment.current, Reg1):
+        return simulate_controlled(experiment.damper, GRID_S, stroke_m, experiment.current)
+    command = experiment.current.samples(time_s, stroke_m, _rng(experiment.settings.seed, "current"))
+    return simulate(experiment.damper, GRID_S, stroke_m, command), command
 
 
 def run(experiment: Experiment) -> Recording:

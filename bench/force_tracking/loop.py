@@ -90,14 +90,15 @@ class TrackedRun:
 
 
 def track(settings: RigSettings, design: Design, feedback: str, seconds: float, driver: float = 1.0) -> TrackedRun:
-    """Close the loop for `seconds`; the valve's driver gives `driver` times the command."""
+    """Close the loop for `seconds`; the valve's driver gives `driver` times the command, within the working range."""
     rig, graph = LiveRig(settings), Graph(design, feedback)
+    low, high = rig.damper.model.current_A
     commands = deque([graph.command_A] * (DELAY_TICKS - 1))
     signals = np.full((4, round(seconds * settings.rate_hz)), np.nan)
     for k in range(signals.shape[1]):
         sample = rig.tick()
         commands.append(graph.answer(sample, rig.time_s))
-        rig.command.set_current(driver * commands.popleft(), rig.time_s)
+        rig.command.set_current(min(max(driver * commands.popleft(), low), high), rig.time_s)
         signals[:, k] = rig.motion[STROKE], rig.motion[FORCE], graph.estimate_N, graph.command_A
     return evaluate_run(rig, *signals)
 

@@ -20,7 +20,8 @@ from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.dampers.hydraulic.stepper import rest_force
 from ces_rig.experiment import Truth, load_experiment, packaged_experiments, simulate_truth
 
-CURRENTS = (0.29, 0.40, 0.50, 0.60, 0.70)  # [A]
+CURRENTS = (0.29, 0.40, 0.50, 0.60, 0.70)  # [A] in the working range
+BEYOND = {0.20: ":", 1.00: "--", 1.60: "-."}  # [A] outside it
 STYLE: Any = {
     "figure.dpi": 130, "font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
     "grid.color": "#dddddd", "grid.linewidth": 0.6, "axes.axisbelow": True, "legend.frameon": False,
@@ -49,9 +50,10 @@ def draw_steady_force(damper: Damper) -> Any:
     speeds = np.concatenate([np.geomspace(0.004, 0.04, 8), np.linspace(0.05, 0.2, 31), np.linspace(0.22, 0.8, 12)])
     signed = np.concatenate([-speeds[::-1], speeds])
     figure, axes = plt.subplots(figsize=(6.4, 4.6))
-    for current in CURRENTS:
+    for current in sorted({*CURRENTS, *BEYOND}):
         forces = [steady_force(damper, v, current) for v in signed]
-        axes.plot(signed, np.array(forces) / 1e3, color=_colour(current), label=f"{current:.2f} A")
+        look = {"color": "#777777", "ls": BEYOND[current]} if current in BEYOND else {"color": _colour(current)}
+        axes.plot(signed, np.array(forces) / 1e3, label=f"{current:.2f} A", **look)
     _zero_lines(axes)
     axes.set(xlabel="speed [m/s], positive in compression", ylabel="force [kN]", title="Steady force over speed")
     axes.legend(title="current", loc="lower right")

@@ -13,22 +13,22 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import yaml
 from joblib import Memory, Parallel, delayed, parallel_config
 
-from bench.thesis.one_step import one_step_model
+from bench.thesis.one_step import fit_conventionally
+from bench.thesis.rows import ANFIS, NETWORK, POLYNOMIAL
 from ces_identify.identification import identify
-from ces_identify.polynomial.regressors import load_rules, parse_rules
-from ces_identify.polynomial.search_limits import BOTH, RANDOM, Limits
+from ces_identify.polynomial.regressors import load_rules
+from ces_identify.polynomial.search_limits import BOTH, Limits
+from ces_identify.polynomial.search_limits import THESIS as TO_THE_LETTER
 from ces_identify.recordings.recording import Recording
-from ces_identify.structures.fuzzy import FuzzyShape
+from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.network import NetworkShape
-from ces_identify.structures.polynomial import fit_polynomial
-from ces_identify.validation.evaluate import Evaluation
+from ces_identify.trained.training import LagCounts
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, run, with_seed
@@ -37,72 +37,29 @@ ROOT = Path(__file__).resolve().parents[2]
 CODE_MODULES = ("ces_observer", "ces_identify", "ces_rig", "bench.thesis.models", "bench.thesis.one_step")
 FRESH = 1000  # added to an experiment's seed for the run on which models are evaluated
 
-POLYNOMIAL, NETWORK, ANFIS = "polynomial", "sigmoid", "anfis"
-THESIS, OURS = "thesis", "ours"
-BY_THESIS = {POLYNOMIAL: "its procedure", NETWORK: "one-step training", ANFIS: "one-step training"}
-TERMS = 11  # largest number in a polynomial of table 5.1
-POLYNOMIAL_STARTS, TRAINED_STARTS = 24, 8
+THESIS, OURS, PUBLISHED = "thesis", "ours", "published"
+NAMES = {THESIS: "its procedure here", OURS: "ours", PUBLISHED: "its regressors here"}
+REGRESSORS = ROOT / "config" / "thesis"  # files of the published regressors
+REGRESSORS_HZ = 250.0  # of 1000, 500 and 250 Hz the only rate at which all of them give a stable model
+STARTS = {POLYNOMIAL: 24, NETWORK: 4, ANFIS: 4}
 SEVERAL = 4  # times the seconds of search for a model from several experiments
 
 
 @dataclass(frozen=True)
-class ThesisRow:
-    """A row of the thesis' tables: its name, and the experiments for identification and evaluation."""
-
-    title: str
-    source: str
-    target: str
-
-
-ROWS = (
-    ThesisRow("4 Hz sine", "sine_4hz", "sine_4hz"),
-    ThesisRow("sweep 2-16 Hz", "sweep", "sweep"),
-    ThesisRow("low-pass noise", "noise", "noise"),
-    ThesisRow("4 Hz sine on the sweep model", "sweep", "sine_4hz"),
-    ThesisRow("4 Hz sine on the noise model", "noise", "sine_4hz"),
-)
-
-
-BY_LAGS = """\
-# Candidates of the thesis' procedure: lagged inputs and current, without a valve lag.
-force:
-  lags: [1, 2]
-  speed: {lags: [0], powers: [0.5, 1.0, 1.5], forms: [signed, magnitude]}
-  current: {lags: [8], powers: [1.0, 2.0], forms: [magnitude]}
-speed: {lags_ms: [0, 3, 8], powers: [0.5, 1.0, 2.0], forms: [signed, magnitude]}
-current: {lags_ms: [0, 8, 16], powers: [1.0, 2.0], forms: [magnitude]}
-position: {lags: [0], powers: [1.0, 2.0], forms: [signed]}
-products:
-  - []
-  - [speed]
-  - [current]
-  - [position]
-  - [speed, current]
-  - [position, current]
-  - [force]
-  - [force, speed]
-  - [force, current]
-  - [force, speed, current]
-"""
-
-
-@dataclass(frozen=True)
 class TrainingJob:
-    """A model to train: structure, procedure, experiments, and for a polynomial the maximum number of terms."""
+    """A model to train: structure, procedure, experiments, and size (see `ThesisRow`; for a polynomial, at most)."""
 
     structure: str
     procedure: str
     sources: tuple[str, ...]
-    terms: int = TERMS
+    size: tuple[int, ...]
 
     def limit_s(self, seconds: float) -> float:
         """Return the time limit [s] of this search, if one on a single experiment may take `seconds`."""
         return seconds * (SEVERAL if len(self.sources) > 1 else 1)
 
     def __str__(self) -> str:
-        size = f" of at most {self.terms} terms" if self.structure == POLYNOMIAL else ""
-        how = OURS if self.procedure == OURS else BY_THESIS[self.structure]
-        return f"{self.structure}{size}, {how}, from {' + '.join(self.sources)}"
+        return f"{self.structure} {self.size}, {NAMES[self.procedure]}, from {' + '.join(self.sources)}"
 
 
 @dataclass(frozen=True)
@@ -114,15 +71,23 @@ class TrainingOutcome:
     seconds: float
 
 
-Evaluations = dict[
-    tuple[str, str, ThesisRow], Evaluation | None
-]  # by structure, procedure and row; None where there is no model
-
-
 def load_named_experiment(name: str, fresh: bool) -> Experiment:
     """Return a packaged experiment, with another seed if `fresh`."""
     experiment = load_experiment(find_experiment(name))
     return with_seed(experiment, experiment.settings.seed + FRESH) if fresh else experiment
+
+
+def train_all(
+    jobs: Sequence[TrainingJob], seconds: float, processes: int, store: Path
+) -> dict[TrainingJob, TrainingOutcome]:
+    """Return the outcome of every job and print each; stored ones come first."""
+    outcomes: dict[TrainingJob, TrainingOutcome] = {}
+    print(f"{len(jobs)} models, {processes} in parallel, at most {seconds:g} s of search each", flush=True)
+    for job, outcome in train_jobs(jobs, seconds, processes, store):
+        outcomes[job] = outcome
+        size = outcome.model.size if outcome.model else outcome.why_none
+        print(f"[{len(outcomes):2}/{len(jobs)}] {outcome.seconds:4.0f} s  {job}: {size}", flush=True)
+    return outcomes
 
 
 def train_jobs(
@@ -141,7 +106,7 @@ def code_digest() -> str:
         Path(m.__file__) for n, m in sys.modules.items() if {n, n.partition(".")[0]} & {*CODE_MODULES} and m.__file__
     }
     digest = hashlib.sha256()
-    for path in sorted(files | set((ROOT / "ces_rig").rglob("*.yaml"))):
+    for path in sorted(files | set((ROOT / "ces_rig").rglob("*.yaml")) | set(REGRESSORS.glob("*.yaml"))):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -167,15 +132,31 @@ def train_job(job: TrainingJob, seconds: float, code: str) -> TrainingOutcome:
 
 
 def _train(job: TrainingJob, recordings: Sequence[Recording], seconds: float) -> Model:
-    starts = POLYNOMIAL_STARTS if job.structure == POLYNOMIAL else TRAINED_STARTS
+    ours, starts = job.procedure == OURS, STARTS[job.structure]
+    if job.structure != POLYNOMIAL:
+        limits = Limits(seconds=seconds, starts=starts, threads=1)
+        shape = make_shape(job)
+        if not ours:
+            return fit_conventionally(shape, recordings, limits)
+        return identify(recordings, (), IdentifyOptions(split=1.0, limits=limits), fitter=shape).model
+    limits = Limits(job.size[0], seconds, starts=starts, threads=1, method=BOTH if ours else TO_THE_LETTER)
+    options = IdentifyOptions(split=1.0, limits=limits, certify=ours)
+    if job.procedure == PUBLISHED:  # the search has no candidates beyond the initial model
+        rules = load_rules(REGRESSORS / f"{Path(job.sources[0]).name}.yaml")
+        options = replace(options, rules=rules, rate_Hz=REGRESSORS_HZ)
+    return identify(recordings, (), options).model
+
+
+def make_shape(job: TrainingJob) -> NetworkShape | FuzzyShape:
+    """Return the shape of a network or of rules: the inputs of the thesis, or for ours those of the defaults."""
     ours = job.procedure == OURS
-    limits = Limits(job.terms, seconds, starts=starts, threads=1, method=BOTH if ours else RANDOM)
-    if job.structure != POLYNOMIAL and not ours:
-        return one_step_model(job.structure, recordings, limits)
-    fitter = {POLYNOMIAL: fit_polynomial, NETWORK: NetworkShape(), ANFIS: FuzzyShape()}[job.structure]
-    rules = load_rules(None) if ours else parse_rules(yaml.safe_load(BY_LAGS), "candidates by lags")
-    options = IdentifyOptions(split=1.0, rules=rules, limits=limits, certify=ours)
-    return identify(recordings, (), options, fitter=fitter).model
+    if job.structure == NETWORK:
+        *counts, units = job.size
+        return NetworkShape(units) if ours else NetworkShape(units, LagCounts(*counts))
+    currents, speeds = job.size
+    if ours:
+        return FuzzyShape(speeds, currents)
+    return FuzzyShape(speeds, currents, current_delay_s=0.0, lags=CURRENT_AND_SPEED)
 
 
 def processors() -> int:

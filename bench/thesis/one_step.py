@@ -1,13 +1,15 @@
-"""Networks and neuro-fuzzy models trained the conventional way: on the error one step ahead (series-parallel).
+"""Networks and neuro-fuzzy models trained the conventional way, without a proof or a bound on the force.
 
-Measured past forces replace the model's own, which makes the fit an ordinary nonlinear least-squares problem but does
-not control the free run; the same holds for a polynomial's least squares. Parameters are selected by free run on the
-selection ticks, as in the thesis for polynomials. Stability is not proved.
+Networks are trained on the error one step ahead (series-parallel), as MATLAB's `nlarx` does by default: measured past
+forces replace the model's own, which makes the fit an ordinary nonlinear least-squares problem but does not control the
+free run; the same holds for a polynomial's least squares. Neuro-fuzzy models of present inputs have no past forces, and
+so only one kind of error. Parameters are selected by free run on the selection ticks, as in the thesis for polynomials.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,13 +20,12 @@ from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import prepare
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures.fuzzy import FuzzyShape
-from ces_identify.structures.network import SIGMOID, NetworkShape
-from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
+from ces_identify.structures.network import NetworkShape
 from ces_identify.trained.lagged_kernels import RegressorTable
 from ces_identify.trained.lagged_table import delay_values
 from ces_identify.trained.network_fit import NetworkFit
 from ces_identify.trained.simulation_error import train
-from ces_identify.trained.training import Training, build_regressors, build_training
+from ces_identify.trained.training import Training, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 
@@ -44,19 +45,6 @@ class OneStepNetwork(NetworkFit):
         return self.errors_on(self.measured_table, params, max_error)
 
 
-class OneStepFuzzy(FuzzyFit):
-    """A neuro-fuzzy model whose errors are those of one step, during and after hybrid learning."""
-
-    @cached_property
-    def measured_table(self) -> RegressorTable:
-        """The regressors, past forces among them as measured."""
-        return with_measured_past(self.table, self.training)
-
-    def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the squared one-step error with all penalties, its matrix and its gradient."""
-        return self.errors_on(self.measured_table, params, max_error)
-
-
 def with_measured_past(table: RegressorTable, data: Training) -> RegressorTable:
     """Return the regressors with measured forces instead of the model's own past forces."""
     values = table.values.copy()
@@ -66,22 +54,14 @@ def with_measured_past(table: RegressorTable, data: Training) -> RegressorTable:
     return table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
 
 
-def one_step_model(structure: str, recordings: Sequence[Recording], limits: Limits) -> Model:
-    """Return a model of the default size; raises CesError if no start's free run stays in the force envelope."""
+def fit_conventionally(shape: NetworkShape | FuzzyShape, recordings: Sequence[Recording], limits: Limits) -> Model:
+    """Return a model of this shape; raises CesError if every start's free run diverged."""
     sampling = choose_sampling(recordings)
     data = build_training([prepare(recording, sampling) for recording in recordings])
-    family = _family(structure, data, sampling.rate_Hz)
+    family = shape.family(replace(data, force_envelope=data.loose), sampling.rate_Hz)
+    if isinstance(family, NetworkFit):
+        family = OneStepNetwork(*(getattr(family, f.name) for f in fields(family)))
     results = train(family, limits, certify=False)
     if not results:
-        raise CesError(f"every free run of {structure} models trained one step ahead diverged")
+        raise CesError(f"every free run of {shape.option} models diverged")
     return family.model(results[0].coefficients, sampling)
-
-
-def _family(structure: str, data: Training, rate_Hz: float) -> NetworkFit | FuzzyFit:
-    if structure == SIGMOID.option:
-        network = NetworkShape()
-        return OneStepNetwork(data, build_regressors(data, network.lags, rate_Hz), network.units, network.decay)
-    fuzzy = FuzzyShape()
-    current = PremiseGrid("current", round(fuzzy.current_delay_s * rate_Hz), fuzzy.currents)
-    grid = (PremiseGrid("speed", 0, fuzzy.speeds), current)
-    return OneStepFuzzy(data, build_regressors(data, fuzzy.lags, rate_Hz), grid, fuzzy.decay)

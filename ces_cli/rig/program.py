@@ -43,9 +43,11 @@ def _parser() -> terminal.Parser:
 
 
 def _list() -> int:
-    for name, path in packaged_experiments().items():
+    experiments = packaged_experiments()
+    width = max(map(len, experiments)) + 2
+    for name, path in experiments.items():
         settings = load_experiment(path).settings
-        print(f"{name:<12}{settings.duration_s:4.0f} s  {settings.description}")
+        print(f"{name:<{width}}{settings.duration_s:4.0f} s  {settings.description}")
     return 0
 
 

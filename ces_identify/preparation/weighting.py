@@ -1,4 +1,4 @@
-"""Weights of the ticks in costs, by region of stroke, speed and current, as the thesis proposes (ch. 6).
+"""Weights of the ticks in costs, by region of stroke, speed and current, as the thesis proposes (section 6.3).
 
 A weighting is read from words such as `zero_crossing=3`, `stroke_ends=2`, `speed:-0.1..0.1=4`, `current:0.5..0.7=2`;
 the weights of overlapping regions multiply.

@@ -1,4 +1,4 @@
-"""A sigmoid network NARX (thesis eq. 3.4): its parameters, free run and proof of stability.
+"""A sigmoid network NARX (thesis eq. 3.4, with a linear part): its parameters, free run and proof of stability.
 
 force = scale_N * (constant + linear . phi + sum over units of weight * s(slopes . phi + bias)), s(x) = 1 / (1 + e^-x),
 with phi the scaled regressors (past forces, currents, speeds, positions).

@@ -14,7 +14,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from ces_rig.drive.currents import Binary, ConstantLevel, Current, FilteredNoise, Prbs, Reg1
+from ces_rig.drive.currents import Binary, ConstantLevel, Current, FilteredNoise, Prbs, StrokeFollowing
 from ces_rig.drive.strokes import FrequencyModulated, NoiseStroke, RoadStroke, Shape, fade
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ def _draw_road(low: float, high: float, rng: Generator) -> Parts:
     road = RoadStroke(road_class="CD"[int(rng.integers(2))], vehicle_m_s=rng.uniform(10.0, 22.0))
     if rng.random() < 0.5:
         return (road,), FilteredNoise(low, high, cutoff_Hz=rng.uniform(1.5, 5.0))
-    return (road,), Reg1(low, high, stroke_m=rng.uniform(0.006, 0.016), lag_s=rng.uniform(0.005, 0.02))
+    return (road,), StrokeFollowing(low, high, stroke_m=rng.uniform(0.006, 0.016), lag_s=rng.uniform(0.005, 0.02))
 
 
 def _draw_constant(low: float, high: float, rng: Generator) -> Parts:

@@ -29,7 +29,7 @@ class LumpedDamper(ABC):
     """Base of the frozen dataclasses; raises RigError if a number is out of range."""
 
     kind: ClassVar[str]
-    current_A: ClassVar[tuple[float, float]]  # [A] effective range of the current
+    current_A: ClassVar[tuple[float, float]]  # [A] working range of the current
     reach_m: ClassVar[float] = REACH_M
     delay_s: float = 0.0  # [s] dead time of the current, for kinds without this field
     gas_m3: float
@@ -44,6 +44,11 @@ class LumpedDamper(ABC):
     def damper(self) -> Self:
         """The description that the effects change: this object."""
         return self
+
+    @property
+    def allowed_A(self) -> tuple[float, float]:
+        """The range [A] that a driver clips commands to: the working range."""
+        return self.current_A
 
     def run(self, interval_s: float, stroke_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
         """Return force [N], tared at mid-stroke, coil current [A] and temperature [°C], each (n,)."""

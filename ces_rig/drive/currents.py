@@ -1,6 +1,7 @@
 """Valve currents for the rig: each kind is a frozen dataclass whose `samples` gives the commanded current [A].
 
-`reg1` follows the stroke; the others need only the time. `make_current` builds a current from its description.
+`stroke_following` needs the stroke, `reg1` (reg1.py) the damper itself; the others need only the time. `make_current`
+builds a current from its description.
 """
 
 from __future__ import annotations
@@ -16,14 +17,16 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, max_len_seq, sosfilt
 
 from ces_rig.descriptions import REQUIRED, build, quantity
+from ces_rig.drive.reg1 import Reg1
 from ces_rig.drive.strokes import take_kind
+from ces_rig.drive.working_range import HIGH, LOW
 from ces_rig.errors import RigError
 
 Array = NDArray[np.float64]
 
 
 class Current(Protocol):
-    """A kind of current."""
+    """A kind of current that is known before the damper moves."""
 
     def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
         """Return the commanded current [A] at the uniform times, shape (n,)."""
@@ -31,9 +34,6 @@ class Current(Protocol):
 
 def _current(default: Any, what: str) -> Any:
     return quantity(default, "A", what, 0.0, 10.0)
-
-
-LOW, HIGH = 0.29, 0.70  # [A] the range of the CES valve in the thesis
 
 
 @dataclass(frozen=True)
@@ -129,8 +129,8 @@ class FilteredNoise:
 
 
 @dataclass(frozen=True)
-class Reg1:
-    """A controller that follows the stroke: more current in compression, less in extension, inside a range.
+class StrokeFollowing:
+    """A current tied to the stroke: more when compressed, less when extended, inside a range.
 
     current = middle + half range · tanh(s), where s is the stroke over `stroke_m` after a first-order lag.
     """
@@ -138,10 +138,10 @@ class Reg1:
     low_A: float = _current(LOW, "lower end")
     high_A: float = _current(HIGH, "upper end")
     stroke_m: float = quantity(0.012, "m", "stroke that moves the current 76 % of the way to an end", 1e-4, 1.0)
-    lag_s: float = quantity(0.010, "s", "time constant of the controller's filter", 0.0, 10.0)
+    lag_s: float = quantity(0.010, "s", "time constant of the lag", 0.0, 10.0)
 
     def samples(self, time_s: Array, stroke_m: Array, rng: Generator) -> Array:
-        """Return the controller's command."""
+        """Return the current."""
         step = time_s[1] - time_s[0]
         pole = exp(-step / self.lag_s) if self.lag_s > 0.0 else 0.0
         start = np.asarray([pole * stroke_m[0]])
@@ -172,14 +172,15 @@ KINDS: Mapping[str, type[Any]] = {
     "binary": Binary,
     "filtered_noise": FilteredNoise,
     "sine": SineCurrent,
+    "stroke_following": StrokeFollowing,
     "reg1": Reg1,
 }
 
 
-def make_current(description: object, where: str) -> Current:
+def make_current(description: object, where: str) -> Current | Reg1:
     """Return the current of the description `{kind: …, its parameters}`; raises RigError."""
     kind, settings = take_kind(description, KINDS, where)
-    current: Current = build(KINDS[kind], settings, where)
+    current: Current | Reg1 = build(KINDS[kind], settings, where)
     if getattr(current, "high_A", 1.0) <= getattr(current, "low_A", 0.0):
         raise RigError(f"{where}: high_A is not above low_A")
     return current

@@ -75,7 +75,7 @@ class LiveRig:
         self._count = ceil(self.period_s / GRID_S - 1e-9)
         self._interval_s = self.period_s / self._count
         self._plant = LivePlant(self.damper, self._interval_s, self._count, settings.step_s or None)
-        self.command = Command(self.damper.model.current_A, settings.safe_current_A, settings.command_timeout_s)
+        self.command = Command(self.damper.model.allowed_A, settings.safe_current_A, settings.command_timeout_s)
         self.sensors = LiveSensors(self.damper.sensors, settings.seed, settings.rate_hz, self.damper.sensor_effects)
         self.sensors.set_imperfections(settings.noise, settings.dropout)
         self.motion = np.zeros(qv.MOTION_SIZE)

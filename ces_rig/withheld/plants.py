@@ -36,7 +36,7 @@ class BlindPlant:
 
     @property
     def current_A(self) -> tuple[float, float]:
-        """The effective range [A] of the current, which commands should cover."""
+        """The working range [A] of the current, which commands should cover."""
         return self.model.current_A
 
 

@@ -1,29 +1,37 @@
-"""The parts of `make tables` that its figures stand on: the damper on estimates, one-step training, markers, store."""
+"""The parts of `make tables` that its figures stand on: rows, costs, one-step training, the damper, markers, store."""
 
+from collections import Counter
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import pytest
 
 from bench.markdown import between, markdown, replace_between
 from bench.thesis import models, tables
+from bench.thesis.costs import evaluate_outcome, make_job, percent
 from bench.thesis.models import (
     OURS,
-    POLYNOMIAL,
+    PUBLISHED,
+    REGRESSORS,
+    STARTS,
     THESIS,
     TrainingJob,
     TrainingOutcome,
     load_named_experiment,
+    make_shape,
     train_jobs,
 )
-from bench.thesis.one_step import OneStepFuzzy, OneStepNetwork
+from bench.thesis.one_step import OneStepNetwork
 from bench.thesis.plant import PULL, integrate_speed, plant_cost
-from bench.thesis.tables import ROWS, evaluate_outcome, jobs, table
+from bench.thesis.plots import caption, draw
+from bench.thesis.rows import ANFIS, NETWORK, POLYNOMIAL, TABLES, TIME, format_size, panels
+from bench.thesis.tables import format_table, jobs
+from ces_identify.polynomial.regressors import load_rules
 from ces_identify.preparation.series import prepare
-from ces_identify.trained.fuzzy_fit import PremiseGrid
 from ces_identify.trained.training import Lags, build_regressors, build_training
 from ces_observer.model import Sampling
-from ces_rig.experiment import run
+from ces_rig.experiment import packaged_experiments, run
 from ces_rig.sensors import Sensor, Sensors
 
 SAMPLING = Sampling(1000.0, 119.0, 0.01)
@@ -69,34 +77,27 @@ def test_another_damper_costs_more_on_the_same_estimates(noisy):
     assert plant_cost(replace(experiment, damper=stiffer), series) > 5.0 * plant_cost(experiment, series)
 
 
-def family(kind, series):
-    data = build_training([series])
-    lags = build_regressors(data, Lags(), 1000.0)
-    if kind is OneStepNetwork:
-        return kind(data, lags, 4, 0.0)
-    return kind(data, lags, (PremiseGrid("speed", 0, 3),), 0.0)
+@pytest.fixture(scope="module")
+def one_step(noisy):
+    data = build_training([noisy[1]])
+    return OneStepNetwork(data, build_regressors(data, Lags(), 1000.0), 4, 0.0)
 
 
-@pytest.mark.parametrize("kind", [OneStepNetwork, OneStepFuzzy])
-def test_one_step_errors_use_measured_past_forces_and_so_vanish_on_a_model_s_own_force(noisy, kind):
-    fit = family(kind, noisy[1])
-    params = fit.start(np.random.default_rng(1))
-    own = fit.force(params)
+def test_one_step_errors_use_measured_past_forces_and_so_vanish_on_a_model_s_own_force(one_step):
+    params = one_step.start(np.random.default_rng(1))
+    own = one_step.force(params)
     assert np.isfinite(own).all()
-    planted = replace(fit, training=replace(fit.training, measured=own))
-    price = fit._regularisation(params)[0] @ fit._regularisation(params)[1] ** 2 if kind is OneStepFuzzy else 0.0
-    assert planted.errors(params, np.inf)[0] == pytest.approx(price, abs=1e-12)
-    assert fit.errors(params, np.inf)[0] > price + 1e-8
+    planted = replace(one_step, training=replace(one_step.training, measured=own))
+    assert planted.errors(params, np.inf)[0] == pytest.approx(0.0, abs=1e-12)
+    assert one_step.errors(params, np.inf)[0] > 1e-8
 
 
-@pytest.mark.parametrize("kind", [OneStepNetwork, OneStepFuzzy])
-def test_one_step_gradient_is_that_of_finite_differences(noisy, kind):
-    fit = family(kind, noisy[1])
-    params = fit.start(np.random.default_rng(1))
-    _, _, gradient = fit.errors(params, np.inf)
+def test_one_step_gradient_is_that_of_finite_differences(one_step):
+    params = one_step.start(np.random.default_rng(1))
+    _, _, gradient = one_step.errors(params, np.inf)
     direction = np.random.default_rng(2).normal(size=len(params))
     step = 1e-6 * direction
-    rise = fit.errors(params + step, np.inf)[0] - fit.errors(params - step, np.inf)[0]
+    rise = one_step.errors(params + step, np.inf)[0] - one_step.errors(params - step, np.inf)[0]
     assert -2.0 * gradient @ direction == pytest.approx(rise / 2e-6, rel=1e-4)
 
 
@@ -114,28 +115,93 @@ def test_markdown_aligns_figures_to_the_right():
     assert markdown([["a", "J %"], ["x", "1"]]) == "| a | J % |\n|---|---:|\n| x | 1 |"
 
 
-def test_thesis_figures_stand_in_table_5_1_alone_and_missing_models_are_said(monkeypatch):
-    monkeypatch.setattr(tables, "noise_floor", lambda name: 0.5)
-    judged = {(s, p, row): None for s in (POLYNOMIAL, "anfis") for p in (THESIS, OURS) for row in ROWS}
-    polynomial, anfis = (table(s, judged).splitlines()[2:] for s in (POLYNOMIAL, "anfis"))
-    assert [line.split(" | ")[1] for line in polynomial] == ["2.34", "6.92", "14.79", "63.8", "136"]
-    assert {line.split(" | ")[1] for line in anfis} == {"not available to us"}
-    assert all(line.count("none stable") == 2 for line in polynomial + anfis)
+def test_tables_have_the_rows_sizes_and_costs_of_the_thesis():
+    printed = {s: [(row.cost, format_size(row), row.figure) for row in table.rows] for s, table in TABLES.items()}
+    assert printed == {
+        POLYNOMIAL: [
+            (2.34, "7", "5.1(a)"), (1.77, "10", "5.1(b)"), (1.63, "11", ""), (14.79, "9", "5.2"), (6.92, "5", ""),
+            (63.79, "5", "5.3(a)"), (136.24, "9", "5.3(b)"),
+        ],
+        NETWORK: [
+            (1.24, "2, 2, 2; 15", "5.4"), (2.72, "2, 2, 2; 20", "5.5(a)"), (22.02, "2, 2, 2; 20", "5.5(b)"),
+            (11.24, "2, 3, 3; 16", ""), (9.86, "2, 4, 5; 30", "5.6(a)"), (38.87, "2, 4, 5; 30", "5.6(b)"),
+        ],
+        ANFIS: [
+            (2.12, "4 x 4", "5.7(a)"), (3.38, "4 x 4", "5.7(b)"), (6.6, "3 x 3", ""), (5.2, "6 x 6", ""),
+            (None, "4 x 4", "5.8"),
+        ],
+    }  # fmt: skip
+    known = packaged_experiments()
+    assert all(
+        f"thesis/{name}" in known for t in TABLES.values() for row in t.rows for name in (row.source, row.target)
+    )
 
 
-def test_every_table_has_its_jobs_once():
+def test_figures_have_the_panels_of_the_thesis():
+    words = {number: caption(pair) for number, pair in panels().items()}
+    assert words == {
+        "5.1": "(a) Sine 4 Hz, (b) Sine 12 Hz",
+        "5.2": "(a) LP filtered white noise, (b) the same over time",
+        "5.3": "(a) Sine 4 Hz on the sweep model, (b) Sine 4 Hz on the white noise model",
+        "5.4": "(a) Sine 4 Hz, (b) the same over time",
+        "5.5": "(a) Sweep 2-16 Hz, (b) Sine 4 Hz on the sweep model",
+        "5.6": "(a) LP filtered white noise, (b) Sine 4 Hz on the white noise model",
+        "5.7": "(a) Sine 4 Hz, (b) Sine 16 Hz",
+        "5.8": "(a) Sine 16 Hz on the sine 4 Hz model, (b) the same over time",
+    }
+    assert Counter(pair[0].structure for pair in panels().values()) == {POLYNOMIAL: 3, NETWORK: 3, ANFIS: 2}
+    assert [number for number, pair in panels().items() if pair[1].with_reference] == ["5.1"]
+    assert [number for number, pair in panels().items() if pair[1].kind == TIME] == ["5.2", "5.4", "5.8"]
+
+
+def test_every_model_is_trained_once_and_each_procedure_has_the_thesis_size():
     wanted = jobs()
-    assert len(wanted) == len(set(wanted)) == 20
-    assert {j.terms for j in wanted if j.sources == ("noise", "sweep")} == {25, 40}
+    assert len(wanted) == len(set(wanted))
+    counts = Counter((job.structure, job.procedure) for job in wanted)
+    assert counts == {(POLYNOMIAL, p): n for p, n in ((OURS, 5), (THESIS, 5), (PUBLISHED, 3))} | {
+        (s, p): 4 for s in (NETWORK, ANFIS) for p in (OURS, THESIS)
+    }
+    for job in wanted:
+        if job.procedure == PUBLISHED:
+            name = job.sources[0].removeprefix("thesis/")
+            assert len(load_rules(REGRESSORS / f"{name}.yaml").initial_terms()) == job.size[0]
 
 
-def test_a_model_is_trained_once_kept_and_judged_on_another_run(tmp_path, monkeypatch):
+def test_shapes_have_the_inputs_of_the_thesis_or_of_the_defaults():
+    network, rules = TrainingJob(NETWORK, THESIS, (), (2, 4, 5, 30)), TrainingJob(ANFIS, THESIS, (), (3, 6))
+    shape = make_shape(network)
+    assert (shape.units, shape.lags.forces, shape.lags.currents, shape.lags.speeds) == (30, 2, 4, 5)
+    static = make_shape(rules)
+    assert (static.currents, static.speeds, static.lags.forces) == (3, 6, 0)
+    for job in (network, rules):
+        ours = make_shape(replace(job, procedure=OURS))
+        assert isinstance(ours.lags, Lags)
+        assert getattr(ours, "units", 30) == 30
+
+
+def test_missing_and_unstable_models_are_said(monkeypatch):
+    monkeypatch.setattr(tables, "noise_floor", lambda name: 0.5)
+    none = {(s, p, row): None for s in (POLYNOMIAL, ANFIS) for p in (THESIS, OURS) for row in TABLES[s].rows}
+    polynomial, anfis = (format_table(s, none).splitlines() for s in (POLYNOMIAL, ANFIS))
+    assert polynomial[2] == "| Sine 4 Hz | 7 | 2.34 | - | none stable | none stable | 0.50 | 5.1(a) |"
+    assert (
+        anfis[-1] == "| Sine 16 Hz on the sine 4 Hz model | 4 x 4 | unstable | none stable | none stable | 0.50 | 5.8 |"
+    )
+    assert percent(type("Evaluation", (), {"cost": inf})) == "unstable"
+
+
+def test_a_model_is_trained_once_kept_judged_on_another_run_and_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(models, "code_digest", lambda: "fixed")
-    monkeypatch.setattr(models, "POLYNOMIAL_STARTS", 1)
-    job = TrainingJob(POLYNOMIAL, THESIS, ("sine_4hz",), terms=3)
-    first, again = (dict(train_jobs([job], 120.0, 1, tmp_path))[job] for _ in range(2))
+    monkeypatch.setitem(STARTS, POLYNOMIAL, 1)
+    pair = panels()["5.1"]
+    job = make_job(POLYNOMIAL, THESIS, pair[0].row)
+    first, again = (dict(train_jobs([job], 10.0, 1, tmp_path))[job] for _ in range(2))
     assert first.seconds == again.seconds, "the second time it comes from the store"
-    assert 1 <= len(first.model.body.terms) <= 3
-    recording = run(load_named_experiment("sine_4hz", fresh=True))
-    assert 0.5 < evaluate_outcome(first, recording).cost < 60.0
-    assert evaluate_outcome(TrainingOutcome(None, "why", 0.0), recording) is None
+    assert 1 <= len(first.model.body.terms) <= 7
+    evaluation = evaluate_outcome(first, run(load_named_experiment("thesis/sine_4hz", fresh=True)), clamped=False)
+    assert 0.5 < evaluation.cost < 60.0
+    assert evaluation.clamped_share == 0.0
+    assert evaluate_outcome(TrainingOutcome(None, "why", 0.0), None) is None
+    shown = {(POLYNOMIAL, p, panel.row): evaluation for p in (THESIS, OURS) for panel in pair}
+    draw(pair, shown, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 10_000

@@ -49,6 +49,26 @@ def test_packaged_experiments_run(name):
     assert recording.channel("position").stamps_ns[0] == pytest.approx(EPOCH_NS + 400_000, abs=200_000)
 
 
+@pytest.mark.parametrize(
+    ("name", "speed_m_s", "peak_to_peak_m"),
+    [
+        ("sine_4hz", 0.314, 0.025),
+        ("sine_12hz", 0.339, 0.009),
+        ("sine_16hz", 0.281, 0.0056),
+        ("sweep", 0.35, 0.0245),
+        ("noise", 0.28, 0.0097),
+    ],
+)
+def test_the_thesis_experiments_move_as_it_says_under_a_controller_inside_its_range(name, speed_m_s, peak_to_peak_m):
+    experiment = load_experiment(packaged_experiments()[f"thesis/{name}"])
+    true = simulate_truth(experiment)
+    assert experiment.settings.name == name
+    assert np.ptp(true.stroke_m) == pytest.approx(peak_to_peak_m, rel=0.01)
+    assert np.abs(np.gradient(true.stroke_m, true.time_s)).max() == pytest.approx(speed_m_s, rel=0.01)
+    assert 0.29 <= true.commanded_A.min() < 0.36
+    assert 0.64 < true.commanded_A.max() <= 0.70
+
+
 def test_a_run_repeats_and_seeds_differ():
     assert same(run(short()), run(short()))
     assert not same(run(short()), run(with_seed(short(), 2)))

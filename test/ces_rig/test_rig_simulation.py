@@ -21,7 +21,11 @@ def test_noise_floor_and_the_damper_itself(name):
 def test_a_wrong_damper_costs_more_than_the_right_one():
     experiment = load_experiment(packaged_experiments()["sine_4hz"])
     recording = measure(experiment, simulate_truth(experiment))
-    given = {"stroke": {"kind": "rest"}, "current": {"kind": "reg1"}, "damper": {"mount": {"stiffness_N_m": 1e6}}}
+    given = {
+        "stroke": {"kind": "rest"},
+        "current": {"kind": "stroke_following"},
+        "damper": {"mount": {"stiffness_N_m": 1e6}},
+    }
     force = recording.channel("force").values
     wrong = cost(force, simulate_driven(parse_experiment(given, "x"), recording))
     assert wrong > 3 * cost(force, simulate_driven(experiment, recording))

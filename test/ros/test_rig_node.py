@@ -128,7 +128,7 @@ def test_samples_come_at_the_rate_with_true_stamps_and_the_damper_obeys(bench: B
     assert bench.heard["valve_current"][-1].data == pytest.approx(0.4, abs=0.01)  # safe current
     bench.forget()
     with bench.commanding(2.0):  # beyond what the valve takes
-        bench.stays_at(0.7)
+        bench.stays_at(1.6)
         firm = bench.least_force_N()
     read = bench.stamps("measured_force")[10:]
     wait(lambda: bench.newest("joint_states") >= max(read[-1], time.time_ns() - 200 * MS), "samples of now", START_S)

@@ -103,9 +103,15 @@ class Twin:
     def cracking(self, current):
         ces = self.d.ces_valve
         w, low, high = ces.saturation_A, ces.current_low_A, ces.current_high_A
-        acting = low + w * (np.logaddexp(0, (current - low) / w) - np.logaddexp(0, (current - high) / w))
-        share = (acting**2 - low**2) / (high**2 - low**2)
-        return ces.cracking_low_Pa + (ces.cracking_high_Pa - ces.cracking_low_Pa) * share
+
+        def in_range(at):
+            acting = low + w * (np.logaddexp(0, (at - low) / w) - np.logaddexp(0, (at - high) / w))
+            share = (acting**2 - low**2) / (high**2 - low**2)
+            return ces.cracking_low_Pa + (ces.cracking_high_Pa - ces.cracking_low_Pa) * share
+
+        end = np.clip(current, low, high)
+        slope = (in_range(end + 1e-6) - in_range(end - 1e-6)) / 2e-6
+        return max(in_range(end) + slope * (np.clip(current, ces.allowed_low_A, ces.allowed_high_A) - end), 0.0)
 
     def force(self, start, times, stroke, speed, pilot):
         """Force [N] at `times` from the eleven unknowns `start`; `stroke`, `speed`, `pilot` are functions of time."""

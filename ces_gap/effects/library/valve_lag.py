@@ -20,9 +20,9 @@ TIME_CONSTANT = EffectParameter(
 class FirstOrderLag(Effect):
     """τ·di'/dt + i' = i, discretised exactly for a current that is linear between ticks.
 
-    Source: R-L coil behind a voltage source, or a pilot chamber filled through an orifice (Söderberg, KTH 2011,
-    models the valve in this way). CES (continuously controlled electronic suspension) and magneto-rheological valves
-    take 2 to 50 ms, with cold oil more.
+    Source: R-L coil behind a voltage source, or a pilot chamber filled through an orifice; B. F. Spencer et al., J.
+    Eng. Mech. 123 (1997), have this filter between driver and magneto-rheological damper. CES (continuously controlled
+    electronic suspension) and magneto-rheological valves take 2 to 50 ms, with cold oil more.
     """
 
     name, form, stage, reruns, needs = "valve_lag", "first_order", VALVE, True, "a changing current"

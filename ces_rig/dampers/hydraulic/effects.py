@@ -119,8 +119,13 @@ class Hydraulic:
 
     @property
     def current_A(self) -> tuple[float, float]:
-        """The effective range [A] of the current."""
+        """The working range [A] of the current, which experiments use."""
         return self.damper.ces_valve.current_low_A, self.damper.ces_valve.current_high_A
+
+    @property
+    def allowed_A(self) -> tuple[float, float]:
+        """The range [A] of currents that the valve answers to; a driver clips commands to it."""
+        return self.damper.ces_valve.allowed_low_A, self.damper.ces_valve.allowed_high_A
 
     @property
     def reach_m(self) -> float:

@@ -50,7 +50,7 @@ Coefficients = namedtuple(
     top_c_area top_c_crack top_c_full top_c_open_s top_c_close_s
     top_r_area top_r_crack top_r_full top_r_open_s top_r_close_s
     ces_area ces_band poppet_s pilot_area crack_low crack_high
-    current_low current_high saturation solenoid_s pilot_rise_s pilot_fall_s hysteresis
+    current_low current_high saturation allowed_low allowed_high solenoid_s pilot_rise_s pilot_fall_s hysteresis
     gas_pressure gas_volume reservoir_volume gas_inverse_exponent
     coulomb static seal_pressure stribeck bristle bristle_damping viscous
     mount mount_damping play ambient heat_capacity heat_loss
@@ -69,6 +69,12 @@ cylinder wall (area [m²], position and width [m]), sliding friction that grows 
 def softplus(u: float) -> float:
     """Return log(1 + exp(u)) without overflow."""
     return max(u, 0.0) + log1p(exp(-abs(u)))
+
+
+@njit(cache=True)
+def logistic(u: float) -> float:
+    """Return 1 / (1 + exp(-u)), the slope of `softplus`, for |u| below 700."""
+    return 1.0 / (1.0 + exp(-u))
 
 
 @njit(cache=True)
@@ -288,11 +294,19 @@ def solve(m: Array, d: Array, x: Array) -> None:
 
 @njit(cache=True)
 def cracking_drop(c: Coefficients, current: float) -> float:
-    """Return the cracking drop [Pa] of the CES valve at a constant current [A]: magnet force ~ current², clipped."""
-    w = c.saturation
-    clipped = c.current_low + w * softplus((current - c.current_low) / w) - w * softplus((current - c.current_high) / w)
+    """Return the cracking drop [Pa] of the CES valve at a constant current [A], clipped to the allowed range.
+
+    In the working range the magnet's force grows with current², less at both ends of it; beyond, along the tangent.
+    """
+    inside, w = min(max(current, c.current_low), c.current_high), c.saturation
+    acting = c.current_low + w * softplus((inside - c.current_low) / w) - w * softplus((inside - c.current_high) / w)
     low, high = c.current_low**2, c.current_high**2
-    return float(c.crack_low + (c.crack_high - c.crack_low) * (clipped * clipped - low) / (high - low))
+    drop = c.crack_low + (c.crack_high - c.crack_low) * (acting * acting - low) / (high - low)
+    if inside != current:
+        share = logistic((inside - c.current_low) / w) - logistic((inside - c.current_high) / w)
+        beyond = min(max(current, c.allowed_low), c.allowed_high) - inside
+        drop = max(drop + 2.0 * (c.crack_high - c.crack_low) * acting * share / (high - low) * beyond, 0.0)
+    return float(drop)
 
 
 @njit(cache=True)

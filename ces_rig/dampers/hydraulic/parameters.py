@@ -81,11 +81,13 @@ class CesValve:
     band_Pa: float = quantity(2.2e6, "Pa", "drop beyond cracking at which the poppet is fully open", 1e4, 1e8)
     poppet_s: float = quantity(0.35e-3, "s", "time constant of the main poppet", 1e-4, 0.1)
     pilot_area_m2: float = quantity(0.35e-6, "m²", "effective area of the pilot flow, always open", 0.0, 1e-4)
-    cracking_low_Pa: float = quantity(0.30e6, "Pa", "cracking drop at the lowest current", 0.0, 1e8)
-    cracking_high_Pa: float = quantity(3.9e6, "Pa", "cracking drop at the highest current", 0.0, 1e8)
-    current_low_A: float = quantity(0.29, "A", "lower end of the effective current range", 0.0, 10.0)
-    current_high_A: float = quantity(0.70, "A", "upper end of that range (magnet saturated)", 0.01, 20.0)
-    saturation_A: float = quantity(0.03, "A", "width of the soft ends of the current range", 1e-3, 1.0)
+    cracking_low_Pa: float = quantity(0.30e6, "Pa", "cracking drop at current_low_A, without the bend", 0.0, 1e8)
+    cracking_high_Pa: float = quantity(3.9e6, "Pa", "cracking drop at current_high_A, without the bend", 0.0, 1e8)
+    current_low_A: float = quantity(0.29, "A", "lower end of the working range", 0.0, 10.0)
+    current_high_A: float = quantity(0.70, "A", "upper end of the working range", 0.01, 20.0)
+    saturation_A: float = quantity(0.03, "A", "width of the bends at both ends of it", 1e-3, 1.0)
+    allowed_low_A: float = quantity(0.20, "A", "lowest current the valve answers to", 0.0, 10.0)
+    allowed_high_A: float = quantity(1.60, "A", "highest current the valve answers to", 0.01, 20.0)
     solenoid_s: float = quantity(2.5e-3, "s", "coil and driver time constant (L/R)", 0.0, 0.1)
     pilot_rise_s: float = quantity(11e-3, "s", "pilot time constant while the cracking drop rises", 1e-4, 0.2)
     pilot_fall_s: float = quantity(7e-3, "s", "pilot time constant while it falls", 1e-4, 0.2)
@@ -155,11 +157,19 @@ class Damper:
             raise RigError(f"reservoir: gas_m3 {self.reservoir.gas_m3:g} cannot take up the rod's volume; enlarge it")
         if self.ces_valve.current_high_A <= self.ces_valve.current_low_A:
             raise RigError("ces_valve: current_high_A is not above current_low_A")
+        self._check_allowed_range()
         if self.ces_valve.cracking_high_Pa < self.ces_valve.cracking_low_Pa:
             raise RigError("ces_valve: cracking_high_Pa is below cracking_low_Pa")
         if self.seal.static_N < self.seal.coulomb_N:
             raise RigError(f"seal: static_N {self.seal.static_N:g} is below coulomb_N {self.seal.coulomb_N:g}")
         self._check_valves()
+
+    def _check_allowed_range(self) -> None:
+        v = self.ces_valve
+        if v.allowed_low_A > v.current_low_A or v.allowed_high_A < v.current_high_A:
+            allowed = f"the allowed range {v.allowed_low_A:g} to {v.allowed_high_A:g} A"
+            working = f"the working range {v.current_low_A:g} to {v.current_high_A:g} A"
+            raise RigError(f"ces_valve: {allowed} does not contain {working}; set allowed_low_A, allowed_high_A")
 
     def _check_valves(self) -> None:
         checks = {

@@ -80,7 +80,7 @@ def simulate(
     includes the gas force. Raises RigError for unequal lengths and for values not finite or beyond the damper's ends.
     """
     stroke, current = np.asarray(stroke_m, dtype=np.float64), np.asarray(current_A, dtype=np.float64)
-    _check_input(damper, stroke, current)
+    check_input(damper, stroke, current)
     time = np.arange(len(stroke), dtype=np.float64) * interval_s
     speed = spline_speed(time, stroke) if speed_m_s is None else np.asarray(speed_m_s, dtype=np.float64)
     stepper = Stepper(damper, interval_s, step_s, extras)
@@ -123,7 +123,8 @@ def rest_force(damper: Damper) -> float:
     return damper.rod_area_m2 * (damper.reservoir.pressure_Pa - hy.ATMOSPHERE_PA)
 
 
-def _check_input(damper: Damper, stroke: Array, current: Array) -> None:
+def check_input(damper: Damper, stroke: Array, current: Array) -> None:
+    """Raise RigError for unequal lengths, for values that are not finite or a stroke beyond the damper's ends."""
     if stroke.ndim != 1 or stroke.shape != current.shape or len(stroke) < 2:
         raise RigError(f"rig: {stroke.shape} strokes and {current.shape} currents; expected equal lengths, at least 2")
     if not (np.isfinite(stroke).all() and np.isfinite(current).all()):

@@ -12,7 +12,7 @@ from ces_rig.experiment import load_experiment, packaged_experiments, run
 SHORT = """\
 duration_s: 1.0
 stroke: {kind: sine, amplitude_m: 0.01, frequency_Hz: 4}
-current: {kind: reg1}
+current: {kind: stroke_following}
 """
 
 
@@ -58,7 +58,7 @@ def test_list(capsys):
     assert main(["--list"]) == 0
     listed = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in listed] == list(packaged_experiments())
-    assert "20 s  4 Hz sine, current following the stroke (reg1)" in listed[[*packaged_experiments()].index("sine_4hz")]
+    assert "20 s  4 Hz sine, current following the stroke" in listed[[*packaged_experiments()].index("sine_4hz")]
 
 
 @pytest.mark.parametrize(

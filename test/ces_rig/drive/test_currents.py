@@ -1,4 +1,4 @@
-"""Currents stay inside their ranges, keep their times, and reg1 follows the stroke."""
+"""Currents stay inside their ranges, keep their times, and one of them follows the stroke."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ EXAMPLES = [
     {"kind": "binary"},
     {"kind": "filtered_noise"},
     {"kind": "sine"},
-    {"kind": "reg1"},
+    {"kind": "stroke_following"},
 ]
 
 
@@ -26,7 +26,7 @@ def samples(given, seed=1):
 
 
 def test_examples_cover_every_kind():
-    assert {e["kind"] for e in EXAMPLES} == set(KINDS)
+    assert {e["kind"] for e in EXAMPLES} == set(KINDS) - {"reg1"}  # reg1 needs the damper: test_reg1.py
 
 
 @pytest.mark.parametrize("given", EXAMPLES, ids=lambda e: e["kind"])
@@ -73,8 +73,8 @@ def test_filtered_noise_uses_its_range_and_its_band():
     assert power[frequency > 6].sum() < 0.01 * power.sum()
 
 
-def test_reg1_follows_the_stroke_with_a_small_lag():
-    current = samples({"kind": "reg1", "lag_s": 0.01})
+def test_stroke_following_current_follows_with_a_small_lag():
+    current = samples({"kind": "stroke_following", "lag_s": 0.01})
     lags = np.arange(0, 100)
     steady = slice(1000, -1000)
     likeness = [np.corrcoef(np.roll(STROKE, lag)[steady], current[steady])[0, 1] for lag in lags]

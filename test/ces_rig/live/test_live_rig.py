@@ -68,10 +68,10 @@ def test_more_current_makes_more_force_and_silence_brings_the_safe_current_back(
     for _ in range(2000):
         rig.command.set_current(5.0, rig.time_s)
         strong.append(rig.tick().force_N)
-    assert rig.coil_A == pytest.approx(0.7, abs=1e-6)  # clipped at what the valve takes
+    assert rig.coil_A == pytest.approx(1.6, abs=1e-6)  # clipped at what the valve takes
     for _ in range(190):
         rig.tick()
-    assert rig.coil_A == pytest.approx(0.7, abs=1e-6)
+    assert rig.coil_A == pytest.approx(1.6, abs=1e-6)
     for _ in range(100):
         rig.tick()
     assert rig.coil_A == pytest.approx(0.35, abs=1e-3)

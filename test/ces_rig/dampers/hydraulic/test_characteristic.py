@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from bench.rig.characteristic import current_step, cycle, rise_time, steady_force
+from ces_rig.dampers.hydraulic import kernel as hy
+from ces_rig.dampers.hydraulic.coefficients import coefficients
 from ces_rig.dampers.hydraulic.parameters import Damper, parse_damper
 
 
-def test_steady_levels_of_the_thesis():
-    # about -2.5 kN and +1 kN at 0.4 m/s (thesis fig. 2.2)
+def test_steady_levels_are_those_of_the_design():
     assert steady_force(Damper(), -0.4, 0.60) == pytest.approx(-2500.0, abs=250.0)
     assert steady_force(Damper(), 0.4, 0.60) == pytest.approx(1050.0, abs=150.0)
 
@@ -26,6 +27,22 @@ def test_rebound_is_stiffer_than_compression_and_soft_several_times_softer():
     hard, soft = steady_force(Damper(), -0.4, 0.70), steady_force(Damper(), -0.4, 0.29)
     assert 2.0 < hard / -steady_force(Damper(), 0.4, 0.70) < 4.0
     assert 3.0 < hard / soft < 5.0
+
+
+def test_force_grows_beyond_the_working_range_up_to_the_ends_of_the_allowed_one():
+    for direction in (-1.0, 1.0):
+        forces = [direction * steady_force(Damper(), direction * 0.3, i) for i in (0.20, 0.29, 0.70, 1.0, 1.6)]
+        assert (np.diff(forces) > 50.0).all()
+        below, above = (direction * steady_force(Damper(), direction * 0.3, i) for i in (0.0, 3.0))
+        assert (below, above) == (forces[0], forces[-1])
+
+
+def test_cracking_drop_continues_without_a_step_or_a_bend():
+    c, step = coefficients(Damper()), 1e-5
+    for end in (0.29, 0.70):
+        below, at, above = (hy.cracking_drop(c, end + offset) for offset in (-step, 0.0, step))
+        assert (at - below) == pytest.approx(above - at, rel=2e-3)
+    assert hy.cracking_drop(c, 0.20) > 0.0
 
 
 def test_characteristic_is_digressive():

@@ -65,6 +65,7 @@ def test_numbers_survive_yaml(value):
         ({"body": {"rod_m": 0.05}}, "rod_m 0.05 is not smaller than bore_m 0.036"),
         ({"reservoir": {"gas_m3": 1e-5}}, "cannot take up the rod's volume"),
         ({"ces_valve": {"current_high_A": 0.2}}, "current_high_A is not above"),
+        ({"ces_valve": {"current_high_A": 2.0}}, "allowed range 0.2 to 1.6 A does not contain the working range 0.29"),
         ({"ces_valve": {"cracking_high_Pa": 1e5}}, "cracking_high_Pa is below"),
         ({"seal": {"static_N": 5.0}}, "static_N 5 is below coulomb_N 28"),
         ({"piston": {"compression": {"full_open_Pa": 2e4}}}, "piston: compression: full_open_Pa 20000 is not above"),
