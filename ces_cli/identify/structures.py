@@ -13,7 +13,7 @@ from ces_identify.polynomial.constructed_options import add_blend, add_construct
 from ces_identify.polynomial.regressors import CandidateRules, load_rules
 from ces_identify.polynomial.search_limits import BOTH, METHODS
 from ces_identify.structures import KITS
-from ces_identify.structures.auto import AUTO, fit_best, fit_with_alternatives
+from ces_identify.structures.auto import AUTO, select_fitter
 from ces_identify.structures.kit import SizeOption
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_observer.errors import CesError
@@ -63,9 +63,7 @@ def add_candidates(to: argparse.ArgumentParser) -> None:
 
 def select_identify_function(options: argparse.Namespace) -> Callable[..., IdentificationResult]:
     """Return the function that identifies the chosen structure: (recordings, validation, options, listener)."""
-    if options.structure == AUTO:
-        return partial(identify, fitter=fit_best(vars(options)))
-    return partial(identify, fitter=fit_with_alternatives(options.structure, vars(options)))
+    return partial(identify, fitter=select_fitter(options.structure, vars(options)))
 
 
 def candidate_rules(options: argparse.Namespace) -> CandidateRules:

@@ -54,18 +54,21 @@ class PhysicalSearch:
         self._lock = threading.Lock()
         self._best = np.inf
         self._trials = 0
+        self._found: list[PhysicalFit] = []
 
     def run(self, smallest: PhysicalModels, sizes: Sequence[PhysicalModels], short: bool = False) -> list[PhysicalFit]:
-        """Return the fits, best first. With `short`, only one start of the `smallest` models."""
+        """Return the fits, best first. With `short`, only one start of the `smallest` models.
+
+        Ctrl-C ends the search; what it found so far is returned.
+        """
         try:
-            fits = self._run_starts(smallest, 1 if short else min(self.limits.starts, MAX_STARTS))
-            if fits and not short:
-                fits = _sorted([*fits, *self._vary_penalty(fits[0])])
-                fits = _sorted([*fits, *self._enlarge(fits[0], sizes)])
+            self._run_starts(smallest, 1 if short else min(self.limits.starts, MAX_STARTS))
+            if not short and self._found:
+                self._vary_penalty(self._sorted()[0])
+                self._enlarge(self._sorted()[0], sizes)
         except KeyboardInterrupt:
             self.stop.set()
-            raise
-        return fits
+        return self._sorted()
 
     def refit(self, fit: PhysicalFit, share: F | float = 1.0) -> F:
         """Return the parameters after a last fit to all ticks, if their free run does not get worse by it.
@@ -78,11 +81,12 @@ class PhysicalSearch:
         theta = steps[-1] if steps else fit.theta
         return theta if fit.models.cost(theta, everything) <= before else fit.theta
 
-    def _run_starts(self, models: PhysicalModels, count: int) -> list[PhysicalFit]:
+    def _run_starts(self, models: PhysicalModels, count: int) -> None:
         with ThreadPoolExecutor(max(1, self.limits.threads)) as pool:
             runs = [pool.submit(self._fit, models, self._start(models, i), PENALTIES[0], i) for i in range(count)]
             try:
-                return _sorted([run.result() for run in runs])
+                for run in runs:
+                    run.result()
             except KeyboardInterrupt:
                 self.stop.set()
                 raise
@@ -92,52 +96,52 @@ class PhysicalSearch:
             return models.layout.start
         return models.layout.perturbed(np.random.default_rng(self.limits.seed + i), SPREAD)
 
-    def _vary_penalty(self, best: PhysicalFit) -> Iterator[PhysicalFit]:
+    def _vary_penalty(self, best: PhysicalFit) -> None:
         """Fit on from the best with other strengths of the penalty; go on while a weaker one helps."""
         at = best
         for penalty in PENALTIES[2:]:
             weaker = self._fit(best.models, at.theta, penalty, 0)
-            yield weaker
             if weaker.cost > WORTHWHILE * at.cost:
                 break
             at = weaker
         if at is best:
-            yield self._fit(best.models, best.theta, PENALTIES[1], 0)
+            self._fit(best.models, best.theta, PENALTIES[1], 0)
 
-    def _enlarge(self, best: PhysicalFit, sizes: Sequence[PhysicalModels]) -> Iterator[PhysicalFit]:
+    def _enlarge(self, best: PhysicalFit, sizes: Sequence[PhysicalModels]) -> None:
+        """Try other sizes; one counts only if it is clearly better."""
         for models in sizes:
-            fit = self._fit(models, models.layout.start, best.penalty, 0)
-            if fit.cost < LARGER * best.cost:
-                yield fit
+            self._fit(models, models.layout.start, best.penalty, 0, LARGER * best.cost)
 
-    def _fit(self, models: PhysicalModels, start: F, penalty: float, seed: int) -> PhysicalFit:
+    def _fit(self, models: PhysicalModels, start: F, penalty: float, seed: int, below: float = np.inf) -> PhysicalFit:
+        """Return the parameters with the lowest selection cost of one descent; keep them if that is `below` a cost."""
         training = models.training
-        theta, cost = models.layout.project(start), np.inf
-        for _, trial in self._descend(models, training.estimation, start, penalty):
-            trial_cost = models.cost(trial, training.selection)
-            if trial_cost < cost:
-                theta, cost = trial, trial_cost
-                self._report(models, theta, cost, seed)
-        result = SearchResult(
-            np.arange(len(theta)),
-            theta,
-            cost,
-            self.limits.seed + seed,
-            self._trials,
-            self._find_stop_reason() or self.ended,
-        )
-        self.listener(result)
+        best = self._as_fit(models, models.layout.project(start), np.inf, penalty, seed)
+        try:
+            for _, theta in self._descend(models, training.estimation, start, penalty):
+                cost = models.cost(theta, training.selection)
+                if cost < best.cost:
+                    best = self._as_fit(models, theta, cost, penalty, seed)
+                    self._report(best)
+        finally:
+            best = self._as_fit(models, best.theta, best.cost, penalty, seed, self._find_stop_reason() or self.ended)
+            if best.cost < below and np.isfinite(best.cost):
+                self._found.append(best)
+        self.listener(best.result)
+        return best
+
+    def _as_fit(
+        self, models: PhysicalModels, theta: F, cost: float, penalty: float, seed: int, ended: str = "running"
+    ) -> PhysicalFit:
+        result = SearchResult(np.arange(len(theta)), theta, cost, self.limits.seed + seed, self._trials, ended)
         return PhysicalFit(models, theta, cost, penalty, result)
 
-    def _report(self, models: PhysicalModels, theta: F, cost: float, seed: int) -> None:
+    def _report(self, fit: PhysicalFit) -> None:
         with self._lock:
             self._trials += 1
-            if cost >= self._best:
+            if fit.cost >= self._best:
                 return
-            self._best = cost
-        self.listener(
-            SearchResult(np.arange(len(theta)), theta, cost, self.limits.seed + seed, self._trials, "running")
-        )
+            self._best = fit.cost
+        self.listener(fit.result)
 
     def _descend(self, models: PhysicalModels, weights: F, start: F, penalty: float) -> Iterator[tuple[float, F]]:
         layout = models.layout
@@ -165,6 +169,5 @@ class PhysicalSearch:
             return "target cost reached"
         return "time is up" if search_clock.now() > self._deadline else ""
 
-
-def _sorted(fits: Sequence[PhysicalFit]) -> list[PhysicalFit]:
-    return sorted((fit for fit in fits if np.isfinite(fit.cost)), key=lambda fit: fit.cost)
+    def _sorted(self) -> list[PhysicalFit]:
+        return sorted(self._found, key=lambda fit: fit.cost)

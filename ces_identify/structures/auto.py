@@ -1,17 +1,17 @@
 """Which structure: short fits of several on the same data, compared by the free run on the selection data.
 
-`fit_best` fits the best of them in full; `fit_with_alternatives` fits the chosen one and reports the costs of others.
+`BestStructure` fits the best of them in full; `WithAlternatives` fits the chosen one and reports the costs of others.
 Both leave the costs in the model's provenance, under `selection: structures`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ces_identify.polynomial.search_limits import Listener
+from ces_identify.polynomial.search_limits import THESIS, Listener
 from ces_identify.preparation.series import Series
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size
 from ces_identify.structures.registry import KITS
@@ -25,32 +25,49 @@ PHYSICAL = ("relaxation", "chambers")
 CLEARLY_BETTER = 0.9  # share of the chosen structure's selection cost
 
 
-def fit_best(sizes: Mapping[str, Size]) -> Fitter:
-    """Return the fitter that fits every structure shortly, and the best of them in full."""
+@dataclass(frozen=True)
+class BestStructure:
+    """Fits every structure shortly, and the best of them in full; it is a `Fitter`. `sizes` are those of all."""
 
-    def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
-        costs = _compare(tuple(KITS), sizes, series, sampling, options)
+    sizes: Mapping[str, Size]
+
+    def __call__(
+        self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
+    ) -> Fitted:
+        """Return the best model; raises CesError if no structure can be fitted."""
+        costs = _compare(tuple(KITS), self.sizes, series, sampling, options)
         if not costs:
             raise CesError("no structure could be fitted; check signals and units")
         best = min(costs, key=lambda name: costs[name])
-        fitted = KITS[best].fitter(sizes)(series, sampling, options, listener)
+        fitted = KITS[best].fitter(self.sizes)(series, sampling, options, listener)
         return _with_costs(fitted, best, costs)
 
-    return fit
+
+@dataclass(frozen=True)
+class WithAlternatives:
+    """Fits one structure, and shortly those with the physics inside; it is a `Fitter`."""
+
+    option: str
+    fitter: Fitter
+    sizes: Mapping[str, Size]
+
+    def __call__(
+        self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
+    ) -> Fitted:
+        """Return the structure's model; raises CesError as its fitter does."""
+        fitted = self.fitter(series, sampling, options, listener)
+        if options.limits.method == THESIS:
+            return fitted
+        costs = _compare(PHYSICAL, self.sizes, series, sampling, options)
+        return _with_costs(fitted, self.option, {self.option: fitted.results[0].cost, **costs})
 
 
-def fit_with_alternatives(option: str, sizes: Mapping[str, Size]) -> Fitter:
-    """Return the fitter of a structure that also fits the physical ones shortly, unless the structure is one."""
+def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:
+    """Return the fitter of a structure, or of the best one; those without physics inside report the others' costs."""
+    if option == AUTO:
+        return BestStructure(sizes)
     fitter = KITS[option].fitter(sizes)
-    if option in PHYSICAL:
-        return fitter
-
-    def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
-        fitted = fitter(series, sampling, options, listener)
-        costs = _compare(PHYSICAL, sizes, series, sampling, options)
-        return _with_costs(fitted, option, {option: fitted.results[0].cost, **costs})
-
-    return fit
+    return fitter if option in PHYSICAL else WithAlternatives(option, fitter, sizes)
 
 
 def advise(costs: Mapping[str, float], chosen: str) -> str:
@@ -71,7 +88,7 @@ def _compare(
     sampling: Sampling,
     options: IdentifyOptions,
 ) -> dict[str, float]:
-    """Return the selection costs [%] of short fits, without structures that cannot be fitted to the data."""
+    """Return the selection costs [%] of short fits, without structures that cannot be fitted; Ctrl-C ends it."""
     seconds = min(SHORT_S, SHORT_SHARE * options.limits.seconds)
     short = replace(options, limits=replace(options.limits, starts=1, seconds=seconds))
     costs: dict[str, float] = {}
@@ -80,6 +97,8 @@ def _compare(
             fitted = KITS[name].fitter(sizes)(series, sampling, short, lambda result: None)
         except CesError:
             continue
+        except KeyboardInterrupt:
+            break
         if np.isfinite(fitted.results[0].cost):
             costs[name] = float(fitted.results[0].cost)
     return costs
