@@ -5,8 +5,12 @@ from __future__ import annotations
 from ces_identify.export.c_text import ConstantTable
 from ces_identify.export.physical_c import map_tables, physical_facts
 from ces_observer.model import Model
-from ces_observer.structures.chambers import CLOSE, MAX_STEPS, QUICK_STEPS, Chambers
+from ces_observer.structures.chambers import Chambers
 from ces_observer.structures.increasing_curves import IncreasingCurve, segments
+
+QUICK_STEPS = 4  # Newton steps in both pressures, before a search in one of them
+MAX_SEARCH_STEPS = 200  # of a bisection: enough for any pair of floats of such numbers
+CLOSE = 1e-13  # relative change of the pressure that ends the search
 
 
 def chambers_facts(chambers: Chambers, model: Model) -> dict[str, object]:
@@ -31,8 +35,7 @@ def chambers_facts(chambers: Chambers, model: Model) -> dict[str, object]:
         "growth": chambers.friction_growth_1_N,
         "close": CLOSE,
         "quick_steps": QUICK_STEPS,
-        "max_steps": MAX_STEPS,
-        "max_halvings": MAX_STEPS,
+        "max_search_steps": MAX_SEARCH_STEPS,
     }
 
 

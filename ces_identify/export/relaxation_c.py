@@ -5,7 +5,10 @@ from __future__ import annotations
 from ces_identify.export.c_text import ConstantTable
 from ces_identify.export.physical_c import map_tables, physical_facts
 from ces_observer.model import Model
-from ces_observer.structures.relaxation import CLOSE, MAX_STEPS, Relaxation
+from ces_observer.structures.relaxation import Relaxation
+
+MAX_NEWTON_STEPS = 200  # in a bracket: enough for any pair of floats of such numbers
+CLOSE = 1e-13  # relative change of the flow that ends a step
 
 
 def relaxation_facts(relaxation: Relaxation, model: Model) -> dict[str, object]:
@@ -26,5 +29,5 @@ def relaxation_facts(relaxation: Relaxation, model: Model) -> dict[str, object]:
         "compliance": relaxation.compliance_m_N,
         "held": relaxation.compliance_m_N + interval * relaxation.leak_m_Ns,
         "close": CLOSE,
-        "max_steps": MAX_STEPS,
+        "max_newton_steps": MAX_NEWTON_STEPS,
     }
