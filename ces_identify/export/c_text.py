@@ -29,7 +29,13 @@ class ConstantTable:
         rows = [self.values[k : k + step] for k in range(0, len(self.values), step)]
         texts = ["{" + ", ".join(map(number, row)) + "}" for row in rows]
         text = "{" + ", ".join(texts) + "}" if self.width else texts[0]
-        return textwrap.fill(f"static const double {self.name}{shape} = {text};", 118, subsequent_indent="    ", break_on_hyphens=False, break_long_words=False)
+        return textwrap.fill(
+            f"static const double {self.name}{shape} = {text};",
+            118,
+            subsequent_indent="    ",
+            break_on_hyphens=False,
+            break_long_words=False,
+        )
 
 
 def render(template: str, facts: Mapping[str, object]) -> str:

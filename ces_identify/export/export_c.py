@@ -1,8 +1,9 @@
 """Export of a model as a self-contained C99 source file and header: the estimator for a microcontroller.
 
 A checked `Model` goes in, two texts come out. They do what `ces_observer.estimator.Estimator` does, operation by
-operation, so that forces and reasons agree. templates/estimator.{c,h}.j2 hold the C around the tick of a structure; the
-tick has its own templates and module, registered in TICKS. Only numbers of the model reach the texts.
+operation, so that forces and reasons agree; a tick that solves an equation may do so by another method, as its solution
+is unique. templates/estimator.{c,h}.j2 hold the C around the tick of a structure; the tick has its own templates and
+module, registered in TICKS. Only numbers of the model reach the texts.
 """
 
 from __future__ import annotations

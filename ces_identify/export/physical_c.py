@@ -61,7 +61,11 @@ def _limits(model: Model, reach: float) -> list[InputLimits]:
 
 def curve_tables(at_name: str, name: str, at: Sequence[float], values: Sequence[float]) -> list[ConstantTable]:
     """Return the tables of a curve: AT_NAME, NAME and NAME_SLOPES."""
-    return [ConstantTable(at_name, at), ConstantTable(name, values), ConstantTable(f"{name}_SLOPES", _slopes(at, values))]
+    return [
+        ConstantTable(at_name, at),
+        ConstantTable(name, values),
+        ConstantTable(f"{name}_SLOPES", _slopes(at, values)),
+    ]
 
 
 def map_tables(flow: FlowMap) -> list[ConstantTable]:

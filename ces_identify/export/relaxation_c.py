@@ -23,7 +23,9 @@ def relaxation_facts(relaxation: Relaxation, model: Model) -> dict[str, object]:
         "springs": len(relaxation.springs),
         "spring_tables": [
             ConstantTable("SPRING_STEPS", [one.stiffness_N_m * interval for one in relaxation.springs]),
-            ConstantTable("YIELDS", [one.yield_N[row] for row in rows for one in relaxation.springs], len(relaxation.springs)),
+            ConstantTable(
+                "YIELDS", [one.yield_N[row] for row in rows for one in relaxation.springs], len(relaxation.springs)
+            ),
         ],
         "pieces": len(relaxation.map.at) - 1,
         "compliance": relaxation.compliance_m_N,

@@ -1,4 +1,4 @@
-"""The exported C of relaxation models and chambers is the estimator's twin, extrapolates as it does, and always solves."""
+"""Exported relaxation models and chambers are the estimator's twins, extrapolate as it does, and solve every step."""
 
 import math
 import random
