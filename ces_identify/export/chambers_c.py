@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from ces_identify.export.c_text import ConstantTable
-from ces_identify.export.physical_c import map_tables, physical_facts
+from ces_identify.export.physical_c import find_slopes, map_tables, physical_facts
 from ces_observer.model import Model
 from ces_observer.structures.chambers import Chambers
-from ces_observer.structures.increasing_curves import IncreasingCurve, segments
+from ces_observer.structures.increasing_curves import IncreasingCurve
 
 QUICK_STEPS = 4  # Newton steps in both pressures, before a search in one of them
 MAX_SEARCH_STEPS = 200  # of a bisection: enough for any pair of floats of such numbers
@@ -41,9 +41,10 @@ def chambers_facts(chambers: Chambers, model: Model) -> dict[str, object]:
 
 def _flow_tables(name: str, flow: IncreasingCurve) -> list[ConstantTable]:
     """Return the nodes of a flow over its pressure drop, and intercept and slope of its pieces."""
-    pieces = segments(flow.at, flow.values)
+    slopes = find_slopes(flow.at, flow.values)
+    starts = zip(flow.at, flow.values, slopes, strict=False)  # a piece begins at each node but the last
     return [
         ConstantTable(f"{name}_DROPS", flow.at),
-        ConstantTable(f"{name}_OFFSETS", [offset for offset, _ in pieces]),
-        ConstantTable(f"{name}_SLOPES", [slope for _, slope in pieces]),
+        ConstantTable(f"{name}_OFFSETS", [value - slope * at for at, value, slope in starts]),
+        ConstantTable(f"{name}_SLOPES", slopes),
     ]

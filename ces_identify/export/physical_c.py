@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from ces_identify.export.c_text import ConstantTable
 from ces_observer.model import Model
 from ces_observer.structures.flow_map import FlowMap
-from ces_observer.structures.increasing_curves import segments
 from ces_observer.structures.reach import widen
 from ces_observer.structures.side_forces import SideForces
 from ces_observer.structures.structure import Range
@@ -64,13 +64,13 @@ def curve_tables(at_name: str, name: str, at: Sequence[float], values: Sequence[
     return [
         ConstantTable(at_name, at),
         ConstantTable(name, values),
-        ConstantTable(f"{name}_SLOPES", _slopes(at, values)),
+        ConstantTable(f"{name}_SLOPES", find_slopes(at, values)),
     ]
 
 
 def map_tables(flow: FlowMap) -> list[ConstantTable]:
     """Return the tables of a valve's map: FLOWS, and by row FORCES and FORCES_SLOPES."""
-    slopes = [_slopes(flow.at, row) for row in flow.rows]
+    slopes = [find_slopes(flow.at, row) for row in flow.rows]
     return [
         ConstantTable("FLOWS", flow.at),
         ConstantTable("FORCES", _join(flow.rows), len(flow.at)),
@@ -78,8 +78,9 @@ def map_tables(flow: FlowMap) -> list[ConstantTable]:
     ]
 
 
-def _slopes(at: Sequence[float], values: Sequence[float]) -> list[float]:
-    return [slope for _, slope in segments(at, values)]
+def find_slopes(at: Sequence[float], values: Sequence[float]) -> list[float]:
+    """Return the slopes of a curve's pieces."""
+    return [(y1 - y0) / (x1 - x0) for (x0, x1), (y0, y1) in zip(pairwise(at), pairwise(values), strict=True)]
 
 
 def _join(rows: Iterable[Sequence[float]]) -> list[float]:
