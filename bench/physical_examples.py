@@ -59,7 +59,7 @@ def make_model(structure: Structure, sampling: Sampling = SAMPLING) -> Model:
 def _rows(at: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
     """Return a valve's forces [N], blown off by 1 / e at a flow of 10 mm/s, at three settings."""
     return tuple(
-        tuple((0.6 if flow < 0.0 else 1.0) * (1.0 if flow > 0.0 else -1.0) * _force(abs(flow), level) for flow in at)
+        tuple(_force(flow, level) if flow >= 0.0 else -0.6 * _force(-flow, level) for flow in at)
         for level in (300.0, 1500.0, 3000.0)
     )
 
