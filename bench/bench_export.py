@@ -1,7 +1,9 @@
 """Time per step of the exported C estimator, called in a C loop, and of the Python estimator on the same samples.
 
 Usage: python bench/bench_export.py. Needs a C compiler (`cc`, or what CC names). Steady stamps let the C keep the
-differentiator's gains from step to step; jittered ones make it compute an exponential and a cosine each time.
+differentiator's gains from step to step; jittered ones make it compute an exponential and a cosine each time. Ticks
+alone are also timed on inputs that jump between the ends of their ranges: structures that solve an equation at each
+tick then need most steps.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ from pathlib import Path
 
 import numpy as np
 from bench_free_run import median_seconds, ten_terms
+from measurement import processor
 from numpy.typing import NDArray
+from physical_examples import SAMPLING, make_chambers, make_model, make_relaxation, make_valve
 
 from ces_identify.export.export_c import export_c
 from ces_observer.estimator import Estimator
@@ -26,7 +30,7 @@ from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 
 N = 30_000
-TARGET_US = 0.1
+TARGET_US = {"polynomial_narx": 0.1, "relaxation": 0.2, "chambers": 0.2}  # of a step
 LOOP = """
 #include "damper.h"
 double steps(int64_t n, const int64_t *stamps, const double *positions, const double *currents)
@@ -73,6 +77,16 @@ def make_inputs(jitter_ns: float) -> StepInputs:
     return StepInputs(stamps, 0.02 * np.sin(25 * t), 0.5 * np.cos(25 * t), 0.5 + 0.1 * np.sin(3 * t))
 
 
+def make_jumps(envelope: Envelope) -> StepInputs:
+    """Return inputs that jump between the ends of their ranges, on average every third tick."""
+    dice = np.random.default_rng(2)
+    columns = []
+    for ends in envelope.by_signal.values():
+        new = np.where(dice.random(N) < 1 / 3, np.arange(N), 0)
+        columns.append(dice.choice(ends, N)[np.maximum.accumulate(new)])
+    return StepInputs(np.arange(N, dtype=np.int64), *columns)
+
+
 def compile_estimator(model: Model, compiler: str, folder: Path) -> ctypes.CDLL:
     """Export `model`, compile it separately from the loop (no inlining across), and load both."""
     source, header = export_c(model, "damper", "damper", model.certify())
@@ -102,12 +116,36 @@ def python_steps(model: Model, inputs: StepInputs) -> Callable[[], float]:
     return run
 
 
-def compare(what: str, c: Callable[[], float], python: Callable[[], float]) -> None:
-    """Print the mean times per step after checking that both give the same forces."""
-    np.testing.assert_allclose(c(), python(), rtol=1e-9)
-    fast, slow = 1e6 * median_seconds(c, 41) / N, 1e6 * median_seconds(python, 7) / N
-    verdict = "met" if fast <= TARGET_US else "missed"
-    print(f"  step, {what:<16} C {fast:7.4f} us   Python {slow:6.2f} us   ratio {slow / fast:4.0f}   {verdict}")
+def compare_steps(model: Model, library: ctypes.CDLL) -> None:
+    """Print the mean times per step after checking that C and Python give the same forces."""
+    for what, jitter_ns in (("steady stamps", 0.0), ("jittered stamps", 2e5)):
+        inputs = make_inputs(jitter_ns)
+        c = bind_arrays(library.steps, inputs.stamps, inputs.position, inputs.current)
+        python = python_steps(model, inputs)
+        np.testing.assert_allclose(c(), python(), rtol=1e-9)
+        fast, slow = 1e6 * median_seconds(c, 41) / N, 1e6 * median_seconds(python, 7) / N
+        verdict = "met" if fast <= TARGET_US[model.structure] else "missed"
+        print(f"  step, {what:<16} C {fast:7.4f} us   Python {slow:6.2f} us   ratio {slow / fast:4.0f}   {verdict}")
+
+
+def print_ticks(model: Model, library: ctypes.CDLL) -> None:
+    """Print the mean times of ticks alone."""
+    for what, inputs in (("sines", make_inputs(0.0)), ("jumps", make_jumps(model.envelope))):
+        ticks = bind_arrays(library.ticks, inputs.position, inputs.speed, inputs.current)
+        print(f"  tick alone, {what:<10} C {1e6 * median_seconds(ticks, 41) / N:7.4f} us")
+
+
+def make_models() -> dict[str, Model]:
+    terms, envelope = ten_terms(), Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
+    polynomials = {
+        f"polynomial, {len(terms)} terms, differentiator of order {order}": Model(
+            Sampling(1000.0, 100.0, 0.01, order=order), Polynomial(terms), envelope, (-1e6, 1e6)
+        )
+        for order in (2, 3)
+    }
+    physical = [make_model(structure) for structure in (make_relaxation(make_valve()), make_chambers(make_valve()))]
+    named = {f"{one.structure}, {one.size}, differentiator of order {SAMPLING.order}": one for one in physical}
+    return polynomials | named
 
 
 def main() -> int:
@@ -115,19 +153,16 @@ def main() -> int:
     if compiler is None:
         print("no C compiler: nothing to measure; install one or set CC")
         return 0
-    terms, envelope = ten_terms(), Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
-    print(f"exported C, {len(terms)} terms, {N} samples, -O2; target at most {TARGET_US} us a step")
-    for order in (2, 3):
-        model = Model(Sampling(1000.0, 100.0, 0.01, order=order), Polynomial(terms), envelope, (-1e6, 1e6))
+    targets = ", ".join(f"{target} us ({structure})" for structure, target in TARGET_US.items())
+    print(f"exported C, {N} samples, -O2; target at most {targets} a step")
+    for what, model in make_models().items():
         with tempfile.TemporaryDirectory() as folder:
             library = compile_estimator(model, compiler, Path(folder))
-            print(f"differentiator of order {order}")
-            for what, jitter_ns in (("steady stamps", 0.0), ("jittered stamps", 2e5)):
-                inputs = make_inputs(jitter_ns)
-                c = bind_arrays(library.steps, inputs.stamps, inputs.position, inputs.current)
-                compare(what, c, python_steps(model, inputs))
-            tick = median_seconds(bind_arrays(library.ticks, inputs.position, inputs.speed, inputs.current), 41) / N
-            print(f"  tick of the bare polynomial  {1e6 * tick:7.4f} us")
+            print(what)
+            compare_steps(model, library)
+            print_ticks(model, library)
+    version = subprocess.run([compiler, "--version"], check=True, capture_output=True, text=True).stdout
+    print(f"{processor()}; {version.splitlines()[0]}; load {os.getloadavg()[0]:.1f} at the end")
     return 0
 
 

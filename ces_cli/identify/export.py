@@ -77,7 +77,7 @@ def _print_certificate(certificate: Certificate) -> None:
             "--allow-uncertified: the stability of this model is not proved; do not use it on a vehicle"
         )
         return
-    print(f"stable: {summarize(certificate.to_mapping())} (proved); |force| <= {certificate.force_N:.0f} N")
+    print(f"stable: {summarize(certificate.to_mapping())} (proved); {certificate.force_claim}")
 
 
 def _parser() -> terminal.Parser:

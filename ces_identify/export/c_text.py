@@ -2,13 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import resources
 from math import isfinite
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from ces_observer.errors import ModelError
+
+
+@dataclass(frozen=True)
+class ConstantTable:
+    """Constants of type double in C: an array, or one of rows of `width` numbers."""
+
+    name: str
+    values: Sequence[float]
+    width: int = 0
+
+    @property
+    def definition(self) -> str:
+        """The C text that defines it. Raises ModelError if a number is not finite."""
+        shape = f"[{len(self.values) // self.width}][{self.width}]" if self.width else f"[{len(self.values)}]"
+        step = self.width or len(self.values)
+        rows = [self.values[k : k + step] for k in range(0, len(self.values), step)]
+        texts = ["{" + ", ".join(map(number, row)) + "}" for row in rows]
+        text = "{" + ", ".join(texts) + "}" if self.width else texts[0]
+        return textwrap.fill(
+            f"static const double {self.name}{shape} = {text};",
+            118,
+            subsequent_indent="    ",
+            break_on_hyphens=False,
+            break_long_words=False,
+        )
 
 
 def render(template: str, facts: Mapping[str, object]) -> str:

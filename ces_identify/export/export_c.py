@@ -1,26 +1,32 @@
 """Export of a model as a self-contained C99 source file and header: the estimator for a microcontroller.
 
 A checked `Model` goes in, two texts come out. They do what `ces_observer.estimator.Estimator` does, operation by
-operation, so that forces and reasons agree. templates/estimator.{c,h}.j2 hold the C around the tick of a structure; the
-tick has its own templates and module, registered in TICKS. Only numbers of the model reach the texts.
+operation, so that forces and reasons agree; a tick that solves an equation may do so by another method, as its solution
+is unique. templates/estimator.{c,h}.j2 hold the C around the tick of a structure; the tick has its own templates and
+module, registered in TICKS. Only numbers of the model reach the texts.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from math import ceil, pi, sqrt
 from typing import Any
 
 from ces_identify.export.band_c import band_facts
 from ces_identify.export.c_text import render
+from ces_identify.export.chambers_c import chambers_facts
 from ces_identify.export.polynomial_c import polynomial_facts
+from ces_identify.export.relaxation_c import relaxation_facts
 from ces_observer import __version__, estimator, tracker
 from ces_observer.adaptive_differentiator import MAX_SQUARE, MEMORY_S, NOISE_SHARE, SHARES
 from ces_observer.errors import ModelError
 from ces_observer.model import ADAPTIVE, FUSED, Model, Sampling
 from ces_observer.proof.certificate import Certificate
+from ces_observer.structures.chambers import Chambers
 from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.relaxation import Relaxation
 
 REASONS: Mapping[str, str] = {
     "OK": tracker.OK,
@@ -36,7 +42,21 @@ STANDARD_HEADERS = ("float", "math", "stdbool", "stdint")
 
 Facts = Callable[[Any, Model], Mapping[str, object]]  # of a structure and its model: values for its templates
 
-TICKS: dict[str, tuple[str, Facts]] = {Polynomial.name: ("polynomial", polynomial_facts)}  # name of templates, facts
+
+@dataclass(frozen=True)
+class StructureTick:
+    """How a structure's tick is written: the name of its templates, the values for them, its name in comments."""
+
+    templates: str
+    facts: Facts
+    noun: str
+
+
+TICKS: dict[str, StructureTick] = {
+    Polynomial.name: StructureTick("polynomial", polynomial_facts, "polynomial"),
+    Relaxation.name: StructureTick("relaxation", relaxation_facts, "relaxation model"),
+    Chambers.name: StructureTick("chambers", chambers_facts, "model of two chambers"),
+}
 
 
 def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) -> tuple[str, str]:
@@ -45,7 +65,7 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
     Comments state the `certificate`. Raises ModelError if the model cannot be written in C or a name is not usable.
     """
     require_exportable(model, name, file_stem)
-    tick, tick_facts = TICKS[model.structure]
+    tick = TICKS[model.structure]
     facts = {
         "name": name,
         "NAME": name.upper(),
@@ -56,11 +76,12 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
         "certificate": certificate,
         "model": model,
         "reasons": REASONS,
-        "tick": tick,
+        "tick": tick.templates,
+        "noun": tick.noun,
         "constants": {},
         "band": band_facts(model.band, model.sampling.rate_Hz),
         **_sampling(model),
-        **tick_facts(model.body, model),
+        **tick.facts(model.body, model),
     }
     return render("estimator.c", facts), render("estimator.h", facts)
 

@@ -109,7 +109,7 @@ def _facts(model: Model, name: str, certificate: Certificate) -> dict[str, objec
     digest = model.digest()
     kind = f"ces_observer {__version__} {name} {digest} {certificate.to_mapping()}".encode()
     promise = (
-        f"stable for every input (proved), force of a tick within {certificate.force_N:.0f} N"
+        f"stable for every input (proved), in a tick {certificate.force_claim}"
         if certificate.holds
         else "STABILITY NOT PROVED, not for a vehicle"
     )

@@ -31,6 +31,11 @@ class Certificate(ABC):
         """Bound on the force [N], infinite if the model is not proved stable."""
 
     @property
+    def force_claim(self) -> str:
+        """The bound on the force, in words."""
+        return f"|force| at most {self.force_N:.0f} N"
+
+    @property
     @abstractmethod
     def bounds(self) -> Mapping[str, float]:
         """The proved bounds by their keys in the model file, which must not claim tighter ones."""

@@ -34,6 +34,11 @@ class EnergyCertificate(Certificate):
         return self.envelope_N
 
     @property
+    def force_claim(self) -> str:
+        """Both bounds on the force, in words."""
+        return f"|force| at most {self.envelope_N:.0f} N within the envelope, {self.force_bound_N:.0f} N for any input"
+
+    @property
     def bounds(self) -> Mapping[str, float]:
         """Bounds on the force, in the envelope and for every input."""
         return {"force_bound_N": self.envelope_N, "force_bound_any_input_N": self.force_bound_N}

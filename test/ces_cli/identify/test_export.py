@@ -4,9 +4,11 @@ import json
 import shutil
 import subprocess
 import zipfile
+from xml.etree import ElementTree
 
 import pytest
 
+from bench.physical_examples import make_chambers, make_model, make_relaxation, make_valve
 from ces_cli.main import main
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
@@ -72,6 +74,23 @@ def test_the_certificate_in_the_file_is_not_trusted(tmp_path, capsys):
     path = model_file(tmp_path / "m.json", past=1.01)
     path.write_text(json.dumps({**json.loads(path.read_text()), "certificate": {"gain": 0.5}}))
     assert "cannot be proved" in error_line(capsys, path, "--out", tmp_path / "m.c")
+
+
+@pytest.mark.parametrize("structure", [make_relaxation(make_valve()), make_chambers(make_valve())])
+def test_structures_with_physics_inside_state_both_bounds(tmp_path, capsys, structure):
+    model = make_model(structure)
+    model.save(tmp_path / "m.json")
+    proof = model.certify()
+    bounds = f"|force| at most {proof.envelope_N:.0f} N within the envelope, {proof.force_bound_N:.0f} N for any input"
+    assert export(tmp_path / "m.json", "--out", tmp_path / "m.c") == 0
+    assert export(tmp_path / "m.json", "--out", tmp_path / "m.fmu", "--sources-only") == 0
+    assert capsys.readouterr().out.count(bounds) == 2
+    assert structure.size in (tmp_path / "m.h").read_text()
+    with zipfile.ZipFile(tmp_path / "m.fmu") as archive:
+        description = ElementTree.fromstring(archive.read("modelDescription.xml")).get("description")
+        assert archive.read("sources/m.c").decode() == (tmp_path / "m.c").read_text()
+    assert bounds in description
+    assert structure.size in description
 
 
 @pytest.mark.parametrize(
