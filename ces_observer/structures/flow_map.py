@@ -10,7 +10,7 @@ from typing import Any, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.json_checks import JsonObject
-from ces_observer.structures.increasing_curves import MAX_VALUE, IncreasingCurve, interpolate, parse_nodes
+from ces_observer.structures.increasing_curves import MAX_VALUE, IncreasingCurve, check_slopes, interpolate, parse_nodes
 
 MAX_CURVES = 16
 
@@ -59,7 +59,9 @@ class FlowMap:
         rows = node.value.get("force_N")
         if not isinstance(rows, list) or not 2 <= len(rows) <= MAX_CURVES:
             raise ModelError(f"{node.where}: force_N has no 2 to {MAX_CURVES} lists; expected one for each setting")
-        parsed = (parse_nodes(JsonObject({"force_N": row}, node.where), "force_N", len(places)) for row in rows)
+        parsed = [parse_nodes(JsonObject({"force_N": row}, node.where), "force_N", len(places)) for row in rows]
+        for row in parsed:
+            check_slopes(node.where, places, row)
         return cls(places, tuple(parsed))
 
 

@@ -49,8 +49,8 @@ class Predictor(Protocol):
 class Structure(ABC):
     """The part of a model that computes the force; `name` and `keys` are its name and keys in a model file.
 
-    `extrapolates` is True if inputs outside the envelope are used as they are, at least to some distance, and not clamped
-    to it. `unproved` is the reason given if `is_stable` is False.
+    `extrapolates` is True if inputs outside the envelope are used as they are, up to a stated reach, and not clamped to
+    the envelope. `unproved` is the reason given if `is_stable` is False.
     """
 
     name: ClassVar[str]
