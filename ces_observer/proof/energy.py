@@ -5,8 +5,8 @@ definite S and an L whose parts are increasing functions. Between two runs with 
 monotone, so the energy 1/2 dP' S dP of their difference never grows; and 1/2 P' S P grows only while P' L(P) < v a' P.
 The setting depends on the current alone, and no stage of its path amplifies a difference (`valve_path`).
 
-The bounds hold from a restart on: `envelope_N` while all inputs since then were in the envelope, `force_bound_N` for any
-inputs. They are those of exact arithmetic, widened by 1e-9; a step is solved to about 1e-12.
+The bounds hold from a restart on: `envelope_N` while all inputs since then were in the envelope, `force_bound_N` for
+any inputs. They are those of exact arithmetic, widened by 1e-9; a step is solved to about 1e-12.
 """
 
 from __future__ import annotations

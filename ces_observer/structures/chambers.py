@@ -25,7 +25,7 @@ from typing import Any, ClassVar, Self
 from ces_observer.errors import ModelError
 from ces_observer.json_checks import JsonObject
 from ces_observer.proof.energy import CLAIM, EnergyCertificate
-from ces_observer.structures.chambers_bound import DIRECTIONS, ROUNDING, bound_energy
+from ces_observer.structures.chambers_bound import ROUNDING, bound_energy
 from ces_observer.structures.chambers_run import ChambersRun
 from ces_observer.structures.flow_map import FlowMap, parse_growth
 from ces_observer.structures.increasing_curves import IncreasingCurve, parse_curve
@@ -35,7 +35,7 @@ from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.structures.valve_path import ValvePath
 
 STILL = OperatingRange(1e-6, dict.fromkeys(("position", "speed", "current"), (-inf, inf)), (-inf, inf))
-METHOD = "all flows rise with their pressure drop; energy bounded along {} intervals of directions of (p_c, p_r)"
+METHOD = "all flows rise with their pressure drop; energy bounded over all directions of (p_c, p_r), best first"
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Chambers(Structure):
     def certify(self, within: OperatingRange) -> EnergyCertificate:
         """Return the proved bounds on |force| [N]."""
         envelope, any_input = (self._bound(inputs) for inputs in (within.inputs, widen(within.inputs, self.reach)))
-        return EnergyCertificate(envelope, any_input, CLAIM, METHOD.format(DIRECTIONS))
+        return EnergyCertificate(envelope, any_input, CLAIM, METHOD)
 
     def _bound(self, inputs: Ranges) -> float:
         """Return a bound on |force| [N] for inputs in their ranges."""
