@@ -26,6 +26,7 @@ from ces_identify.polynomial.regressors import DEFAULT_RULES
 from ces_identify.polynomial.search_limits import BOTH, METHODS
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.structures import KITS
+from ces_identify.structures.auto import advise
 from ces_identify.validation.usage import RULE
 from ces_observer.proof.certificate import summarize
 
@@ -64,6 +65,7 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace, arg
             "no validation data: these costs show the fit, not how well the model predicts other recordings"
         )
     _print_certificate(result.model.certificate)
+    _print_structures(result)
     print(f"model:  {options.out}")
     if options.picture is not None:
         save_cost_picture(result.evaluations, options.picture)
@@ -72,6 +74,21 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace, arg
     command = shlex.join(["ces", "identify", *(sys.argv[2:] if argv is None else argv)])
     write_report_page(result, options, command)
     print(f"report: {options.report}")
+
+
+def _print_structures(result: IdentificationResult) -> None:
+    """Print the costs of short fits of other structures, and which of them is clearly better."""
+    selection = result.model.provenance["selection"]
+    costs = selection.get("structures", {})
+    if not costs:
+        return
+    others = ", ".join(f"{name} {cost:.2f} %" for name, cost in costs.items() if name != selection["structure"])
+    print(
+        f"J on the selection data: {selection['structure']} {costs[selection['structure']]:.2f} %; short fits: {others}"
+    )
+    advice = advise(costs, selection["structure"])
+    if advice:
+        terminal.print_warning(advice)
 
 
 def _print_certificate(certificate: Mapping[str, Any] | None) -> None:

@@ -12,6 +12,7 @@ from ces_identify.identification import IdentificationResult, identify
 from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
 from ces_identify.polynomial.regressors import CandidateRules, load_rules
 from ces_identify.structures import KITS
+from ces_identify.structures.auto import AUTO, fit_best, fit_with_alternatives
 from ces_identify.structures.kit import SizeOption
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_observer.errors import CesError
@@ -32,8 +33,9 @@ def add_structure(to: argparse.ArgumentParser) -> None:
     """Add the option --structure, and those of each structure's sizes."""
     default, *_ = KITS
     about = ", ".join(f"{kit.option}: {kit.about}" for kit in KITS.values())
-    text = f"{about} (default {default}); --candidates, --method and --terms apply to polynomials only"
-    to.add_argument("--structure", choices=tuple(KITS), default=default, help=text)
+    text = f"{about}; {AUTO}: the best of short fits of all (default {default})"
+    text += "; --candidates, --method and --terms apply to polynomials only"
+    to.add_argument("--structure", choices=(*KITS, AUTO), default=default, help=text)
     for size in (size for kit in KITS.values() for size in kit.sizes):
         to.add_argument(
             f"--{size.name}",
@@ -54,12 +56,14 @@ def add_candidates(to: argparse.ArgumentParser) -> None:
 
 def select_identify_function(options: argparse.Namespace) -> Callable[..., IdentificationResult]:
     """Return the function that identifies the chosen structure: (recordings, validation, options, listener)."""
-    return partial(identify, fitter=KITS[options.structure].fitter(vars(options)))
+    if options.structure == AUTO:
+        return partial(identify, fitter=fit_best(vars(options)))
+    return partial(identify, fitter=fit_with_alternatives(options.structure, vars(options)))
 
 
 def candidate_rules(options: argparse.Namespace) -> CandidateRules:
     """Return the candidate rules that the options describe; raises CesError naming the option or file at fault."""
-    if options.structure != POLYNOMIAL.option and (options.construct or options.blend):
+    if options.structure not in (POLYNOMIAL.option, AUTO) and (options.construct or options.blend):
         raise CesError(f"--construct and --blend: apply to polynomials only, not to --structure {options.structure}")
     rules = reduce(add_constructed_inputs, options.construct, load_rules(options.candidates))
     return reduce(add_blend, options.blend, rules)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ces_identify.numerics.arrays import F, I
-from ces_identify.physical.chambers_kernel import ChamberArrays, run_chambers
+from ces_identify.physical.chambers_kernels import ChamberArrays, run_chambers
 from ces_identify.physical.common_groups import (
     MIN_RISE,
     as_floats,
@@ -133,7 +133,7 @@ class ChambersModels(PhysicalModels):
 def chamber_arrays(body: Chambers, interval_s: float) -> ChamberArrays:
     """Return the kernel's view of a model with chambers."""
     elements = body.side.friction
-    parts = [
+    lists = [
         shared_parameters(body.valve, body.side),
         [body.area_ratio, body.compression_m_N, body.rebound_m_N, body.mount_m_N],
         body.check.values,
@@ -143,7 +143,8 @@ def chamber_arrays(body: Chambers, interval_s: float) -> ChamberArrays:
         [one.yield_N for one in elements],
         [body.friction_growth_1_N],
     ]
-    k = np.concatenate([np.asarray(part, dtype=np.float64) for part in parts])
+    parts = [np.asarray(one, dtype=np.float64) for one in lists]
+    k = np.concatenate(parts)
     starts = np.cumsum([len(part) for part in parts])
     shared = int(starts[0])
     side = shared - len(body.side.position_m) - 3

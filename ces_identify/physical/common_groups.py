@@ -1,4 +1,4 @@
-"""The groups of parameters that all physical models share, with starts read off the data: valve path and side forces."""
+"""The parameters that all physical models share, valve path and side forces, with starts read off the data."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def read_scales(data: Training, rate_Hz: float) -> DataScales:
         float(np.percentile(np.abs(data.measured[scored]), FORCE_PERCENTILE)),
         float(np.percentile(np.abs(speed), SPEED_PERCENTILE)),
         np.linspace(low, high, CURRENTS),
-        np.linspace(*ends, POSITIONS),
+        np.linspace(float(ends[0]), float(ends[1]), POSITIONS),
         ACCELERATION_MARGIN * rate_Hz * max(jumps),
         1.0 / rate_Hz,
     )

@@ -63,7 +63,7 @@ def group(
 
 
 def rises_to_nodes(nodes: int, zero: int) -> F:
-    """Return the matrix (nodes, nodes - 1) from the rises between nodes to their values; node `zero` has the value 0."""
+    """Return the matrix (nodes, nodes - 1) from rises between nodes to values; node `zero` has the value 0."""
     matrix = np.zeros((nodes, nodes - 1))
     for j in range(nodes):
         if j > zero:

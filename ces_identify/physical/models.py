@@ -13,7 +13,7 @@ import numpy as np
 from ces_identify.numerics.arrays import F, I
 from ces_identify.physical.common_groups import DataScales
 from ces_identify.physical.layout import Layout
-from ces_identify.physical.valve_kernel import RunData, Score
+from ces_identify.physical.valve_kernels import RunData, Score
 from ces_identify.trained.training import Training
 from ces_observer.structures.structure import Structure
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from ces_identify.numerics.arrays import F, I
-from ces_identify.physical.chambers_kernel import run_chambers
+from ces_identify.physical.chambers_kernels import run_chambers
 from ces_identify.physical.chambers_models import chamber_arrays
 from ces_identify.physical.models import NO_FIT, Kernel
-from ces_identify.physical.relaxation_kernel import run_relaxation
+from ces_identify.physical.relaxation_kernels import run_relaxation
 from ces_identify.physical.relaxation_models import relaxation_arrays
-from ces_identify.physical.valve_kernel import RunData, Score
+from ces_identify.physical.valve_kernels import RunData, Score
 from ces_observer.model import Model
 from ces_observer.structures.chambers import Chambers
 from ces_observer.structures.reach import widen
@@ -38,7 +38,8 @@ def _run(kernel: Kernel, arrays: Any, reach: float, model: Model, inputs: F, seg
     ticks = inputs.shape[1]
     force = np.full(ticks, np.nan)
     nothing = Score(np.zeros(ticks), np.zeros(ticks), np.zeros(ticks, np.int64), 1)
-    kernel(arrays, RunData(*limited, np.asarray(segments, np.int64)), nothing, force, NO_FIT, NO_FIT)
+    data = RunData(limited[0], limited[1], limited[2], np.asarray(segments, np.int64))
+    kernel(arrays, data, nothing, force, NO_FIT, NO_FIT)
     low, high = model.force_envelope_N
     first = -1
     for start, stop in segments:

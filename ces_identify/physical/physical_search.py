@@ -7,9 +7,9 @@ selection (cost of the free run). The best model is fitted once more to all tick
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,10 +19,11 @@ from ces_identify.numerics.bounded_levenberg import BoundedProblem, descend_with
 from ces_identify.physical.models import PhysicalModels
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
 
-MAX_STARTS = 4
+MAX_STARTS = 2
 SPREAD = 0.7  # of the logarithms of a perturbed start's groups
 PENALTIES = (0.03, 0.1, 0.01, 0.003, 0.001)  # [J %] of a change of one parameter by its scale; the first is for starts
-MIN_GAIN = 3e-4  # relative fall of the error over WINDOW steps, below which a descent has ended
+WORTHWHILE = 0.995  # a weaker penalty must lower the selection cost to this share for a still weaker one to be tried
+MIN_GAIN = 1e-3  # relative fall of the error over WINDOW steps, below which a descent has ended
 WINDOW = 4
 MAX_STEPS = 60
 LARGER = 0.98  # a larger size must lower the selection cost to this share
@@ -70,9 +71,8 @@ class PhysicalSearch:
         """Return the parameters after a last fit to all ticks, if their free run does not get worse by it."""
         everything = fit.models.training.estimation + fit.models.training.selection
         before = fit.models.cost(fit.theta, everything)
-        theta = fit.theta
-        for _, theta in self._descend(fit.models, everything, fit.theta, fit.penalty):
-            pass
+        steps = [theta for _, theta in self._descend(fit.models, everything, fit.theta, fit.penalty)]
+        theta = steps[-1] if steps else fit.theta
         return theta if fit.models.cost(theta, everything) <= before else fit.theta
 
     def _run_starts(self, models: PhysicalModels, count: int) -> list[PhysicalFit]:
@@ -95,7 +95,7 @@ class PhysicalSearch:
         for penalty in PENALTIES[2:]:
             weaker = self._fit(best.models, at.theta, penalty, 0)
             yield weaker
-            if weaker.cost >= at.cost:
+            if weaker.cost > WORTHWHILE * at.cost:
                 break
             at = weaker
         if at is best:
@@ -123,6 +123,7 @@ class PhysicalSearch:
             self._trials,
             self._find_stop_reason() or self.ended,
         )
+        self.listener(result)
         return PhysicalFit(models, theta, cost, penalty, result)
 
     def _report(self, models: PhysicalModels, theta: F, cost: float, seed: int) -> None:

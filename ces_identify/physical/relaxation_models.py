@@ -19,7 +19,7 @@ from ces_identify.physical.common_groups import (
 )
 from ces_identify.physical.layout import Layout, group, rises_to_nodes
 from ces_identify.physical.models import Kernel, PhysicalModels
-from ces_identify.physical.relaxation_kernel import RelaxationArrays, run_relaxation
+from ces_identify.physical.relaxation_kernels import RelaxationArrays, run_relaxation
 from ces_observer.structures.flow_map import FlowMap
 from ces_observer.structures.relaxation import Relaxation, YieldingSpring
 
@@ -56,10 +56,11 @@ class RelaxationModels(PhysicalModels):
         size, speed = self.scales.force_N, self.scales.speed_m_s
         steps, middle = np.diff(self.speeds) / speed, len(SPEEDS)
         roots = np.diff(np.sqrt(np.concatenate([[0.0], SPEEDS])))
-        shape = np.concatenate([roots[::-1], roots])
-        levels = 0.2 + 0.6 * np.arange(self.rows) / (self.rows - 1)
-        matrix = np.kron(np.eye(self.rows), rises_to_nodes(len(self.speeds), middle))
-        yields = size * (0.05 + 0.1 * np.arange(self.rows) / (self.rows - 1))
+        shape: F = np.concatenate([roots[::-1], roots])
+        rows: F = np.arange(self.rows, dtype=np.float64) / (self.rows - 1)
+        levels = 0.2 + 0.6 * rows
+        matrix: F = np.kron(np.eye(self.rows), rises_to_nodes(len(self.speeds), middle)).astype(np.float64)
+        yields = size * (0.05 + 0.1 * rows)
         limits = np.repeat(yields[:, None], self.springs + 1, axis=1)
         limits[:, -1] = SLOW_YIELD * size
         fixed = np.zeros_like(limits)
@@ -114,14 +115,15 @@ class RelaxationModels(PhysicalModels):
 def relaxation_arrays(body: Relaxation, interval_s: float) -> RelaxationArrays:
     """Return the kernel's view of a relaxation model."""
     limits = np.array([spring.yield_N for spring in body.springs]).reshape(len(body.springs), len(body.map.rows))
-    parts = [
+    lists = [
         shared_parameters(body.valve, body.side),
         [body.compliance_m_N, body.leak_m_Ns],
         [spring.stiffness_N_m for spring in body.springs],
         limits.T.ravel(),
         np.ravel(body.map.rows),
     ]
-    k = np.concatenate([np.asarray(part, dtype=np.float64) for part in parts])
+    parts = [np.asarray(one, dtype=np.float64) for one in lists]
+    k = np.concatenate(parts)
     first, *sizes = (len(part) for part in parts)
     gas = len(body.side.position_m)
     side, springs = first - gas - 3, first + 2

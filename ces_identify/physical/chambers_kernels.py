@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from ces_identify.numerics.arrays import F, I
-from ces_identify.physical.valve_kernel import (
+from ces_identify.physical.valve_kernels import (
     HALVES,
     RunData,
     Score,

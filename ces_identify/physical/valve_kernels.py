@@ -109,7 +109,7 @@ def advance_valve(
     by[HYSTERESIS] += gain * slope * by_width
     by[DELAY] += gain * slope * by_delay
     by[lag] -= gain / (k[lag] + interval) * (target - setting)
-    return setting + gain * (target - setting)
+    return float(setting + gain * (target - setting))
 
 
 @njit(cache=True)

@@ -1,0 +1,90 @@
+"""Which structure: short fits of several on the same data, compared by the free run on the selection data.
+
+`fit_best` fits the best of them in full; `fit_with_alternatives` fits the chosen one and reports the costs of others.
+Both leave the costs in the model's provenance, under `selection: structures`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ces_identify.polynomial.search_limits import Listener
+from ces_identify.preparation.series import Series
+from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size
+from ces_identify.structures.registry import KITS
+from ces_observer.errors import CesError
+from ces_observer.model import Sampling
+
+AUTO = "auto"
+SHORT_S = 10.0  # most seconds of a short fit
+SHORT_SHARE = 0.15  # of the time limit, for each short fit
+PHYSICAL = ("relaxation", "chambers")
+CLEARLY_BETTER = 0.9  # share of the chosen structure's selection cost
+
+
+def fit_best(sizes: Mapping[str, Size]) -> Fitter:
+    """Return the fitter that fits every structure shortly, and the best of them in full."""
+
+    def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
+        costs = _compare(tuple(KITS), sizes, series, sampling, options)
+        if not costs:
+            raise CesError("no structure could be fitted; check signals and units")
+        best = min(costs, key=lambda name: costs[name])
+        fitted = KITS[best].fitter(sizes)(series, sampling, options, listener)
+        return _with_costs(fitted, best, costs)
+
+    return fit
+
+
+def fit_with_alternatives(option: str, sizes: Mapping[str, Size]) -> Fitter:
+    """Return the fitter of a structure that also fits the physical ones shortly, unless the structure is one."""
+    fitter = KITS[option].fitter(sizes)
+    if option in PHYSICAL:
+        return fitter
+
+    def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
+        fitted = fitter(series, sampling, options, listener)
+        costs = _compare(PHYSICAL, sizes, series, sampling, options)
+        return _with_costs(fitted, option, {option: fitted.results[0].cost, **costs})
+
+    return fit
+
+
+def advise(costs: Mapping[str, float], chosen: str) -> str:
+    """Return a sentence on a structure that is clearly better than the chosen one, or nothing."""
+    best = min(costs, key=lambda name: costs[name])
+    if best == chosen or costs[best] > CLEARLY_BETTER * costs[chosen]:
+        return ""
+    return (
+        f"On the selection data a short fit of '{best}' reads J {costs[best]:.2f} %, '{chosen}' {costs[chosen]:.2f} %: "
+        f"try --structure {best} (or auto)."
+    )
+
+
+def _compare(
+    names: Sequence[str],
+    sizes: Mapping[str, Size],
+    series: Sequence[Series],
+    sampling: Sampling,
+    options: IdentifyOptions,
+) -> dict[str, float]:
+    """Return the selection costs [%] of short fits, without structures that cannot be fitted to the data."""
+    seconds = min(SHORT_S, SHORT_SHARE * options.limits.seconds)
+    short = replace(options, limits=replace(options.limits, starts=1, seconds=seconds))
+    costs: dict[str, float] = {}
+    for name in names:
+        try:
+            fitted = KITS[name].fitter(sizes)(series, sampling, short, lambda result: None)
+        except CesError:
+            continue
+        if np.isfinite(fitted.results[0].cost):
+            costs[name] = float(fitted.results[0].cost)
+    return costs
+
+
+def _with_costs(fitted: Fitted, chosen: str, costs: Mapping[str, float]) -> Fitted:
+    table = {name: round(cost, 4) for name, cost in sorted(costs.items(), key=lambda item: item[1])}
+    return replace(fitted, how={**fitted.how, "structure": chosen, "structures": table})
