@@ -49,7 +49,7 @@ class _Flows:
         self._model = model
         self._ratio = 1.0 + model.area_ratio
         self._check, self._refill = model.check, model.refill
-        self._valves = [IncreasingCurve(curve.values, curve.at) for curve in (model.map.highest, model.map.lowest)]
+        self._valves = model.map.inverses
 
     def bound_energy(self, k: int, count: int, fastest: float) -> float:
         """Return a bound on the energy of all P of the interval with P' L(P) <= fastest |a' P|."""

@@ -37,15 +37,14 @@ class FlowMap:
         """Return the force [N] at an abscissa [m/s] and a setting."""
         return interpolate(self.at, self.blend(setting), at)
 
-    @property
-    def highest(self) -> IncreasingCurve:
-        """The curve above all settings."""
-        return IncreasingCurve(self.at, tuple(max(values) for values in zip(*self.rows, strict=True)))
+    def max_force(self, at: float) -> float:
+        """Return a bound on |force| [N] at abscissas [m/s] up to `at` in either direction, for every setting."""
+        return max(abs(interpolate(self.at, row, x)) for row in self.rows for x in (-at, at))
 
     @property
-    def lowest(self) -> IncreasingCurve:
-        """The curve below all settings."""
-        return IncreasingCurve(self.at, tuple(min(values) for values in zip(*self.rows, strict=True)))
+    def inverses(self) -> tuple[IncreasingCurve, ...]:
+        """The abscissa over the force at each row; at a setting between two rows it lies between theirs."""
+        return tuple(IncreasingCurve(row, self.at) for row in self.rows)
 
     def to_json(self, at: str) -> dict[str, Any]:
         """Return the contents of the model file; `at` names the abscissa."""

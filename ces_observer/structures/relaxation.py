@@ -118,8 +118,7 @@ class Relaxation(Structure):
         return EnergyCertificate(self._bound(within.inputs), any_input, CLAIM, METHOD)
 
     def _bound(self, inputs: Ranges) -> float:
-        fastest = self.side.max_drive(inputs["speed"])
-        passed = max(self.map.highest(fastest), -self.map.lowest(-fastest), 0.0)
+        passed = self.map.max_force(self.side.max_drive(inputs["speed"]))
         springs = sum(max(one.yield_N) for one in self.springs)
         return (passed + springs + self.side.bound_N(inputs)) * (1.0 + 1e-9)
 
