@@ -44,7 +44,7 @@ class Estimator:
 
     @property
     def clamped(self) -> bool:
-        """True if the last inputs lay outside the model's envelope and were clamped to it."""
+        """True if the last inputs lay outside the envelope; they were clamped, unless the structure extrapolates."""
         return self._predictor.clamped
 
     def step(self, stamp_ns: int, position_m: float, current_A: float) -> float | None:

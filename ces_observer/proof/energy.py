@@ -56,7 +56,7 @@ class EnergyCertificate(Certificate):
     def rows(self) -> tuple[tuple[str, str], ...]:
         """The proved numbers for display."""
         return (
-            ("energy of a difference", "never grows, for any input"),
-            ("force bound", f"{self.envelope_N:.6g} N within the envelope"),
-            ("force bound, any input", f"{self.force_bound_N:.6g} N"),
+            ("energy", "of the difference of two runs never grows, for any input"),
+            ("force bound", f"{self.envelope_N:.6g} N for inputs in the envelope"),
+            ("", f"{self.force_bound_N:.6g} N for any input"),
         )

@@ -18,33 +18,32 @@ same inputs and settings, dP' (L(P) - L(Q)) >= 0, so that their difference dP ne
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import inf, sqrt
+from dataclasses import dataclass, replace
+from math import sqrt
 from typing import Any, ClassVar, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.json_checks import JsonObject
-from ces_observer.proof.energy import CLAIM, EnergyCertificate
 from ces_observer.structures.chambers_bound import ROUNDING, bound_energy
 from ces_observer.structures.chambers_run import ChambersRun
 from ces_observer.structures.flow_map import FlowMap, parse_growth
 from ces_observer.structures.increasing_curves import IncreasingCurve, parse_curve
-from ces_observer.structures.reach import MAX_REACH, widen
+from ces_observer.structures.physical_structure import PhysicalStructure, yield_at_mid_stroke
+from ces_observer.structures.reach import MAX_REACH
 from ces_observer.structures.side_forces import SideForces
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.structures.structure import OperatingRange, Ranges
 from ces_observer.structures.valve_path import ValvePath
 
-STILL = OperatingRange(1e-6, dict.fromkeys(("position", "speed", "current"), (-inf, inf)), (-inf, inf))
 METHOD = "all flows rise with their pressure drop; energy bounded over all directions of (p_c, p_r), best first"
 
 
 @dataclass(frozen=True)
-class Chambers(Structure):
+class Chambers(PhysicalStructure):
     """A damper with two chambers; compliances [m/N] of both chambers and of the mounts, flows as speeds [m/s]."""
 
     name: ClassVar[str] = "chambers"
     keys: ClassVar[tuple[str, ...]] = ("chambers",)
-    extrapolates: ClassVar[bool] = True
+    method: ClassVar[str] = METHOD
 
     valve: ValvePath
     area_ratio: float
@@ -59,21 +58,9 @@ class Chambers(Structure):
     reach: float
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any signal in ticks."""
-        return self.valve.max_lag
-
-    @property
     def size(self) -> str:
         """The size, in words."""
         return f"2 chambers, {len(self.map.rows)} valve curves of {len(self.map.at)} nodes"
-
-    def steady_force(self, speed_m_s: float, current_A: float) -> float:
-        """Return the force [N] of the oil at a constant speed [m/s] and current [A], without gas and inertia."""
-        sign = (speed_m_s > 0.0) - (speed_m_s < 0.0)
-        p_c, p_r = ChambersRun(self, STILL).advance(speed_m_s, self.valve.steady(current_A))
-        friction = sign * self.side.friction_N * (1.0 + self.friction_growth_1_N * max(p_r, 0.0))
-        return (1.0 + self.area_ratio) * p_c - p_r + friction
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of the model file."""
@@ -118,12 +105,15 @@ class Chambers(Structure):
         """Return a new free run."""
         return ChambersRun(self, within)
 
-    def certify(self, within: OperatingRange) -> EnergyCertificate:
-        """Return the proved bounds on |force| [N]."""
-        envelope, any_input = (self._bound(inputs) for inputs in (within.inputs, widen(within.inputs, self.reach)))
-        return EnergyCertificate(envelope, any_input, CLAIM, METHOD)
+    def at_full_strokes(self, half_m: float) -> Self:
+        """Return the model with the yield forces that its friction has in the middle of strokes to +-`half_m` [m]."""
+        elements = (
+            replace(one, yield_N=yield_at_mid_stroke(one.stiffness_N_m, one.yield_N, half_m))
+            for one in self.side.friction
+        )
+        return replace(self, side=replace(self.side, friction=tuple(elements)))
 
-    def _bound(self, inputs: Ranges) -> float:
+    def bound_force(self, inputs: Ranges) -> float:
         """Return a bound on |force| [N] for inputs in their ranges."""
         twice = 2.0 * bound_energy(self, self.side.max_drive(inputs["speed"]))
         ratio = 1.0 + self.area_ratio

@@ -16,18 +16,18 @@ never does. That is the bound.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.json_checks import JsonObject
-from ces_observer.proof.energy import CLAIM, EnergyCertificate
 from ces_observer.structures.flow_map import FlowMap, parse_growth
 from ces_observer.structures.increasing_curves import MAX_VALUE
-from ces_observer.structures.reach import MAX_REACH, widen
+from ces_observer.structures.physical_structure import PhysicalStructure, yield_at_mid_stroke
+from ces_observer.structures.reach import MAX_REACH
 from ces_observer.structures.relaxation_run import RelaxationRun
 from ces_observer.structures.side_forces import SideForces
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.structures.structure import OperatingRange, Ranges
 from ces_observer.structures.valve_path import ValvePath
 
 MAX_SPRINGS = 8
@@ -41,14 +41,19 @@ class YieldingSpring:
     stiffness_N_m: float
     yield_N: tuple[float, ...]
 
+    def at_mid_stroke(self, half_m: float) -> Self:
+        """Return the spring with the yield forces that it has in the middle of strokes to +-`half_m` [m]."""
+        limits = (yield_at_mid_stroke(self.stiffness_N_m, limit, half_m) for limit in self.yield_N)
+        return replace(self, yield_N=tuple(limits))
+
 
 @dataclass(frozen=True)
-class Relaxation(Structure):
+class Relaxation(PhysicalStructure):
     """A relaxation model: compliance [m/N] and leak [m/(N s)] in series with the valve's map of force over speed."""
 
     name: ClassVar[str] = "relaxation"
     keys: ClassVar[tuple[str, ...]] = ("relaxation",)
-    extrapolates: ClassVar[bool] = True
+    method: ClassVar[str] = METHOD
 
     valve: ValvePath
     compliance_m_N: float
@@ -59,22 +64,9 @@ class Relaxation(Structure):
     reach: float
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any signal in ticks."""
-        return self.valve.max_lag
-
-    @property
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.map.rows)} force-speed curves of {len(self.map.at)} nodes, {len(self.springs)} springs"
-
-    def steady_force(self, speed_m_s: float, current_A: float) -> float:
-        """Return the force [N] of the oil at a constant speed [m/s] and current [A], without gas and inertia."""
-        setting = self.valve.steady(current_A)
-        row, share = self.map.pick(setting)
-        yields = sum(one.yield_N[row] + share * (one.yield_N[row + 1] - one.yield_N[row]) for one in self.springs)
-        sign = (speed_m_s > 0.0) - (speed_m_s < 0.0)
-        return self.map.force(speed_m_s, setting) + sign * yields
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of the model file."""
@@ -112,12 +104,12 @@ class Relaxation(Structure):
         """Return a new free run."""
         return RelaxationRun(self, within)
 
-    def certify(self, within: OperatingRange) -> EnergyCertificate:
-        """Return the proved bounds on |force| [N]."""
-        any_input = self._bound(widen(within.inputs, self.reach))
-        return EnergyCertificate(self._bound(within.inputs), any_input, CLAIM, METHOD)
+    def at_full_strokes(self, half_m: float) -> Self:
+        """Return the model with the yield forces that its springs have in the middle of strokes to +-`half_m` [m]."""
+        return replace(self, springs=tuple(one.at_mid_stroke(half_m) for one in self.springs))
 
-    def _bound(self, inputs: Ranges) -> float:
+    def bound_force(self, inputs: Ranges) -> float:
+        """Return a bound on |force| [N] for inputs in their ranges."""
         passed = self.map.max_force(self.side.max_drive(inputs["speed"]))
         springs = sum(max(one.yield_N) for one in self.springs)
         return (passed + springs + self.side.bound_N(inputs)) * (1.0 + 1e-9)

@@ -102,7 +102,7 @@ class SideForces:
 def parse_friction(node: JsonObject) -> FrictionElement:
     """Check a friction element of a model file; raises ModelError."""
     node.require_only_keys("stiffness_N_m", "yield_N")
-    return FrictionElement(node.number("stiffness_N_m", 0.0, 1e12), node.number("yield_N", 0.0, MAX_VALUE))
+    return FrictionElement(node.number("stiffness_N_m", 1e-9, 1e12), node.number("yield_N", 0.0, MAX_VALUE))
 
 
 class SideRun:

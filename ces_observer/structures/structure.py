@@ -24,7 +24,7 @@ Ranges = Mapping[str, Range]  # of position [m], speed [m/s] and current [A] by 
 class OperatingRange:
     """The rate and ranges for which a structure is run and proved.
 
-    Inputs are clamped to their ranges; a force outside `force_N` [N] ends a run.
+    Inputs are clamped to their ranges, unless the structure extrapolates; a force outside `force_N` [N] ends a run.
     """
 
     rate_Hz: float
@@ -67,6 +67,15 @@ class Structure(ABC):
     @abstractmethod
     def size(self) -> str:
         """The size, in words."""
+
+    @property
+    def outside(self) -> str:
+        """What becomes of inputs outside the envelope, in words."""
+        return "clamped to it"
+
+    def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float | None:
+        """Return the exact force [N] at mid-stroke at constant speed and current; None if only a run shows it."""
+        return None
 
     @abstractmethod
     def to_json(self) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def test_what_was_withheld_in_the_window_is_a_warning_and_passes() -> None:
     assert dict(health.status("").values)[f"withheld: {OUT_OF_ORDER}"] == "10"
 
 
-def test_extrapolation_is_a_warning() -> None:
+def test_clamped_inputs_are_a_warning() -> None:
     damper, health = damper_and_health()
     feed(damper, 0, 100, position=0.2)  # the envelope ends at 0.1 m
     health.roll(0.1, 0)
@@ -70,8 +70,9 @@ def test_extrapolation_is_a_warning() -> None:
     health.roll(0.1, 0)
     status = health.status("")
     assert status.level == LEVEL_WARN
-    assert "100.0% of the forces from inputs outside" in status.message
-    assert dict(status.values)["extrapolated share"] == "1.0000"
+    assert "100.0% of the forces from clamped inputs, outside what the model was identified on" in status.message
+    assert dict(status.values)["share outside the envelope"] == "1.0000"
+    assert dict(status.values)["inputs outside the envelope"] == "are clamped to it"
 
 
 @pytest.mark.parametrize(
