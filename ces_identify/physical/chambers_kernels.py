@@ -147,7 +147,7 @@ def solve_step(
         else:
             high = p_r
         p_r = new_r if low < new_r < high else 0.5 * (low + high)
-    return p_c, p_r, QUICK_STEPS + MAX_STEPS
+    return np.nan, np.nan, QUICK_STEPS + MAX_STEPS  # no force rather than a wrong one
 
 
 @njit(cache=True, nogil=True)

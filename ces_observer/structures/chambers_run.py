@@ -18,7 +18,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Sequence
 from itertools import pairwise
-from math import inf
+from math import inf, nan
 from typing import TYPE_CHECKING
 
 from ces_observer.structures.increasing_curves import pieces, place_inside
@@ -111,10 +111,10 @@ class ChambersRun:
             i, j = bisect_left(self._drops, p_c - p_r), bisect_left(self._suctions, -p_c)
             p_c, new, *_ = self._solve(i, j, valves[_pick(valves, share, p_r)], share, drive)
             if abs(new - p_r) <= CLOSE * (1.0 + abs(new)):
-                break
+                return p_c, new
             low, high = (p_r, high) if new > p_r else (low, p_r)
             p_r = new if low < new < high else 0.5 * (low + high)
-        return p_c, new
+        return nan, nan  # no force rather than a wrong one
 
     def _balance(self, p_r: float, drive: float) -> float:
         """Return the p_c [N] at which the flows into the compression chamber balance, for a given p_r [N]."""

@@ -73,11 +73,12 @@ def parse_nodes(node: JsonObject, key: str, count: int | None = None, rising: bo
 
 def check_slopes(where: str, at: Sequence[float], values: Sequence[float], rising: bool = True) -> None:
     """Raise ModelError if a curve is too steep or, if `rising`, too flat for a step that loses no digits."""
+    least = MIN_SLOPE if rising else 0.0
     for x, _, slope in pieces(at, values):
-        if not (MIN_SLOPE if rising else 0.0) <= abs(slope) <= MAX_SLOPE:
+        if not least <= abs(slope) <= MAX_SLOPE:
             raise ModelError(
-                f"{where}: a slope of {slope:g} from {x:g} on; expected {MIN_SLOPE:g} to {MAX_SLOPE:g}: identify the "
-                "model again"
+                f"{where}: a slope of {slope:g} from {x:g} on; expected {least:g} to {MAX_SLOPE:g}: identify the model "
+                "again"
             )
 
 
