@@ -21,7 +21,7 @@ from itertools import pairwise
 from math import inf, nan
 from typing import TYPE_CHECKING
 
-from ces_observer.structures.increasing_curves import pieces, place_inside
+from ces_observer.structures.increasing_curves import pieces
 from ces_observer.structures.reach import InputLimiter
 from ces_observer.structures.side_forces import SideRun
 from ces_observer.structures.structure import OperatingRange
@@ -30,7 +30,7 @@ from ces_observer.structures.valve_path import ValveRun
 if TYPE_CHECKING:
     from ces_observer.structures.chambers import Chambers
 
-QUICK_STEPS = 4  # from pieces to pieces, before the search
+QUICK_STEPS = 3  # from pieces to pieces, before the search
 MAX_STEPS = 300  # of the search: each leaves a piece for good, or halves the bracket
 CLOSE = 1e-12  # relative change of the pressures that ends a step
 
@@ -119,21 +119,20 @@ class ChambersRun:
     def _balance(self, p_r: float, drive: float) -> float:
         """Return the p_c [N] at which the flows into the compression chamber balance, for a given p_r [N]."""
         (c_c, _, mount), r, (old_c, old_r) = self._stored, self._ratio, self.pressures
-        stored = c_c + r * r * mount
-        pushed = r * mount * (p_r - old_r) + r * drive
-
-        def line(p_c: float) -> tuple[float, float]:
-            """Return the flow that is missing [m/s], and its slope."""
+        stored, pushed = c_c + r * r * mount, r * mount * (p_r - old_r) + r * drive
+        low, high, p_c = -inf, inf, old_c
+        for _ in range(MAX_STEPS):
             at, check, across = self._checks[bisect_left(self._drops, p_c - p_r)]
             check += across * (p_c - p_r - at)
             at, refill, sucked = self._refills[bisect_left(self._suctions, -p_c)]
             refill -= sucked * (p_c + at)
-            return stored * (p_c - old_c) - pushed + check - refill, stored + across + sucked
-
-        ends = sorted([*(drop + p_r for drop in self._drops), *(-suction for suction in self._suctions)])
-        p_c = place_inside(ends, bisect_left(ends, 0.0, key=lambda end: line(end)[0]))
-        missing, slope = line(p_c)
-        return p_c - missing / slope
+            missing = stored * (p_c - old_c) - pushed + check - refill
+            before, p_c = p_c, p_c - missing / (stored + across + sucked)
+            if abs(p_c - before) <= CLOSE * (1.0 + abs(p_c)):
+                break
+            low, high = (before, high) if p_c > before else (low, before)
+            p_c = p_c if low < p_c < high else 0.5 * (low + high)
+        return p_c
 
     def _solve(
         self, i: int, j: int, valve: ValvePiece, share: float, drive: float

@@ -92,7 +92,7 @@ class RelaxationRun:
                     force += h
                     slope += step
             before, q = q, (target - held * force) / (held * slope + interval)
-            if abs(q - before) <= CLOSE * (1.0 + abs(q)):
+            if -CLOSE <= q - before <= CLOSE or abs(q - before) <= CLOSE * abs(q):
                 break
         else:
             q, force, slope = self._search(target, curve, share, springs)

@@ -110,22 +110,18 @@ class ValveRun:
         newer = currents[1]
         remanent = newer + self._share * (currents[0] - newer)
         if self._halves:
-            remanent = self._remanence(remanent)
+            a, b, c = self._plays
+            for_a, for_b, for_c = self._halves
+            a = low if a < (low := remanent - for_a) else high if a > (high := remanent + for_a) else a
+            b = low if b < (low := remanent - for_b) else high if b > (high := remanent + for_b) else b
+            c = low if c < (low := remanent - for_c) else high if c > (high := remanent + for_c) else c
+            self._plays = a, b, c
+            remanent = (a + b + c) / 3.0
         at, value, slope = self._pieces[bisect_left(self._nodes, remanent)]
         setting = self._setting
         change = value + slope * (remanent - at) - setting
         self._setting = setting = setting + (self._rise if change > 0.0 else self._fall) * change
         return setting
-
-    def _remanence(self, current: float) -> float:
-        """Return the mean of the plays, each of which follows the current only when its width is used up."""
-        a, b, c = self._plays
-        half_a, half_b, half_c = self._halves
-        a = current - half_a if a < current - half_a else current + half_a if a > current + half_a else a
-        b = current - half_b if b < current - half_b else current + half_b if b > current + half_b else b
-        c = current - half_c if c < current - half_c else current + half_c if c > current + half_c else c
-        self._plays = a, b, c
-        return (a + b + c) / 3.0
 
 
 def _between_0_and_1(curve: IncreasingCurve) -> tuple[tuple[float, ...], tuple[Piece, ...]]:
