@@ -19,6 +19,7 @@ class PhysicalStructure(Structure):
     """A structure of increasing curves, solved implicitly; `method` says how its force was bounded."""
 
     extrapolates: ClassVar[bool] = True
+    unproved: ClassVar[str] = "its force is not proved to be bounded for every input"
     method: ClassVar[str]
 
     valve: ValvePath
