@@ -32,5 +32,5 @@ def test_chambers_whose_force_cannot_be_bounded_are_refused() -> None:
     closed = IncreasingCurve((-1.0, 0.0, 1.0), (-1e-14, 0.0, 1e-14))
     curve = (-1e9, 0.0, 1e9)
     body = replace(CHAMBERS, check=closed, refill=closed, map=FlowMap((-1e-4, 0.0, 1e-4), (curve, curve)))
-    with pytest.raises(ModelError, match="m.json: its force is not proved to be bounded for every input"):
+    with pytest.raises(ModelError, match=r"m\.json: its force is not proved to be bounded for every input"):
         require_stable(replace(physical_model(CHAMBERS), body=body), "m.json")
