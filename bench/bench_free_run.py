@@ -1,5 +1,5 @@
 """Speed of the batch free run, of the polynomial's tick and of the estimator step, beside plain readings of the same
-equations in one run.
+equations in one run; and of the ticks of models with physics inside, beside the polynomial's.
 
 Usage: python bench/bench_free_run.py. Prints medians over repetitions; the free run works on 30,000 samples and 10
 terms, once from ready power tables and once with their computation.
@@ -12,18 +12,23 @@ import random
 import statistics
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
+from measurement import time_interleaved
 
 from ces_identify.numerics.kernels import free_run
 from ces_identify.polynomial.compiled_terms import compile_terms, power_table
 from ces_observer.estimator import Estimator
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
 N = 30_000
+LIVELY = 10_000
+FITTED = Path(__file__).resolve().parent / "fuzz" / "seeds" / "model"
+PHYSICAL = ("relaxation", "relaxation_hysteretic", "chambers", "chambers_hysteretic")
 
 
 def ten_terms() -> tuple[Term, ...]:
@@ -95,6 +100,7 @@ def main() -> None:
     print(f"  plain Python            {1e3 * plain:8.1f} ms   ratio {plain / ready:.0f}")
     model = Model(Sampling(1000.0, 100.0, 0.01), Polynomial(terms), envelope, (-1e6, 1e6))
     bench_tick(model)
+    bench_physical_ticks(model)
     bench_estimator(model)
 
 
@@ -103,19 +109,42 @@ def bench_tick(model: Model) -> None:
     polynomial, plain = model.make_predictor(), PlainTick(model)
     rows = list(zip(*(column.tolist() for column in inputs()), strict=True))
 
-    def through(tick: Callable[..., object], rows: list[tuple[float, ...]]) -> Callable[[], None]:
-        def run() -> None:
-            for x, v, c in rows:
-                tick(x, v, c)
-
-        return run
-
     mean = median_seconds(through(polynomial.tick, rows), 21) / len(rows)
     slow = median_seconds(through(plain.tick, rows[:3000]), 5) / 3000
     begin = median_seconds(model.make_predictor, 51)
     print(f"polynomial tick, {len(model.body.terms)} terms, position + speed + current in, force out")
     print(f"  mean                    {1e6 * mean:8.2f} us   (its compilation, once at start: {1e3 * begin:.1f} ms)")
     print(f"  plain Python            {1e6 * slow:8.2f} us   ratio {slow / mean:.1f}")
+
+
+def through(tick: Callable[..., object], rows: Sequence[tuple[float, ...]]) -> Callable[[], None]:
+    """Return a run of a tick through rows of inputs."""
+
+    def run() -> None:
+        for x, v, c in rows:
+            tick(x, v, c)
+
+    return run
+
+
+def bench_physical_ticks(polynomial: Model) -> None:
+    """Time the ticks of fitted models with physics inside, in turn with the polynomial's."""
+    models = {"polynomial": polynomial, **{name: load_model(FITTED / f"{name}.json") for name in PHYSICAL}}
+    runs = {name: through(model.make_predictor().tick, lively_rows(model)) for name, model in models.items()}
+    times = time_interleaved(runs, 21)
+    print("tick of fitted models, lively speeds and currents over 90 % of the envelope")
+    for name in PHYSICAL:
+        size, ratio = models[name].size, times[name] / times["polynomial"]
+        print(f"  {name:23s} {1e6 * times[name] / LIVELY:6.2f} us   {ratio:.1f} times the polynomial's; {size}")
+
+
+def lively_rows(model: Model) -> list[tuple[float, ...]]:
+    """Return inputs that cross pieces of the curves: a slow and a fast sine in the speed."""
+    t = np.arange(LIVELY) * 1e-3
+    shapes = 0.9 * np.sin(25 * t), 0.8 * np.cos(25 * t) + 0.1 * np.sin(400 * t), 0.9 * np.sin(30 * t)
+    middles, halves = zip(*((0.5 * (a + b), 0.5 * (b - a)) for a, b in model.envelope.by_signal.values()), strict=True)
+    columns = ((m + h * s).tolist() for m, h, s in zip(middles, halves, shapes, strict=True))
+    return list(zip(*columns, strict=True))
 
 
 class PlainTick:

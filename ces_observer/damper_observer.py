@@ -25,11 +25,11 @@ OFF_CLOCK = "position stamps are off the node's clock"
 
 @dataclass
 class Tally:
-    """Counts since the start: position samples, forces, forces from clamped inputs, and withheld forces by reason."""
+    """Counts since the start: position samples, forces, forces outside the envelope, and withheld forces by reason."""
 
     samples: int = 0
     estimates: int = 0
-    clamped: int = 0
+    clamped: int = 0  # inputs outside the envelope: clamped, unless the structure extrapolates
     unreadable: int = 0  # position or current messages without the configured field
     withheld: dict[str, int] = field(default_factory=dict)
 

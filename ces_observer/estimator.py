@@ -48,7 +48,7 @@ class Estimator:
 
     @property
     def clamped(self) -> bool:
-        """True if the last inputs lay outside the model's envelope and were clamped to it."""
+        """True if the last inputs lay outside the envelope; they were clamped, unless the structure extrapolates."""
         return self._predictor.clamped
 
     def half_width(self) -> float | None:

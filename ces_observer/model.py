@@ -64,7 +64,7 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Envelope:
-    """Range of each input in the identification data, widened a little; inputs are clamped to it."""
+    """Range of each input in the identification data, widened a little; structures clamp to it, or extrapolate."""
 
     position_m: Range
     speed_m_s: Range

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.table import Table
 
 from ces_cli.terminal.terminal import as_csv, make_table
-from ces_identify.campaign.front import COST_TOLERANCE, front, recommend_model
+from ces_identify.campaign.front import COST_TOLERANCE, front, is_proved, recommend_model
 from ces_identify.campaign.plan import Campaign, CampaignJob
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
@@ -142,7 +142,7 @@ def _column(cost: Row) -> str:
 
 def _headings(summary: Summary) -> list[str]:
     costs = [f"J {name}" for name in ("selection", IDENTIFICATION, *summary.sets)]
-    return ["", "bags", "structure", "settings", "size", *costs, "gain", "s", "key"]
+    return ["", "bags", "structure", "settings", "size", *costs, "stability", "s", "key"]
 
 
 def _cells(summary: Summary, row: Row, marks: Mapping[str, str]) -> list[str]:
@@ -159,10 +159,16 @@ def _cells(summary: Summary, row: Row, marks: Mapping[str, str]) -> list[str]:
         str(row["parameters"]),
         _number(row["selection_J"], "–"),
         *costs,
-        "not proved" if row["gain"] is None else f"{row['gain']:.3f}",
+        _format_stability(row),
         f"{row['seconds']:.1f}",
         row["key"][:8],
     ]
+
+
+def _format_stability(row: Row) -> str:
+    if row["gain"] is not None:
+        return f"gain {row['gain']:.3f}"
+    return "passive" if is_proved(row) else "not proved"
 
 
 def _number(value: float | None, otherwise: str) -> str:

@@ -29,6 +29,7 @@ def verify_certificate(model: Model, name: str) -> int:
     print(f"proved: {proof.claim} ({proof.effort})")
     for label, value in proof.rows:
         print(f"  {label:<14}  {value}")
+    print(f"  {'inputs outside':<14}  the envelope are {model.body.outside}")
     for label, (low, high), unit in (
         ("position", envelope.position_m, "m"),
         ("speed", envelope.speed_m_s, "m/s"),

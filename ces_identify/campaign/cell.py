@@ -62,6 +62,7 @@ def _row(job: CampaignJob, result: IdentificationResult, seconds: float) -> Row:
         "selection_J": _finite(best.cost),
         "costs": _costs(job, result.evaluations),
         "gain": None if certificate is None else certificate.get("gain"),
+        "force_bound_N": None if certificate is None else certificate.get("force_bound_N"),
         "seconds": round(seconds, 3),
         "trials": sum(start.trials for start in result.search_results),
         "ended": best.ended,

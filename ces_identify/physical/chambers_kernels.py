@@ -25,7 +25,7 @@ from ces_identify.physical.valve_kernels import (
     restart_valve,
 )
 
-MAX_STEPS = 400
+QUICK_STEPS, MAX_STEPS = 6, 300
 CLOSE = 1e-12
 LEAD, VISCOUS, MASS, GAS, RATIO, COMPRESSION, REBOUND, MOUNT, CHECK, REFILL, MAP = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
 FRICTION, YIELD, GROWTH = 11, 12, 13  # of `places`, too
@@ -60,11 +60,15 @@ def pick_blend(k: F, below: int, above: int, count: int, blend: float, pressure:
 
 
 @njit(cache=True)
-def residual(
-    a: ChamberArrays, stored: F, b_c: float, b_r: float, below: int, blend: float, p_c: float, p_r: float, out: F,
+def solve_pieces(
+    a: ChamberArrays, drive: float, below: int, blend: float, o_c: float, o_r: float, p_c: float, p_r: float, out: F,
     pieces: I,
-) -> None:  # fmt: skip
-    """Fill `out` (10,) with residuals (2) and matrix (3) of a step, then slopes and values of the flows' pieces."""
+) -> tuple[float, float]:  # fmt: skip
+    """Return both pressures [N] after a step from (o_c, o_r), on the pieces of the curves that hold (p_c, p_r).
+
+    Fills `pieces` (3,) and `out` (5,): the symmetric matrix of the step (3) [m/N], the valve's slope, and the share of
+    its piece. The sums are those of `ces_observer.structures.chambers_run`, none of which cancels.
+    """
     k, at, interval = a.k, a.places, a.interval_s
     above = below + len(a.flows)
     i, j = find_piece(a.drops, p_c - p_r), find_piece(a.suctions, -p_c)
@@ -75,45 +79,75 @@ def residual(
     left = k[below + m] + blend * (k[above + m] - k[below + m])
     right = k[below + m + 1] + blend * (k[above + m + 1] - k[below + m + 1])
     v1 = (a.flows[m + 1] - a.flows[m]) / (right - left)
-    across = k[check] + c1 * (p_c - p_r - a.drops[i])
-    refilled = k[refill] + r1 * (-p_c - a.suctions[j])
-    valve = a.flows[m] + v1 * (p_r - left)
-    out[0] = stored[0] * p_c + stored[1] * p_r - b_c + interval * (across - refilled)
-    out[1] = stored[1] * p_c + stored[2] * p_r - b_r + interval * (valve - across)
-    out[2] = stored[0] + interval * (c1 + r1)
-    out[3] = stored[1] - interval * c1
-    out[4] = stored[2] + interval * (c1 + v1)
-    out[5], out[6] = v1, (p_r - left) / (right - left)
+    across = k[check] + c1 * (o_c - o_r - a.drops[i])
+    refilled = k[refill] + r1 * (-o_c - a.suctions[j])
+    valve = a.flows[m] + v1 * (o_r - left)
+    more, r = k[at[RATIO]], 1.0 + k[at[RATIO]]
+    c_c, c_r, mount = k[at[COMPRESSION]] / interval + r1, k[at[REBOUND]] / interval + v1, k[at[MOUNT]] / interval
+    x, y = mount * (more * across + refilled - r * valve), c1 * (more * drive + refilled - valve)
+    determinant = c_c * (c_r + mount + c1) + (r * r * mount + c1) * c_r + mount * c1 * more * more
+    out[0] = interval * (c_c + r * r * mount + c1)
+    out[1] = -interval * (r * mount + c1)
+    out[2] = interval * (c_r + mount + c1)
+    out[3], out[4] = v1, (p_r - left) / (right - left)
     pieces[0], pieces[1], pieces[2] = i, j, m
+    return (
+        o_c + (c_r * (r * drive - across + refilled) + x + y) / determinant,
+        o_r + (c_c * (across - drive - valve) + r * x + y) / determinant,
+    )
+
+
+@njit(cache=True)
+def balance(a: ChamberArrays, drive: float, o_c: float, o_r: float, p_r: float) -> float:
+    """Return the p_c [N] at which the flows into the compression chamber balance, for a given p_r [N]."""
+    k, at = a.k, a.places
+    r, mount = 1.0 + k[at[RATIO]], k[at[MOUNT]] / a.interval_s
+    stored, pushed = k[at[COMPRESSION]] / a.interval_s + r * r * mount, r * mount * (p_r - o_r) + r * drive
+    low, high, p_c = -np.inf, np.inf, o_c
+    for _ in range(MAX_STEPS):
+        i, j = find_piece(a.drops, p_c - p_r), find_piece(a.suctions, -p_c)
+        check, refill = at[CHECK] + i, at[REFILL] + j
+        c1 = (k[check + 1] - k[check]) / (a.drops[i + 1] - a.drops[i])
+        r1 = (k[refill + 1] - k[refill]) / (a.suctions[j + 1] - a.suctions[j])
+        missing = stored * (p_c - o_c) - pushed
+        missing += k[check] + c1 * (p_c - p_r - a.drops[i]) - k[refill] - r1 * (-p_c - a.suctions[j])
+        new = p_c - missing / (stored + c1 + r1)
+        if abs(new - p_c) <= CLOSE * (1.0 + abs(new)):
+            return float(new)
+        if new > p_c:
+            low = p_c
+        else:
+            high = p_c
+        p_c = new if low < new < high else 0.5 * (low + high)
+    return float(p_c)
 
 
 @njit(cache=True)
 def solve_step(
-    a: ChamberArrays, stored: F, b_c: float, b_r: float, below: int, blend: float, p_c: float, p_r: float, out: F,
-    pieces: I,
-) -> tuple[float, float, int]:  # fmt: skip
-    """Return both pressures [N] after a step, and the Newton steps; line search on the convex function of the step."""
-    d_c, d_r, first, t, low, high, o_c, o_r = 0.0, 0.0, -1.0, 1.0, 0.0, 1.0, p_c, p_r
-    for step in range(MAX_STEPS):
-        residual(a, stored, b_c, b_r, below, blend, p_c, p_r, out, pieces)
-        if step > 0:
-            slope = out[0] * d_c + out[1] * d_r
-            if slope > -0.5 * first or (t < 1.0 and slope < 0.5 * first and high - low > 1e-12):
-                if slope > 0.0:
-                    high = t
-                else:
-                    low = t
-                t = 0.5 * (low + high)
-                p_c, p_r = o_c + t * d_c, o_r + t * d_r
-                continue
-        determinant = out[2] * out[4] - out[3] * out[3]
-        d_c = (out[3] * out[1] - out[4] * out[0]) / determinant
-        d_r = (out[3] * out[0] - out[2] * out[1]) / determinant
-        if abs(d_c) + abs(d_r) <= CLOSE * (1.0 + abs(p_c) + abs(p_r)):
+    a: ChamberArrays, drive: float, below: int, blend: float, o_c: float, o_r: float, out: F, pieces: I
+) -> tuple[float, float, int]:
+    """Return both pressures [N] after a step from (o_c, o_r), and the number of solutions on given pieces.
+
+    Follows the solutions from pieces to pieces and, if that does not end, searches p_r in a bracket.
+    """
+    p_c, p_r, last = o_c, o_r, (-1, -1, -1)
+    for step in range(QUICK_STEPS):
+        new_c, new_r = solve_pieces(a, drive, below, blend, o_c, o_r, p_c, p_r, out, pieces)
+        if (pieces[0], pieces[1], pieces[2]) == last:
             return p_c, p_r, step + 1
-        first, t, low, high, o_c, o_r = out[0] * d_c + out[1] * d_r, 1.0, 0.0, 1.0, p_c, p_r
-        p_c, p_r = p_c + d_c, p_r + d_r
-    return p_c, p_r, MAX_STEPS
+        p_c, p_r, last = new_c, new_r, (pieces[0], pieces[1], pieces[2])
+    low, high, p_r = -np.inf, np.inf, o_r
+    for step in range(MAX_STEPS):
+        p_c = balance(a, drive, o_c, o_r, p_r)
+        new_c, new_r = solve_pieces(a, drive, below, blend, o_c, o_r, p_c, p_r, out, pieces)
+        if abs(new_r - p_r) <= CLOSE * (1.0 + abs(new_r)):
+            return new_c, new_r, QUICK_STEPS + step + 1
+        if new_r > p_r:
+            low = p_r
+        else:
+            high = p_r
+        p_r = new_r if low < new_r < high else 0.5 * (low + high)
+    return np.nan, np.nan, QUICK_STEPS + MAX_STEPS  # no force rather than a wrong one
 
 
 @njit(cache=True, nogil=True)
@@ -131,7 +165,7 @@ def run_chambers(a: ChamberArrays, data: RunData, score: Score, force: F, matrix
     plays, by_setting = np.zeros((3, len(HALVES))), np.zeros(valve)
     by_c, by_r, e_c, e_r, row = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size)
     rub, rub_by = np.zeros(a.friction), np.zeros((3, a.friction))  # by stiffness, yield force and lead
-    out, pieces = np.zeros(10), np.zeros(3, np.int64)
+    out, pieces = np.zeros(5), np.zeros(3, np.int64)
     total, steps = 0.0, 0
     for s in range(data.segments.shape[0]):
         first, stop = data.segments[s]
@@ -151,9 +185,7 @@ def run_chambers(a: ChamberArrays, data: RunData, score: Score, force: F, matrix
             blend = setting * (a.rows - 1) - lower
             below = at[MAP] + lower * wide
             above = below + wide
-            b_c = stored[0] * p_c + stored[1] * p_r + interval * ratio * drive
-            b_r = stored[1] * p_c + stored[2] * p_r - interval * drive
-            p_c, p_r, used = solve_step(a, stored, b_c, b_r, below, blend, p_c, p_r, out, pieces)
+            p_c, p_r, used = solve_step(a, drive, below, blend, p_c, p_r, out, pieces)
             steps += used
             rubbed = 0.0
             for m in range(a.friction):
@@ -194,14 +226,14 @@ def run_chambers(a: ChamberArrays, data: RunData, score: Score, force: F, matrix
             add_share(e_r, at[CHECK] + pieces[0], share, interval)
             share = (-p_c - a.suctions[pieces[1]]) / (a.suctions[pieces[1] + 1] - a.suctions[pieces[1]])
             add_share(e_c, at[REFILL] + pieces[1], share, interval)
-            m, share, eases = pieces[2], out[6], interval * out[5]
+            m, share, eases = pieces[2], out[4], interval * out[3]
             add_share(e_r, below + m, share, eases * (1.0 - blend))
             add_share(e_r, above + m, share, eases * blend)
             by_blend = (1.0 - share) * (k[above + m] - k[below + m]) + share * (k[above + m + 1] - k[below + m + 1])
             for p in range(valve):
                 e_r[p] += eases * by_blend * (a.rows - 1) * by_setting[p]
-            determinant = out[2] * out[4] - out[3] * out[3]
-            i_cc, i_cr, i_rr = out[4] / determinant, -out[3] / determinant, out[2] / determinant
+            determinant = out[0] * out[2] - out[1] * out[1]
+            i_cc, i_cr, i_rr = out[2] / determinant, -out[1] / determinant, out[0] / determinant
             rubs = growth * rubbed if p_r > 0.0 else 0.0
             for p in range(size):
                 d_c, d_r = i_cc * e_c[p] + i_cr * e_r[p], i_cr * e_c[p] + i_rr * e_r[p]

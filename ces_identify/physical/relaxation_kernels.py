@@ -119,6 +119,8 @@ def run_relaxation(
                     low = passed
                 new = passed - move
                 passed = new if low < new < high else 0.5 * (low + high)
+            else:
+                value = np.nan  # no force rather than a wrong one
             i = find_piece(a.positions, data.position[n])
             along = (data.position[n] - a.positions[i]) / (a.positions[i + 1] - a.positions[i])
             gas = k[at[GAS] + i] + along * (k[at[GAS] + i + 1] - k[at[GAS] + i])

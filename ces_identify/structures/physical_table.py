@@ -13,7 +13,7 @@ from ces_observer.structures.relaxation import Relaxation
 
 CURRENTS = 4
 SHARES = (-1.0, -0.5, -0.2, 0.2, 0.5, 1.0)  # of the envelope's speed
-ABOUT = "Physical parameters, then the steady force at constant speeds and currents, without gas and inertia."
+ABOUT = "Physical parameters, then the steady force at mid-stroke of full strokes at constant speeds and currents."
 
 
 def physical_table(body: Relaxation | Chambers, model: Model, named: Sequence[tuple[str, float]]) -> ModelTable:
@@ -35,7 +35,7 @@ def physical_table(body: Relaxation | Chambers, model: Model, named: Sequence[tu
     slowest, fastest = model.envelope.speed_m_s
     for share in SHARES:
         speed = abs(share) * (fastest if share > 0.0 else slowest)
-        forces = (four_figures(body.steady_force(speed, current)) for current in currents)
+        forces = (four_figures(body.steady_force(model.operating_range, speed, current)) for current in currents)
         rows.append((Markup("Steady force [N] at {} m/s").format(four_figures(speed)), *forces))
     heads = (
         "Quantity",

@@ -1,4 +1,4 @@
-"""The steady force of the observer's model, from runs at constant speeds and currents.
+"""The steady force of the observer's model, exact where its structure can tell, else from runs at constant inputs.
 
 A model goes in; the controller's inverse map and the lag of force behind current come out.
 """
@@ -41,6 +41,18 @@ def compute_inverse_map(model: Model, source: str = "model") -> InverseMap:
 
 
 def steady_force(model: Model, run: Predictor, speed_m_s: float, current_A: float) -> float:
+    """Return the model's force [N] at mid-stroke at constant speed and current; `run` is used if only a run shows it.
+
+    A force outside the force envelope counts as that envelope's end.
+    """
+    exact = model.body.steady_force(model.operating_range, speed_m_s, current_A)
+    if exact is None:
+        return run_to_steady(model, run, speed_m_s, current_A)
+    low, high = model.force_envelope_N
+    return min(max(exact, low), high)
+
+
+def run_to_steady(model: Model, run: Predictor, speed_m_s: float, current_A: float) -> float:
     """Return the model's force [N] at mid-stroke after a long approach at constant speed and current.
 
     The model clamps a stroke beyond its envelope. A force outside the force envelope counts as that envelope's end.
@@ -72,7 +84,7 @@ def current_lag_s(model: Model) -> float:
 def _measure_rise_s(model: Model, speed: float, start_A: float, end_A: float) -> float:
     """Step the current and stay at mid-stroke, so that the stroke does not change the force."""
     run, rate = model.make_predictor(), model.sampling.rate_Hz
-    before = steady_force(model, run, speed, start_A)
+    before = run_to_steady(model, run, speed, start_A)
     middle = 0.5 * sum(model.envelope.position_m)
     forces = [run.tick(middle, speed, end_A) for _ in range(round(STEP_S * rate))]
     change = forces[-1] - before

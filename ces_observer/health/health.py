@@ -33,7 +33,7 @@ from ces_observer.tracker import OK
 
 LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2  # as in diagnostic_msgs/msg/DiagnosticStatus
 ERRORS = frozenset({SILENT, POSITION_NOT_FINITE, NO_CURRENT, OFF_CLOCK, UNBOUNDED})
-CLAMPED_WARN = 0.01  # share of forces from clamped inputs that gives a warning
+OUTSIDE_WARN = 0.01  # share of forces from inputs outside the envelope that gives a warning
 DROPPED_WARN = 0.01  # share of lost positions that gives a warning
 STILL_WARN_S = 1.0  # time without any change of position that gives a warning
 
@@ -77,7 +77,7 @@ class Health:
         self._before = damper.tally.copy()
         self._paired = 0
         self._evaluated = self._recorded = False
-        self._rate_Hz = self._withheld = self._clamped = 0.0
+        self._rate_Hz = self._withheld = self._outside = 0.0
 
     def note_change(self, now_ns: int) -> None:
         """Record a change of the damper's reason; an episode includes its first withheld sample."""
@@ -94,7 +94,7 @@ class Health:
         samples, estimates = now.samples - before.samples, now.estimates - before.estimates
         self._rate_Hz = samples / elapsed_s if elapsed_s > 0.0 else 0.0
         self._withheld = 1.0 - estimates / samples if samples else 0.0
-        self._clamped = (now.clamped - before.clamped) / estimates if estimates else 0.0
+        self._outside = (now.clamped - before.clamped) / estimates if estimates else 0.0
         self._before = now.copy()
         for stream in (self.position, self.current, self.force):
             stream.roll(elapsed_s)
@@ -131,8 +131,8 @@ class Health:
             yield f"recovered from {last.reason} ({last.length_s:.2g} s){more}"
         if ok and self._withheld > 0.0:
             yield f"{self._withheld:.1%} withheld in the last second"
-        if ok and self._clamped >= CLAMPED_WARN:
-            yield f"{self._clamped:.1%} of the forces from inputs outside what the model was identified on"
+        if ok and self._outside >= OUTSIDE_WARN:
+            yield f"{self._outside:.1%} {self._describe_outside()} outside what the model was identified on"
         if self.stillness.resting:
             yield f"the position has not changed for {self.stillness.last_s:.1f} s: at rest, or its sensor is stuck"
         elif self.stillness.count > self._reported_rests:
@@ -142,6 +142,10 @@ class Health:
             yield f"{figures.dropped / (figures.samples + figures.dropped):.1%} of the positions lost on the way"
         if self.cost is not None and self.cost.drifted:
             yield f"re-identify: {_describe_drift(self.cost)}{self._describe_recording()}"
+
+    def _describe_outside(self) -> str:
+        extrapolates = self._damper.model.body.extrapolates
+        return "of the forces extrapolated to inputs" if extrapolates else "of the forces from clamped inputs,"
 
     def _describe_recording(self) -> str:
         """Return the state of the recording of a drift."""
@@ -158,7 +162,8 @@ class Health:
         yield "reason", damper.reason
         yield "rate [Hz]", f"{self._rate_Hz:.1f}"
         yield "age of the last position on arrival [s]", f"{damper.age_ns * 1e-9:.6f}"
-        yield "extrapolated share", f"{self._clamped:.4f}"
+        yield "share outside the envelope", f"{self._outside:.4f}"
+        yield "inputs outside the envelope", f"are {damper.model.body.outside}"
         yield "position samples", str(tally.samples)
         yield "forces estimated", str(tally.estimates)
         yield "messages without the field", str(tally.unreadable)

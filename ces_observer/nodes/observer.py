@@ -24,7 +24,7 @@ from ces_observer.nodes.damper_topics import DamperTopics
 from ces_observer.nodes.diagnostics_output import DamperReport, DiagnosticsOutput, add_remark
 from ces_observer.nodes.input_subscriptions import InputSubscriptions
 from ces_observer.nodes.model_changes import ModelChanges, ModelUser
-from ces_observer.nodes.model_check import PROVE
+from ces_observer.nodes.model_check import PROVE, describe_model
 from ces_observer.nodes.model_reload import Verdict
 from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.nodes.node_parameters import TableNode
@@ -76,6 +76,7 @@ class Observer(TableNode):
         )
         changes = ModelChanges(self, user, settings.model_path)
         topics.use_model(changes.source)
+        self.get_logger().info(f"{settings.name}: {describe_model(settings.model)}")
         return topics, changes
 
     def _watch(self) -> None:

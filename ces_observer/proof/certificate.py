@@ -62,10 +62,12 @@ class Certificate(ABC):
 
 def summarize(stored: Mapping[str, Any]) -> str:
     """Return a model file's stored certificate as a sentence."""
-    gain = stored.get("gain")
-    if gain is None:
-        return str(stored.get("claim"))
-    return f"contraction: the gains of the past forces sum to at most {gain:.3f} < 1 for any input in the envelope"
+    gain, anywhere = stored.get("gain"), stored.get("force_bound_any_input_N")
+    if gain is not None:
+        return f"contraction: the gains of the past forces sum to at most {gain:.3f} < 1 for any input in the envelope"
+    if anywhere is not None:
+        return f"passive: the difference of two runs never grows, and |force| <= {anywhere:.0f} N for any input"
+    return str(stored.get("claim"))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.json_checks import JsonObject
-from ces_observer.structures.increasing_curves import MAX_VALUE, IncreasingCurve, interpolate, parse_nodes
+from ces_observer.structures.increasing_curves import MAX_VALUE, IncreasingCurve, check_slopes, interpolate, parse_nodes
 
 MAX_CURVES = 16
 
@@ -37,15 +37,14 @@ class FlowMap:
         """Return the force [N] at an abscissa [m/s] and a setting."""
         return interpolate(self.at, self.blend(setting), at)
 
-    @property
-    def highest(self) -> IncreasingCurve:
-        """The curve above all settings."""
-        return IncreasingCurve(self.at, tuple(max(values) for values in zip(*self.rows, strict=True)))
+    def max_force(self, at: float) -> float:
+        """Return a bound on |force| [N] at abscissas [m/s] up to `at` in either direction, for every setting."""
+        return max(abs(interpolate(self.at, row, x)) for row in self.rows for x in (-at, at))
 
     @property
-    def lowest(self) -> IncreasingCurve:
-        """The curve below all settings."""
-        return IncreasingCurve(self.at, tuple(min(values) for values in zip(*self.rows, strict=True)))
+    def inverses(self) -> tuple[IncreasingCurve, ...]:
+        """The abscissa over the force at each row; at a setting between two rows it lies between theirs."""
+        return tuple(IncreasingCurve(row, self.at) for row in self.rows)
 
     def to_json(self, at: str) -> dict[str, Any]:
         """Return the contents of the model file; `at` names the abscissa."""
@@ -59,7 +58,9 @@ class FlowMap:
         rows = node.value.get("force_N")
         if not isinstance(rows, list) or not 2 <= len(rows) <= MAX_CURVES:
             raise ModelError(f"{node.where}: force_N has no 2 to {MAX_CURVES} lists; expected one for each setting")
-        parsed = (parse_nodes(JsonObject({"force_N": row}, node.where), "force_N", len(places)) for row in rows)
+        parsed = [parse_nodes(JsonObject({"force_N": row}, node.where), "force_N", len(places)) for row in rows]
+        for row in parsed:
+            check_slopes(node.where, places, row)
         return cls(places, tuple(parsed))
 
 

@@ -13,15 +13,25 @@ from ces_observer.json_checks import JsonObject
 
 MAX_NODES = 64
 MAX_VALUE = 1e9
+MIN_RISE = 1e-12  # between nodes, relative to the largest: less is lost in the rounding of a blend of two curves
+MIN_SLOPE, MAX_SLOPE = 1e-15, 1e12  # far beyond those of any damper's curve, in any of its units
 
-Segment = tuple[float, float]  # intercept and slope of a straight piece
+Piece = tuple[float, float, float]  # a straight piece: its left node (x, y), and its slope
 
 
-def segments(at: Sequence[float], values: Sequence[float]) -> tuple[Segment, ...]:
-    """Return intercept and slope of each piece between nodes (at, values)."""
-    pieces = zip(pairwise(at), pairwise(values), strict=True)
-    slopes = ((x0, y0, (y1 - y0) / (x1 - x0)) for (x0, x1), (y0, y1) in pieces)
-    return tuple((y0 - slope * x0, slope) for x0, y0, slope in slopes)
+def pieces(at: Sequence[float], values: Sequence[float]) -> tuple[Piece, ...]:
+    """Return the pieces between nodes (at, values); `bisect_left(at[1:-1], x)` is the index of the one that holds x."""
+    ends = zip(pairwise(at), pairwise(values), strict=True)
+    return tuple((x0, y0, (y1 - y0) / (x1 - x0)) for (x0, x1), (y0, y1) in ends)
+
+
+def place_inside(ends: Sequence[float], n: int) -> float:
+    """Return a place in the n-th of the pieces that meet at `ends`, which rise; the outer pieces have no other end."""
+    if not ends:
+        return 0.0
+    if 0 < n < len(ends):
+        return 0.5 * (ends[n - 1] + ends[n])
+    return ends[0] - 1.0 - abs(ends[0]) if n == 0 else ends[-1] + 1.0 + abs(ends[-1])
 
 
 @dataclass(frozen=True)
@@ -39,11 +49,6 @@ class IncreasingCurve:
         """Return where the curve has the value `y`."""
         return interpolate(self.values, self.at, y)
 
-    @property
-    def min_slope(self) -> float:
-        """The smallest slope anywhere."""
-        return min(slope for _, slope in segments(self.at, self.values))
-
     def to_json(self, at: str, values: str) -> dict[str, Any]:
         """Return the nodes under these keys."""
         return {at: list(self.at), values: list(self.values)}
@@ -56,17 +61,31 @@ def interpolate(at: Sequence[float], values: Sequence[float], x: float) -> float
 
 
 def parse_nodes(node: JsonObject, key: str, count: int | None = None, rising: bool = True) -> tuple[float, ...]:
-    """Check a list of numbers in a model file, rising strictly if `rising`; raises ModelError."""
+    """Check a list of numbers in a model file, rising by more than rounding errors if `rising`; raises ModelError."""
     value = node.value.get(key)
     found = len(value) if isinstance(value, list) else 0
     numbers = node.numbers(key, min(max(found, 2), MAX_NODES) if count is None else count, MAX_VALUE)
-    if rising and not all(b > a for a, b in pairwise(numbers)):
+    least = MIN_RISE * max(map(abs, numbers))
+    if rising and not all(b - a > least for a, b in pairwise(numbers)):
         raise ModelError(f"{node.where}: {key} does not rise from number to number; identify the model again")
     return numbers
+
+
+def check_slopes(where: str, at: Sequence[float], values: Sequence[float], rising: bool = True) -> None:
+    """Raise ModelError if a curve is too steep or, if `rising`, too flat for a step that loses no digits."""
+    least = MIN_SLOPE if rising else 0.0
+    for x, _, slope in pieces(at, values):
+        if not least <= abs(slope) <= MAX_SLOPE:
+            raise ModelError(
+                f"{where}: a slope of {slope:g} from {x:g} on; expected {least:g} to {MAX_SLOPE:g}: identify the model "
+                "again"
+            )
 
 
 def parse_curve(node: JsonObject, at: str, values: str) -> IncreasingCurve:
     """Check the nodes of a curve in a model file; raises ModelError."""
     node.require_only_keys(at, values)
     places = parse_nodes(node, at)
-    return IncreasingCurve(places, parse_nodes(node, values, len(places)))
+    curve = IncreasingCurve(places, parse_nodes(node, values, len(places)))
+    check_slopes(node.where, curve.at, curve.values)
+    return curve

@@ -9,6 +9,7 @@ from __future__ import annotations
 from ces_observer.structures.structure import OperatingRange, Range, Ranges
 
 MAX_REACH = 10.0
+INPUTS = ("position", "speed", "current")
 
 
 def widen(inputs: Ranges, reach: float) -> dict[str, Range]:
@@ -30,9 +31,9 @@ class InputLimiter:
     """Marks inputs outside the envelope and clamps those beyond its reach; `outside` is that of the last inputs."""
 
     def __init__(self, within: OperatingRange, reach: float) -> None:
-        self._envelope = tuple(bound for name in ("position", "speed", "current") for bound in within.inputs[name])
+        self._envelope = tuple(bound for name in INPUTS for bound in within.inputs[name])
         wide = widen(within.inputs, reach)
-        self._limits = tuple(bound for name in ("position", "speed", "current") for bound in wide[name])
+        self._limits = tuple(bound for name in INPUTS for bound in wide[name])
         self.outside = False
 
     def limit(self, position: float, speed: float, current: float) -> tuple[float, float, float]:

@@ -5,34 +5,32 @@
     force  = y(k) + side force(k)
 
 y is the force [N] in oil and mounts, q the speed [m/s] at which the oil passes the valve. The map rises with q, so each
-step has one solution, and for two runs with the same inputs, with dh and dq their differences,
+step has one solution, and for two runs with the same inputs and settings, with dy, dh and dq their differences,
 
     compliance dy (dy - dy(k-1)) + T (dq + leak dy) dy = 0,  dq dy >= sum_j dh_j (dh_j - dh_j(k-1)) / (T stiffness_j),
 
-so compliance dy^2 + sum_j dh_j^2 / stiffness_j never grows (Moreau 1977 for the yielding springs). If |y| exceeds the
-map at the largest drive plus all yield forces, then |q| exceeds the drive, and |y| falls: that is the bound.
+so compliance dy^2 + sum_j dh_j^2 / stiffness_j never grows (Moreau 1977 for the yielding springs). If |y(k)| exceeded
+the map at the largest drive plus all yield forces, |q| would exceed the drive and |y(k)| < |y(k-1)|: from y = 0 on it
+never does. That is the bound.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import inf
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.json_checks import JsonObject
-from ces_observer.proof.energy import EnergyCertificate
 from ces_observer.structures.flow_map import FlowMap, parse_growth
 from ces_observer.structures.increasing_curves import MAX_VALUE
-from ces_observer.structures.reach import MAX_REACH, InputLimiter, widen
-from ces_observer.structures.side_forces import SideForces, SideRun, pick_segment
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
-from ces_observer.structures.valve_path import ValvePath, ValveRun
+from ces_observer.structures.physical_structure import PhysicalStructure, yield_at_mid_stroke
+from ces_observer.structures.reach import MAX_REACH
+from ces_observer.structures.relaxation_run import RelaxationRun
+from ces_observer.structures.side_forces import SideForces
+from ces_observer.structures.structure import OperatingRange, Ranges
+from ces_observer.structures.valve_path import ValvePath
 
 MAX_SPRINGS = 8
-MAX_STEPS = 200  # of a bisection: enough for any pair of floats of such numbers
-CLOSE = 1e-13  # relative change of the solution that ends a step
-CLAIM = "the energy of the difference of two runs with the same inputs never grows; |F| stays bounded for every input"
 METHOD = "all curves rise; |y| falls wherever the valve passes more than the largest drive"
 
 
@@ -43,14 +41,19 @@ class YieldingSpring:
     stiffness_N_m: float
     yield_N: tuple[float, ...]
 
+    def at_mid_stroke(self, half_m: float) -> Self:
+        """Return the spring with the yield forces that it has in the middle of strokes to +-`half_m` [m]."""
+        limits = (yield_at_mid_stroke(self.stiffness_N_m, limit, half_m) for limit in self.yield_N)
+        return replace(self, yield_N=tuple(limits))
+
 
 @dataclass(frozen=True)
-class Relaxation(Structure):
+class Relaxation(PhysicalStructure):
     """A relaxation model: compliance [m/N] and leak [m/(N s)] in series with the valve's map of force over speed."""
 
     name: ClassVar[str] = "relaxation"
     keys: ClassVar[tuple[str, ...]] = ("relaxation",)
-    extrapolates: ClassVar[bool] = True
+    method: ClassVar[str] = METHOD
 
     valve: ValvePath
     compliance_m_N: float
@@ -61,22 +64,9 @@ class Relaxation(Structure):
     reach: float
 
     @property
-    def max_lag(self) -> int:
-        """Longest lag of any signal in ticks."""
-        return self.valve.max_lag
-
-    @property
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.map.rows)} force-speed curves of {len(self.map.at)} nodes, {len(self.springs)} springs"
-
-    def steady_force(self, speed_m_s: float, current_A: float) -> float:
-        """Return the force [N] of the oil at a constant speed [m/s] and current [A], without gas and inertia."""
-        setting = self.valve.steady(current_A)
-        row, share = self.map.pick(setting)
-        yields = sum(one.yield_N[row] + share * (one.yield_N[row + 1] - one.yield_N[row]) for one in self.springs)
-        sign = (speed_m_s > 0.0) - (speed_m_s < 0.0)
-        return self.map.force(speed_m_s, setting) + sign * yields
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of the model file."""
@@ -114,14 +104,13 @@ class Relaxation(Structure):
         """Return a new free run."""
         return RelaxationRun(self, within)
 
-    def certify(self, within: OperatingRange) -> EnergyCertificate:
-        """Return the proved bounds on |force| [N]."""
-        any_input = self._bound(widen(within.inputs, self.reach))
-        return EnergyCertificate(self._bound(within.inputs), any_input, CLAIM, METHOD)
+    def at_full_strokes(self, half_m: float) -> Self:
+        """Return the model with the yield forces that its springs have in the middle of strokes to +-`half_m` [m]."""
+        return replace(self, springs=tuple(one.at_mid_stroke(half_m) for one in self.springs))
 
-    def _bound(self, inputs: Ranges) -> float:
-        fastest = self.side.max_drive(inputs["speed"])
-        passed = max(self.map.highest(fastest), -self.map.lowest(-fastest), 0.0)
+    def bound_force(self, inputs: Ranges) -> float:
+        """Return a bound on |force| [N] for inputs in their ranges."""
+        passed = self.map.max_force(self.side.max_drive(inputs["speed"]))
         springs = sum(max(one.yield_N) for one in self.springs)
         return (passed + springs + self.side.bound_N(inputs)) * (1.0 + 1e-9)
 
@@ -132,83 +121,3 @@ def _parse_spring(node: JsonObject, rows: int) -> YieldingSpring:
     if min(limits) < 0.0:
         raise ModelError(f"{node.where}: yield_N has {min(limits):g}; expected forces from 0 on")
     return YieldingSpring(node.number("stiffness_N_m", 1e-9, 1e12), limits)
-
-
-class RelaxationRun:
-    """The free run of a relaxation model; `clamped` is True if the last inputs were outside the envelope."""
-
-    def __init__(self, model: Relaxation, within: OperatingRange) -> None:
-        self._interval = interval = 1.0 / within.rate_Hz
-        self._inputs = InputLimiter(within, model.reach)
-        self._valve = ValveRun(model.valve, interval)
-        self._side = SideRun(model.side, interval)
-        self._map, self._nodes = model.map, model.map.at
-        self._compliance = model.compliance_m_N
-        self._held = model.compliance_m_N + interval * model.leak_m_Ns
-        self._springs = [(one.stiffness_N_m * interval, one.yield_N) for one in model.springs]
-        self._limits = within.force_N
-        self.reset()
-
-    @property
-    def clamped(self) -> bool:
-        """True if the last inputs lay outside the envelope."""
-        return self._inputs.outside
-
-    def reset(self) -> None:
-        """Forget the past."""
-        self._valve.reset()
-        self._side.reset()
-        self._force = self._passed = 0.0
-        self._stretched = [0.0] * len(self._springs)
-        self._piece = 0
-        self._inputs.outside = False
-
-    def tick(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick; infinite if it left the force envelope."""
-        position, speed, current = self._inputs.limit(position, speed, current)
-        setting = self._valve.tick(current)
-        side = self._side
-        drive = side.drive(speed)
-        force = self._advance(drive, setting) + side.others(position, drive)
-        low, high = self._limits
-        return force if low <= force <= high else inf
-
-    def _advance(self, drive: float, setting: float) -> float:
-        """Solve the step for the passed speed q by Newton's method in a bracket; return the oil's force [N]."""
-        row, share = self._map.pick(setting)
-        below, above = self._map.rows[row], self._map.rows[row + 1]
-        limits = [(step, y[row] + share * (y[row + 1] - y[row])) for step, y in self._springs]
-        nodes, stretched, held, interval = self._nodes, self._stretched, self._held, self._interval
-        target = interval * drive + self._compliance * self._force
-        q, j, low, high = self._passed, self._piece, -inf, inf
-        force = 0.0
-        for _ in range(MAX_STEPS):
-            j = pick_segment(nodes, q, j)
-            left = below[j] + share * (above[j] - below[j])
-            right = below[j + 1] + share * (above[j + 1] - below[j + 1])
-            slope = (right - left) / (nodes[j + 1] - nodes[j])
-            force = left + slope * (q - nodes[j])
-            for h, (step, limit) in zip(stretched, limits, strict=True):
-                h += step * q
-                if h > limit:
-                    force += limit
-                elif h < -limit:
-                    force -= limit
-                else:
-                    force += h
-                    slope += step
-            excess = held * force + interval * q - target
-            change = excess / (held * slope + interval)
-            if abs(change) <= CLOSE * (1.0 + abs(q)):
-                break
-            if excess > 0.0:
-                high = q
-            else:
-                low = q
-            new = q - change
-            q = new if low < new < high else 0.5 * (low + high)
-        self._stretched = [
-            min(max(h + step * q, -limit), limit) for h, (step, limit) in zip(stretched, limits, strict=True)
-        ]
-        self._passed, self._piece, self._force = q, j, force
-        return force

@@ -9,13 +9,13 @@ A friction element is a spring with a limited force (Prandtl 1928): f(k) = clip(
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Any, Self
 
 from ces_observer.json_checks import JsonObject
 from ces_observer.proof.intervals import up
-from ces_observer.structures.increasing_curves import MAX_VALUE, interpolate, parse_nodes
+from ces_observer.structures.increasing_curves import MAX_VALUE, check_slopes, interpolate, parse_nodes, pieces
 from ces_observer.structures.structure import Range, Ranges
 
 MAX_FRICTION = 8
@@ -86,13 +86,15 @@ class SideForces:
         """Check it in a model file; raises ModelError."""
         node.require_only_keys(*KEYS)
         positions = parse_nodes(node, "position_m")
+        gas = parse_nodes(node, "gas_N", len(positions), rising=False)
+        check_slopes(node.where, positions, gas, rising=False)
         return cls(
             node.number("lead_s", -MAX_LEAD_S, MAX_LEAD_S),
             node.number("max_acceleration_m_s2", 0.0, MAX_VALUE),
             node.number("viscous_Ns_m", 0.0, MAX_VALUE),
             node.number("mass_kg", 0.0, MAX_VALUE),
             positions,
-            parse_nodes(node, "gas_N", len(positions), rising=False),
+            gas,
             tuple(parse_friction(item) for item in node.items("friction", 0, MAX_FRICTION)),
         )
 
@@ -100,61 +102,46 @@ class SideForces:
 def parse_friction(node: JsonObject) -> FrictionElement:
     """Check a friction element of a model file; raises ModelError."""
     node.require_only_keys("stiffness_N_m", "yield_N")
-    return FrictionElement(node.number("stiffness_N_m", 0.0, 1e12), node.number("yield_N", 0.0, MAX_VALUE))
+    return FrictionElement(node.number("stiffness_N_m", 1e-9, 1e12), node.number("yield_N", 0.0, MAX_VALUE))
 
 
 class SideRun:
     """The past of drive and friction."""
 
     def __init__(self, side: SideForces, interval_s: float) -> None:
-        self._side = side
         self._rate = 1.0 / interval_s
-        self._steps = [(one.stiffness_N_m * interval_s, one.yield_N) for one in side.friction]
+        self._numbers = side.lead_s, side.max_acceleration_m_s2, side.viscous_Ns_m, side.mass_kg
+        self._inner, self._gas = side.position_m[1:-1], pieces(side.position_m, side.gas_N)
+        self._elements = [(n, one.stiffness_N_m * interval_s, one.yield_N) for n, one in enumerate(side.friction)]
         self.reset()
 
     def reset(self) -> None:
         """Forget the past: no acceleration, no friction."""
         self._speed: float | None = None
-        self._acceleration = 0.0
-        self._forces = [0.0] * len(self._steps)
+        self._rubbing = [0.0] * len(self._elements)
 
-    @property
-    def has_friction(self) -> bool:
-        """True if there are friction elements."""
-        return bool(self._steps)
-
-    def drive(self, speed: float) -> float:
-        """Return the speed [m/s] that moves the oil at this tick."""
-        side, before = self._side, self._speed
-        limit = side.max_acceleration_m_s2
+    def tick(self, position: float, speed: float) -> tuple[float, float]:
+        """Return the speed [m/s] that moves the oil at this tick, and gas, viscous and inertia force [N]."""
+        before, self._speed = self._speed, speed
+        lead, limit, viscous, mass = self._numbers
         change = 0.0 if before is None else (speed - before) * self._rate
-        self._speed = speed
-        self._acceleration = change = -limit if change < -limit else limit if change > limit else change
-        return speed + side.lead_s * change
+        if change > limit:
+            change = limit
+        elif change < -limit:
+            change = -limit
+        drive = speed + lead * change
+        at, gas, slope = self._gas[bisect_left(self._inner, position)]
+        return drive, gas + slope * (position - at) + viscous * drive + mass * change
 
     def friction(self, drive: float) -> float:
         """Return the force [N] of the friction elements after this tick's drive [m/s]."""
-        forces = self._forces
-        for k, (step, limit) in enumerate(self._steps):
-            force = forces[k] + step * drive
-            forces[k] = -limit if force < -limit else limit if force > limit else force
-        return sum(forces)
-
-    def others(self, position: float, drive: float) -> float:
-        """Return gas, viscous and inertia force [N] at this tick."""
-        side = self._side
-        return (
-            interpolate(side.position_m, side.gas_N, position)
-            + side.viscous_Ns_m * drive
-            + side.mass_kg * self._acceleration
-        )
-
-
-def pick_segment(nodes: Sequence[float], at: float, last: int) -> int:
-    """Return the index of the piece between `nodes` that holds `at`, searched from the piece `last` on."""
-    end = len(nodes) - 2
-    while last < end and at > nodes[last + 1]:
-        last += 1
-    while last > 0 and at <= nodes[last]:
-        last -= 1
-    return last
+        rubbing, total = self._rubbing, 0.0
+        for n, step, limit in self._elements:
+            force = rubbing[n] + step * drive
+            if force > limit:
+                force = limit
+            elif force < -limit:
+                force = -limit
+            rubbing[n] = force
+            total += force
+        return total

@@ -24,7 +24,7 @@ Ranges = Mapping[str, Range]  # of position [m], speed [m/s] and current [A] by 
 class OperatingRange:
     """The rate and ranges for which a structure is run and proved.
 
-    Inputs are clamped to their ranges; a force outside `force_N` [N] ends a run.
+    Inputs are clamped to their ranges, unless the structure extrapolates; a force outside `force_N` [N] ends a run.
     """
 
     rate_Hz: float
@@ -49,8 +49,8 @@ class Predictor(Protocol):
 class Structure(ABC):
     """The part of a model that computes the force; `name` and `keys` are its name and keys in a model file.
 
-    `extrapolates` is True if inputs outside the envelope are used as they are, at least to some distance, and not clamped
-    to it. `unproved` is the reason given if `is_stable` is False.
+    `extrapolates` is True if inputs outside the envelope are used as they are, up to a stated reach, and not clamped to
+    the envelope. `unproved` is the reason given if `is_stable` is False.
     """
 
     name: ClassVar[str]
@@ -67,6 +67,15 @@ class Structure(ABC):
     @abstractmethod
     def size(self) -> str:
         """The size, in words."""
+
+    @property
+    def outside(self) -> str:
+        """What becomes of inputs outside the envelope, in words."""
+        return "clamped to it"
+
+    def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float | None:
+        """Return the exact force [N] at mid-stroke at constant speed and current; None if only a run shows it."""
+        return None
 
     @abstractmethod
     def to_json(self) -> dict[str, Any]:

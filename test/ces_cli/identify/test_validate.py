@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -195,3 +196,14 @@ def test_wrong_arguments(work, monkeypatch, capsys, words, expected):
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
     assert len(lines) == 1
     assert expected in lines[0]
+
+
+def test_a_passive_model_is_proved_with_both_bounds(capsys):
+    path = Path(__file__).resolve().parents[3] / "bench" / "fuzz" / "seeds" / "model" / "chambers.json"
+    assert main(["validate", str(path), "--certificate"]) == 0
+    out = capsys.readouterr().out
+    bounds = load_model(path).certify()
+    assert "|F| stays bounded for every input" in out
+    assert f"{bounds.envelope_N:.6g} N for inputs in the envelope" in out
+    assert f"{bounds.force_bound_N:.6g} N for any input" in out
+    assert "used as they are up to 2 times the envelope" in out and "the same bounds" in out

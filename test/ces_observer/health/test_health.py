@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from damper_models import plain_damper
+from physical_models import RELAXATION, physical_model
 
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
@@ -62,7 +63,7 @@ def test_what_was_withheld_in_the_window_is_a_warning_and_passes() -> None:
     assert dict(health.status("").values)[f"withheld: {OUT_OF_ORDER}"] == "10"
 
 
-def test_extrapolation_is_a_warning() -> None:
+def test_clamped_inputs_are_a_warning() -> None:
     damper, health = damper_and_health()
     feed(damper, 0, 100, position=0.2)  # the envelope ends at 0.1 m
     health.roll(0.1, 0)
@@ -70,8 +71,23 @@ def test_extrapolation_is_a_warning() -> None:
     health.roll(0.1, 0)
     status = health.status("")
     assert status.level == LEVEL_WARN
-    assert "100.0% of the forces from inputs outside" in status.message
-    assert dict(status.values)["extrapolated share"] == "1.0000"
+    assert "100.0% of the forces from clamped inputs, outside what the model was identified on" in status.message
+    assert dict(status.values)["share outside the envelope"] == "1.0000"
+    assert dict(status.values)["inputs outside the envelope"] == "are clamped to it"
+
+
+def test_extrapolated_inputs_are_a_warning_of_their_own() -> None:
+    damper = DamperObserver(physical_model(RELAXATION), ConstantCurrent(0.5), 0.0)
+    health = Health(damper, {})
+    feed(damper, 0, 700, position=0.08)  # the envelope ends at 0.05 m
+    health.roll(0.1, 0)
+    feed(damper, 700, 800, position=0.08)
+    health.roll(0.1, 0)
+    status = health.status("")
+    assert status.level == LEVEL_WARN
+    assert "100.0% of the forces extrapolated to inputs outside what the model was identified on" in status.message
+    outside = dict(status.values)["inputs outside the envelope"]
+    assert outside == "are used as they are up to 2 times the envelope, and clamped beyond"
 
 
 @pytest.mark.parametrize(

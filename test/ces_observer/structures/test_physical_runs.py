@@ -1,0 +1,143 @@
+"""The ticks of relaxation and chambers against their equations, solved by bisection, and against values by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from random import Random
+
+import pytest
+from physical_models import (
+    CHAMBERS,
+    FITTED,
+    PLAIN_VALVE,
+    RELAXATION,
+    fitted_model,
+    hostile_inputs,
+    physical_model,
+    random_chambers,
+    random_relaxation,
+)
+from physical_twins import chambers_forces, relaxation_forces, settings
+
+from ces_observer.structures import chambers_run, relaxation_run
+from ces_observer.structures.increasing_curves import IncreasingCurve
+from ces_observer.structures.structure import OperatingRange
+from ces_observer.structures.valve_path import ValveRun
+
+REFERENCES = {"relaxation": relaxation_forces, "chambers": chambers_forces}
+RANDOM = [(make, seed) for make in (random_relaxation, random_chambers) for seed in range(4)]
+
+
+def swing(model, count=60):
+    """Yield a lively course within the envelope."""
+    low, high = model.envelope.current_A
+    for k in range(count):
+        yield (
+            0.02 * math.sin(0.2 * k),
+            0.6 * math.cos(0.23 * k) ** 3,
+            low + (high - low) * (0.5 + 0.4 * math.sin(0.3 * k)),
+        )
+
+
+def agree(model, inputs):
+    inputs = list(inputs)
+    run = model.make_predictor()
+    found, expected = [run.tick(*one) for one in inputs], REFERENCES[model.structure](model, inputs)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * max(map(abs, expected)))
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_fitted_models_follow_their_equations(name):
+    agree(fitted_model(name), swing(fitted_model(name)))
+
+
+@pytest.mark.parametrize("body", [RELAXATION, CHAMBERS], ids=["relaxation", "chambers"])
+def test_small_models_follow_their_equations(body):
+    agree(physical_model(body), swing(physical_model(body)))
+
+
+@pytest.mark.parametrize(("make", "seed"), RANDOM)
+def test_random_models_follow_their_equations_on_hostile_inputs(make, seed):
+    random = Random(seed)
+    model = physical_model(make(random))
+    agree(model, hostile_inputs(model, random, 30))
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_the_search_alone_gives_the_same_forces(name, monkeypatch):
+    """The search takes over where following the pieces does not end; here it solves every step."""
+    model = fitted_model(name)
+    usual = model.make_predictor()
+    forces = [usual.tick(*one) for one in swing(model)]
+    for module in (chambers_run, relaxation_run):
+        monkeypatch.setattr(module, "QUICK_STEPS", 1)
+    searching = model.make_predictor()
+    calls = []
+    search = searching._search
+    monkeypatch.setattr(searching, "_search", lambda *given: calls.append(given) or search(*given))
+    assert [searching.tick(*one) for one in swing(model)] == pytest.approx(forces, rel=1e-10, abs=1e-8)
+    assert len(calls) > 10
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_a_reset_brings_the_run_back_to_new(name):
+    model = fitted_model(name)
+    run, new = model.make_predictor(), model.make_predictor()
+    for one in hostile_inputs(model, Random(1), 50):
+        run.tick(*one)
+    run.reset()
+    assert not run.clamped
+    assert [run.tick(*one) for one in swing(model)] == [new.tick(*one) for one in swing(model)]
+
+
+def test_inputs_are_extrapolated_within_reach_and_clamped_beyond():
+    model = physical_model(replace(RELAXATION, reach=1.5))
+    runs = [model.make_predictor() for _ in range(4)]
+    inside, outside, end, beyond = (run.tick(0.0, v, 0.5) for run, v in zip(runs, (1.0, 1.4, 1.5, 9.0), strict=True))
+    assert inside < outside < end == beyond
+    assert [run.clamped for run in runs] == [False, True, True, True]
+
+
+def test_a_force_outside_its_envelope_is_infinite():
+    within = OperatingRange(1000.0, physical_model(RELAXATION).envelope.by_signal, (-10.0, 10.0))
+    for body in (RELAXATION, CHAMBERS):
+        run = body.make_predictor(within)
+        assert [run.tick(0.0, 1.0, 0.5) for _ in range(20)][-1] == math.inf
+
+
+def test_a_step_of_current_is_delayed_by_ticks_and_parts_of_them():
+    run = ValveRun(replace(PLAIN_VALVE, delay_ticks=2.25), 1e-3)
+    assert [run.tick(current) for current in (0.2, 1.0, 1.0, 1.0, 1.0, 1.0)] == pytest.approx(
+        [0.2, 0.2, 0.2, 0.8, 1.0, 1.0]
+    )
+
+
+def test_a_rising_setting_lags_otherwise_than_a_falling_one():
+    run = ValveRun(replace(PLAIN_VALVE, rise_s=3e-3, fall_s=1e-3), 1e-3)
+    assert [run.tick(current) for current in (0.0, 1.0, 1.0)] == pytest.approx([0.0, 0.25, 0.4375])
+    assert [run.tick(0.0) for _ in range(2)] == pytest.approx([0.4375 / 2.0, 0.4375 / 4.0])
+
+
+def test_remanence_is_the_mean_of_three_plays():
+    """Half widths 0.1, 0.3 and 0.5: at 1 they are pulled to 0.9, 0.7 and 0.5; at 0.6 only the first is pushed back."""
+    run = ValveRun(replace(PLAIN_VALVE, hysteresis_A=0.3), 1e-3)
+    assert [run.tick(current) for current in (0.0, 1.0)] == pytest.approx([0.0, 0.7])
+    assert run.tick(0.6) == pytest.approx((0.7 + 0.7 + 0.5) / 3.0)
+    assert run.tick(0.0) == pytest.approx((0.1 + 0.3 + 0.5) / 3.0)
+
+
+def test_a_characteristic_goes_on_straight_and_stays_within_0_and_1():
+    path = replace(PLAIN_VALVE, characteristic=IncreasingCurve((0.2, 0.5, 0.8), (0.1, 0.2, 0.8)))
+    for current, setting in ((-5.0, 0.0), (0.05, 0.05), (0.35, 0.15), (0.85, 0.9), (1.5, 1.0)):
+        assert ValveRun(path, 1e-3).tick(current) == pytest.approx(setting)
+        assert path.steady(current) == pytest.approx(setting)
+
+
+def test_the_valve_follows_its_reference_on_hostile_currents():
+    for seed in range(20):
+        random = Random(seed)
+        model = physical_model(random_relaxation(random))
+        currents = [min(max(one[2], -1.0), 2.0) for one in hostile_inputs(model, random, 200)]
+        run = ValveRun(model.body.valve, 1e-3)
+        assert [run.tick(c) for c in currents] == pytest.approx(settings(model.body.valve, currents, 1e-3), abs=1e-12)
