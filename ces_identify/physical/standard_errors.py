@@ -1,10 +1,13 @@
 """How uncertain the fitted parameters of a physical model are, and every number that follows from them.
 
 With A the Gauss-Newton matrix, P the penalty's weights, H = A + P, and g_b the gradient of half the squared error of
-block b at the optimum, the mean squared error of the parameters is  H^-1 (sum_b g_b g_b' + P S^2 P) H^-1.  The first
-part is noise (sandwich estimate: White, Econometrica 50, 1982). Errors that are alike from tick to tick do not count as
-independent, as the blocks are longer than their correlation. The second part is the penalty's pull if true parameters lie S, the scales of their groups, from their starts: what the
-data leave open is then as uncertain as its scale. Parameters at a bound have no error.
+block b, the mean squared error of the parameters is  H^-1 (c sum_b g_b g_b' + P S^2 P + g g') H^-1.  The first part
+is noise (sandwich estimate: White, Econometrica 50, 1982). Errors that are alike from tick to tick do not count as
+independent, as the blocks are longer than their correlation. For n blocks and k parameters, c = n / (n - k/2) lies in
+the middle between parameters that all blocks determine together and those that have blocks of their own. The second
+part is the penalty's pull if true parameters lie S, the scales of their groups, from their starts: what the data leave
+open is then as uncertain as its scale. The third is the way to the optimum that is left where the descent stopped, with
+g the gradient there, penalty included. Parameters at a bound have no error.
 """
 
 from __future__ import annotations
@@ -18,8 +21,8 @@ from ces_identify.numerics.arrays import F, I
 from ces_identify.physical.models import PhysicalModels
 
 BLOCK_S = 0.25
-MIN_BLOCKS = 2.0  # for each parameter that the data determine
-STEP = 0.1  # of a parameter's standard error, to differentiate what follows from it
+MIN_BLOCKS = 1.0  # for each parameter that the data determine
+STEP = 1e-3  # of a parameter's standard error, to differentiate what follows from it
 
 
 @dataclass(frozen=True)
@@ -59,9 +62,10 @@ def parameter_errors(models: PhysicalModels, theta: F, penalty: float) -> Parame
     determined = float(np.trace(inverse @ scaled))
     if len(used) < MIN_BLOCKS * determined:
         return None
-    noise = used.T
-    root = np.zeros((len(theta), noise.shape[1] + len(scale)))
-    root[free] = scale[:, None] * (inverse @ np.hstack([noise, pull]))
+    slope = gradients[:, free].sum(axis=0) * scale + (pull @ ((theta - layout.start)[free] / scale))
+    parts = np.column_stack([used.T * np.sqrt(len(used) / (len(used) - 0.5 * determined)), pull, slope])
+    root = np.zeros((len(theta), parts.shape[1]))
+    root[free] = scale[:, None] * (inverse @ parts)
     return ParameterErrors(theta, layout.low, layout.high, root)
 
 

@@ -17,27 +17,33 @@ from ces_identify.physical.standard_errors import parameter_errors
 from ces_identify.physical.steady_curves import curve_currents, curve_speeds, recorded_speeds, steady_forces
 from ces_observer.structures.chambers import Chambers
 from ces_observer.structures.relaxation import Relaxation
+from ces_observer.structures.structure import Range
 
 ERRORS = "standard_errors"  # key of `describe_errors` in a model's provenance, under `selection`
 
 
-def read_quantities(body: Body, interval_s: float, stroke_m: float) -> dict[str, float]:
-    """Return the damper's quantities by their names, which hold the units; friction is that within a stroke [m]."""
+def read_quantities(body: Body, interval_s: float, position_m: Range) -> dict[str, float]:
+    """Return the damper's quantities by their names, which hold the units; some depend on the range of positions."""
     path, side = body.valve, body.side
+    low, high = position_m
+    stroke = high - low
+    slow = body.springs[-1].stiffness_N_m if isinstance(body, Relaxation) else 0.0  # cannot be told from a gas spring
     return {
-        **(_read_relaxation(body) if isinstance(body, Relaxation) else _read_chambers(body, stroke_m)),
+        **(_read_relaxation(body) if isinstance(body, Relaxation) else _read_chambers(body, stroke)),
         "Valve lag, rising current [ms]": 1e3 * path.rise_s,
         "Valve lag, falling current [ms]": 1e3 * path.fall_s,
         "Dead time of the valve [ms]": 1e3 * path.delay_ticks * interval_s,
         "Magnetic loop, half width [mA]": 1e3 * path.hysteresis_A,
         "Viscous friction [N s/m]": side.viscous_Ns_m,
+        "Stiffness of the gas spring [N/mm]": 1e-3 * ((side.gas(high) - side.gas(low)) / stroke + slow),
+        "Gas force and preload at mid-stroke [N]": side.gas(0.5 * (low + high)),
         "Moving mass [kg]": side.mass_kg,
         "Lead of the drive [ms]": 1e3 * side.lead_s,
     }
 
 
 def _read_relaxation(body: Relaxation) -> dict[str, float]:
-    *springs, _ = body.springs  # the last, slow one adds to the gas spring
+    *springs, _ = body.springs
     return {
         "Stiffness of oil and mounts [N/mm]": 1e-3 / body.compliance_m_N,
         **{f"Yielding spring {n}, stiffness [N/mm]": 1e-3 * s.stiffness_N_m for n, s in enumerate(springs, 1)},
@@ -57,10 +63,11 @@ def _read_chambers(body: Chambers, stroke_m: float) -> dict[str, float]:
     }
 
 
-def steady_force_map(body: Body, interval_s: float, position_m: tuple[float, float], speeds: F, currents: F) -> F:
-    """Return the steady forces (currents, speeds) [N]; see `ces_identify.physical.steady_curves`."""
+def steady_force_map(body: Body, interval_s: float, position_m: Range, speeds: F, currents: F) -> F:
+    """Return the steady forces (currents, speeds) [N] without gas force and preload."""
     kernel, arrays = _pick_kernel(body, interval_s)
-    return steady_forces(kernel, arrays, position_m, speeds, currents)
+    forces = steady_forces(kernel, arrays, position_m, speeds, currents)
+    return forces - body.side.gas(0.5 * sum(position_m))
 
 
 def _pick_kernel(body: Body, interval_s: float) -> tuple[Kernel, Any]:
@@ -81,16 +88,15 @@ def describe_errors(models: PhysicalModels, theta: F, penalty: float) -> Mapping
     envelope = data.envelope
     speeds = curve_speeds(*envelope.speed_m_s)
     currents = curve_currents(scales.currents_A[0], scales.currents_A[-1])
-    stroke = float(np.ptp(envelope.position_m))
-    names = list(read_quantities(models.body(theta), scales.interval_s, stroke))
+    stroke, interval = envelope.position_m, scales.interval_s
+    names = list(read_quantities(models.body(theta), interval, stroke))
 
     def quantities(at: F) -> F:
-        values = read_quantities(models.body(at), scales.interval_s, stroke)
+        values = read_quantities(models.body(at), interval, stroke)
         return np.array([values[name] for name in names])
 
     def forces(at: F) -> F:
-        arrays = models.arrays(models.layout.k(at))
-        return steady_forces(models.kernel, arrays, envelope.position_m, speeds, currents).ravel()
+        return steady_force_map(models.body(at), interval, stroke, speeds, currents).ravel()
 
     return {
         "quantities": dict(zip(names, _short(errors.of(quantities)), strict=True)),

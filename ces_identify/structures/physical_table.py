@@ -17,15 +17,15 @@ from ces_identify.typesetting import Chart, ChartCurve, ModelTable, TableColumn,
 from ces_observer.model import Model
 
 IN_95_PERCENT = 1.96  # standard errors of a normal distribution
-SIGNED = ("Lead",)  # quantities that may be negative
+SIGNED = ("Lead", "Gas", "Stiffness of the gas")  # quantities that may be negative
 ABOUT = (
     "Intervals hold for the noise of these recordings and the penalty, if the damper has this structure. A dash stands "
     "for a value at the end of its range, or for too few data."
 )
 NO_ERRORS = "This model was stored without standard errors."
 FORCE = (
-    "Steady force at mid-stroke, after a stroke at constant speed, with gas, preload and friction. Shaded: 95 % "
-    "intervals. Dashed: speeds beyond those recorded about that current."
+    "Steady force at mid-stroke, after a stroke at constant speed, with friction, without gas force and preload. "
+    "Shaded: 95 % intervals. Dashed: speeds beyond those recorded about that current."
 )
 SETTING = (
     "Setting of the valve, from 0 (softest) to 1, over its current in the middle of the magnetic loop. Shaded: 95 %."
@@ -36,7 +36,7 @@ CURVE_SPEEDS = 61
 def physical_table(body: Body, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
     """Return the damper's quantities with standard errors and intervals, and charts of its curves."""
     errors = model.provenance.get("selection", {}).get(ERRORS, {})
-    values = read_quantities(body, 1.0 / model.sampling.rate_Hz, float(np.ptp(model.envelope.position_m)))
+    values = read_quantities(body, 1.0 / model.sampling.rate_Hz, model.envelope.position_m)
     rows = tuple(_row(name, value, errors.get("quantities", {}).get(name, 0.0)) for name, value in values.items())
     columns = (
         TableColumn(Markup("Quantity"), "", ""),
