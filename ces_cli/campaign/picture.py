@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ces_cli.campaign.tables import Summary, mean_cost
 from ces_cli.terminal.coverage_picture import style_axis, write_picture
-from ces_identify.campaign.front import front, recommend_model
+from ces_identify.campaign.front import front, is_proved, recommend_model
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
 from ces_identify.structures import KITS
@@ -69,7 +69,7 @@ def _panel(axis: Axes, name: str, summary: Summary) -> None:
 
 def _mark(axis: Axes, row: Row, on_front: bool) -> None:
     color, marker = LOOK[row["structure"]]
-    face = color if row["gain"] is not None else "white"
+    face = color if is_proved(row) else "white"
     size, alpha, order = (7.0, 1.0, 4) if on_front else (5.5, 0.4, 3)
     look: dict[str, Any] = {"ms": size, "color": color, "markerfacecolor": face, "alpha": alpha, "zorder": order}
     axis.plot(row["parameters"], row["selection_J"], marker, **look)
@@ -124,7 +124,7 @@ def _legend(figure: Figure, summary: Summary) -> None:
         for structure, (color, marker) in LOOK.items()
         if any(row["structure"] == structure for row in done)
     ]
-    if any(row["gain"] is None for row in done):
+    if not all(is_proved(row) for row in done):
         label = "stability not proved"
         handles.append(Line2D([], [], color=INK, marker="o", markerfacecolor="white", ls="none", label=label))
     handles.append(Line2D([], [], color=INK, lw=1.1, label="front, by selection cost"))

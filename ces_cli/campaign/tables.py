@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.table import Table
 
 from ces_cli.terminal.terminal import as_csv, make_table
-from ces_identify.campaign.front import COST_TOLERANCE, front, recommend_model
+from ces_identify.campaign.front import COST_TOLERANCE, front, is_proved, recommend_model
 from ces_identify.campaign.plan import Campaign, CampaignJob
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row
@@ -159,10 +159,16 @@ def _cells(summary: Summary, row: Row, marks: Mapping[str, str]) -> list[str]:
         str(row["parameters"]),
         _number(row["selection_J"], "–"),
         *costs,
-        "not proved" if row["gain"] is None else f"{row['gain']:.3f}",
+        _gain(row),
         f"{row['seconds']:.1f}",
         row["key"][:8],
     ]
+
+
+def _gain(row: Row) -> str:
+    if not is_proved(row):
+        return "not proved"
+    return "–" if row["gain"] is None else f"{row['gain']:.3f}"
 
 
 def _number(value: float | None, otherwise: str) -> str:

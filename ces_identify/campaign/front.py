@@ -21,11 +21,16 @@ def front(rows: Sequence[Row]) -> list[Row]:
     """
     best: list[Row] = []
     models = [row for row in rows if row["status"] == DONE and row["selection_J"] is not None]
-    models = [row for row in models if row["gain"] is not None] or models
+    models = [row for row in models if is_proved(row)] or models
     for row in sorted(models, key=lambda r: (r["parameters"], r["selection_J"])):
         if not best or row["selection_J"] < best[-1]["selection_J"]:
             best.append(row)
     return best
+
+
+def is_proved(row: Row) -> bool:
+    """Return whether the row's model has a certificate; one that is no contraction has no gain."""
+    return bool(row.get("proved", row["gain"] is not None))
 
 
 def recommend_model(rows: Sequence[Row]) -> Row | None:
