@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ces_identify.structures import KITS
+from ces_identify.structures.auto import AUTO
 from ces_observer.errors import CesError
 from ces_observer.nodes.parameter_table import NO_WORDS, ParameterSpec, Value
 
@@ -29,7 +30,7 @@ PARAMETERS = (
     Option("signals", "", "signals file; empty: the packaged one", is_path=True),
     Option("out", "model.json", "model file to write; its folder must exist", is_path=True),
     Option("report", "", "report page to write (HTML); empty: none", is_path=True),
-    Option("structure", next(iter(KITS)), "structure of the model", one_of=tuple(KITS)),
+    Option("structure", next(iter(KITS)), "structure of the model", one_of=(*KITS, AUTO)),
     *(Option(s.name, s.default, s.meaning, *(s.whole or ())) for kit in KITS.values() for s in kit.sizes),
     Option("split", 0.0, "first share of each recording to identify on; 0: 0.75, or 1 with validate", 0, 1, unset=0),
     Option("teacher", "", "simulation whose force replaces the measured force; empty: none"),
