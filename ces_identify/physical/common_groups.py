@@ -47,13 +47,13 @@ def read_scales(data: Training, rate_Hz: float) -> DataScales:
     ends = np.percentile(position, [0.1, 99.9])
     if ends[1] - ends[0] < 1e-9:
         ends = ends + np.array([-1e-3, 1e-3])
-    jumps = [np.abs(np.diff(speed[a:b])).max(initial=0.0) for a, b in data.segments]
+    jumps = np.concatenate([np.abs(np.diff(speed[a:b])) for a, b in data.segments])
     return DataScales(
         float(np.percentile(np.abs(data.measured[scored]), FORCE_PERCENTILE)),
         float(np.percentile(np.abs(speed), SPEED_PERCENTILE)),
         np.linspace(low, high, CURRENTS),
         np.linspace(float(ends[0]), float(ends[1]), POSITIONS),
-        ACCELERATION_MARGIN * rate_Hz * max(jumps),
+        ACCELERATION_MARGIN * rate_Hz * float(np.percentile(jumps, SPEED_PERCENTILE)),
         1.0 / rate_Hz,
     )
 
