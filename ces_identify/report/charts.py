@@ -35,19 +35,21 @@ def _colour(n: int, count: int) -> int:
 
 def _draw_curve(p: Panel, curve: ChartCurve, css: str) -> list[str]:
     low, high = curve.recorded
-    inside = (curve.x >= low) & (curve.x <= high)
-    known = inside | np.append(inside[1:], False) & ~inside | np.append(False, inside[:-1]) & ~inside
-    x = np.clip(curve.x, *curve.recorded) if inside.any() else curve.x
-    solid = np.where(known, np.interp(x, curve.x, curve.y), np.nan)
-    ends = [
-        np.where(side, curve.y, np.nan)
-        for side in (curve.x <= np.max(curve.x[curve.x <= low], initial=low), curve.x >= high)
-    ]
     return [
         ribbon(p, curve.x, curve.y - curve.half, curve.y + curve.half, f"interval {css}"),
-        *(line(p, curve.x, end, f"curve beyond {css}") for end in ends),
-        line(p, x, solid, f"curve {css}"),
+        _draw_piece(p, curve, -np.inf, low, f"curve beyond {css}"),
+        _draw_piece(p, curve, high, np.inf, f"curve beyond {css}"),
+        _draw_piece(p, curve, low, high, f"curve {css}"),
     ]
+
+
+def _draw_piece(p: Panel, curve: ChartCurve, first: float, last: float, css: str) -> str:
+    """Return the part of a curve from `first` to `last`; nothing if there is none."""
+    low, high = np.clip([first, last], curve.x[0], curve.x[-1])
+    if not low < high:
+        return ""
+    x = np.concatenate([[low], curve.x[(curve.x > low) & (curve.x < high)], [high]])
+    return line(p, x, np.interp(x, curve.x, curve.y), css)
 
 
 def _names(p: Panel, curves: tuple[ChartCurve, ...]) -> list[str]:
