@@ -28,7 +28,8 @@ FORCE = (
     "Shaded: 95 % intervals. Dashed: speeds beyond those recorded about that current."
 )
 SETTING = (
-    "Setting of the valve, from 0 (softest) to 1, over its current in the middle of the magnetic loop. Shaded: 95 %."
+    "Setting of the valve, from 0 at the lowest current recorded to 1 at the highest, in the middle of the magnetic "
+    "loop. Shaded: 95 % interval."
 )
 CURVE_SPEEDS = 61
 
