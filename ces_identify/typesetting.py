@@ -5,7 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
+
+F = NDArray[np.float64]
 
 SYMBOLS = {"force": "F", "speed": "v", "current": "i", "position": "x"}
 UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
@@ -21,10 +25,33 @@ class TableColumn:
 
 
 @dataclass(frozen=True)
+class ChartCurve:
+    """A curve y(x) with the half width of its 95 % interval, each (n,); `recorded` is the range of x with data."""
+
+    name: str
+    x: F
+    y: F
+    half: F
+    recorded: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Curves in one plot with labels of its axes, and a caption; several curves rise with their order."""
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: tuple[ChartCurve, ...]
+    caption: str
+
+
+@dataclass(frozen=True)
 class ModelTable:
     """A section of a report with a model's parameters; `ident` is the section's HTML id.
 
-    The notes come before and after the sentence that explains the symbols.
+    The notes come before and after the sentence that explains the symbols, which `symbols` False leaves out. Charts
+    come below the table.
     """
 
     ident: str
@@ -34,6 +61,8 @@ class ModelTable:
     rows: tuple[tuple[Markup, ...], ...]
     note_before: str = ""
     note_after: str = ""
+    charts: tuple[Chart, ...] = ()
+    symbols: bool = True
 
 
 def parameter_table(about: str, heads: tuple[Markup, ...], rows: tuple[tuple[Markup, ...], ...]) -> ModelTable:

@@ -39,11 +39,12 @@ def number_between_or_auto(low: float, high: float) -> Callable[[Any], bool]:
 
 
 def text(check: Callable[[str], object]) -> Callable[[Any], bool]:
-    """Return a test for a text that passes `check`, which raises ValueError."""
+    """Return a test for a text, or a whole number as a text, that passes `check`, which raises ValueError."""
 
     def good(value: Any) -> bool:
         try:
-            return isinstance(value, str) and check(value) is not None
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            return (whole or isinstance(value, str)) and check(str(value)) is not None
         except ValueError:
             return False
 

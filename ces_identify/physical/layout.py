@@ -125,6 +125,11 @@ class Layout:
         size = next(len(g.offset) for g in self.groups if g.name == name)
         return k[..., first : first + size]
 
+    @staticmethod
+    def penalty_weight(penalty: float) -> float:
+        """Return the weight of the squared change of a parameter, in its scale, for a penalty [J %]."""
+        return (0.01 * penalty) ** 2
+
     def perturbed(self, random: np.random.Generator, spread: float) -> F:
         """Return a start whose entries are scaled log-normally, within the bounds."""
         factors = [np.full(len(g.start), np.exp(spread * random.standard_normal())) for g in self.groups]

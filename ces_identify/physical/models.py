@@ -15,11 +15,13 @@ from ces_identify.physical.common_groups import DataScales
 from ces_identify.physical.layout import Layout
 from ces_identify.physical.valve_kernels import RunData, Score
 from ces_identify.trained.training import Training
-from ces_observer.structures.structure import Structure
+from ces_observer.structures.chambers import Chambers
+from ces_observer.structures.relaxation import Relaxation
 
 FITTED_RATE_HZ = 500.0  # rate of the ticks whose errors a fit counts: forces hold nothing faster
 NO_FIT = np.empty((0, 0))
 
+Body = Relaxation | Chambers
 Kernel = Callable[[Any, RunData, Score, F, F, F], tuple[float, int]]
 
 
@@ -45,7 +47,7 @@ class PhysicalModels(ABC):
         """Return the kernel's view of the model with the vector `k`."""
 
     @abstractmethod
-    def body(self, theta: F) -> Structure:
+    def body(self, theta: F) -> Body:
         """Return the structure with these parameters."""
 
     @cached_property

@@ -151,7 +151,7 @@ class PhysicalSearch:
             layout.project,
             layout.low,
             layout.high,
-            (0.01 * penalty / layout.scale) ** 2,
+            layout.penalty_weight(penalty) / layout.scale**2,
             layout.start,
         )
         values: list[float] = []

@@ -44,6 +44,14 @@ def corridor(p: Panel, x: F, low: F, high: F, css: str) -> str:
     return _area(css, column[starts], top, bottom)
 
 
+def ribbon(p: Panel, x: F, low: F, high: F, css: str) -> str:
+    """Return the area between two curves over x (n,); nothing if it has no height."""
+    if not (high > low).any():
+        return ""
+    there, back = zip(p.x.px(x), p.y.px(high), strict=True), zip(p.x.px(x)[::-1], p.y.px(low)[::-1], strict=True)
+    return _path(css, "M" + "L".join(f"{a:.1f},{b:.1f}" for a, b in (*there, *back)) + "Z")
+
+
 def shade(p: Panel, x: F, mask: Mask, css: str) -> str:
     """Return full-height rectangles over the pixel columns where `mask` (n,) is true."""
     left = math.floor(p.x.start)

@@ -8,14 +8,24 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.preparation.weighting import EQUAL, Weighting
+from ces_identify.report.charts import SIZES, draw_chart
 from ces_identify.report.correlations import correlation_figure
 from ces_identify.report.figures import MAX_DOTS, speed_force, time_plot
 from ces_identify.report.grid import make_grid
 from ces_identify.report.maps import coverage_map, error_map
 from ces_identify.report.shell import format_key, page_template, replace_unencodable
-from ces_identify.report.summary import cost_rows, headline, pooled_row, select_role, warnings
+from ces_identify.report.summary import (
+    cost_rows,
+    headline,
+    pooled_row,
+    select_role,
+    structure_advice,
+    structure_rows,
+    warnings,
+)
 from ces_identify.report.window import choose_window
 from ces_identify.structures import model_table
+from ces_identify.structures.physical_quantities import ERRORS
 from ces_identify.typesetting import minus
 from ces_identify.validation.band_coverage import coverage_regions
 from ces_identify.validation.error_regions import error_cells, error_regions
@@ -25,6 +35,7 @@ from ces_observer.json_checks import write_atomically
 from ces_observer.model import Model
 
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
+SHOWN_ABOVE = (ERRORS, "structure", "structures")  # of the provenance's selection
 WORST_CELLS = 6  # rows in the table of errors
 
 
@@ -44,6 +55,7 @@ def write_report(
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
     held_out = select_role(ordered, VALIDATION)
     shown = held_out or ordered
+    table = model_table(model, shown, VALIDATION if held_out else IDENTIFICATION)
     page = page_template("report.html.j2").render(
         title=title,
         headline=headline(ordered),
@@ -54,15 +66,21 @@ def write_report(
         weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
         pooled=pooled_row(held_out),
+        structures=structure_rows(model),
+        advice=structure_advice(model),
         recordings=[_recording(i, e, model) for i, e in enumerate(ordered)],
         most_dots=MAX_DOTS,
-        table=model_table(model, shown, VALIDATION if held_out else IDENTIFICATION),
+        table=table,
+        charts=[
+            (draw_chart(f"chart{n}", chart, size), chart.caption)
+            for n, (chart, size) in enumerate(zip(table.charts, SIZES, strict=False))
+        ],
         maps=_maps(ordered, model),
         cells=error_cells(shown)[:WORST_CELLS],
         regions=error_regions(shown),
         coverage=coverage_regions(shown),
         settings=_settings(model),
-        history={k: v for k, v in model.provenance.items() if not _fits_on_line(v)},
+        history=_history(model),
     )
     write_atomically(path, replace_unencodable(page))
 
@@ -109,6 +127,13 @@ def _settings(model: Model) -> dict[str, Any]:
             "model_file_sha256": model.digest(),
         },
     }
+
+
+def _history(model: Model) -> dict[str, Any]:
+    """Return the longer entries of the provenance, without those shown in sections of their own."""
+    longer = {key: value for key, value in model.provenance.items() if not _fits_on_line(value)}
+    shown = {key: value for key, value in longer.pop("selection", {}).items() if key not in SHOWN_ABOVE}
+    return longer | ({"selection": shown} if shown else {})
 
 
 def _fits_on_line(item: object) -> bool:

@@ -8,10 +8,12 @@ from typing import Any
 
 from ces_identify.preparation.cost import weighted_cost
 from ces_identify.preparation.weighting import EQUAL, Weighting
+from ces_identify.structures.auto import advise
 from ces_identify.typesetting import three_figures
 from ces_identify.validation.cost_interval import CostInterval, cost_interval, pooled_cost
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_identify.validation.evaluate import VALIDATION, Evaluation
+from ces_observer.model import Model
 
 MUCH_OUTSIDE = 0.05  # share of the ticks outside the envelope that calls for a warning
 
@@ -65,6 +67,19 @@ def pooled_row(held_out: Sequence[Evaluation]) -> dict[str, Any] | None:
         "cost": three_figures(pooled_cost(held_out)),
         "interval": _format_interval(cost_interval(held_out)),
     }
+
+
+def structure_rows(model: Model) -> list[tuple[str, str, str]]:
+    """Return name, cost on the selection data [%] and kind of fit for each structure that was compared, best first."""
+    selection = model.provenance.get("selection", {})
+    kinds = {selection.get("structure"): "this model"}
+    return [(n, three_figures(cost), kinds.get(n, "short fit")) for n, cost in selection.get("structures", {}).items()]
+
+
+def structure_advice(model: Model) -> str:
+    """Return a sentence on a structure that is clearly better than the model's, or nothing."""
+    selection = model.provenance.get("selection", {})
+    return advise(selection["structures"], selection["structure"]) if selection.get("structures") else ""
 
 
 def _row(

@@ -1,7 +1,8 @@
 """Which structure: short fits of several on the same data, compared by the free run on the selection data.
 
 `BestStructure` fits the best of them in full; `WithAlternatives` fits the chosen one and reports the costs of others.
-Both leave the costs in the model's provenance, under `selection: structures`.
+Both leave the costs in the model's provenance, under `selection: structures`: that of the full fit for the chosen
+structure, those of short fits for the others.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class BestStructure:
             raise CesError("no structure could be fitted; check signals and units")
         best = min(costs, key=lambda name: costs[name])
         fitted = KITS[best].fitter(self.sizes)(series, sampling, options, listener)
-        return _with_costs(fitted, best, costs)
+        return _with_costs(fitted, best, {**costs, best: fitted.results[0].cost})
 
 
 @dataclass(frozen=True)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from ces_identify.physical.chambers_models import ChambersModels
 from ces_identify.physical.common_groups import DataScales
 from ces_identify.physical.physical_runs import run_chambers_model
-from ces_identify.preparation.simulated_series import SimulatedSeries
 from ces_identify.structures.kit import Fitter, Size, SizeOption, StructureKit
 from ces_identify.structures.physical_fit import AUTO, physical_fitter
 from ces_identify.structures.physical_table import physical_table
 from ces_identify.trained.training import Training
-from ces_identify.typesetting import ModelTable
-from ces_observer.model import Model
 from ces_observer.structures.chambers import Chambers
 
 CURVES = (3, 5)  # sizes to try, after the first one only if better
@@ -37,17 +34,6 @@ def _fitter(sizes: Mapping[str, Size]) -> Fitter:
     return physical_fitter("chambers", models)
 
 
-def chambers_table(body: Chambers, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
-    """Return stiffnesses and steady forces."""
-    named = [
-        ("Stiffness of the compression chamber [N/mm]", 1e-3 / body.compression_m_N),
-        ("Stiffness of the rebound chamber [N/mm]", 1e-3 / body.rebound_m_N),
-        ("Stiffness of mounts and rod [N/mm]", 1e-3 / max(body.mount_m_N, 1e-12)),
-        ("Rod area over annulus area", body.area_ratio),
-    ]
-    return physical_table(body, model, named)
-
-
 CHAMBERS = StructureKit(
     option="chambers",
     about="two chambers with valves",
@@ -59,5 +45,5 @@ CHAMBERS = StructureKit(
     ),
     fitter=_fitter,
     batch_run=run_chambers_model,
-    table=chambers_table,
+    table=physical_table,
 )

@@ -13,10 +13,10 @@ from ces_identify.numerics.arrays import F
 from ces_identify.physical.common_groups import DataScales, read_scales
 from ces_identify.physical.models import PhysicalModels
 from ces_identify.physical.physical_search import PhysicalFit, PhysicalSearch
-from ces_identify.physical.standard_errors import standard_errors
 from ces_identify.polynomial.search_limits import Listener
 from ces_identify.preparation.series import Series
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
+from ces_identify.structures.physical_quantities import ERRORS, describe_errors
 from ces_identify.trained.training import Training, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
@@ -33,22 +33,27 @@ class Sizes(Protocol):
 
 
 def physical_fitter(option: str, sizes: Sizes) -> Fitter:
-    """Return the fitter of a structure; with one start it is short: one size, one strength of the penalty."""
+    """Return the fitter of a structure.
+
+    With one start it is short: one size, one strength of the penalty, no standard errors.
+    """
 
     def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
         training = build_training(series, options.weighting)
         smallest, *larger = sizes(training, read_scales(training, sampling.rate_Hz))
         search = PhysicalSearch(options.limits, listener)
-        fits = search.run(smallest, larger, short=options.limits.starts == 1)
+        short = options.limits.starts == 1
+        fits = search.run(smallest, larger, short)
         if not fits:
             raise CesError(f"no start of the {option} fit gave a finite cost; check signals and units")
         theta = search.refit(fits[0])
-        how = {
+        how: dict[str, Any] = {
             "method": METHOD,
             "parameters": len(theta),
             "penalty": fits[0].penalty,
-            "standard_errors": standard_errors(fits[0].models, theta),
         }
+        if not short:
+            how[ERRORS] = describe_errors(fits[0].models, theta, fits[0].penalty)
         best = replace(fits[0], theta=theta)
         return Fitted(
             _model(best, sampling),

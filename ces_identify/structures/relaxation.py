@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from ces_identify.physical.common_groups import DataScales
 from ces_identify.physical.physical_runs import run_relaxation_model
 from ces_identify.physical.relaxation_models import RelaxationModels
-from ces_identify.preparation.simulated_series import SimulatedSeries
 from ces_identify.structures.kit import Fitter, Size, SizeOption, StructureKit
 from ces_identify.structures.physical_fit import AUTO, physical_fitter
 from ces_identify.structures.physical_table import physical_table
 from ces_identify.trained.training import Training
-from ces_identify.typesetting import ModelTable
-from ces_observer.model import Model
 from ces_observer.structures.relaxation import Relaxation
 
 SPRINGS = (2, 1, 4)  # sizes to try, after the first one only if better
@@ -37,15 +34,6 @@ def _fitter(sizes: Mapping[str, Size]) -> Fitter:
     return physical_fitter("relaxation", models)
 
 
-def relaxation_table(body: Relaxation, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
-    """Return stiffness and steady forces."""
-    stiffness = [("Stiffness of oil and mounts [N/mm]", 1e-3 / body.compliance_m_N)]
-    springs = [
-        (f"Yielding spring {n + 1}: stiffness [N/mm]", 1e-3 * one.stiffness_N_m) for n, one in enumerate(body.springs)
-    ]
-    return physical_table(body, model, [*stiffness, *springs])
-
-
 RELAXATION = StructureKit(
     option="relaxation",
     about="relaxation model (spring and valve in series)",
@@ -61,5 +49,5 @@ RELAXATION = StructureKit(
     ),
     fitter=_fitter,
     batch_run=run_relaxation_model,
-    table=relaxation_table,
+    table=physical_table,
 )

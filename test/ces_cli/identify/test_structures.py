@@ -1,4 +1,5 @@
 import argparse
+import inspect
 
 import pytest
 
@@ -16,6 +17,11 @@ def select_from(*arguments):
     parser = argparse.ArgumentParser(exit_on_error=False)
     add_structure(parser)
     return select_identify_function(parser.parse_args(arguments))
+
+
+def fitter_in(selected):
+    """The structure's own fitter, around which others are fitted shortly for comparison."""
+    return inspect.getclosurevars(selected.keywords["fitter"]).nonlocals["fitter"]
 
 
 def test_each_structure_has_its_fitter():

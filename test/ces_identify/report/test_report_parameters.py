@@ -50,3 +50,22 @@ def test_the_page_is_whole_and_shows_the_table_in_place_of_terms(model, rows, tm
     assert "terms" not in sections
     assert len(list(sections["parameters"].iter("{http://www.w3.org/1999/xhtml}tr"))) == rows + 1
     assert model.size in " ".join(root.itertext())
+
+
+@pytest.mark.parametrize(("chambers", "advised"), [(2.0, True), (4.9, False)])
+def test_the_page_compares_structures_and_names_a_clearly_better_one(chambers, advised, tmp_path):
+    selection = {"structure": "polynomial", "structures": {"chambers": chambers, "polynomial": 5.0}}
+    body = Polynomial((Term(-1.5, ()),))
+    model = Model(SAMPLING, body, NETWORK.envelope, (-1, 1), provenance={"selection": selection})
+    write_report(tmp_path / "r.html", "A model", model, [], {})
+    root = ET.fromstring((tmp_path / "r.html").read_text(encoding="utf-8"))
+    section = next(s for s in root.iter("{http://www.w3.org/1999/xhtml}section") if s.get("id") == "structures")
+    rows = [["".join(cell.itertext()) for cell in row] for row in section.iter("{http://www.w3.org/1999/xhtml}tr")]
+    assert rows[1:] == [["chambers", f"{chambers:.2f}", "short fit"], ["polynomial", "5.00", "this model"]]
+    assert ("--structure chambers" in "".join(section.itertext())) == advised
+
+
+def test_a_model_without_a_comparison_has_no_such_section(tmp_path):
+    model = Model(SAMPLING, Polynomial((Term(-1.5, ()),)), NETWORK.envelope, (-1, 1))
+    write_report(tmp_path / "r.html", "A model", model, [], {})
+    assert 'id="structures"' not in (tmp_path / "r.html").read_text(encoding="utf-8")

@@ -1,0 +1,94 @@
+"""Planted models with physics inside are found again, and `--structure auto` tells which kind it is."""
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+from physical_examples import KINDS, NOISE_N, models_of, planted_model, planted_series, true_parameters
+from planted import SAMPLING
+
+from ces_identify.polynomial.search_limits import Limits
+from ces_identify.simulations.simulate import simulate_series
+from ces_identify.structures import KITS
+from ces_identify.structures.auto import advise, fit_best, fit_with_alternatives
+from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.physical_quantities import ERRORS, read_quantities
+
+SIZES = {size.name: size.default for kit in KITS.values() for size in kit.sizes}
+LIMITS = Limits(seconds=8.0, starts=2, threads=2)  # short fits get 1.2 s, which is plenty for the planted structure
+
+
+@cache
+def fit_auto(kind):
+    options = IdentifyOptions(limits=LIMITS)
+    return fit_best(SIZES)([planted_series(kind, 1)], SAMPLING, options, lambda result: None)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_auto_picks_the_structure_that_was_planted(kind):
+    fitted = fit_auto(kind)
+    costs = fitted.how["structures"]
+    assert fitted.model.structure == fitted.how["structure"] == kind
+    assert min(costs, key=costs.get) == kind
+    assert set(costs) >= {"relaxation", "chambers"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_fitted_model_repeats_the_planted_force(kind):
+    """On the ride without noise, the error is well below the noise that the fit saw."""
+    model, clean = fit_auto(kind).model, planted_series(kind, 1, 0.0)
+    error = (simulate_series(model, clean).force - clean.force)[clean.scored]
+    assert float((error**2).mean() ** 0.5) < 0.9 * NOISE_N
+    assert model.certify().holds
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_damper_is_found_again(kind):
+    envelope, interval = models_of(kind).training.envelope, 1.0 / SAMPLING.rate_Hz
+    found, true = (
+        read_quantities(body, interval, envelope.position_m)
+        for body in (fit_auto(kind).model.body, planted_model(kind).body)
+    )
+    stiffness = "Stiffness of oil and mounts [N/mm]" if kind == "relaxation" else "Stiffness of mounts and rod [N/mm]"
+    assert found[stiffness] == pytest.approx(true[stiffness], rel=0.15)
+    for name in ("Valve lag, rising current [ms]", "Magnetic loop, half width [mA]"):
+        assert found[name] == pytest.approx(true[name], rel=0.25)
+    assert set(fit_auto(kind).how[ERRORS]["quantities"]) == set(found)
+
+
+def test_another_structure_is_compared_with_the_physical_ones():
+    options = IdentifyOptions(limits=replace(LIMITS, seconds=3.0))
+    fitter = fit_with_alternatives("polynomial", SIZES)
+    fitted = fitter([planted_series("relaxation", 1)], SAMPLING, options, lambda result: None)
+    costs = fitted.how["structures"]
+    assert fitted.model.structure == "polynomial_narx"
+    assert costs["polynomial"] == pytest.approx(fitted.results[0].cost, abs=1e-4)
+    assert costs["relaxation"] < 0.9 * costs["polynomial"]
+    assert "--structure relaxation" in advise(costs, "polynomial")
+
+
+def test_a_physical_structure_is_not_compared():
+    assert fit_with_alternatives("chambers", SIZES).__qualname__ == KITS["chambers"].fitter(SIZES).__qualname__
+
+
+@pytest.mark.parametrize(
+    ("costs", "named"),
+    [
+        ({"polynomial": 5.0, "chambers": 4.4}, "chambers"),
+        ({"polynomial": 5.0, "chambers": 4.6}, ""),
+        ({"polynomial": 5.0, "chambers": 5.5}, ""),
+        ({"polynomial": 5.0, "chambers": 4.0, "relaxation": 3.0}, "relaxation"),
+        ({"polynomial": 5.0}, ""),
+    ],
+)
+def test_advice_names_the_best_structure_only_if_it_is_clearly_better(costs, named):
+    sentence = advise(costs, "polynomial")
+    assert bool(sentence) == bool(named)
+    assert not named or (f"--structure {named}" in sentence and f"{costs[named]:.2f} %" in sentence)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_fit_starts_far_from_the_true_parameters(kind):
+    """Else the tests above would show nothing."""
+    models, true = models_of(kind), true_parameters(kind)
+    assert (models.force(models.layout.start) - models.force(true)).std() > 3.0 * NOISE_N

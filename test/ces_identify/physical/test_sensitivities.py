@@ -1,0 +1,60 @@
+"""The compiled derivatives of both kernels against finite differences, one group of parameters at a time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from physical_examples import KINDS, models_of, true_parameters
+
+GROUPS = [(kind, g.name) for kind in KINDS for g in models_of(kind).layout.groups]
+STEP = 1e-5
+
+
+def noisy(kind):
+    """Errors of all signs and a slope: a gradient that is not zero anywhere."""
+    models = models_of(kind)
+    force = models.force(true_parameters(kind))
+    wanted = 0.9 * force + np.random.default_rng(0).normal(20.0, 50.0, len(force))
+    return replace(models, training=replace(models.training, measured=wanted))
+
+
+@pytest.mark.parametrize(("kind", "name"), GROUPS)
+def test_gradients_are_those_of_finite_differences(kind, name):
+    models, theta = noisy(kind), true_parameters(kind)
+    weights, layout = models.training.estimation, models.layout
+    _, _, gradient = models.normal_equations(theta, weights)
+    sizes = [len(g.start) for g in layout.groups]
+    first = sum(sizes[: [g.name for g in layout.groups].index(name)])
+    places = range(first, first + next(len(g.start) for g in layout.groups if g.name == name))
+    largest = max(np.abs(gradient[p] * layout.scale[p]) for p in places)
+    assert largest > 0.0
+    for p in places:
+        moved = [theta.copy(), theta.copy()]
+        for sign, one in zip((1, -1), moved, strict=True):
+            one[p] += sign * STEP * layout.scale[p]
+        slope = 0.5 * (models.error(moved[0], weights) - models.error(moved[1], weights)) / (2 * STEP)
+        assert gradient[p] * layout.scale[p] == pytest.approx(slope, rel=2e-3, abs=2e-3 * largest + 1e-10)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_matrix_is_that_of_the_derivatives(kind):
+    """The change of the force along a direction, squared and weighted, is the matrix in that direction."""
+    models, theta = noisy(kind), true_parameters(kind)
+    weights, layout = models.training.estimation, models.layout
+    _, matrix, _ = models.normal_equations(theta, weights)
+    random = np.random.default_rng(2)
+    for _ in range(3):
+        direction = layout.scale * random.standard_normal(len(theta))
+        change = (models.force(theta + 1e-6 * direction) - models.force(theta - 1e-6 * direction)) / 2e-6
+        assert direction @ matrix @ direction == pytest.approx(weights @ change**2, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_gradients_of_blocks_add_up(kind):
+    models, theta = noisy(kind), true_parameters(kind)
+    weights = models.training.estimation
+    blocks = np.arange(len(weights)) // 100
+    _, gradients = models.block_gradients(theta, weights, blocks)
+    _, _, gradient = models.normal_equations(theta, weights)
+    assert gradients.shape == (blocks.max() + 1, len(theta))
+    np.testing.assert_allclose(gradients.sum(axis=0), gradient, rtol=1e-9, atol=1e-12 * np.abs(gradient).max())
