@@ -61,7 +61,6 @@ def _row(job: CampaignJob, result: IdentificationResult, seconds: float) -> Row:
         "parameters": len(best.coefficients),
         "selection_J": _finite(best.cost),
         "costs": _costs(job, result.evaluations),
-        "proved": certificate is not None,
         "gain": None if certificate is None else certificate.get("gain"),
         "force_bound_N": None if certificate is None else certificate.get("force_bound_N"),
         "seconds": round(seconds, 3),

@@ -45,7 +45,7 @@ def test_every_size_is_a_cell_with_a_proved_model(rows):
 def test_they_are_on_the_front_beside_models_with_a_gain(rows):
     proved = [done.row for done in rows]
     polynomial = {**proved[0], "parameters": 5, "selection_J": 50.0, "gain": 0.9}
-    unproved = {**proved[0], "parameters": 3, "selection_J": 0.1, "proved": False}
+    unproved = {**proved[0], "parameters": 3, "selection_J": 0.1, "force_bound_N": None}
     on_front = front([*proved, polynomial, unproved])
     assert polynomial in on_front
     assert unproved not in on_front

@@ -10,7 +10,7 @@ from planted import SAMPLING
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures import KITS
-from ces_identify.structures.auto import advise, fit_best, fit_with_alternatives
+from ces_identify.structures.auto import advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.physical_quantities import ERRORS, read_quantities
 
@@ -21,7 +21,7 @@ LIMITS = Limits(seconds=8.0, starts=2, threads=2)  # short fits get 1.2 s, which
 @cache
 def fit_auto(kind):
     options = IdentifyOptions(limits=LIMITS)
-    return fit_best(SIZES)([planted_series(kind, 1)], SAMPLING, options, lambda result: None)
+    return select_fitter("auto", SIZES)([planted_series(kind, 1)], SAMPLING, options, lambda result: None)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -58,7 +58,7 @@ def test_the_damper_is_found_again(kind):
 
 def test_another_structure_is_compared_with_the_physical_ones():
     options = IdentifyOptions(limits=replace(LIMITS, seconds=3.0))
-    fitter = fit_with_alternatives("polynomial", SIZES)
+    fitter = select_fitter("polynomial", SIZES)
     fitted = fitter([planted_series("relaxation", 1)], SAMPLING, options, lambda result: None)
     costs = fitted.how["structures"]
     assert fitted.model.structure == "polynomial_narx"
@@ -68,7 +68,7 @@ def test_another_structure_is_compared_with_the_physical_ones():
 
 
 def test_a_physical_structure_is_not_compared():
-    assert fit_with_alternatives("chambers", SIZES).__qualname__ == KITS["chambers"].fitter(SIZES).__qualname__
+    assert select_fitter("chambers", SIZES).__qualname__ == KITS["chambers"].fitter(SIZES).__qualname__
 
 
 @pytest.mark.parametrize(
