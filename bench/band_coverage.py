@@ -1,6 +1,6 @@
 """How much of the measured force the band of a model holds on experiments that it was not identified on.
 
-    python -m bench.band_coverage --seeds 11 12 --time 30
+    python -m bench.band_coverage --seeds 11 12 --time 30 --structure auto
 
 For every seed a damper of each kind of the virtual rig is drawn. A model is identified from noise and sweep, and its
 band is evaluated on sine 4 Hz, sine 12 Hz and road. The table is Markdown. The law of the band was chosen with the
@@ -20,6 +20,7 @@ from ces_identify.identification import identify
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures import KITS
+from ces_identify.structures.auto import AUTO, select_fitter
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import VALIDATION, Evaluation
 from ces_rig.dampers.hydraulic.parameters import Damper
@@ -29,6 +30,7 @@ from ces_rig.nested_numbers import replace_numbers
 from ces_rig.withheld.plants import draw_plant, simulate_signals
 
 TRAINING, TESTS = ("noise", "sweep"), ("sine_4hz", "sine_12hz", "road")
+SIZES = {size.name: size.default for kit in KITS.values() for size in kit.sizes}
 VARIED = {  # standard deviation of the logarithm of some numbers of the rig's own damper
     "ces_valve.area_m2": 0.3,
     "ces_valve.pilot_rise_s": 0.3,
@@ -71,10 +73,9 @@ def lumped_recordings(kind: str, seed: int) -> dict[str, Recording]:
 
 def evaluate_band(recordings: dict[str, Recording], structure: str, seconds: float) -> Sequence[Evaluation]:
     """Return the evaluations on the experiments that were not used."""
-    kit = KITS[structure]
     options = IdentifyOptions(split=1.0, limits=Limits(seconds=seconds, threads=2))
     training, tests = ([recordings[name] for name in names] for names in (TRAINING, TESTS))
-    result = identify(training, tests, options, fitter=kit.fitter({size.name: size.default for size in kit.sizes}))
+    result = identify(training, tests, options, fitter=select_fitter(structure, SIZES))
     return [e for e in result.evaluations if e.role == VALIDATION]
 
 
@@ -83,7 +84,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12])
     parser.add_argument("--time", type=float, default=30.0)
-    parser.add_argument("--structure", choices=tuple(KITS), default="polynomial")
+    parser.add_argument("--structure", choices=(*KITS, AUTO), default="polynomial")
     options = parser.parse_args()
     print(f"| damper | {' | '.join(TESTS)} |\n|---|{'---:|' * len(TESTS)}")
     for kind in KINDS:
