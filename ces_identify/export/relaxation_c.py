@@ -22,11 +22,14 @@ def relaxation_facts(relaxation: Relaxation, model: Model) -> dict[str, object]:
         "map_tables": map_tables(relaxation.map),
         "springs": len(relaxation.springs),
         "spring_tables": [
+            ConstantTable("RESTORING", [stiffness for stiffness, _ in relaxation.restoring]),
+            ConstantTable("RESTORING_LIMITS", [limit for _, limit in relaxation.restoring]),
             ConstantTable("SPRING_STEPS", [one.stiffness_N_m * interval for one in relaxation.springs]),
             ConstantTable(
                 "YIELDS", [one.yield_N[row] for row in rows for one in relaxation.springs], len(relaxation.springs)
             ),
         ],
+        "mid_stroke": relaxation.mid_stroke_m,
         "pieces": len(relaxation.map.at) - 1,
         "compliance": relaxation.compliance_m_N,
         "held": relaxation.compliance_m_N + interval * relaxation.leak_m_Ns,

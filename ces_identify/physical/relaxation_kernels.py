@@ -46,6 +46,33 @@ class RelaxationArrays(NamedTuple):
     max_acceleration: float
 
 
+@njit(cache=True)
+def stretch_from_middle(a: RelaxationArrays, position: float, stretch: F, by_stretch: F) -> float:
+    """Fill the springs' forces (springs,) [N] at a start and their derivatives (springs, parameters); return the sum.
+
+    Springs that do not yield within the stroke are stretched from mid-stroke, the others are free.
+    """
+    stretch[:] = 0.0
+    by_stretch[:] = 0.0
+    low, high = a.positions[0], a.positions[-1]
+    away = position - 0.5 * (low + high)
+    for m in range(a.springs):
+        least = a.places[YIELD] + m
+        for n in range(1, a.rows):
+            place = a.places[YIELD] + n * a.springs + m
+            if a.k[place] < a.k[least]:
+                least = place
+        stiffness = a.k[a.places[STIFFNESS] + m]
+        if a.k[least] >= stiffness * (high - low):
+            if abs(stiffness * away) <= a.k[least]:
+                stretch[m] = stiffness * away
+                by_stretch[m, a.places[STIFFNESS] + m] = away
+            else:
+                stretch[m] = a.k[least] if away > 0.0 else -a.k[least]
+                by_stretch[m, least] = 1.0 if away > 0.0 else -1.0
+    return float(stretch.sum())
+
+
 @njit(cache=True, nogil=True)
 def run_relaxation(
     a: RelaxationArrays, data: RunData, score: Score, force: F, matrix: F, gradients: F
@@ -71,10 +98,10 @@ def run_relaxation(
         if stop <= first:
             continue
         setting = restart_valve(k, a.currents, data.current[first], plays, by_setting)
-        oil, passed = 0.0, 0.0
-        stretch[:] = 0.0
-        by_force[:] = 0.0
-        by_stretch[:] = 0.0
+        passed = 0.0
+        oil = stretch_from_middle(a, data.position[first], stretch, by_stretch)
+        for p in range(size):
+            by_force[p] = by_stretch[:, p].sum()
         for n in range(first, stop):
             setting = advance_valve(k, a.currents, data.current, first, n, interval, setting, plays, by_setting)
             change = acceleration(data.speed, first, n, interval, a.max_acceleration)

@@ -21,6 +21,7 @@ from ces_observer.model import Sampling
 
 AUTO = "auto"
 SHORT_S = 10.0  # most seconds of a short fit
+SHORT_STARTS = 2  # of a short fit of a structure without physics inside: one start may end without a proof
 SHORT_SHARE = 0.15  # of the time limit, for each short fit
 PHYSICAL = ("relaxation", "chambers")
 CLEARLY_BETTER = 0.9  # share of the chosen structure's selection cost
@@ -91,9 +92,10 @@ def _compare(
 ) -> dict[str, float]:
     """Return the selection costs [%] of short fits, without structures that cannot be fitted; Ctrl-C ends it."""
     seconds = min(SHORT_S, SHORT_SHARE * options.limits.seconds)
-    short = replace(options, limits=replace(options.limits, starts=1, seconds=seconds))
     costs: dict[str, float] = {}
     for name in names:
+        starts = 1 if name in PHYSICAL else SHORT_STARTS
+        short = replace(options, limits=replace(options.limits, starts=starts, seconds=seconds))
         try:
             fitted = KITS[name].fitter(sizes)(series, sampling, short, lambda result: None)
         except CesError:

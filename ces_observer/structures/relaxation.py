@@ -4,14 +4,15 @@
     y(k)   = map(q(k), setting(k)) + sum_j h_j(k),  h_j(k) = clip(h_j(k-1) + stiffness_j T q(k), -+yield_j(setting(k)))
     force  = y(k) + side force(k)
 
+A run starts with h_j = 0, and springs that do not yield within the stroke stretched from mid-stroke (`restoring`).
 y is the force [N] in oil and mounts, q the speed [m/s] at which the oil passes the valve. The map rises with q, so each
 step has one solution, and for two runs with the same inputs and settings, with dy, dh and dq their differences,
 
     compliance dy (dy - dy(k-1)) + T (dq + leak dy) dy = 0,  dq dy >= sum_j dh_j (dh_j - dh_j(k-1)) / (T stiffness_j),
 
 so compliance dy^2 + sum_j dh_j^2 / stiffness_j never grows (Moreau 1977 for the yielding springs). If |y(k)| exceeded
-the map at the largest drive plus all yield forces, |q| would exceed the drive and |y(k)| < |y(k-1)|: from y = 0 on it
-never does. That is the bound.
+the map at the largest drive plus all yield forces, |q| would exceed the drive and |y(k)| < |y(k-1)|: a run, which
+starts within them, never does. That is the bound.
 """
 
 from __future__ import annotations
@@ -62,6 +63,24 @@ class Relaxation(PhysicalStructure):
     springs: tuple[YieldingSpring, ...]
     side: SideForces
     reach: float
+
+    @property
+    def restoring(self) -> tuple[tuple[float, float], ...]:
+        """Stiffness [N/m] and least yield force [N] of each spring that does not yield within the stroke, else zeros.
+
+        Such a spring is a restoring force that leaks away slowly. A run starts with it stretched from mid-stroke: it
+        would keep another start for as long as it does not yield.
+        """
+        stroke = self.side.position_m[-1] - self.side.position_m[0]
+        return tuple(
+            (one.stiffness_N_m, min(one.yield_N)) if min(one.yield_N) >= one.stiffness_N_m * stroke else (0.0, 0.0)
+            for one in self.springs
+        )
+
+    @property
+    def mid_stroke_m(self) -> float:
+        """Position [m] at which restoring springs are free."""
+        return 0.5 * (self.side.position_m[0] + self.side.position_m[-1])
 
     @property
     def size(self) -> str:

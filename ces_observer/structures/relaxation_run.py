@@ -42,7 +42,7 @@ class RelaxationRun:
         self._inner = model.map.at[1:-1]
         self._top = len(model.map.rows) - 1
         self._rows = [_blend(model, n, interval) for n in range(self._top + 1)]
-        self._count = len(model.springs)
+        self._restoring, self._middle = model.restoring, model.mid_stroke_m
         self._limits = within.force_N
         self.reset()
 
@@ -56,16 +56,26 @@ class RelaxationRun:
         self._valve.reset()
         self._side.reset()
         self._force = self._passed = 0.0
-        self._stretched = [0.0] * self._count
+        self._stretched = [0.0] * len(self._restoring)
+        self._started = False
         self._inputs.outside = False
 
     def tick(self, position: float, speed: float, current: float) -> float:
         """Return the force [N] at this tick; infinite if it left the force envelope."""
         position, speed, current = self._inputs.limit(position, speed, current)
+        if not self._started:
+            self._start(position)
         drive, side = self._side.tick(position, speed)
         force = self._advance(drive, self._valve.tick(current)) + side
         low, high = self._limits
         return force if low <= force <= high else inf
+
+    def _start(self, position: float) -> None:
+        """Stretch the restoring springs from mid-stroke."""
+        self._started = True
+        stretch = position - self._middle
+        self._stretched = [min(max(k * stretch, -limit), limit) for k, limit in self._restoring]
+        self._force = sum(self._stretched)
 
     def _advance(self, drive: float, setting: float) -> float:
         """Solve the step for the passed speed q; return the force of the oil [N]."""

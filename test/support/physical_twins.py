@@ -72,7 +72,9 @@ def prepared(model: Model, inputs: Inputs) -> list[tuple[float, float, float]]:
 def relaxation_forces(model: Model, inputs: Inputs) -> list[float]:
     """Return the forces of a relaxation model [N]."""
     body, interval = model.body, 1.0 / model.sampling.rate_Hz
-    oil, stretched, forces = 0.0, [0.0] * len(body.springs), []
+    away = limited(model, inputs)[0][0] - body.mid_stroke_m
+    stretched = [clip(stiffness * away, -limit, limit) for stiffness, limit in body.restoring]
+    oil, forces = sum(stretched), []
     for drive, side, setting in prepared(model, inputs):
         row, share = body.map.pick(setting)
         limits = [one.yield_N[row] + share * (one.yield_N[row + 1] - one.yield_N[row]) for one in body.springs]

@@ -22,6 +22,7 @@ from physical_twins import chambers_forces, relaxation_forces, settings
 
 from ces_observer.structures import chambers_run, relaxation_run
 from ces_observer.structures.increasing_curves import IncreasingCurve
+from ces_observer.structures.relaxation import YieldingSpring
 from ces_observer.structures.structure import OperatingRange
 from ces_observer.structures.valve_path import ValveRun
 
@@ -141,3 +142,24 @@ def test_the_valve_follows_its_reference_on_hostile_currents():
         currents = [min(max(one[2], -1.0), 2.0) for one in hostile_inputs(model, random, 200)]
         run = ValveRun(model.body.valve, 1e-3)
         assert [run.tick(c) for c in currents] == pytest.approx(settings(model.body.valve, currents, 1e-3), abs=1e-12)
+
+
+def test_a_restart_away_from_mid_stroke_does_not_bias_a_relaxation_model():
+    """A soft spring that never yields keeps its start: a run started late must agree with the whole run."""
+    rows = len(RELAXATION.map.rows)
+    soft, stiff = YieldingSpring(2400.0, (500.0,) * rows), YieldingSpring(1e6, (60.0,) * rows)
+    side = replace(RELAXATION.side, position_m=(-0.02, 0.0, 0.02), gas_N=(0.0, 0.0, 0.0))
+    model = physical_model(replace(RELAXATION, springs=(stiff, soft), side=side))
+    assert model.body.restoring == ((0.0, 0.0), (2400.0, 500.0))
+    rate = model.sampling.rate_Hz
+    inputs = [
+        (x, 0.02 * 20.0 * math.cos(20.0 * t), 0.5)
+        for t in (k / rate for k in range(3000))
+        for x in (0.02 * math.sin(20.0 * t),)
+    ]
+    late = max(range(1000, 1400), key=lambda k: inputs[k][0])
+    whole, part = (
+        list(map(run.tick, *zip(*some, strict=True)))
+        for run, some in ((model.make_predictor(), inputs), (model.make_predictor(), inputs[late:]))
+    )
+    assert whole[late + 500 :] == pytest.approx(part[500:], abs=2.0)
