@@ -66,13 +66,13 @@ class RowFile:
 
 
 def smallest_N(rows: Sequence[LadderRow], passes: Callable[[LadderRow], bool]) -> float:
-    """Return the smallest gap [N] of one ladder above which every tested gap passes, NaN if the largest fails."""
-    smallest = nan
-    for row in sorted(rows, key=lambda r: r.rung, reverse=True):
-        if not passes(row):
-            break
-        smallest = row.gap_N
-    return smallest
+    """Return the smallest gap [N] of one ladder above which every tested gap passes.
+
+    NaN if the largest fails, or if the rung below was not tested, as in an interrupted run.
+    """
+    rungs = {row.rung: row for row in rows}
+    failed = max((rung for rung, row in rungs.items() if not passes(row)), default=-1)
+    return rungs[failed + 1].gap_N if failed + 1 in rungs else nan
 
 
 def tables(rows: Sequence[LadderRow]) -> str:
@@ -83,7 +83,7 @@ def tables(rows: Sequence[LadderRow]) -> str:
 def _model_table(rows: Sequence[LadderRow]) -> str:
     header = ("damper", "simulation", "its error on the references N", "left by the correction N", "false alarms")
     body = []
-    for damper, simulation in dict.fromkeys((r.damper, r.simulation) for r in rows if r.effect == NONE):
+    for damper, simulation in sorted({(r.damper, r.simulation) for r in rows if r.effect == NONE}, reverse=True):
         same = [r for r in rows if (r.damper, r.simulation, r.effect) == (damper, simulation, NONE)]
         alarms = f"{sum(r.finds_gap for r in same)} of {len(same)}"
         named = f"{simulation} ({same[0].structure})"
@@ -98,7 +98,7 @@ def _ladder_table(rows: Sequence[LadderRow]) -> str:
         header += [f"{what} found from N: polynomial", AUTO, "ratio"]
     body: list[list[str]] = []
     ratios: list[list[float]] = [[], []]
-    for damper, effect in dict.fromkeys((r.damper, r.effect) for r in rows if r.effect != NONE):
+    for damper, effect in sorted({(r.damper, r.effect) for r in rows if r.effect != NONE}):
         body.append([f"{damper}, {effect}"])
         for passes, found in zip((_finds_gap, _finds_effect), ratios, strict=True):
             pair = _smallest_pair([r for r in rows if (r.damper, r.effect) == (damper, effect)], passes)
@@ -124,4 +124,4 @@ def _finds_effect(row: LadderRow) -> bool:
 
 
 def _format_gap(gap_N: float) -> str:
-    return f"{gap_N:.1f} ({gap_N / NOISE_N:.1f}×)" if isfinite(gap_N) else f"above {GAPS_N[-1]:.0f}"
+    return f"{gap_N:.1f} ({gap_N / NOISE_N:.1f}×)" if isfinite(gap_N) else "not found"

@@ -43,7 +43,8 @@ def ride(name, model, seed, coulomb_N):
 def diagnosed(request, tmp_path_factory):
     """The working folder of a diagnosis, and its gap.json."""
     folder, model = tmp_path_factory.mktemp(request.param), MODELS[request.param]
-    for name, seed, coulomb_N in (("one", 1, COULOMB_N), ("two", 2, COULOMB_N), ("held", 3, COULOMB_N), ("new", 4, 0.0)):
+    for seed, name in enumerate(("one", "two", "held", "new")):
+        coulomb_N = 0.0 if name == "new" else COULOMB_N
         write_bag(folder / name, recording_topics(ride(name, model, seed, coulomb_N), DEFAULT))
     model.save(folder / "model.json")
     with pytest.MonkeyPatch.context() as patch:
