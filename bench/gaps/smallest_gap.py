@@ -43,7 +43,7 @@ from ces_rig.dampers.effects import EFFECTS as LIBRARY_EFFECTS
 from ces_rig.errors import RigError
 from ces_rig.withheld.scaling import rms
 
-EFFECTS = ("friction", "valve_lag", "leakage", "gas_spring", "force_scale", "position_delay")
+EFFECTS = ("friction", "valve_lag", "leakage", "force_scale")
 SEARCH = Limits(max_terms=25, seconds=60.0, starts=4, threads=1)
 
 
