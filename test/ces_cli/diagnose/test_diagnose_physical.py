@@ -1,0 +1,80 @@
+"""`ces diagnose` with a relaxation model and with a model with chambers: cause, repair, replay and distillation."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from schema_rules import SCHEMA, faults
+
+from bench.physical_examples import make_chambers, make_model, make_relaxation, make_valve
+from ces_cli.main import main
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.simulations.simulate import sample_force
+from ces_observer.model import load_model
+from ces_observer.signals import Signals
+
+RATE, NOISE_N, COULOMB_N, SECONDS = 1000.0, 6.0, 40.0, 8.0
+DEFAULT = Signals.from_mapping({}, "defaults")
+MODELS = {"relaxation": make_model(make_relaxation(make_valve())), "chambers": make_model(make_chambers(make_valve()))}
+
+
+def ces(*words):
+    return main([str(word) for word in words])
+
+
+def ride(name, model, seed, coulomb_N):
+    """Return a recording of the model's force with Coulomb friction beside it."""
+    random = np.random.default_rng(seed)
+    t = np.arange(round(SECONDS * RATE)) / RATE
+    tones = zip(random.uniform(0.001, 0.003, 5), random.uniform(0.5, 7.0, 5), random.uniform(0.0, 6.0, 5), strict=True)
+    position = sum(a * np.sin(2.0 * np.pi * f * t + p) for a, f, p in tones)
+    current = 0.5 + 0.25 * np.sign(np.sin(2.0 * np.pi * 0.7 * t + seed))
+    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
+    channels = {n: Channel(n, u, stamps, v) for n, u, v in (("position", "m", position), ("current", "A", current))}
+    damper = np.nan_to_num(sample_force(model, Recording(name, channels)))
+    force = damper + coulomb_N * np.tanh(np.gradient(position, t) / 0.015) + random.normal(0.0, NOISE_N, len(t))
+    return Recording(name, {**channels, "force": Channel("force", "N", stamps, force)})
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def diagnosed(request, tmp_path_factory):
+    """The working folder of a diagnosis, and its gap.json."""
+    folder, model = tmp_path_factory.mktemp(request.param), MODELS[request.param]
+    for seed, name in enumerate(("one", "two", "held", "new")):
+        coulomb_N = 0.0 if name == "new" else COULOMB_N
+        write_bag(folder / name, recording_topics(ride(name, model, seed, coulomb_N), DEFAULT))
+    model.save(folder / "model.json")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        words = ("--real", "one", "two", "--held-out", "held", "--reference", "new", "--threads", 1)
+        assert ces("diagnose", "--sim", "model.json", *words, "--out", "gap") == 0
+        yield folder, json.loads((folder / "gap" / "gap.json").read_text())
+
+
+def test_friction_beside_it_is_named(diagnosed):
+    _, gap = diagnosed
+    assert faults(gap, SCHEMA, SCHEMA) == []
+    assert (gap["verdict"], gap["composition"]["effects"]) == ("named", ["friction"])
+    assert gap["gap"]["rms_N"] == pytest.approx(0.9 * COULOMB_N, rel=0.1)
+    assert gap["composition"]["shrink"] > 0.8
+
+
+def test_its_repair_closes_the_gap_as_claimed(diagnosed, tmp_path):
+    folder, gap = diagnosed
+    assert ces("simulate", "--sim", "gap/augmented.json", "held", "--out", tmp_path / "a.csv") == 0
+    simulated = np.array([float(row["force_N"]) for row in csv.DictReader((tmp_path / "a.csv").open())])
+    left = (read_recording(folder / "held", DEFAULT).channel("force").values - simulated)[500:-50]
+    left = left[np.isfinite(left)]
+    assert len(left) > 0.9 * len(simulated) - 550
+    left_N = float(np.sqrt(max(np.mean(left**2) - NOISE_N**2, 0.0)))
+    assert left_N == pytest.approx(gap["composition"]["gap_after_N"], abs=0.1 * COULOMB_N)
+
+
+def test_its_repair_is_distilled(diagnosed, capsys):
+    words = ("--teacher", "gap/augmented.json", "--structure", "relaxation", "--time", 3, "--no-band")
+    assert ces("identify", "one", "two", "--validate", "held", *words, "--out", "repaired.json") == 0
+    assert load_model("repaired.json").structure == "relaxation"
+    assert "model to teacher" in capsys.readouterr().out
