@@ -54,7 +54,7 @@ def rig_case() -> RecordedCase:
     return RecordedCase(sampling, [prepare(noise, sampling), prepare(sweep, sampling)], tests)
 
 
-def split_case(recordings: Sequence[Recording], row: str) -> RecordedCase:
+def make_case(recordings: Sequence[Recording], row: str) -> RecordedCase:
     """Return the first SHARE of each recording for training, the rest for tests."""
     sampling = choose_sampling([recording.first_part(SHARE) for recording in recordings])
     whole = [prepare(recording, sampling) for recording in recordings]
@@ -62,12 +62,12 @@ def split_case(recordings: Sequence[Recording], row: str) -> RecordedCase:
 
 
 def dyke_case() -> RecordedCase:
-    return split_case([load_dyke(data_folder() / "dyke_mr" / "ranran_50.csv")], "Dyke, last 40 %")
+    return make_case([load_dyke(data_folder() / "dyke_mr" / "ranran_50.csv")], "Dyke, last 40 %")
 
 
 def utfsm_case() -> RecordedCase:
     paths = sorted((data_folder() / "utfsm_mr").glob("sweep_15Hz_*A.csv"))
-    return split_case([load_utfsm(path) for path in paths], "UTFSM sweeps, last 40 %")
+    return make_case([load_utfsm(path) for path in paths], "UTFSM sweeps, last 40 %")
 
 
 CASES: dict[str, Callable[[], RecordedCase]] = {"rig": rig_case, "dyke": dyke_case, "utfsm": utfsm_case}

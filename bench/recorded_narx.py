@@ -1,8 +1,8 @@
 """SysIdentPy, fastcan and anfis-toolbox on prepared recordings: training series in, a free run on any series out.
 
-They get the ticks of `recorded_cases` as columns of mean 0 and standard deviation 1; "prepared" columns add the signed root
-of the speed and the current 8 ms ago, which these polynomials and memberships cannot form. Blocks are joined end to
-end; selection data are blocks between those for estimation.
+They get the ticks of `recorded_cases` as columns of mean 0 and standard deviation 1; "prepared" columns add the signed
+root of the speed and the current 8 ms ago, which these polynomials and memberships cannot form. Blocks are joined end
+to end; selection data are blocks between those for estimation.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ def fit_peer(fit: Fit, feed: SeriesFeed, case: RecordedCase, seconds: float) -> 
     return RecordedFit(simulate, model.terms, blocks_cost(blocks.selection, simulate))
 
 
-def metamss(estimation: Columns, selection: Columns) -> PeerModel:
+def metamss(estimation: Columns, selection: Columns, degree: int = 3) -> PeerModel:
     """MetaMSS on equally many ticks of both."""
     count = min(METAMSS_TICKS, len(estimation.force), len(selection.force))
     first, second = (Columns(c.inputs[:count], c.force[:count]) for c in (estimation, selection))
-    return peers.metamss(first, second)
+    return peers.metamss(first, second, degree)

@@ -102,20 +102,25 @@ def fit_ours(structure: str, case: RecordedCase, seconds: float) -> RecordedFit:
 
 def peer_tools() -> dict[str, Tool]:
     """Return the tools other than ours, installed or not."""
-    frols25 = partial(peers.frols, terms=25)
-    fastcan25 = partial(peers.fastcan_one_step, terms=25)
+    frols25, one_step25 = partial(peers.frols, terms=25), partial(peers.fastcan_one_step, terms=25)
     fits = {
         "SysIdentPy": {
             "FROLS, 12 terms": partial(fit_peer, peers.frols, PLAIN),
             "FROLS, 12 terms, prepared": partial(fit_peer, peers.frols, PREPARED),
             "FROLS, 25 terms, prepared": partial(fit_peer, frols25, PREPARED),
+            "FROLS, 25 terms, no past force, prepared": partial(fit_peer, partial(frols25, past_force=False), PREPARED),
             "MetaMSS, prepared": partial(fit_peer, narx.metamss, PREPARED),
+            "MetaMSS, degree 2, prepared": partial(fit_peer, partial(narx.metamss, degree=2), PREPARED),
         },
         "fastcan": {
             "one-step, 12 terms": partial(fit_peer, peers.fastcan_one_step, PLAIN),
             "one-step, 12 terms, prepared": partial(fit_peer, peers.fastcan_one_step, PREPARED),
-            "one-step, 25 terms, prepared": partial(fit_peer, fastcan25, PREPARED),
+            "one-step, 25 terms, prepared": partial(fit_peer, one_step25, PREPARED),
+            "one-step, 25 terms, degree 2, prepared": partial(fit_peer, partial(one_step25, degree=2), PREPARED),
             "free run, 12 terms, prepared": partial(fit_peer, peers.fastcan_free_run, PREPARED),
+            "free run, 12 terms, degree 2, prepared": partial(
+                fit_peer, partial(peers.fastcan_free_run, degree=2), PREPARED
+            ),
         },
         "anfis-toolbox": {
             "27 rules": partial(fit_peer, peers.anfis_toolbox, FUZZY),
@@ -175,11 +180,12 @@ def run_job(job: FitJob) -> ToolOutcome:
     if not job.path.exists():
         child = multiprocessing.get_context("spawn").Process(target=run_in_child, args=(job,))
         child.start()
-        child.join(MARGIN_S + SLACK * job.seconds)
+        patience = MARGIN_S + SLACK * job.seconds
+        child.join(patience)
         if child.is_alive():
             child.kill()
             child.join()
-            store(job, ToolOutcome({}, math.inf, 0, SLACK * job.seconds, f"stopped after {SLACK * job.seconds:g} s"))
+            store(job, ToolOutcome({}, math.inf, 0, 0.0, f"stopped after {patience:g} s"))
         elif not job.path.exists():
             store(job, ToolOutcome({}, math.inf, 0, 0.0, f"ended with code {child.exitcode}"))
     outcome = ToolOutcome(**json.loads(job.path.read_text(encoding="utf-8")))
