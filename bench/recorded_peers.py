@@ -44,6 +44,7 @@ PEER_S, OURS_S, NETWORK_S = 120.0, 40.0, 300.0
 WARM_S, WARM_SHARE = 2.0, 0.2  # time and share of the data of a fit that compiles
 MARGIN_S, SLACK = 90.0, 1.5  # a process may take this much more than its limit, for reading data, tests and a last step
 NETWORK_UNITS = (4, 24)
+TORCH = "torch"
 OURS = ("polynomial", "sigmoid", "relaxation", "chambers", AUTO)
 NEVER = 1000.0  # [%] J beyond which a run is shown as divergent
 
@@ -129,7 +130,7 @@ def peer_tools() -> dict[str, Tool]:
     }
     tools = {name: Tool(settings, name.lower()) for name, settings in fits.items()}
     for units in NETWORK_UNITS:
-        tools[f"GRU, {units} units"] = Tool({"": partial(fit_network, units)}, "torch", "network")
+        tools[f"GRU, {units} units"] = Tool({"": partial(fit_network, units)}, TORCH, "network")
     return tools
 
 
@@ -219,11 +220,11 @@ def format_rows(outcomes: Mapping[FitJob, ToolOutcome]) -> list[tuple[str, ...]]
 
 
 def _row_lines(row: str, merged: Mapping[str, tuple[str, ToolOutcome]]) -> list[tuple[str, ...]]:
-    least = min(one.costs.get(row, math.inf) for _, one in merged.values())
+    least = show_cost(min(one.costs.get(row, math.inf) for _, one in merged.values()))
     lines = []
     for tool, (setting, one) in merged.items():
-        j = one.costs.get(row, math.inf)
-        shown = one.failed or (f"**{show_cost(j)}**" if j == least else show_cost(j))
+        cost = show_cost(one.costs.get(row, math.inf))
+        shown = one.failed or (f"**{cost}**" if cost == least else cost)
         lines.append((row, tool, setting, shown, str(one.parameters or ""), f"{one.cpu_s:.0f}"))
     return lines
 
@@ -245,7 +246,7 @@ def main() -> None:
     with ThreadPoolExecutor(options.processes) as pool:
         outcomes = dict(zip(jobs, pool.map(run_job, jobs), strict=True))
     header = ("data", "tool", "setting", "J %", "parameters", "CPU s")
-    print_table(header, format_rows(outcomes), left=3)
+    print_table(header, format_rows(outcomes), left=3, extra=(TORCH,))
 
 
 def present_cases(names: Sequence[str]) -> list[str]:
@@ -259,7 +260,12 @@ def present_cases(names: Sequence[str]) -> list[str]:
 def wanted_tools(words: Sequence[str]) -> dict[str, Tool]:
     """Return the installed tools whose name contains one of the words."""
     chosen = {name: tool for name, tool in all_tools().items() if any(word in name for word in words)}
-    return {name: tool for name, tool in chosen.items() if not tool.package or is_installed(tool.package)}
+    return {name: tool for name, tool in chosen.items() if is_available(tool.package)}
+
+
+def is_available(package: str) -> bool:
+    """Return whether the package of a tool is there; ours need none."""
+    return not package or (is_installed(package, TORCH) if package == TORCH else is_installed(package))
 
 
 if __name__ == "__main__":
