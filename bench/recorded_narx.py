@@ -25,11 +25,12 @@ Fit = Callable[[Columns, Columns], PeerModel]
 
 @dataclass(frozen=True)
 class RecordedFit:
-    """A peer's model: its free run on a series, its number of parameters, and its J [%] on the selection blocks."""
+    """A model: free run on a series, number of parameters, J [%] on the selection blocks; what the tool chose."""
 
     simulate: Simulate
     parameters: int
     selection_cost: float
+    chosen: str = ""
 
 
 @dataclass(frozen=True)

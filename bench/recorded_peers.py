@@ -62,13 +62,14 @@ class Tool:
 
 @dataclass(frozen=True)
 class ToolOutcome:
-    """J [%] by row and on the selection blocks, number of parameters, CPU time [s], or why there is none."""
+    """J [%] by row and on the selection blocks, parameters, CPU time [s], or why there is none; what a tool chose."""
 
     costs: Mapping[str, float]
     selection_cost: float
     parameters: int
     cpu_s: float
     failed: str = ""
+    chosen: str = ""
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,8 @@ def fit_ours(structure: str, case: RecordedCase, seconds: float) -> RecordedFit:
         return simulate_series(model, series).force
 
     parameters = int(fitted.how["parameters"]) if "parameters" in fitted.how else count_parameters(model)
-    return RecordedFit(simulate, parameters, float(fitted.results[0].cost))
+    chosen = str(fitted.how["structure"]) if structure == AUTO else ""
+    return RecordedFit(simulate, parameters, float(fitted.results[0].cost), chosen)
 
 
 def peer_tools() -> dict[str, Tool]:
@@ -154,7 +156,7 @@ def fit_and_judge(job: FitJob, case: RecordedCase, fit: FitTool) -> ToolOutcome:
     """Fit, and run freely on the test data."""
     fitted, spent = time_call(lambda: fit(case, job.seconds))
     costs = {row: mean_cost(series, fitted.simulate) for row, series in case.tests.items()}
-    return ToolOutcome(costs, fitted.selection_cost, fitted.parameters, spent.cpu)
+    return ToolOutcome(costs, fitted.selection_cost, fitted.parameters, spent.cpu, chosen=fitted.chosen)
 
 
 def run_in_child(job: FitJob) -> None:
@@ -225,7 +227,7 @@ def _row_lines(row: str, merged: Mapping[str, tuple[str, ToolOutcome]]) -> list[
     for tool, (setting, one) in merged.items():
         cost = show_cost(one.costs.get(row, math.inf))
         shown = one.failed or (f"**{cost}**" if cost == least else cost)
-        lines.append((row, tool, setting, shown, str(one.parameters or ""), f"{one.cpu_s:.0f}"))
+        lines.append((row, tool, setting or one.chosen, shown, str(one.parameters or ""), f"{one.cpu_s:.0f}"))
     return lines
 
 
