@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 from differentiator_peers import PEERS, F, Peer, kalman
+from recorded_cases import load_dyke, load_utfsm
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
@@ -236,23 +237,6 @@ def rule_table(runs: dict[str, RigRun], data: Path) -> list[str]:
         each = [f"{best_differentiator(spectra, (o,))[0]:.0f}" for o in (2, 3)]
         rows.append([name, f"{sample_rate(recordings[0]):.0f}", str(order), f"{bandwidth:.0f}", *each])
     return markdown(rows)
-
-
-def load_dyke(path: Path) -> Recording:
-    rate, table = 3004.8, np.genfromtxt(path, delimiter=",", skip_header=1)
-    stamps = np.rint(np.arange(len(table)) / rate * 1e9).astype(np.int64)
-    return three_channels(path.stem, stamps, 0.01 * table[:, 2], table[:, 3], table[:, 6])
-
-
-def load_utfsm(path: Path) -> Recording:
-    table = np.genfromtxt(path, delimiter=",", names=True)
-    stamps = np.rint(table["t_s"] * 1e9).astype(np.int64)
-    return three_channels(path.stem, stamps, 1e-3 * table["x_mm"], table["current_A"], table["F_N"])
-
-
-def three_channels(name: str, stamps: np.ndarray, position: F, current: F, force: F) -> Recording:
-    values = {"position": ("m", position), "current": ("A", current), "force": ("N", force)}
-    return Recording(name, {n: Channel(n, unit, stamps, v) for n, (unit, v) in values.items()})
 
 
 SHOWN = {

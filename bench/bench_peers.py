@@ -105,7 +105,7 @@ def our_entries(seeds: Sequence[int]) -> list[Entry]:
 
     def judge(model: object) -> tuple[float, int]:
         assert isinstance(model, Model)
-        return free_run_cost(test.force, simulate_series(model, test).force), _size(model)
+        return free_run_cost(test.force, simulate_series(model, test).force), count_parameters(model)
 
     polynomials = [
         Entry(f"**polynomial, {method}**", INPUTS, partial(identify_polynomial, training, method), judge)
@@ -149,7 +149,8 @@ def train_model(data: Sequence[Series], family: Callable[[Training], Family], se
     return of.model(found.coefficients, SAMPLING)
 
 
-def _size(model: Model) -> int:
+def count_parameters(model: Model) -> int:
+    """Return the number of terms of a polynomial, of parameters of a network or of neuro-fuzzy rules."""
     match model.body:
         case Network(linear=linear, units=units):
             return 1 + len(linear) + sum(2 + len(unit.slopes) for unit in units)

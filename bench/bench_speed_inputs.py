@@ -23,7 +23,6 @@ from bench_differentiators import (
     RATE,
     RIG,
     RigRun,
-    load_dyke,
     load_measured_sets,
     markdown,
     own_estimate,
@@ -32,6 +31,7 @@ from bench_differentiators import (
     with_speed,
 )
 from differentiator_peers import F, kalman
+from recorded_cases import load_dyke
 from scipy.linalg import toeplitz
 from scipy.signal import butter, lfilter, sosfiltfilt
 

@@ -22,6 +22,7 @@ VALVE_LAG = 8  # ticks
 TRUE_POWER = 0.62
 DIVERGED_N = 1e6
 MEMBERSHIPS, EPOCHS = 3, 15  # of anfis-toolbox, which needs equally many memberships on every input
+MAX_ROWS = 20_000  # for anfis-toolbox; of more, evenly spaced ones
 STEPS = 20  # maximum for fastcan's least squares on the free run
 SEARCH = {"maxiter": 10, "n_agents": 6, "p_ones": 0.3, "p_zeros": 0.7, "random_state": 3}  # of MetaMSS
 
@@ -69,8 +70,10 @@ class PeerModel:
     terms: int
 
 
-def frols(estimation: Columns, selection: Columns, terms: int = TERMS) -> PeerModel:
-    """SysIdentPy's forward regression by error reduction ratio, degree 3; it does not use `selection`."""
+def frols(
+    estimation: Columns, selection: Columns, terms: int = TERMS, degree: int = 3, past_force: bool = True
+) -> PeerModel:
+    """SysIdentPy's forward regression by error reduction ratio; it does not use `selection`."""
     del selection
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
@@ -81,15 +84,16 @@ def frols(estimation: Columns, selection: Columns, terms: int = TERMS) -> PeerMo
         n_terms=terms,
         ylag=1,
         xlag=[[1]] * estimation.inputs.shape[1],
-        basis_function=Polynomial(degree=3),
+        basis_function=Polynomial(degree=degree),
         estimator=LeastSquares(),
+        model_type="NARMAX" if past_force else "NFIR",
     )
     model.fit(X=_ahead(estimation.inputs), y=estimation.force[:, None])
     return PeerModel(_simulate_with(model), len(model.final_model))
 
 
-def metamss(estimation: Columns, selection: Columns) -> PeerModel:
-    """SysIdentPy's search by free run, degree 3: fits on `estimation`, evaluates on `selection`."""
+def metamss(estimation: Columns, selection: Columns, degree: int = 3) -> PeerModel:
+    """SysIdentPy's search by free run: fits on `estimation`, evaluates on `selection`."""
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import MetaMSS
     from sysidentpy.parameter_estimation import LeastSquares
@@ -98,7 +102,7 @@ def metamss(estimation: Columns, selection: Columns) -> PeerModel:
     model = MetaMSS(
         ylag=1,
         xlag=[[1]] * estimation.inputs.shape[1],
-        basis_function=Polynomial(degree=3),
+        basis_function=Polynomial(degree=degree),
         estimator=LeastSquares(),
         test_size=0.5,
         **SEARCH,
@@ -126,27 +130,27 @@ def metamss_trial(estimation: Columns, selection: Columns) -> Callable[[], objec
     return lambda: simulator.simulate(model_code=code, **data)
 
 
-def fastcan_model(estimation: Columns) -> Any:
-    """Return fastcan's NARX of TERMS terms of degree 3, selected on the one-step errors and not yet fitted."""
+def fastcan_model(estimation: Columns, terms: int = TERMS, degree: int = 3) -> Any:
+    """Return fastcan's NARX, selected on the one-step errors and not yet fitted."""
     from fastcan.narx import make_narx
 
     return make_narx(
-        estimation.inputs, estimation.force, TERMS, max_delay=1, poly_degree=3, verbose=0, refine_verbose=0
+        estimation.inputs, estimation.force, terms, max_delay=1, poly_degree=degree, verbose=0, refine_verbose=0
     )
 
 
-def fastcan_one_step(estimation: Columns, selection: Columns) -> PeerModel:
+def fastcan_one_step(estimation: Columns, selection: Columns, terms: int = TERMS, degree: int = 3) -> PeerModel:
     """fastcan's selection, then least squares on measured past forces."""
     del selection
-    return _wrap_fastcan(fastcan_model(estimation).fit(estimation.inputs, estimation.force))
+    return _wrap_fastcan(fastcan_model(estimation, terms, degree).fit(estimation.inputs, estimation.force), terms)
 
 
-def fastcan_free_run(estimation: Columns, selection: Columns) -> PeerModel:
+def fastcan_free_run(estimation: Columns, selection: Columns, terms: int = TERMS, degree: int = 3) -> PeerModel:
     """fastcan's selection, then least squares on the free run."""
     del selection
-    model = fastcan_model(estimation)
+    model = fastcan_model(estimation, terms, degree)
     model.fit(estimation.inputs, estimation.force, coef_init="one_step_ahead", max_nfev=STEPS)
-    return _wrap_fastcan(model)
+    return _wrap_fastcan(model, terms)
 
 
 def anfis_toolbox(estimation: Columns, selection: Columns) -> PeerModel:
@@ -157,7 +161,8 @@ def anfis_toolbox(estimation: Columns, selection: Columns) -> PeerModel:
     scale, spread = estimation.inputs.std(axis=0), float(estimation.force.std())
     rows = np.column_stack([estimation.force[:-1] / spread, estimation.inputs[1:] / scale])
     model = ANFISRegressor(n_mfs=MEMBERSHIPS, mf_type="bell", optimizer="hybrid", epochs=EPOCHS, random_state=1)
-    model.fit(rows, estimation.force[1:] / spread)
+    every = -(-len(rows) // MAX_ROWS)
+    model.fit(rows[::every], estimation.force[1::every] / spread)
 
     def simulate(data: Columns) -> F:
         inputs, force = data.inputs / scale, np.full(len(data.force), np.inf)
@@ -176,9 +181,9 @@ def _simulate_with(model: Any) -> Simulate:
     return lambda data: np.ravel(model.predict(X=_ahead(data.inputs), y=data.force[:, None]))
 
 
-def _wrap_fastcan(model: Any) -> PeerModel:
+def _wrap_fastcan(model: Any, terms: int) -> PeerModel:
     return PeerModel(
-        lambda data: np.asarray(model.predict(data.inputs, y_init=data.force[: model.max_delay_])), TERMS + 1
+        lambda data: np.asarray(model.predict(data.inputs, y_init=data.force[: model.max_delay_])), terms + 1
     )
 
 
