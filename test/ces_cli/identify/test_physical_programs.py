@@ -5,8 +5,8 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import pytest
-from physical_examples import planted_model
 from planted import stroked
+from planted_dampers import planted_model
 
 from ces_cli.main import main
 from ces_identify.recordings.bag_writer import recording_topics, write_bag

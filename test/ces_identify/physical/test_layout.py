@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from physical_examples import KINDS, models_of, true_parameters
 from planted import SAMPLING
+from planted_dampers import KINDS, models_of, true_parameters
 
 from ces_identify.physical.layout import Layout, group, rises_to_nodes
 from ces_observer.model import Model, parse_model

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from physical_examples import KINDS, planted_model
 from planted import RATE_HZ
+from planted_dampers import KINDS, planted_model
 
 from ces_identify.structures import run_batch
 

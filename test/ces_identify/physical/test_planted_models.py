@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
-from physical_examples import KINDS, NOISE_N, models_of, planted_model, planted_series, true_parameters
 from planted import SAMPLING
+from planted_dampers import KINDS, NOISE_N, models_of, planted_model, planted_series, true_parameters
 
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.simulations.simulate import simulate_series

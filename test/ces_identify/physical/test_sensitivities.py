@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from physical_examples import KINDS, models_of, true_parameters
+from planted_dampers import KINDS, models_of, true_parameters
 
 GROUPS = [(kind, g.name) for kind in KINDS for g in models_of(kind).layout.groups]
 STEP = 1e-5

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from physical_examples import KINDS, models_of, planted_models, true_parameters
+from planted_dampers import KINDS, models_of, planted_models, true_parameters
 
 from ces_identify.physical.physical_search import PENALTIES, PhysicalSearch
 from ces_identify.physical.standard_errors import ParameterErrors, parameter_errors

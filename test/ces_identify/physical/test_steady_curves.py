@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from physical_examples import KINDS, planted_model
 from planted import RATE_HZ
+from planted_dampers import KINDS, planted_model
 
 from ces_identify.physical.steady_curves import curve_currents, curve_speeds, recorded_speeds
 from ces_identify.structures.physical_quantities import steady_force_map
