@@ -100,7 +100,7 @@ def _solve(matrix: F, vector: F, rate: float) -> F:
     return np.asarray(np.linalg.lstsq(system, np.concatenate([vector / scale, [0.0, 1.0]]), rcond=1e-15)[0][:TAPS])
 
 
-def filtered(taps: F, x: F) -> F:
+def apply_filter(taps: F, x: F) -> F:
     return np.asarray(lfilter(taps, 1.0, x - x[0]))
 
 
@@ -132,13 +132,13 @@ def rig_speeds(runs: Mapping[str, RigRun], everything: bool) -> dict[str, dict[s
         spectra = [position_spectrum(r, 0.05) for r in training]
         for extra in (0.02, 0.005):
             taps = wiener_taps(spectra, extra)
-            out[f"Wiener, {100 * extra:g} % added"] = {n: filtered(taps, r.positions) for n, r in runs.items()}
+            out[f"Wiener, {100 * extra:g} % added"] = {n: apply_filter(taps, r.positions) for n, r in runs.items()}
         for bandwidth in (90.0, 150.0, 190.0):
             wider = {n: kalman(3)(run.positions, RATE, bandwidth) for n, run in runs.items()}
             out[f"Kalman of order 3, {bandwidth:g} Hz"] = wider
         taps = best_taps(list(runs.values()))
         out["best linear filter for all five, knowing the true speed"] = {
-            n: filtered(taps, r.positions) for n, r in runs.items()
+            n: apply_filter(taps, r.positions) for n, r in runs.items()
         }
     return out
 

@@ -39,7 +39,7 @@ class RecordedCase:
 
 
 @dataclass(frozen=True)
-class Blocks:
+class DataBlocks:
     """Pieces of the training series, each at least a warm-up long."""
 
     estimation: Sequence[Series]
@@ -100,7 +100,7 @@ def three_channels(name: str, stamps: np.ndarray, position: F, current: F, force
     return Recording(name, {n: Channel(n, unit, stamps, v) for n, (unit, v) in values.items()})
 
 
-def cut_blocks(series: Sequence[Series]) -> Blocks:
+def cut_blocks(series: Sequence[Series]) -> DataBlocks:
     """Return blocks of BLOCK_S seconds of every series, each EVERY-th of them for selection."""
     estimation: list[Series] = []
     selection: list[Series] = []
@@ -109,7 +109,7 @@ def cut_blocks(series: Sequence[Series]) -> Blocks:
         for k in range(count):
             part = one.part(k / count, (k + 1) / count)
             (selection if k % EVERY == EVERY - 1 else estimation).append(part)
-    return Blocks(estimation, selection)
+    return DataBlocks(estimation, selection)
 
 
 def mean_cost(series: Sequence[Series], simulate: Simulate) -> float:

@@ -21,7 +21,7 @@ from matplotlib import pyplot as plt
 from bench.small_png import save_small
 from bench.thesis.costs import FOLDER, Evaluations, percent
 from bench.thesis.models import NAMES, OURS, THESIS, load_named_experiment
-from bench.thesis.rows import TIME, Panel, panels
+from bench.thesis.rows import TIME, ThesisPanel, panels
 from ces_identify.preparation.series import Series
 from ces_identify.validation.evaluate import Evaluation
 from ces_rig.drive.reg1 import Reg1
@@ -43,7 +43,7 @@ STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": Fal
          "grid.color": "#dddddd", "grid.linewidth": 0.6, "axes.axisbelow": True}  # fmt: skip
 
 
-def caption(pair: tuple[Panel, Panel]) -> str:
+def caption(pair: tuple[ThesisPanel, ThesisPanel]) -> str:
     """Return what the two plots of a figure show, in words."""
     first, second = (panel.row.title for panel in pair)
     return f"(a) {first}, (b) {'the same over time' if pair[1].kind == TIME else second}"
@@ -56,7 +56,7 @@ def draw_all(evaluations: Evaluations, folder: Path) -> None:
             draw(pair, evaluations, folder / f"thesis_{number.replace('.', '_')}.png")
 
 
-def draw(pair: tuple[Panel, Panel], evaluations: Evaluations, path: Path) -> None:
+def draw(pair: tuple[ThesisPanel, ThesisPanel], evaluations: Evaluations, path: Path) -> None:
     """Draw one figure: a row of plots for each procedure."""
     widths = (1.0, 1.6 if pair[1].kind == TIME else 1.0)
     figure, grid = plt.subplots(
@@ -85,7 +85,7 @@ def _subtitle(procedure: str, evaluation: Evaluation | None) -> str:
     return f"{NAMES[procedure]}: {f'J = {cost} %' if cost[0].isdigit() else cost}"
 
 
-def _plot(axis: Axes, panel: Panel, evaluation: Evaluation) -> None:
+def _plot(axis: Axes, panel: ThesisPanel, evaluation: Evaluation) -> None:
     if panel.kind == TIME:
         _over_time(axis, evaluation)
     else:
@@ -123,7 +123,7 @@ def _over_time(axis: Axes, evaluation: Evaluation) -> None:
     axis.set_xlim(time[0], time[-1])
 
 
-def _draw_reference(axis: Axes, panel: Panel, evaluation: Evaluation) -> None:
+def _draw_reference(axis: Axes, panel: ThesisPanel, evaluation: Evaluation) -> None:
     reg1 = load_named_experiment(f"{FOLDER}/{panel.row.target}", fresh=True).current
     assert isinstance(reg1, Reg1)
     speeds = np.linspace(evaluation.series.speed.min(), evaluation.series.speed.max(), 200)

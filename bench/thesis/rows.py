@@ -82,7 +82,7 @@ TABLES = {
 
 
 @dataclass(frozen=True)
-class Panel:
+class ThesisPanel:
     """A plot of a figure: its row, over speed or over time, and whether with the reference curve of reg1."""
 
     structure: str
@@ -91,15 +91,18 @@ class Panel:
     with_reference: bool = False
 
 
-def panels() -> dict[str, tuple[Panel, Panel]]:
+def panels() -> dict[str, tuple[ThesisPanel, ThesisPanel]]:
     """Return the two plots of each figure of the thesis, by its number."""
     found = {row.figure: (structure, row) for structure, table in TABLES.items() for row in table.rows if row.figure}
     both = {}
     for number in (f"5.{n}" for n in range(1, 9)):
         if number in found:  # one row, over speed and over time
-            both[number] = Panel(*found[number]), Panel(*found[number], TIME)
+            both[number] = ThesisPanel(*found[number]), ThesisPanel(*found[number], TIME)
         else:
-            both[number] = Panel(*found[f"{number}(a)"]), Panel(*found[f"{number}(b)"], with_reference=number == "5.1")
+            both[number] = (
+                ThesisPanel(*found[f"{number}(a)"]),
+                ThesisPanel(*found[f"{number}(b)"], with_reference=number == "5.1"),
+            )
     return both
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from ces_identify.numerics.arrays import F
-from ces_identify.preparation.series import sampled
+from ces_identify.preparation.series import select_samples
 from ces_identify.recordings.recording import Recording
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
@@ -24,7 +24,7 @@ def require_consistent_motion(recording: Recording, sampling: Sampling) -> None:
     """Raise RecordingError if the signal that the differentiator measures does not fit the recorded position."""
     if not sampling.motion_signal:
         return
-    samples = sampled(recording, sampling)
+    samples = select_samples(recording, sampling)
     time = (samples.stamps_ns - samples.stamps_ns[0]) * 1e-9
     rate = (len(time) - 1) / time[-1]
     even = np.linspace(0.0, time[-1], len(time))

@@ -70,7 +70,7 @@ class PositionSamples:
     dropped: dict[str, int]
 
 
-def sampled(recording: Recording, sampling: Sampling) -> PositionSamples:
+def select_samples(recording: Recording, sampling: Sampling) -> PositionSamples:
     """Return the position samples that a model with this `sampling` uses, with the motion signal that it needs.
 
     A speed or acceleration older than the longest gap is not used. Raises RecordingError if it was not recorded.
@@ -137,7 +137,7 @@ def hold_signal(logged: Channel, stamps_ns: I, max_age_s: float) -> F:
 
 def prepare(recording: Recording, sampling: Sampling) -> Series:
     """Return the series of `recording`; raises RecordingError if no segment is longer than the warm-up."""
-    samples = sampled(recording, sampling)
+    samples = select_samples(recording, sampling)
     ticks, times, total, status, _, _ = track_samples(samples, sampling)
     starts = total[status == kernels.STATUS_RESTART] - 1
     segments = np.stack([starts, np.append(starts[1:], len(ticks))], axis=1)

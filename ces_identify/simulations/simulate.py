@@ -11,7 +11,7 @@ import numpy as np
 
 from ces_identify.numerics import kernels
 from ces_identify.numerics.arrays import F, I, Mask
-from ces_identify.preparation.series import Series, prepare, sampled, track_samples
+from ces_identify.preparation.series import Series, prepare, select_samples, track_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.band_run import band_half_width
 from ces_identify.structures import run_batch
@@ -70,7 +70,7 @@ def _sample(model: Model, recording: Recording) -> tuple[F, I, Series, F]:
     """Return the force [N] and newest tick (-1: none) at every position sample (n,), the series and its forces [N]."""
     series = prepare(recording, model.sampling)
     force = simulate_series(model, series).force
-    samples = sampled(recording, model.sampling)
+    samples = select_samples(recording, model.sampling)
     *_, total, status, ahead, _ = track_samples(samples, model.sampling)
     newest = total - 1
     slope = force[newest] - force[np.maximum(newest - 1, 0)]

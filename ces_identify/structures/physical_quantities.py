@@ -27,7 +27,7 @@ def read_quantities(body: Body, interval_s: float, position_m: Range) -> dict[st
     path, side = body.valve, body.side
     low, high = position_m
     stroke = high - low
-    slow = body.springs[-1].stiffness_N_m if isinstance(body, Relaxation) else 0.0  # cannot be told from a gas spring
+    slow = body.springs[-1].stiffness_N_m if isinstance(body, Relaxation) else 0.0  # acts as a gas spring
     return {
         **(_read_relaxation(body) if isinstance(body, Relaxation) else _read_chambers(body, stroke)),
         "Valve lag, rising current [ms]": 1e3 * path.rise_s,

@@ -137,8 +137,8 @@ def _describe_state(series: Sequence[Series], ticks: Sequence[Mask]) -> Band:
         speed_m_s=max(_round(np.sqrt(np.mean(speed**2))), MIN_SPREAD),
         current_A=(_round(current.min()), _round(current.max())),
         parts=(0.0,) * len(PARTS),
-        mean=_rounded(mean),
-        whitening=tuple(_rounded(row[i:]) for i, row in enumerate(_whitening(state - mean[:, None]))),
+        mean=_round_all(mean),
+        whitening=tuple(_round_all(row[i:]) for i, row in enumerate(_whitening(state - mean[:, None]))),
         max_distance=MAX_DISTANCE,
         constant_share=CONSTANT_SHARE,
     )
@@ -162,7 +162,7 @@ def _fit_parts(band: Band, ways: Sequence[_Errors]) -> Band:
     weights = _fit_sizes(errors.parts[:, some], errors.size[some])
     scores = [one.size / np.maximum(weights @ one.parts, 1e-9) for one in ways]
     scale = max(float(np.quantile(score, band.level)) for score in scores)
-    return replace(band, parts=_rounded(scale * weights))
+    return replace(band, parts=_round_all(scale * weights))
 
 
 def _fit_sizes(parts: F, sizes: F) -> F:
@@ -177,7 +177,7 @@ def _fit_sizes(parts: F, sizes: F) -> F:
     return np.asarray(weights)
 
 
-def _rounded(numbers: F) -> tuple[float, ...]:
+def _round_all(numbers: F) -> tuple[float, ...]:
     return tuple(map(_round, numbers))
 
 
