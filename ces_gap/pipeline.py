@@ -13,15 +13,17 @@ from dataclasses import dataclass, replace
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library
+from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.effects.user_effects import require_sound
 from ces_gap.experiment.doubts import find_doubts, propose_experiment
+from ces_gap.inference.absorbed_effects import find_absorbed_effects
 from ces_gap.inference.anchored_surrogate import Refinement
 from ces_gap.inference.decide import decide, name_by_simpler_rules
 from ces_gap.inference.held_out import score_held_out
 from ces_gap.inference.learn_baseline import learn_baseline
+from ces_gap.inference.review import review
 from ces_gap.inference.search import search
-from ces_gap.inference.static_map import find_absorbed_effects
-from ces_gap.inference.verdict import calibration
+from ces_gap.inference.verdict import TOLERANCE_SHARE, calibration
 from ces_gap.intake.checks import check_traces, find_invisible_effects
 from ces_gap.intake.prepare import prepare_recordings
 from ces_gap.progress import Progress, ignore_progress
@@ -38,6 +40,7 @@ class DiagnoseOptions:
     effects: tuple[Effect, ...] = ()  # of the user, in addition to the library
     threads: int = 1  # of the fit
     seed: int = 1  # of the bootstrap
+    tolerance: float = TOLERANCE_SHARE  # of the RMS force: a smaller gap is none
     experiment: bool = True  # whether to choose the next experiment
 
 
@@ -60,7 +63,7 @@ def diagnose(
     for effect in options.effects:
         require_sound(effect, inputs.real[0])
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)
-    effects = (*library(), *options.effects)
+    effects = (*library(), *options.effects, *(() if inputs.reference else simulation_errors()))
     invisible = find_invisible_effects(effects, inputs.real)
 
     progress("learning the baseline error", 0.0)
@@ -69,21 +72,25 @@ def diagnose(
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress)
 
     progress("computing the ceiling", 0.0)
-    decision = decide(baseline, result, inputs.best, calibration())
+    decision = decide(baseline, result, inputs.best, calibration(), options.tolerance)
     progress("comparing indistinguishable effects", 0.0)
     doubts = find_doubts(baseline.plant, result, decision.interchangeable)
 
-    scores = score_held_out(inputs, baseline, result, decision, options.seed, progress)
+    verdict, scores = review(
+        decision.verdict, score_held_out(inputs, baseline, result, decision, options.seed, progress)
+    )
     progress("locating the gap", 0.0)
-    location = locate_gap(result.evidence, scores.series, options.seed, with_rest=decision.verdict == UNKNOWN)
+    location = locate_gap(result.evidence, scores.series, options.seed, with_rest=verdict == UNKNOWN)
     experiment = None
-    if options.experiment and result.best is not None and decision.verdict not in (NO_GAP, NAMED):
+    if options.experiment and result.best is not None and verdict not in (NO_GAP, NAMED):
         progress("choosing the next experiment", 0.0)
         experiment = propose_experiment(baseline.plant, result, doubts, inputs.exact)
 
     surrogate = inputs.surrogate if inputs.exact is None else None
     diagnosis = Diagnosis(
-        verdict=decision.verdict,
+        verdict=verdict,
+        no_gap_reason=decision.no_gap_reason,
+        visible_from_N=decision.visible_from_N,
         sentence="",
         simulation=spec,
         gap=scores.gap,
@@ -95,7 +102,7 @@ def diagnose(
         wrong=next((c for c in scores.causes if c.effects[0] not in scores.composition.effects), None),
         ceiling_after_N=scores.ceiling_after_N,
         indistinguishable=doubts.indistinguishable,
-        not_separable=() if inputs.reference else find_absorbed_effects(result.evidence, result.alone),
+        not_separable=find_absorbed_effects(result),
         invisible=invisible,
         probability_none=decision.probabilities.none,
         probability_unknown=decision.probabilities.unknown,

@@ -91,6 +91,13 @@ class Trace:
         return 1.0 / self.rate_Hz
 
     @cached_property
+    def sample_s(self) -> float:
+        """Seconds between samples of the simulated force as it was logged, or of the position if that is slower."""
+        channels = (self.recording.channels.get(name) for name in ("position", "sim_force"))
+        steps = [np.diff(c.stamps_ns) for c in channels if c is not None and len(c) > 1]
+        return float(max(np.median(s) for s in steps)) * 1e-9
+
+    @cached_property
     def sprung_map(self) -> SprungMap:
         """The map of speed and current behind a spring that fits the simulated force best."""
         return learn_sprung_map(*self._map_data())

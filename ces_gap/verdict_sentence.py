@@ -4,44 +4,96 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis
-from ces_gap.inference.verdict import POSSIBLE
+from ces_gap.inference.review import CLEARLY_LESS
+from ces_gap.inference.verdict import (
+    CALIBRATION,
+    POSSIBLE,
+    TIMING,
+    WITHIN_BASELINE,
+    WITHIN_NOISE,
+    WITHIN_TOLERANCE,
+)
 
 
 def format_verdict(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence."""
-    gap = diagnosis.gap
     if diagnosis.verdict == NO_GAP:
-        if gap.rms_N > 1.5 * gap.corrected_N and gap.corrected_N < gap.rms_N:
-            return (
-                f"No gap beyond the baseline error: the references explain all but {gap.corrected_N:.0f} N of the "
-                f"{gap.rms_N:.0f} N RMS."
-            )
-        return f"No gap: the remaining {gap.corrected_N:.0f} N RMS cannot be distinguished from noise and calibration."
-    after_N = diagnosis.composition.gap_after_N
-    effects = _join(diagnosis.composition.effects, "and")
+        return _describe_no_gap(diagnosis)
+    gap, after_N, effects = diagnosis.gap, diagnosis.composition.gap_after_N, _causes(diagnosis)
     if diagnosis.verdict == UNKNOWN:
-        closest = f"; the closest, {effects}, leaves {after_N:.0f} N" if effects else ""
-        return f"None of the known effects explains the gap of {gap.rms_N:.0f} N RMS{closest}."
+        return f"None of the known effects explains the gap of {gap.rms_N:.0f} N RMS{_describe_closest(diagnosis)}."
     shrink = _describe_shrink(gap.rms_N, after_N)
     if diagnosis.verdict == AMBIGUOUS:
-        return f"{_describe_doubt(diagnosis)}; with {effects}, {shrink}."
-    return f"The gap is caused by {effects}: with this effect added, {shrink} on held-out recordings."
+        return f"{_describe_doubt(diagnosis)}; with {_join(effects, 'and')}, {shrink}."
+    if tuple(effects) == (CALIBRATION,):
+        size = _describe_map(diagnosis)
+        return f"The simulation's force map is off, {size}: recalibrated, {shrink} on held-out recordings."
+    return f"The gap is caused by {_join(effects, 'and')}: with this effect added, {shrink} on held-out recordings."
+
+
+def _describe_no_gap(diagnosis: Diagnosis) -> str:
+    gap, reason = diagnosis.gap, diagnosis.no_gap_reason
+    left_N = min(gap.corrected_N, gap.rms_N)
+    if reason == WITHIN_TOLERANCE:
+        return f"No gap above the tolerance: {left_N:.1f} N RMS between simulation and measurement."
+    if reason == WITHIN_BASELINE:
+        explained = f"the references explain all but {left_N:.0f} N of the {gap.rms_N:.0f} N RMS"
+        hidden = (
+            f"effects below about {diagnosis.visible_from_N:.0f} N RMS cannot be seen behind this simulation's error"
+        )
+        return f"No gap beyond the simulation's own error: {explained}; {hidden}."
+    if reason == WITHIN_NOISE:
+        return f"No gap: {left_N:.1f} N RMS remain, within the measurement noise of {gap.noise_floor_N:.1f} N RMS."
+    return f"No gap beyond the simulation's timing of at most a sample: {left_N:.1f} N RMS before it is corrected."
+
+
+def _causes(diagnosis: Diagnosis) -> list[str]:
+    """Return the effects of the composition, the one that closes most alone first, without the simulation's timing."""
+    alone = {c.effects[0]: c.gap_after_N for c in diagnosis.causes}
+    effects = [e for e in diagnosis.composition.effects if e != TIMING]
+    return sorted(effects, key=lambda e: alone.get(e, np.inf))
+
+
+def _describe_closest(diagnosis: Diagnosis) -> str:
+    effects = _causes(diagnosis)
+    return (
+        f"; the closest, {_join(effects, 'and')}, leaves {diagnosis.composition.gap_after_N:.0f} N" if effects else ""
+    )
 
 
 def _describe_doubt(diagnosis: Diagnosis) -> str:
     """Return what these recordings leave open: effects indistinguishable from a cause, or further possible causes."""
+    after = {c.effects[0]: c.gap_after_N for c in diagnosis.causes}
     effects = diagnosis.composition.effects
     group = next((g for g in diagnosis.indistinguishable if set(g) & set(effects)), ())
     if group:
-        return f"These recordings cannot distinguish between {_join(group, 'and')}"
-    others = [c.effects[0] for c in diagnosis.causes if c.probability >= POSSIBLE and c.effects[0] not in effects]
-    return f"These recordings do not rule out {_join(others, 'or')}"
+        ordered = sorted(group, key=lambda e: after.get(e, np.inf))
+        return f"These recordings cannot distinguish between {_join(ordered, 'and')}"
+    outside = [c for c in diagnosis.causes if c.effects[0] not in (*effects, CALIBRATION)]
+    limit = CLEARLY_LESS * diagnosis.composition.gap_after_N
+    others = [c.effects[0] for c in outside if c.probability >= POSSIBLE or c.gap_after_N < limit]
+    if others:
+        return f"These recordings do not rule out {_join(others, 'or')}"
+    return "The held-out recordings do not confirm the best explanation"
+
+
+def _describe_map(diagnosis: Diagnosis) -> str:
+    """Return how large the map of a calibration is, and where it is largest."""
+    rows = [(s.trace, s.augmented - s.corrected) for s in diagnosis.held_out]
+    added = np.concatenate([force[t.usable] for t, force in rows])
+    speed, current = (np.concatenate([getattr(t.inputs, n)[t.usable] for t, _ in rows]) for n in ("speed", "current"))
+    size = np.abs(added)
+    largest = size >= np.quantile(size, 0.99)
+    where = f"{np.median(speed[largest]):.2g} m/s and {np.median(current[largest]):.2g} A"
+    return f"by {np.sqrt(np.mean(added**2)):.0f} N RMS, most ({np.median(added[largest]):+.0f} N) at {where}"
 
 
 def _join(effects: Sequence[str], last: str) -> str:
     """Return `a, b and c`."""
-    names = [e.replace("_", " ") for e in effects]
+    names = ["the simulation's force map" if e == CALIBRATION else e.replace("_", " ") for e in effects]
     return f" {last} ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 

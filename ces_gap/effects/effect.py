@@ -15,7 +15,15 @@ import numpy as np
 
 from ces_gap.trace import F, Trace, TraceInputs
 
-SENSOR, MOTION, VALVE, FLUID, PARALLEL, CELL = 0, 1, 2, 3, 4, 5  # stages, from the outside in, then outward
+SIMULATION, SENSOR, MOTION, VALVE, FLUID, PARALLEL, CELL = (
+    -1,
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+)  # stages, from the outside in, then outward
 
 
 @dataclass(frozen=True)
@@ -80,6 +88,8 @@ class Effect:
     form: ClassVar[str] = ""
     stage: ClassVar[int] = PARALLEL
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation runs again
+    nuisance: ClassVar[bool] = False  # True if it is fitted, but never named as a cause
+    penalty: ClassVar[float] = 1.0  # of a parameter when explanations are compared, relative to that of an effect
     needs: ClassVar[str] = ""  # what a recording must contain for the effect to be visible: "a changing current"
     parameters: ClassVar[tuple[EffectParameter, ...]] = ()
 

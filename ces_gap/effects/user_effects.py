@@ -8,6 +8,7 @@ import numpy as np
 
 from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.effects.library import library
+from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.errors import GapError
 from ces_gap.trace import Trace
 
@@ -37,7 +38,7 @@ def user_effect(spec: str) -> Effect:
 
 def class_of(effect: Effect) -> str | None:
     """Return `module:Class` of an effect of the user, None for one of the library."""
-    if any(type(form) is type(effect) and form.form == effect.form for form in library()):
+    if any(type(form) is type(effect) and form.form == effect.form for form in (*library(), *simulation_errors())):
         return None
     kind = type(effect)
     return f"{kind.__module__}:{kind.__qualname__}"
@@ -45,9 +46,10 @@ def class_of(effect: Effect) -> str | None:
 
 def library_effect(name: str, form: str) -> Effect:
     """Return a form of an effect of the library; raises GapError if there is none."""
-    forms = {e.form: e for e in library() if e.name == name}
+    known = (*library(), *simulation_errors())
+    forms = {e.form: e for e in known if e.name == name}
     if not forms:
-        raise GapError(f"unknown effect '{name}'; expected {', '.join(dict.fromkeys(e.name for e in library()))}")
+        raise GapError(f"unknown effect '{name}'; expected {', '.join(dict.fromkeys(e.name for e in known))}")
     if form not in forms:
         raise GapError(f"effect '{name}' has no form '{form}'; expected {', '.join(forms)}")
     return forms[form]

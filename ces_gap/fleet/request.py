@@ -68,6 +68,7 @@ class DiagnosisRequest:
             "code": sorted(_code_digest(module) for module in self._user_modules()),
             "effects": sorted(filter(None, map(class_of, self.options.effects))),
             "seed": self.options.seed,
+            "tolerance": self.options.tolerance,
             "reference": [r.sha256 for r in self.reference],
         }
         return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()

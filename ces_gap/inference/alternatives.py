@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_Z, compute_paired_gain
+from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_Z, compute_paired_gain, prior_cost
 from ces_gap.inference.fit import EffectFit
 from ces_gap.inference.search import EffectSearchResult
 from ces_gap.inference.verdict import NEGLIGIBLE_SHARE
@@ -22,16 +22,21 @@ def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
     return [f for f in fits if len(f.names) == len(best.names) and len(set(best.names) - set(f.names)) == 1]
 
 
+def _is_rival(best: EffectFit, fit: EffectFit) -> bool:
+    """True unless the fit only replaces an effect by the simulation's timing, or by a map of its calibration."""
+    return not any(e.nuisance or e.penalty > 1.0 for e in fit.effects if e.name not in best.names)
+
+
 def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     """Return the smallest share of the gap's energy that each effect leaves: alone, in the best, or as an alternative.
 
     An alternative counts only for the effect that it adds, not for those that it shares with the best.
     """
-    costs = {fit.names[0]: fit.cost for fit in result.alone}
+    costs = {fit.names[0]: _cost(result, fit) for fit in result.alone if not fit.effects[0].nuisance}
     best = result.best
     for fit in (*find_alternatives(result), *([best] if best is not None else [])):
         names = fit.names if best is None or fit is best else set(fit.names) - set(best.names)
-        costs.update({name: min(costs[name], fit.cost) for name in names})
+        costs.update({name: min(costs[name], _cost(result, fit)) for name in names if name in costs})
     return {name: (cost - len(result.baseline_residual)) / result.gap_energy for name, cost in costs.items()}
 
 
@@ -44,7 +49,7 @@ def interchangeable_effects(result: EffectSearchResult) -> tuple[tuple[str, ...]
     for fit in sorted(find_alternatives(result), key=lambda f: f.cost):
         (member,) = set(best.names) - set(fit.names)
         (other,) = set(fit.names) - set(best.names)
-        if _is_as_good(result, best, fit):
+        if _is_rival(best, fit) and _is_as_good(result, best, fit):
             groups.setdefault(member, [member]).append(other)
     return tuple(tuple(dict.fromkeys(groups[name])) for name in best.names if name in groups)
 
@@ -56,6 +61,10 @@ def merge_groups(groups: Sequence[tuple[str, ...]], classes: Sequence[tuple[str,
         if not any(set(group) <= set(larger) for larger in merged):
             merged.append(group)
     return tuple(merged)
+
+
+def _cost(result: EffectSearchResult, fit: EffectFit) -> float:
+    return fit.cost + prior_cost(fit, result.gap_energy)
 
 
 def _is_as_good(result: EffectSearchResult, best: EffectFit, fit: EffectFit) -> bool:

@@ -40,7 +40,12 @@ def compute_paired_gain(evidence: Evidence, worse: F, better: F) -> PairedGain:
 
 def cost_with_penalty(fit: EffectFit, energy: float) -> float:
     """Return the fit's cost plus a penalty for each parameter, by which explanations of this energy are ranked."""
-    return fit.cost + PARAMETER * energy * len(fit.searched)
+    return fit.cost + PARAMETER * energy * sum(e.penalty * len(e.parameters) for e in fit.effects)
+
+
+def prior_cost(fit: EffectFit, energy: float) -> float:
+    """Return what the parameters of flexible maps cost; those of effects are free where a gain must be significant."""
+    return PARAMETER * energy * sum(e.penalty * len(e.parameters) for e in fit.effects if e.penalty > 1.0)
 
 
 def choose_best_fit(evidence: Evidence, fits: Sequence[EffectFit], energy: float) -> EffectFit:
@@ -48,7 +53,8 @@ def choose_best_fit(evidence: Evidence, fits: Sequence[EffectFit], energy: float
     best, *others = sorted(fits, key=lambda f: (len(f.searched), f.cost))
     for fit in others:
         if cost_with_penalty(fit, energy) < cost_with_penalty(best, energy) or (
-            len(fit.searched) > len(best.searched) and is_worthwhile(evidence, best.left_out, fit, 0.0)
+            len(fit.searched) > len(best.searched)
+            and is_worthwhile(evidence, best.left_out, fit, prior_cost(fit, energy) - prior_cost(best, energy))
         ):
             best = fit
     return best

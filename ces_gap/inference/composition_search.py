@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ces_gap.inference.anchored_surrogate import Refinement
-from ces_gap.inference.comparison import MIN_GAIN_SHARE, choose_best_fit, is_worthwhile
+from ces_gap.inference.comparison import MIN_GAIN_SHARE, choose_best_fit, is_worthwhile, prior_cost
 from ces_gap.inference.compositions import fit_each, rank_additions, split_composition
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import EffectFit, fit_together
@@ -39,7 +39,7 @@ class CompositionSearch:
     def grow(self, alone: Sequence[EffectFit], progress: Progress) -> EffectFit | None:
         """Return the best composition, None if no single effect gains more than its error."""
         beam = list(alone[:BEAM])
-        best = beam[0] if beam and is_worthwhile(self.evidence, self.baseline_residual, beam[0], 0.0) else None
+        best = beam[0] if beam and self._is_gain(beam[0]) else None
         for size in range(2, MAX_EFFECTS + 1):
             if best is None or best.cost - len(self.baseline_residual) < MIN_GAIN_SHARE * self.energy:
                 break
@@ -90,8 +90,12 @@ class CompositionSearch:
     def _fit_without(self, close: Evidence, best: EffectFit, name: str) -> EffectFit:
         return fit_together(close, [p for p in split_composition(best, self.forms) if p.names[0] != name])
 
+    def _is_gain(self, fit: EffectFit) -> bool:
+        return is_worthwhile(self.evidence, self.baseline_residual, fit, prior_cost(fit, self.energy))
+
     def _is_necessary(self, best: EffectFit, fewer: EffectFit) -> bool:
-        return is_worthwhile(self.evidence, fewer.left_out, best, MIN_GAIN_SHARE * self.energy)
+        added = prior_cost(best, self.energy) - prior_cost(fewer, self.energy)
+        return is_worthwhile(self.evidence, fewer.left_out, best, MIN_GAIN_SHARE * self.energy + added)
 
     def _fit_swaps(self, close: Evidence, best: EffectFit, fewer: EffectFit) -> list[EffectFit]:
         """Return the most promising compositions of `fewer` and an effect that is not in `best`, refined."""

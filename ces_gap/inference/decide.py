@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from ces_gap.baseline.ceiling import Ceiling, learn_ceiling
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.inference.alternatives import interchangeable_effects, min_unexplained_shares
 from ces_gap.inference.comparison import compute_paired_gain
+from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.explanations import count_stuck_parameters, measure_parameter_drift
 from ces_gap.inference.learn_baseline import Baseline
 from ces_gap.inference.search import EffectSearchResult
@@ -18,46 +20,84 @@ from ces_gap.inference.verdict import (
     AMBIGUOUS,
     NAMED,
     NO_GAP,
+    TOLERANCE_SHARE,
     UNKNOWN,
     Calibration,
+    GapSize,
     Probabilities,
     VerdictFigures,
+    find_no_gap_reason,
     has_alternatives,
     probabilities,
 )
+from ces_gap.trace import F
 
 CLEAR_Z = 20.0  # z of a gain as large as the noise, in however few blocks
 
 
 @dataclass(frozen=True)
 class Decision:
-    """The verdict and its basis; `rest_N` is the RMS [N] that the best explanation and the generic learner leave."""
+    """The verdict and its basis.
+
+    `no_gap_reason` is the reason for "no gap", "" otherwise. `rest_N` is the RMS [N] that the best explanation and the
+    generic learner leave. `visible_from_N` is the RMS [N] below which an effect would hide behind noise and the
+    simulation's own error.
+    """
 
     verdict: str
+    no_gap_reason: str
     figures: VerdictFigures
     probabilities: Probabilities
     interchangeable: tuple[tuple[str, ...], ...]
     rest_N: float
+    visible_from_N: float
 
 
 def decide(
-    baseline: Baseline, result: EffectSearchResult, simulation: TraceSimulator, weights: Calibration
+    baseline: Baseline,
+    result: EffectSearchResult,
+    simulation: TraceSimulator,
+    weights: Calibration,
+    tolerance: float = TOLERANCE_SHARE,
 ) -> Decision:
-    """Return the decision; `simulation` reruns the best explanation."""
+    """Return the decision; `simulation` reruns the best explanation; a gap within `tolerance` of the force is none."""
     rest = _learn_rest(baseline, result, simulation)
     figures = compute_figures(result, baseline.ceiling, rest)
     names = result.best.names if result.best is not None else ()
     odds = probabilities(figures, min_unexplained_shares(result), names, weights)
     groups = interchangeable_effects(result)
-    return Decision(choose_verdict(result, odds, bool(groups), weights), figures, odds, groups, rest.learnt.noise.rms_N)
+    reason = find_no_gap_reason(measure_gap(baseline, result), odds.none > 1.0 - weights.least_gap, tolerance)
+    verdict = NO_GAP if reason else choose_verdict(result, odds, bool(groups), weights)
+    rest_N = rest.learnt.noise.rms_N
+    return Decision(verdict, reason, figures, odds, groups, rest_N, result.evidence.noise.rms_N)
+
+
+def measure_gap(baseline: Baseline, result: EffectSearchResult) -> GapSize:
+    """Return the size of the gap on the fitted recordings."""
+    evidence = result.evidence
+    force = np.concatenate([t.force[t.usable] for t in evidence.traces])
+    noise_N = float(np.sqrt(np.mean([t.noise_N**2 for t in evidence.traces])))
+    timing = next((f for f in result.alone if f.effects[0].nuisance), None)
+    gaps = [_rms_gap(evidence, evidence.alone)]
+    gaps += [] if timing is None else [_rms_gap(evidence, evidence.forces(timing.composition))]
+    above = [float(np.sqrt(max(gap**2 - noise_N**2, 0.0))) for gap in gaps]
+    return GapSize(above[0], min(above), noise_N, float(np.sqrt(np.mean(force**2))), baseline.correction is not None)
+
+
+def _rms_gap(evidence: Evidence, forces: Sequence[F]) -> float:
+    errors = [(t.force - f)[t.usable] for t, f in zip(evidence.traces, forces, strict=True)]
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
 def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling) -> VerdictFigures:
     """Return the figures; the learner was fitted to the gap `before` and `after` the best explanation."""
-    evidence, best, baseline = result.evidence, result.best, result.baseline_residual
+    evidence, best = result.evidence, result.best
+    baseline = _residual_after_timing(result)
     residual = best.left_out if best is not None else baseline
     gain = compute_paired_gain(evidence, baseline, residual)
-    ceiling = compute_paired_gain(evidence, baseline, baseline - evidence.whiten(before.learnt.crossfitted))
+    ceiling = compute_paired_gain(
+        evidence, baseline, result.baseline_residual - evidence.whiten(before.learnt.crossfitted)
+    )
     rest = compute_paired_gain(evidence, residual, residual - evidence.whiten(after.learnt.crossfitted))
     unexplained = (float(residual @ residual) - len(residual)) / result.gap_energy
     learnable = rest.energy / result.gap_energy
@@ -65,7 +105,7 @@ def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling)
         energy=(float(baseline @ baseline) - len(baseline)) / len(baseline),
         gain_z=max(gain.z, CLEAR_Z * gain.energy / len(residual)) if best is not None else 0.0,
         ceiling_z=ceiling.z,
-        unexplained=unexplained if evidence.noise_known else learnable,
+        unexplained=unexplained,
         learnable=learnable,
         learnable_z=rest.z,
         stuck=count_stuck_parameters(best) if best is not None else 0,
@@ -73,11 +113,21 @@ def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling)
     )
 
 
+def _residual_after_timing(result: EffectSearchResult) -> F:
+    """Return the whitened residual (r,) without effects, after the simulation's timing where that is a gain."""
+    fits = [
+        f
+        for f in result.alone
+        if f.effects[0].nuisance and f.cost < result.baseline_residual @ result.baseline_residual
+    ]
+    return fits[0].left_out if fits else result.baseline_residual
+
+
 def choose_verdict(result: EffectSearchResult, odds: Probabilities, replaceable: bool, weights: Calibration) -> str:
-    """Return the verdict; `replaceable` if an effect of the best explanation has an alternative."""
-    if odds.none > 1.0 - weights.least_gap:
-        return NO_GAP
-    if result.best is None or odds.unknown > (1.0 - odds.none) * (1.0 - weights.least_known):
+    """Return the verdict on a gap; `replaceable` if an effect of the best explanation has an alternative."""
+    if result.best is None or all(e.nuisance for e in result.best.effects):
+        return UNKNOWN
+    if odds.unknown > (1.0 - odds.none) * (1.0 - weights.least_known):
         return UNKNOWN
     if replaceable or has_alternatives(result.best.names, odds):
         return AMBIGUOUS

@@ -8,7 +8,7 @@ separately for each unit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,11 +54,6 @@ class Evidence:
     alone: tuple[F, ...]
     noise: NoiseModel
     units: tuple[EvidenceUnit, ...]
-    noise_known: bool = True
-
-    def scale_noise(self, factor: float) -> Evidence:
-        """Return the evidence with `factor` times the noise."""
-        return replace(self, noise=self.noise.scale(factor))
 
     def forces(self, composition: Composition) -> list[F]:
         """Return the force [N] with the effects around the plant, on each trace."""
@@ -89,12 +84,16 @@ class Evidence:
 
 
 def gather(
-    traces: Sequence[Trace], plant: Plant, noise: NoiseModel, features: Sequence[F], covariance: F | None
+    traces: Sequence[Trace],
+    plant: Plant,
+    noise: NoiseModel,
+    features: Sequence[F] = (),
+    covariance: F | None = None,
 ) -> Evidence:
     """Return the evidence of some traces.
 
-    `features` (n, q) describe the baseline error on each trace; `covariance` (q, q) is that of their weights [N²]. If
-    it is None, the features are projected out.
+    `features` (n, q) describe the baseline error on each trace, `covariance` (q, q) is that of their weights [N²]; None
+    without references: nothing is removed.
     """
     plants = tuple(plant.prepare_for(trace) for trace in traces)
     alone = tuple(plant.alone(trace) for trace in traces)
@@ -102,20 +101,18 @@ def gather(
     units = []
     for number, trace in enumerate(traces):
         ticks = np.flatnonzero(noise.usable_after_whitening(trace.usable))
-        rows = noise.whiten(features[number])
+        rows = np.zeros((len(trace), 0)) if covariance is None else noise.whiten(features[number])
         for part in np.array_split(ticks, parts):
             directions, shares = _directions(rows[part], covariance)
             block = np.unique((part / (BLOCK_S * trace.rate_Hz)).astype(np.int64), return_inverse=True)[1]
             units.append(EvidenceUnit(number, part, directions, shares, block))
-    return Evidence(tuple(traces), plants, alone, noise, tuple(units), covariance is not None)
+    return Evidence(tuple(traces), plants, alone, noise, tuple(units))
 
 
 def _directions(rows: F, covariance: F | None) -> tuple[F, F]:
     """Return orthonormal directions (r, m) of the baseline error and the share to remove along each."""
     if covariance is None:
-        u, s, _ = np.linalg.svd(rows, full_matrices=False)
-        rank = int((s > 1e-6 * s[0]).sum())
-        return u[:, :rank], np.ones(rank)
+        return rows, np.zeros(0)
     values, vectors = np.linalg.eigh(covariance)
     spread = rows @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     variance, turn = np.linalg.eigh(spread.T @ spread)

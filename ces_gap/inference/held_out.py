@@ -51,13 +51,22 @@ class HeldOutSeries:
 
 @dataclass(frozen=True)
 class HeldOutScores:
-    """The gap, the generic learner's gap after [N], each effect alone (ranked), the composition, and the forces."""
+    """The gap, the generic learner's gap after [N], each effect alone (ranked), the composition, and the forces.
+
+    `nothing` is the explanation by no effect.
+    """
 
     gap: Gap
     ceiling_after_N: float
     causes: tuple[Explanation, ...]
     composition: Explanation
     series: tuple[HeldOutSeries, ...]
+    nothing: Explanation
+
+    def without_composition(self) -> HeldOutScores:
+        """Return the scores with no effect added to the simulation."""
+        series = tuple(replace(s, augmented=s.corrected) for s in self.series)
+        return replace(self, composition=self.nothing, series=series)
 
 
 def score_held_out(
@@ -85,6 +94,7 @@ def score_held_out(
         causes=_causes(scorer, result, decision, {} if best is None else {best.composition: forces}, progress),
         composition=together,
         series=tuple(HeldOutSeries(*row) for row in zip(blocks.traces, scorer.alone, forces, strict=True)),
+        nothing=scorer.nothing(),
     )
 
 
@@ -97,7 +107,8 @@ def _causes(
 ) -> tuple[Explanation, ...]:
     """Return each effect alone, most probable first; `known` are forces [N] that have been computed already."""
     odds, best = decision.probabilities.effects, result.best.names if result.best is not None else ()
-    ranked = sorted(result.alone, key=lambda f: (-odds[f.names[0]], f.names[0] not in best, f.cost))
+    fits = [f for f in result.alone if f.names[0] in odds]
+    ranked = sorted(fits, key=lambda f: (-odds[f.names[0]], f.names[0] not in best, f.cost))
     causes = []
     for k, fit in enumerate(ranked):
         (name,) = fit.names

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from ces_gap.effects.effect import Effect
 from ces_gap.inference.anchored_surrogate import Refinement
@@ -54,8 +52,6 @@ def search(
         for fit in pool.map(lambda effect: fit_alone(evidence, effect), effects):
             forms.append(fit)
             progress(f"fitting {fit.names[0]}", len(forms) / len(effects))
-    if not evidence.noise_known:
-        evidence, forms = _limit_noise_to_residual(evidence, forms)
     residual = evidence.residual(evidence.alone)
     energy = max(float(residual @ residual) - len(residual), MIN_GAP_ENERGY * len(residual))
     forms.sort(key=lambda f: f.cost)
@@ -71,19 +67,6 @@ def search(
         progress("trying other effects in place of each", 0.0)
         best, tried = compositions.improve(best)
     return EffectSearchResult(residual, alone, best, energy, evidence, tried)
-
-
-def _limit_noise_to_residual(evidence: Evidence, forms: Sequence[EffectFit]) -> tuple[Evidence, list[EffectFit]]:
-    """Return evidence and fits with noise no stronger than the best effect's residual.
-
-    Without references the noise is only known to be at most what the generic learner leaves.
-    """
-    factor = min(1.0, *(float(np.sqrt(f.cost / len(f.left_out))) for f in forms))
-    quieter = [
-        replace(f, residual=f.residual / factor, jacobian=f.jacobian / factor, left_out=f.left_out / factor)
-        for f in forms
-    ]
-    return evidence.scale_noise(factor), quieter
 
 
 def best_forms(forms: Sequence[EffectFit], energy: float) -> tuple[EffectFit, ...]:

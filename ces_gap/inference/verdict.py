@@ -17,6 +17,9 @@ from ces_gap.trace import F
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
 POSSIBLE = 0.1  # probability at which an effect outside the composition makes the verdict ambiguous
+TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
+WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE = "tolerance", "noise", "timing", "baseline_error"
+CALIBRATION, TIMING = "calibration", "simulation_timing"
 NEGLIGIBLE_SHARE = 0.01  # of the gap's energy: smaller unexplained shares are not distinguished
 
 
@@ -39,6 +42,20 @@ class VerdictFigures:
     learnable_z: float
     stuck: int
     drift: float
+
+
+@dataclass(frozen=True)
+class GapSize:
+    """The gap on the fitted recordings, RMS [N]: without noise, and after the simulation's timing was fitted as well.
+
+    `noise_N` was measured, `force_N` is the RMS of the measured force; `corrected` if references taught a correction.
+    """
+
+    gap_N: float
+    timed_N: float
+    noise_N: float
+    force_N: float
+    corrected: bool
 
 
 @dataclass(frozen=True)
@@ -101,9 +118,26 @@ def probabilities(
     return Probabilities(none, unknown, dict(zip(names, share.tolist(), strict=True)))
 
 
+def find_no_gap_reason(size: GapSize, improbable: bool, tolerance: float) -> str:
+    """Return why there is no gap, "" if there is one; `improbable` if the figures speak against one.
+
+    Without references a gap larger than the noise is never called none, whatever the figures say.
+    """
+    if size.gap_N <= tolerance * size.force_N:
+        return WITHIN_TOLERANCE
+    if improbable and size.corrected:
+        return WITHIN_BASELINE
+    if improbable and size.timed_N <= size.noise_N:
+        return WITHIN_NOISE if size.gap_N <= size.noise_N else WITHIN_TIMING
+    return ""
+
+
 def has_alternatives(named: Sequence[str], odds: Probabilities) -> bool:
-    """True if an effect that is not named is possible, too."""
-    return any(p >= POSSIBLE for name, p in odds.effects.items() if name not in named)
+    """True if an effect that is not named is possible, too.
+
+    A recalibration can absorb a part of any effect; an effect that explains as much with less stands against it.
+    """
+    return any(p >= POSSIBLE for name, p in odds.effects.items() if name not in (*named, CALIBRATION))
 
 
 def _logistic(value: float) -> float:

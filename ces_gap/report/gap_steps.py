@@ -72,8 +72,8 @@ def _controls(d: Diagnosis, scale: float) -> list[Bar]:
         remark = "any flexible effect reduces any gap a little"
         out.append(_after(scale, "wrong", f"Best other effect: {effect_name(d.wrong.effects[0])}", remark, d.wrong))
     if math.isfinite(d.ceiling_after_N):
-        remark = "generic learner without physics"
-        out.append(_bar(scale, "ceiling", "Best possible explanation", remark, d.ceiling_after_N, None))
+        remark = "without physics: any smooth function with a memory"
+        out.append(_bar(scale, "ceiling", "Generic learner", remark, d.ceiling_after_N, None))
     return out
 
 

@@ -39,4 +39,4 @@ def _gaps(traces: Sequence[Trace], forces: Sequence[F]) -> list[F]:
 
 
 def _noise(evidence: Evidence, traces: Sequence[Trace]) -> NoiseModel | list[float]:
-    return evidence.noise if evidence.noise_known else [t.noise_N for t in traces]
+    return evidence.noise

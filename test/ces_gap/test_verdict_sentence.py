@@ -19,7 +19,12 @@ def format_text(**changed: object) -> str:
 
 @pytest.mark.parametrize("verdict", [NAMED, AMBIGUOUS, UNKNOWN, NO_GAP])
 def test_the_verdict_is_one_sentence(verdict: str) -> None:
-    text = format_text(verdict=verdict, indistinguishable=(("friction", "valve_lag"),) if verdict == AMBIGUOUS else ())
+    reason = "noise" if verdict == NO_GAP else ""
+    text = format_text(
+        verdict=verdict,
+        no_gap_reason=reason,
+        indistinguishable=(("friction", "valve_lag"),) if verdict == AMBIGUOUS else (),
+    )
     assert text.endswith(".") and text.count(". ") == 0 and "\n" not in text
     assert "_" not in text and "None of" not in text.replace("None of the known effects", "")
 
@@ -53,11 +58,28 @@ def test_an_unknown_cause_comes_with_the_closest_effect() -> None:
     assert "closest" not in format_text(verdict=UNKNOWN, composition=nothing)
 
 
-def no_gap(rms_N: float, corrected_N: float) -> str:
-    found: Diagnosis = replace(FOUND, verdict=NO_GAP, gap=replace(FOUND.gap, rms_N=rms_N, corrected_N=corrected_N))
+def no_gap(reason: str, rms_N: float, corrected_N: float) -> str:
+    gap = replace(FOUND.gap, rms_N=rms_N, corrected_N=corrected_N)
+    found: Diagnosis = replace(FOUND, verdict=NO_GAP, no_gap_reason=reason, visible_from_N=57.0, gap=gap)
     return format_verdict(found)
 
 
-def test_without_a_gap_the_baseline_error_is_named() -> None:
-    assert "baseline error" in no_gap(60.0, 3.0) and "60 N" in no_gap(60.0, 3.0)
-    assert "baseline error" not in no_gap(3.0, 3.0) and "No gap" in no_gap(3.0, 3.0)
+def test_no_gap_comes_with_what_it_lies_within() -> None:
+    assert "within the measurement noise of 8.0 N" in no_gap("noise", 3.0, 3.0)
+    assert "above the tolerance: 3.0 N" in no_gap("tolerance", 3.0, 3.0)
+    assert "timing" in no_gap("timing", 9.0, 9.0)
+
+
+def test_behind_a_poor_simulation_the_smallest_visible_effect_is_stated() -> None:
+    text = no_gap("baseline_error", 60.0, 3.0)
+    assert "all but 3 N of the 60 N" in text and "below about 57 N RMS cannot be seen" in text
+
+
+def test_what_closes_most_comes_first() -> None:
+    both = replace(FOUND.composition, effects=("valve_lag", "friction"))
+    assert "friction and valve lag" in format_text(composition=both)
+
+
+def test_a_calibration_comes_with_the_size_of_its_map() -> None:
+    text = format_text(composition=replace(FOUND.composition, effects=("calibration",)))
+    assert "force map is off, by" in text and "m/s" in text and "recalibrated" in text

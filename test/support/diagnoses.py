@@ -54,6 +54,8 @@ def named() -> Diagnosis:
         ),
         ceiling_after_N=4.0,
         wrong=lag,
+        no_gap_reason="",
+        visible_from_N=8.0,
         probability_none=0.01,
         probability_unknown=0.02,
         rest=None,

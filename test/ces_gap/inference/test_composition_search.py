@@ -47,7 +47,7 @@ def test_worse_replacements_are_returned_with_the_best() -> None:
 
 def test_replacements_are_fitted_on_anchored_evidence_and_refined_on_the_original() -> None:
     evidence = planted(OFFSET, FRICTION)
-    close, refined = evidence.scale_noise(1.0), []
+    close, refined = replace(evidence), []
 
     class RecordingRefinement(Refinement):
         def refine(self, evidence: Evidence, fit: EffectFit) -> EffectFit:

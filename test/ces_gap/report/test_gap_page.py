@@ -13,6 +13,7 @@ from diagnoses import ALL, ambiguous, experiment, explained, named, no_gap, pair
 
 from ces_gap.diagnosis import Diagnosis, Estimate, GapRegion, HeldOutSeries, Where
 from ces_gap.effects.library import library
+from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.report import report_page
 from ces_gap.report.before_after import _find_kinks, worst_second
 from ces_gap.report.causes import cause_rows, effects_without_row
@@ -305,8 +306,9 @@ def test_parameters_have_convenient_units(name: str, value: float, expected: tup
 
 
 def test_every_effect_of_the_library_has_a_description() -> None:
-    assert {e.name for e in library()} == set(EFFECTS)
-    for parameter in (p for form in library() for p in form.parameters):
+    forms = (*library(), *simulation_errors())
+    assert {e.name for e in forms} == set(EFFECTS)
+    for parameter in (p for form in forms for p in form.parameters):
         name, _, unit, _ = parameter_text(Estimate(parameter.name, parameter.low, (parameter.low, parameter.high)))
         assert unit or not re.search(r" (m\d?|s|s?N|A|K|J|kg|Pa|Hz|rad|rtN)$", name), parameter.name
 
