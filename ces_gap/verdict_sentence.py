@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ces_gap.calibration_map import calibration_cells, largest_cell
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.inference.review import CLEARLY_LESS
 from ces_gap.inference.verdict import (
@@ -81,14 +82,11 @@ def _describe_doubt(diagnosis: Diagnosis) -> str:
 
 
 def _describe_map(diagnosis: Diagnosis) -> str:
-    """Return how large the map of a calibration is, and where it is largest."""
-    rows = [(s.trace, s.augmented - s.corrected) for s in diagnosis.held_out]
-    added = np.concatenate([force[t.usable] for t, force in rows])
-    speed, current = (np.concatenate([getattr(t.inputs, n)[t.usable] for t, _ in rows]) for n in ("speed", "current"))
-    size = np.abs(added)
-    largest = size >= np.quantile(size, 0.99)
-    where = f"{np.median(speed[largest]):.2g} m/s and {np.median(current[largest]):.2g} A"
-    return f"by {np.sqrt(np.mean(added**2)):.0f} N RMS, most ({np.median(added[largest]):+.0f} N) at {where}"
+    """Return where the map of a calibration is largest, and how large it is there."""
+    cell = largest_cell(calibration_cells(diagnosis))
+    low, high = cell.speed_m_s
+    current = f"{np.mean(cell.current_A):.2g} A"
+    return f"most at {low:.2g} to {high:.2g} m/s and about {current} ({cell.force_N:+.0f} N)"
 
 
 def _join(effects: Sequence[str], last: str) -> str:

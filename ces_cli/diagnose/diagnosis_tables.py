@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ces_cli.diagnose.diagnosis_text import (
+    calibration_text,
     effect_name,
     estimate,
     interval,
@@ -20,7 +21,9 @@ from ces_cli.diagnose.diagnosis_text import (
     region_text,
 )
 from ces_cli.terminal import terminal
+from ces_gap.calibration_map import calibration_cells
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, Where
+from ces_gap.inference.verdict import CALIBRATION
 
 COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan"}
 MAX_CAUSES = 5
@@ -82,8 +85,9 @@ def _cause_table(diagnosis: Diagnosis) -> Table:
 
 def _parameter_lines(diagnosis: Diagnosis) -> list[str]:
     together = diagnosis.composition
-    pairs = zip(together.effects, together.estimates, strict=True)
-    return [f"{effect}: {', '.join(map(estimate, estimates))}" for effect, estimates in pairs]
+    pairs = [p for p in zip(together.effects, together.estimates, strict=True) if p[0] != CALIBRATION]
+    lines = [f"{effect}: {', '.join(map(estimate, estimates))}" for effect, estimates in pairs]
+    return lines + [calibration_text(cell) for cell in calibration_cells(diagnosis)]
 
 
 def _where_lines(diagnosis: Diagnosis) -> list[str]:

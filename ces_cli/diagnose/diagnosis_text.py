@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from ces_gap.calibration_map import CalibrationCell
 from ces_gap.diagnosis import Estimate, Explanation, GapRegion
 from ces_gap.report.formatting import parameter_text, region_name
 
@@ -28,6 +29,12 @@ def estimate(parameter: Estimate) -> str:
     marks = (" at its bound" if parameter.at_bound else "") + (" drifts" if parameter.drifts else "")
     name, value, unit, bounds = parameter_text(parameter)
     return f"{' '.join(filter(None, (name, value, unit)))} [{bounds}]{marks}"
+
+
+def calibration_text(cell: CalibrationCell) -> str:
+    """Return what a calibration adds in one range of speed and current."""
+    (slow, fast), (low, high) = cell.speed_m_s, cell.current_A
+    return f"calibration: {cell.force_N:+.1f} N at {slow:.2f} to {fast:.2f} m/s, {low:.2f} to {high:.2f} A"
 
 
 def newtons(value: float) -> str:

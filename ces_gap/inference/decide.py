@@ -28,6 +28,7 @@ from ces_gap.inference.verdict import (
     VerdictFigures,
     find_no_gap_reason,
     has_alternatives,
+    is_clear_of_the_simulation,
     probabilities,
 )
 from ces_gap.trace import F
@@ -66,8 +67,11 @@ def decide(
     names = result.best.names if result.best is not None else ()
     odds = probabilities(figures, min_unexplained_shares(result), names, weights)
     groups = interchangeable_effects(result)
-    reason = find_no_gap_reason(measure_gap(baseline, result), odds.none > 1.0 - weights.least_gap, tolerance)
+    size = measure_gap(baseline, result)
+    reason = find_no_gap_reason(size, odds.none > 1.0 - weights.least_gap, tolerance)
     verdict = NO_GAP if reason else choose_verdict(result, odds, bool(groups), weights)
+    if verdict == NAMED and not is_clear_of_the_simulation(size, tolerance):
+        verdict = AMBIGUOUS
     rest_N = rest.learnt.noise.rms_N
     return Decision(verdict, reason, figures, odds, groups, rest_N, result.evidence.noise.rms_N)
 

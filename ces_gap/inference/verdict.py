@@ -19,6 +19,10 @@ NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
 POSSIBLE = 0.1  # probability at which an effect outside the composition makes the verdict ambiguous
 TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
 WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE = "tolerance", "noise", "timing", "baseline_error"
+CLEAR_OF_NOISE, CLEAR_OF_TOLERANCE = (
+    1.5,
+    1.5,
+)  # times noise and tolerance: a smaller gap is not named without references
 CALIBRATION, TIMING = "calibration", "simulation_timing"
 NEGLIGIBLE_SHARE = 0.01  # of the gap's energy: smaller unexplained shares are not distinguished
 
@@ -130,6 +134,15 @@ def find_no_gap_reason(size: GapSize, improbable: bool, tolerance: float) -> str
     if improbable and size.timed_N <= size.noise_N:
         return WITHIN_NOISE if size.gap_N <= size.noise_N else WITHIN_TIMING
     return ""
+
+
+def is_clear_of_the_simulation(size: GapSize, tolerance: float) -> bool:
+    """True if a gap may be named: without references, one about as large as noise or tolerance may be the simulation's
+    own error.
+    """
+    return size.corrected or size.gap_N > max(
+        CLEAR_OF_NOISE * size.noise_N, CLEAR_OF_TOLERANCE * tolerance * size.force_N
+    )
 
 
 def has_alternatives(named: Sequence[str], odds: Probabilities) -> bool:

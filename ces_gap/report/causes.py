@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ces_gap.diagnosis import Diagnosis, Estimate, Explanation
 from ces_gap.effects.effect import Setting
+from ces_gap.inference.verdict import CALIBRATION
 from ces_gap.report.formatting import EFFECTS, effect_name, parameter_text, percent, percents
 from ces_identify.typesetting import three_figures
 
@@ -87,6 +88,9 @@ def _row(cause: Explanation, named: bool) -> CauseRow:
 
 
 def _parameters(estimates: Sequence[Estimate], setting: Setting) -> tuple[ParameterText, ...]:
+    """Return the parameters as text; those of a calibration are shown as a table of its map instead."""
+    if setting.name == CALIBRATION:
+        return ()
     what = {p.name: p.what for p in setting.effect.parameters}
     return tuple(ParameterText(*parameter_text(e), what.get(e.name, ""), _warning(e)) for e in estimates)
 

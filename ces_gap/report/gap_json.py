@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ces_gap.calibration_map import calibration_cells
 from ces_gap.diagnosis import Diagnosis, Estimate, Explanation, GapRegion, HeldOutSeries, NextExperiment, Where
 from ces_gap.errors import GapError
 from ces_observer.json_checks import write_atomically
@@ -50,6 +51,7 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "max_region": _strongest(d.where),
         "causes": [_cause(c) for c in d.causes],
         "composition": _composition(d),
+        "calibration_map": [asdict(cell) for cell in calibration_cells(d)],
         "indistinguishable": d.indistinguishable,
         "not_separable": d.not_separable,
         "invisible": [{"effect": effect, "reason": reason} for effect, reason in d.invisible],

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ces_gap.calibration_map import CalibrationCell, calibration_cells
 from ces_gap.diagnosis import (
     AMBIGUOUS,
     NAMED,
@@ -62,6 +63,7 @@ def report_page(
         others=effects_without_row(d, rows) if has_gap else [],
         together=composition_rows(d),
         rest_rows=_probabilities(d),
+        calibration=_calibration_table(d) if has_gap else None,
         open_questions=_open_questions(d),
         where=_where("where", "gap", d.where) if has_gap else None,
         rest=_where("rest", "rest", d.rest) if d.rest is not None else None,
@@ -88,6 +90,22 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
     names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
     text = f"of the gap on held-out recordings closed by {names}; 95 % interval {percents(c.shrink_ci95)}."
     return {"figure": percent(c.shrink), "unit": "%", "text": text}
+
+
+def _calibration_table(d: Diagnosis) -> dict[str, Any] | None:
+    """Return the map of a calibration [N]: ranges of current as columns, of speed as rows."""
+    cells = calibration_cells(d)
+    currents = list(dict.fromkeys(c.current_A for c in cells))
+    by_speed = {speed: {c.current_A: c.force_N for c in cells if c.speed_m_s == speed} for speed in _speeds(cells)}
+    rows = [
+        (f"{low:.2f} to {high:.2f}", [f"{forces[i]:+.1f}" if i in forces else "" for i in currents])
+        for (low, high), forces in by_speed.items()
+    ]
+    return {"currents": [f"{low:.2f} to {high:.2f}" for low, high in currents], "rows": rows} if cells else None
+
+
+def _speeds(cells: Sequence[CalibrationCell]) -> list[tuple[float, float]]:
+    return list(dict.fromkeys(c.speed_m_s for c in cells))
 
 
 def _probabilities(d: Diagnosis) -> list[tuple[str, str, str, float, str]]:

@@ -8,6 +8,8 @@ import pytest
 from diagnoses import named
 
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.effects.effect import Composition, Setting
+from ces_gap.effects.simulation_errors.calibration import SpeedCurve
 from ces_gap.verdict_sentence import format_verdict
 
 FOUND = named()
@@ -81,5 +83,6 @@ def test_what_closes_most_comes_first() -> None:
 
 
 def test_a_calibration_comes_with_the_size_of_its_map() -> None:
-    text = format_text(composition=replace(FOUND.composition, effects=("calibration",)))
-    assert "force map is off, by" in text and "m/s" in text and "recalibrated" in text
+    curve = Composition((Setting(SpeedCurve(), (10.0, 0.0, 0.0, 0.0, 20.0)),))
+    text = format_text(composition=replace(FOUND.composition, effects=("calibration",), composition=curve))
+    assert "force map is off, most at" in text and "(+30 N)" in text and "m/s" in text and "recalibrated" in text
