@@ -26,7 +26,7 @@ from ces_gap.grid import (
     without_edges,
 )
 from ces_gap.plant_map.own_spring import PumpedMap, SprungMap, learn_pumped_map, learn_sprung_map
-from ces_gap.plant_map.speed_map import SpeedMap, learn_map
+from ces_gap.plant_map.speed_map import RecentMaps, SpeedMap
 from ces_identify.preparation.series import hold_current
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation, find_predictions
@@ -106,7 +106,11 @@ class Trace:
 
     def learn_map(self, inputs: TraceInputs, force: F) -> SpeedMap:
         """Return the map of speed and current that fits the `force` [N] (n,) under `inputs` best."""
-        return learn_map(inputs.speed, inputs.current, force, self.usable)
+        return self._recent_maps.learn(inputs.speed, inputs.current, force, self.usable)
+
+    @cached_property
+    def _recent_maps(self) -> RecentMaps:
+        return RecentMaps()
 
     def grid_ns(self) -> NDArray[np.int64]:
         """Return the time stamps [ns] of the ticks (n,)."""
