@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 F = NDArray[np.float64]
-I = NDArray[np.int64]
+Index = NDArray[np.int64]
 
 MAX_TERMS = 64  # of one tick
 
@@ -49,7 +49,9 @@ def warp(speed: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def put_spline(column: I, value: F, t: int, at: int, knots: int, j: int, share: float, factor: float) -> tuple[int, int]:
+def put_spline(
+    column: Index, value: F, t: int, at: int, knots: int, j: int, share: float, factor: float
+) -> tuple[int, int]:
     """Put the two terms of linear splines times `factor`; return the next term and column."""
     column[t], value[t] = at + j, (1.0 - share) * factor
     column[t + 1], value[t + 1] = at + j + 1, share * factor
@@ -57,7 +59,7 @@ def put_spline(column: I, value: F, t: int, at: int, knots: int, j: int, share: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def put(column: I, value: F, t: int, at: int, term: float) -> tuple[int, int]:
+def put(column: Index, value: F, t: int, at: int, term: float) -> tuple[int, int]:
     """Put one term; return the next term and column."""
     column[t], value[t] = at, term
     return t + 1, at + 1
@@ -65,18 +67,19 @@ def put(column: I, value: F, t: int, at: int, term: float) -> tuple[int, int]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def put_by_direction(
-    column: I, value: F, t: int, at: int, term: float, i: float, varies: bool, pushed: float
+    column: Index, value: F, t: int, at: int, term: float, i: float, varies: bool, pushed: float
 ) -> tuple[int, int]:
     """Put a term, the same times the current if it varies, and times `pushed`; return the next term and column."""
     t, at = put(column, value, t, at, term)
     if varies:
         t, at = put(column, value, t, at, term * i)
-    return put(column, value, t, at, term * pushed)
+    t, at = put(column, value, t, at, term * pushed)
+    return t, at
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def put_motion(
-    column: I, value: F, x: float, u: float, i: float, varies: bool, fine: F, coarse: F
+    column: Index, value: F, x: float, u: float, i: float, varies: bool, fine: F, coarse: F
 ) -> tuple[int, int]:
     """Put the memoryless functions of position, warped speed `u` and current; return the next term and column."""
     j, share = place(u, fine)
@@ -90,11 +93,12 @@ def put_motion(
     if varies:
         t, at = put(column, value, t, at, x * i)
     j, share = place(u, coarse)
-    return put_spline(column, value, t, at, len(coarse), j, share, x)
+    t, at = put_spline(column, value, t, at, len(coarse), j, share, x)
+    return t, at
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def put_force(column: I, value: F, t: int, at: int, f: float, i: float, varies: bool, level: F) -> tuple[int, int]:
+def put_force(column: Index, value: F, t: int, at: int, f: float, i: float, varies: bool, level: F) -> tuple[int, int]:
     """Put the memoryless functions of force and current; return the next term and column."""
     j, share = place(f, level)
     t, at = put_spline(column, value, t, at, len(level), j, share, 1.0)
@@ -146,11 +150,8 @@ def fill_features(
             t, at = put_force(column, value, t, at, f[k], i[k], varies, level)
             for m in range(3):
                 t, at = put_by_direction(column, value, t, at, 3.0 * (f[k] - slow_f[m]), i[k], varies, pushed)
-        if len(weights):
-            total = 0.0
-            for r in range(t):
-                total += weights[column[r]] * value[r]
-            out[k, 0] = total
-        else:
-            for r in range(t):
+        for r in range(t):
+            if len(weights):
+                out[k, 0] += weights[column[r]] * value[r]
+            else:
                 out[k, column[r]] = value[r]
