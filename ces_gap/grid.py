@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, firwin, sosfiltfilt, welch
@@ -39,10 +41,26 @@ def bridge_gaps(seconds: F, values: F, grid: F) -> tuple[F, B]:
     good = np.isfinite(values)
     if good.sum() < 2:
         return np.zeros_like(grid), np.zeros(len(grid), bool)
-    at, first = np.unique(seconds[good], return_index=True)
+    at, known_values = _without_repeats(seconds[good], values[good])
     after = np.clip(np.searchsorted(at, grid), 1, len(at) - 1)
     known = (grid >= at[0]) & (grid <= at[-1]) & (np.diff(at)[after - 1] <= MAX_SILENCE_S)
-    return np.interp(grid, at, values[good][first]), known
+    return np.interp(grid, at, known_values), known
+
+
+def interpolate(seconds: F, values: F, grid: F) -> F:
+    """Return the values (n,) of `bridge_gaps` alone."""
+    good = np.isfinite(values)
+    if good.sum() < 2:
+        return np.zeros_like(grid)
+    return np.asarray(np.interp(grid, *_without_repeats(seconds[good], values[good])))
+
+
+def _without_repeats(seconds: F, values: F) -> tuple[F, F]:
+    """Return times in ascending order, each once, with the first of their values."""
+    if (np.diff(seconds) > 0.0).all():
+        return seconds, values
+    at, first = np.unique(seconds, return_index=True)
+    return at, values[first]
 
 
 def find_low_pass_Hz(position: F, rate_Hz: float) -> float:
@@ -64,9 +82,14 @@ def thin_out(values: F, factor: int) -> F:
     """Return every `factor`-th value after a symmetric low-pass at half the rate of the grid."""
     if factor == 1:
         return values
-    taps = firwin(8 * factor + 1, 0.8 / factor)
     padded = np.pad(values, 4 * factor, mode="edge")
-    return np.asarray(np.convolve(padded, taps, mode="valid")[::factor])
+    return np.asarray(np.convolve(padded, _design_low_pass(factor), mode="valid")[::factor])
+
+
+@cache
+def _design_low_pass(factor: int) -> F:
+    """Return the taps (8·factor + 1,) of a symmetric low-pass at half the rate that is left after decimation."""
+    return np.asarray(firwin(8 * factor + 1, 0.8 / factor))
 
 
 def estimate_noise_N(recording: Recording, clock: NDArray[np.int64], base: F, factor: int) -> float:

@@ -21,12 +21,13 @@ from ces_gap.grid import (
     estimate_noise_N,
     find_low_pass_Hz,
     find_rates,
+    interpolate,
     smooth_out,
     thin_out,
     without_edges,
 )
 from ces_gap.plant_map.own_spring import PumpedMap, SprungMap, learn_pumped_map, learn_sprung_map
-from ces_gap.plant_map.speed_map import SpeedMap, learn_map
+from ces_gap.plant_map.speed_map import RecentMaps, SpeedMap
 from ces_identify.preparation.series import hold_current
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation, find_predictions
@@ -113,7 +114,19 @@ class Trace:
 
     def learn_map(self, inputs: TraceInputs, force: F) -> SpeedMap:
         """Return the map of speed and current that fits the `force` [N] (n,) under `inputs` best."""
-        return learn_map(inputs.speed, inputs.current, force, self.usable)
+        return self._recent_maps.learn(inputs.speed, inputs.current, force, self.usable)
+
+    @cached_property
+    def _recent_maps(self) -> RecentMaps:
+        return RecentMaps()
+
+    @cached_property
+    def base_grid(self) -> tuple[F, F, int]:
+        """Times [s] of the position samples (p,), times of an even grid at their rate, and its factor of decimation."""
+        clock = self.recording.channel("position").stamps_ns
+        seconds = (clock - clock[0]) * 1e-9
+        base_Hz, factor = find_rates(seconds, self.name)
+        return seconds, base_times(seconds, base_Hz), factor
 
     def grid_ns(self) -> NDArray[np.int64]:
         """Return the time stamps [ns] of the ticks (n,)."""
@@ -179,10 +192,8 @@ def open_trace(simulation: Simulation, recording: Recording, also_as_logged: boo
 
 def resample_to_grid(trace: Trace, simulated_N: F) -> F:
     """Return a force [N] at the position samples of the recording, resampled to the grid of its trace (n,)."""
-    clock = trace.recording.channel("position").stamps_ns
-    seconds = (clock - clock[0]) * 1e-9
-    base_Hz, factor = find_rates(seconds, trace.name)
-    return thin_out(bridge_gaps(seconds, simulated_N, base_times(seconds, base_Hz))[0], factor)
+    seconds, base, factor = trace.base_grid
+    return thin_out(interpolate(seconds, simulated_N, base), factor)
 
 
 def smooth_recording(recording: Recording, trace: Trace) -> Recording:

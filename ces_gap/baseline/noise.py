@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 F = NDArray[np.float64]
 B = NDArray[np.bool_]
@@ -30,8 +29,10 @@ class NoiseModel:
 
     def whiten(self, values: F) -> F:
         """Return columns (n, …) whitened along the first axis; the first p rows are transient."""
-        out: F = lfilter(np.concatenate([[1.0], -self.ar]), [1.0], values, axis=0) / self.innovation_N
-        return out
+        out = values / self.innovation_N
+        for k, weight in enumerate(self.ar / self.innovation_N, 1):
+            out[k:] -= weight * values[:-k]
+        return np.asarray(out)
 
     def usable_after_whitening(self, usable: B) -> B:
         """Return the mask (n,) of the ticks whose whitened value depends on usable ticks only."""

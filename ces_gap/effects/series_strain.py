@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -79,5 +80,11 @@ def soft_width(trace: Trace, force: F) -> float:
 
 def high_pass_stroke(stroke: F, trace: Trace, slowest_Hz: float) -> F:
     """Return the stroke [m] (n,) behind a high-pass at `slowest_Hz` without delay."""
-    sos = butter(1, slowest_Hz, "high", fs=trace.rate_Hz, output="sos")
+    sos = _design_high_pass(slowest_Hz, trace.rate_Hz)
     return np.asarray(sosfiltfilt(sos, stroke, padlen=min(len(stroke) - 1, round(trace.rate_Hz))))
+
+
+@cache
+def _design_high_pass(slowest_Hz: float, rate_Hz: float) -> F:
+    """Return the second-order sections (1, 6) of a first-order Butterworth high-pass."""
+    return np.asarray(butter(1, slowest_Hz, "high", fs=rate_Hz, output="sos"))

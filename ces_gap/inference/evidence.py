@@ -38,7 +38,11 @@ class EvidenceUnit:
 
     def whiten(self, noise: NoiseModel, values: F) -> F:
         """Return the whitened rows of `values` (n,) or (n, k) on the trace's grid."""
-        rows: F = noise.whiten(values)[self.ticks]
+        return self.project(noise.whiten(values))
+
+    def project(self, whitened: F) -> F:
+        """Return the rows of values (n,) or (n, k) that are whitened by the noise, without the baseline error."""
+        rows = whitened[self.ticks]
         if not len(self.removed_shares):
             return rows
         shares = self.removed_shares if rows.ndim == 1 else self.removed_shares[:, None]
@@ -62,11 +66,13 @@ class Evidence:
 
     def whiten(self, values: Sequence[F]) -> F:
         """Return the whitened rows of values (n,) or (n, k) on each trace's grid."""
-        return np.concatenate([unit.whiten(self.noise, values[unit.trace]) for unit in self.units])
+        whitened = [self.noise.whiten(v) for v in values]
+        return np.concatenate([unit.project(whitened[unit.trace]) for unit in self.units])
 
     def residual(self, forces: Sequence[F]) -> F:
-        """Return the whitened rows of measured force minus `forces`."""
-        return self.whiten([trace.force - force for trace, force in zip(self.traces, forces, strict=True)])
+        """Return the whitened rows of measured force minus `forces`, each (n,) or (n, k)."""
+        rows = zip(self.traces, forces, strict=True)
+        return self.whiten([(trace.force - force.T).T for trace, force in rows])
 
     @property
     def unit_of_row(self) -> NDArray[np.int64]:

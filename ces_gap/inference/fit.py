@@ -20,6 +20,7 @@ STEP = 1e-3  # of a parameter's range: step of the difference quotients
 MIN_GAIN = 3e-4  # share of the gap's energy: an iteration that explains less is the last
 MIN_EXPLAINED = 0.005  # of the gap's energy: a fit that explains less is not continued
 MAX_STARTS = 6
+MAX_SCALED_STARTS = 2  # starts whose magnitude is scaled to fit
 NEAR_BOUND = 1e-3  # of the range: a parameter closer to its bound counts as on it
 
 
@@ -71,14 +72,20 @@ def bounds(effects: Sequence[Effect]) -> tuple[F, F]:
 def fit_alone(evidence: Evidence, effect: Effect) -> EffectFit:
     """Return the best fit of one effect from its starts."""
     objective = _Objective(evidence, (effect,))
-    scaled = [_scale_start(objective, start) for start in starts(evidence, effect)]
-    return fit_from(evidence, (effect,), min(scaled, key=lambda pair: float(pair[1] @ pair[1]))[0], objective)
+    return _descend_from(objective, *_choose_start(objective, starts(evidence, effect)))
 
 
 def fit_together(evidence: Evidence, parts: Sequence[EffectFit]) -> EffectFit:
     """Return the joint fit of the effects of some fits, started from their parameters."""
     effects = tuple(e for part in parts for e in part.effects)
     return fit_from(evidence, effects, np.concatenate([part.searched for part in parts]))
+
+
+def fit_from(evidence: Evidence, effects: tuple[Effect, ...], start: F) -> EffectFit:
+    """Return the fit that Levenberg-Marquardt reaches from `start` (p,) inside the bounds."""
+    objective = _Objective(evidence, effects)
+    searched = np.clip(start, objective.low, objective.high)
+    return _descend_from(objective, searched, objective(searched))
 
 
 def starts(evidence: Evidence, effect: Effect) -> list[F]:
@@ -102,20 +109,22 @@ class _Objective:
         self.evidence, self.effects = evidence, effects
         self.low, self.high = bounds(effects)
         self.baseline_residual = evidence.residual(evidence.alone)
+        self.magnitudes = _neutral_magnitudes(effects)
 
     def __call__(self, searched: F) -> F:
-        residual = self.evidence.residual(self.evidence.forces(make_composition(self.effects, searched)))
+        residual = self.evidence.residual(self._forces(searched))
         return residual if np.isfinite(residual).all() else np.full_like(residual, 1e6)
+
+    def _forces(self, searched: F) -> list[F]:
+        return self.evidence.forces(make_composition(self.effects, searched))
 
     def jacobian(self, searched: F, residual: F) -> F:
         """Return the Jacobian (r, p) of the modelled force by one-sided differences, away from the nearer bound."""
-        out = np.empty((len(residual), len(searched)))
-        for k in range(len(searched)):
-            step = self._step(searched, k)
-            moved = searched.copy()
-            moved[k] += step
-            out[:, k] = (residual - self(moved)) / step
-        return out
+        steps = [self._step(searched, k) for k in range(len(searched))]
+        moved = [self._forces(searched + step * unit) for step, unit in zip(steps, np.eye(len(searched)), strict=True)]
+        out = residual[:, None] - self.evidence.residual(list(map(np.column_stack, zip(*moved, strict=True))))
+        out = np.where(np.isfinite(out).all(axis=0), out, -1e6)
+        return np.asarray(out / steps)
 
     def _step(self, searched: F, k: int) -> float:
         span = self.high[k] - self.low[k]
@@ -123,34 +132,61 @@ class _Objective:
         return float(step if searched[k] + step <= self.high[k] else -step)
 
 
-def _scale_start(objective: _Objective, start: F) -> tuple[F, F]:
-    """Return the start with its magnitude scaled to fit best, and the residual there."""
-    residual = objective(start)
-    parameters = [p for e in objective.effects for p in e.parameters]
-    magnitudes = [k for k, p in enumerate(parameters) if p.magnitude and p.scale != "log"]
-    if not magnitudes:
-        return start, residual
-    signature = objective.baseline_residual - residual
-    size = float(signature @ signature)
-    if size <= 0.0:
-        return start, residual
-    factor = float(signature @ objective.baseline_residual) / size
-    scaled = start.copy()
-    for k in magnitudes:
-        neutral = parameters[k].to_search(parameters[k].neutral) if np.isfinite(parameters[k].neutral) else 0.0
-        scaled[k] = neutral + factor * (start[k] - neutral)
-    scaled = np.clip(scaled, objective.low, objective.high)
-    scaled_residual = objective(scaled)
-    return (scaled, scaled_residual) if scaled_residual @ scaled_residual < residual @ residual else (start, residual)
+def _neutral_magnitudes(effects: Sequence[Effect]) -> dict[int, float]:
+    """Return the searched value without effect of each parameter, by number, that is an effect's magnitude."""
+    parameters = [p for effect in effects for p in effect.parameters]
+    return {
+        k: p.to_search(p.neutral) if np.isfinite(p.neutral) else 0.0
+        for k, p in enumerate(parameters)
+        if p.magnitude and p.scale != "log"
+    }
 
 
-def fit_from(
-    evidence: Evidence, effects: tuple[Effect, ...], start: F, objective: _Objective | None = None
-) -> EffectFit:
-    """Return the fit that Levenberg-Marquardt reaches from `start` (p,) inside the bounds."""
-    goal = objective or _Objective(evidence, effects)
-    searched = np.clip(start, goal.low, goal.high)
-    residual = goal(searched)
+@dataclass(frozen=True)
+class _Start:
+    """A start point (p,), the residual (r,) there, and a prediction of what it leaves once its magnitude is scaled."""
+
+    searched: F
+    residual: F
+    factor: float  # of the magnitude, that fits best if the effect is proportional to it
+    predicted: float  # whitened sum of squares
+
+    @property
+    def left(self) -> float:
+        """Whitened sum of squares."""
+        return float(self.residual @ self.residual)
+
+
+def _choose_start(objective: _Objective, points: Sequence[F]) -> tuple[F, F]:
+    """Return the start point that leaves least, and the residual there; the most promising magnitudes are scaled."""
+    plain = [_make_start(objective, point) for point in points]
+    promising = sorted((s for s in plain if s.factor != 1.0), key=lambda s: s.predicted)[:MAX_SCALED_STARTS]
+    best = min([*plain, *(_scale_start(objective, s) for s in promising)], key=lambda s: s.left)
+    return best.searched, best.residual
+
+
+def _make_start(objective: _Objective, point: F) -> _Start:
+    baseline, residual = objective.baseline_residual, objective(point)
+    signature = baseline - residual
+    size, along = float(signature @ signature), float(signature @ baseline)
+    if size <= 0.0 or not objective.magnitudes:
+        return _Start(point, residual, 1.0, float(residual @ residual))
+    return _Start(point, residual, along / size, float(baseline @ baseline) - along**2 / size)
+
+
+def _scale_start(objective: _Objective, start: _Start) -> _Start:
+    """Return the start with its magnitude scaled by its factor, inside the bounds."""
+    scaled = start.searched.copy()
+    for k, neutral in objective.magnitudes.items():
+        scaled[k] = neutral + start.factor * (scaled[k] - neutral)
+    return _make_start(objective, np.clip(scaled, objective.low, objective.high))
+
+
+def _descend_from(goal: _Objective, searched: F, residual: F) -> EffectFit:
+    """Return the fit that Levenberg-Marquardt reaches from `searched` (p,), where the residual is `residual` (r,).
+
+    The last step is too small to change the Jacobian, so that it is not computed again.
+    """
     jacobian = goal.jacobian(searched, residual)
     damping, whole = 1e-3, float(goal.baseline_residual @ goal.baseline_residual)
     for _ in range(ITERATIONS):
@@ -159,11 +195,13 @@ def fit_from(
         if moved_residual is None:
             break
         searched, residual = moved, moved_residual
-        jacobian = goal.jacobian(searched, residual)
         after = float(residual @ residual)
-        if before - after < MIN_GAIN * whole or whole - after < MIN_EXPLAINED * whole:
+        if before - after < MIN_GAIN * whole:
             break
-    return _complete_fit(evidence, effects, goal, searched, residual, jacobian)
+        jacobian = goal.jacobian(searched, residual)
+        if whole - after < MIN_EXPLAINED * whole:
+            break
+    return _complete_fit(goal, searched, residual, jacobian)
 
 
 def _descend(goal: _Objective, searched: F, residual: F, jacobian: F, damping: float) -> tuple[F, F | None, float]:
@@ -204,9 +242,8 @@ def _bounded_step(jacobian: F, residual: F, at: F, low: F, high: F, damping: flo
     return step
 
 
-def _complete_fit(
-    evidence: Evidence, effects: tuple[Effect, ...], goal: _Objective, searched: F, residual: F, jacobian: F
-) -> EffectFit:
+def _complete_fit(goal: _Objective, searched: F, residual: F, jacobian: F) -> EffectFit:
+    evidence = goal.evidence
     unit, left_out = evidence.unit_of_row, residual.copy()
     by_unit = np.tile(searched, (len(evidence.units), 1))
     for k in range(len(evidence.units)):
@@ -214,9 +251,8 @@ def _complete_fit(
         step = _bounded_step(jacobian[~out], residual[~out], searched, goal.low, goal.high, 1e-6)
         left_out[out] = residual[out] - jacobian[out] @ step
         by_unit[k] += step
-    return EffectFit(
-        effects, searched, residual, jacobian, left_out, by_unit, _covariance(evidence, residual, jacobian)
-    )
+    covariance = _covariance(evidence, residual, jacobian)
+    return EffectFit(goal.effects, searched, residual, jacobian, left_out, by_unit, covariance)
 
 
 def _covariance(evidence: Evidence, residual: F, jacobian: F) -> F:

@@ -10,7 +10,7 @@ from engine_plant import NOISE_N, RATE_HZ, SIMULATION, F, recorded, traced
 
 from ces_gap.derivative import derivative
 from ces_gap.errors import GapError
-from ces_gap.grid import GRID_HZ
+from ces_gap.grid import GRID_HZ, bridge_gaps, interpolate
 from ces_gap.trace import (
     Trace,
     TraceInputs,
@@ -169,3 +169,14 @@ def test_a_derivative_is_of_fourth_order() -> None:
 
 def test_noise_of_the_test_damper_is_estimated() -> None:
     assert traced(seconds=20.0, constant_A=0.6).noise_N == pytest.approx(NOISE_N, rel=0.08)
+
+
+@pytest.mark.parametrize("stamps", [[0.0, 1.0, 2.0, 4.0, 5.0], [0.0, 2.0, 1.0, 1.0, 5.0]])
+@pytest.mark.parametrize("finite", [5, 4, 1])
+def test_interpolation_alone_equals_that_with_the_mask(stamps: list[float], finite: int) -> None:
+    seconds, values, grid = np.array(stamps), np.arange(5.0) ** 2, np.linspace(-1.0, 6.0, 29)
+    values[finite:] = np.nan
+    expected = bridge_gaps(seconds, values, grid)[0]
+    np.testing.assert_array_equal(interpolate(seconds, values, grid), expected)
+    if stamps == sorted(stamps) and finite > 1:
+        np.testing.assert_array_equal(expected, np.interp(grid, seconds[:finite], values[:finite]))

@@ -179,3 +179,28 @@ def test_searched_values_become_settings_inside_their_bounds() -> None:
     assert composition.settings[0].values == pytest.approx((300.0, 0.05)) and composition.settings[
         1
     ].values == pytest.approx((5e4,))
+
+
+class Saturating(Effect):
+    """A force of `size_N` that saturates at the speed `knee_m_s`; only the start near the true knee fits well."""
+
+    name, form = "saturating", "tanh"
+    parameters = (
+        EffectParameter("size_N", 0.0, 1e4, (1.0,), "size", magnitude=True),
+        EffectParameter("knee_m_s", 1e-3, 10.0, (1e-2, 0.1, 1.0, 5.0), "speed", "log"),
+    )
+
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
+        return np.asarray(force + values[0] * np.tanh(inputs.speed / values[1]))
+
+
+def test_starts_far_too_small_are_scaled_before_they_are_compared() -> None:
+    evidence = planted(one(Saturating(), 300.0, 0.12))
+    fit = fit_alone(evidence, Saturating())
+    assert np.abs(errors(fit, 300.0, 0.12)).max() < 4.0
+
+
+def test_all_derivatives_at_once_equal_one_at_a_time() -> None:
+    evidence = planted(one(Line(), 50.0, 1000.0))
+    fit = fit_from(evidence, (Line(),), np.array([0.0, 0.0]))
+    np.testing.assert_allclose(fit.jacobian, columns(evidence), rtol=1e-6, atol=1e-9)
