@@ -14,7 +14,7 @@ from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library
 from ces_gap.effects.user_effects import require_sound
-from ces_gap.experiment.doubts import find_doubts, propose_experiment
+from ces_gap.experiment.doubts import NO_DOUBTS, find_doubts, propose_experiment
 from ces_gap.inference.anchored_surrogate import Refinement
 from ces_gap.inference.decide import decide, name_by_simpler_rules
 from ces_gap.inference.held_out import score_held_out
@@ -24,9 +24,10 @@ from ces_gap.inference.static_map import find_absorbed_effects
 from ces_gap.inference.verdict import calibration
 from ces_gap.intake.checks import check_traces, find_invisible_effects
 from ces_gap.intake.prepare import prepare_recordings
+from ces_gap.optional_steps import OptionalSteps
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.verdict_sentence import format_verdict
-from ces_gap.where.gap_location import locate_gap
+from ces_gap.where.gap_location import NOWHERE, locate_gap
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
 
@@ -71,15 +72,26 @@ def diagnose(
     progress("computing the ceiling", 0.0)
     decision = decide(baseline, result, inputs.best, calibration())
     progress("comparing indistinguishable effects", 0.0)
-    doubts = find_doubts(baseline.plant, result, decision.interchangeable)
+    optional = OptionalSteps()
+    doubts = optional.run(
+        "indistinguishable effects",
+        lambda: find_doubts(baseline.plant, result, decision.interchangeable),
+        replace(NO_DOUBTS, indistinguishable=decision.interchangeable),
+    )
 
     scores = score_held_out(inputs, baseline, result, decision, options.seed, progress)
     progress("locating the gap", 0.0)
-    location = locate_gap(result.evidence, scores.series, options.seed, with_rest=decision.verdict == UNKNOWN)
+    location = optional.run(
+        "location of the gap",
+        lambda: locate_gap(result.evidence, scores.series, options.seed, with_rest=decision.verdict == UNKNOWN),
+        NOWHERE,
+    )
     experiment = None
     if options.experiment and result.best is not None and decision.verdict not in (NO_GAP, NAMED):
         progress("choosing the next experiment", 0.0)
-        experiment = propose_experiment(baseline.plant, result, doubts, inputs.exact)
+        experiment = optional.run(
+            "next experiment", lambda: propose_experiment(baseline.plant, result, doubts, inputs.exact), None
+        )
 
     surrogate = inputs.surrogate if inputs.exact is None else None
     diagnosis = Diagnosis(
@@ -103,7 +115,7 @@ def diagnose(
         surrogate=surrogate,
         surrogate_cost_J=None if surrogate is None else surrogate.cost_J,
         held_out=scores.series,
-        notes=notes,
+        notes=(*notes, *optional.notes),
         correction=baseline.correction,
         baselines=name_by_simpler_rules(result),
         figures=decision.figures,
