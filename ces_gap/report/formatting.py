@@ -74,7 +74,7 @@ UNITS = {
     "_K": "K",
     "_J": "J",
 }  # by the suffix of a parameter's name, longer suffixes first
-DISPLAY_UNITS = {
+DISPLAY_UNITS: dict[str, tuple[str, float, float, float]] = {
     "_N_s2_m2_A": "N·s²/(m²·A)",
     "_N_s_m_A": "N·s/(m·A)",
     "_N_s2_m2": "N·s²/m²",
