@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ces_gap.baseline.plant import DirectSimulator, TraceSimulator
-from ces_gap.baseline.surrogate import Surrogate, learn_surrogate, make_changed_examples, make_recorded_examples
+from ces_gap.baseline.surrogate import Surrogate
+from ces_gap.baseline.surrogate_examples import make_changed_examples, make_recorded_examples
+from ces_gap.baseline.surrogate_fit import learn_surrogate
 from ces_gap.errors import GapError
 from ces_gap.intake.saturation import exclude_saturated_ticks
 from ces_gap.progress import Progress, ignore_progress
