@@ -24,7 +24,6 @@ from ces_identify.physical.physical_search import PhysicalSearch
 from ces_identify.physical.relaxation_models import RelaxationModels
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.trained.training import Training
-from ces_observer.errors import CesError
 from ces_observer.model import Envelope
 
 BLOCK_S, EVERY = 1.0, 4  # [s] length of a block; every fourth is left out
@@ -42,7 +41,7 @@ MIN_REACH_A = 0.1
 def left_out(example: SurrogateExample) -> B:
     """Return the usable ticks (n,) of the blocks left out of the fit."""
     block = (example.trace.time_s / BLOCK_S).astype(np.int64)
-    return example.trace.usable & (block % EVERY == EVERY - 1)
+    return np.asarray(example.trace.usable & (block % EVERY == EVERY - 1))
 
 
 def fit_physical_forces(examples: Sequence[SurrogateExample]) -> list[PhysicalForce]:
@@ -97,7 +96,9 @@ def _build_training(examples: Sequence[SurrogateExample], rate_Hz: float) -> Tra
     ends = np.cumsum([0, *(window.stop - window.start for _, window in windows)])
     inputs = np.concatenate([_inputs(examples[number])[:, window] for number, window in windows], axis=1)
     measured = np.concatenate([examples[number].force[window] for number, window in windows])
-    used = [(_settled(examples[number], window, rate_Hz), left_out(examples[number])[window]) for number, window in windows]
+    used = [
+        (_settled(examples[number], window, rate_Hz), left_out(examples[number])[window]) for number, window in windows
+    ]
     recordings = np.array([number for number, _ in windows], dtype=np.int64)
     of_tick = np.repeat(recordings, np.diff(ends))
     selection = np.concatenate([settled & out for settled, out in used])

@@ -42,11 +42,11 @@ class PhysicalForce:
         delay = valve.delay_ticks * rate_Hz / self.rate_Hz
         kernel, as_arrays = KERNELS[self.body.name]
         arrays = as_arrays(replace(self.body, valve=replace(valve, delay_ticks=delay)), 1.0 / rate_Hz)
-        columns = [np.ascontiguousarray(row) for row in (inputs.position, inputs.speed, inputs.current)]
-        ticks = len(columns[0])
+        position, speed, current = map(np.ascontiguousarray, (inputs.position, inputs.speed, inputs.current))
+        ticks = len(position)
         nothing, force = np.zeros(ticks), np.empty(ticks)
         score = Score(nothing, nothing, np.zeros(ticks, np.int64), 1)
-        kernel(arrays, RunData(*columns, np.array([[0, ticks]])), score, force, NO_FIT, NO_FIT)
+        kernel(arrays, RunData(position, speed, current, np.array([[0, ticks]])), score, force, NO_FIT, NO_FIT)
         return force
 
     def distance_from_currents(self, trace: Trace, inputs: TraceInputs) -> F:

@@ -22,7 +22,9 @@ from ces_observer.json_checks import JsonObject
 SCHEMA = "ces-surrogate/2"
 UNKNOWN_ERROR = 1.0  # share of a difference: nothing is known about the error
 MAX_MODELS = 4
-INTERPOLATION_ERROR = 0.4  # share of a change of force at currents far from recorded ones: measured on hydraulic dampers
+INTERPOLATION_ERROR = (
+    0.4  # share of a change of force at currents far from recorded ones: measured on hydraulic dampers
+)
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,12 @@ class _Prepared(TraceSimulator):
     error: F
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
+        """Return the simulated force [N] (n,) for the inputs."""
         return self.surrogate.predict(trace, inputs) + carry_error(self.error, trace, inputs)
+
+    def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
+        """Return the standard error [N] (n,) of the change of force."""
+        return self.surrogate.error_of_change(trace, inputs)
 
 
 def carry_error(error: F, trace: Trace, inputs: TraceInputs) -> F:

@@ -1,4 +1,4 @@
-"""Examples from which a surrogate is learned: inputs of a trace, recorded or changed, and the force simulated for them."""
+"""What a surrogate learns from: inputs of a trace, as recorded or changed, and the force simulated for them."""
 
 from __future__ import annotations
 

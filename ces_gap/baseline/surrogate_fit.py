@@ -62,7 +62,9 @@ def _with_error(surrogate: Surrogate, other: Surrogate, traces: Sequence[Trace])
     if len(surrogate.models) > 1 or not other.models or surrogate is other:
         return surrogate
     kinds = [(t, inputs) for t in traces for inputs in change_one_by_one(t)]
-    one, two = ([s.force(t, inputs)[t.usable] - t.simulated[t.usable] for t, inputs in kinds] for s in (surrogate, other))
+    one, two = (
+        [s.force(t, inputs)[t.usable] - t.simulated[t.usable] for t, inputs in kinds] for s in (surrogate, other)
+    )
     apart, size = np.concatenate(one) - np.concatenate(two), np.concatenate(one)
     return replace(surrogate, difference_error=_rms(apart) / max(_rms(size), 1e-9))
 

@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine_plant import NOISE_N, SIMULATION, F, damper, traced
+from engine_plant import NOISE_N, F, damper, traced
 
 from ces_gap.baseline.ceiling import learn_ceiling
 from ces_gap.baseline.correction import LearnedCorrection, learn_correction
 from ces_gap.trace import Trace
-
 
 
 def wrong(time_s: F, position_m: F, current_A: F) -> F:

@@ -112,12 +112,23 @@ def test_effects_that_do_not_rerun_the_simulation_never_ask_it(effect: Any) -> N
     composition = Composition((Setting(effect, tuple(p.starts[0] for p in effect.parameters)),))
     recorded = Plant(unasked()).with_effects(composition, UNSEEN)
     np.testing.assert_array_equal(recorded, Plant(CALLED).with_effects(composition, UNSEEN))
+    np.testing.assert_array_equal(Plant(unasked()).error_with_effects(composition, UNSEEN), 0.0)
 
 
 def test_effects_that_rerun_the_simulation_ask_it() -> None:
     (delay,) = (e for e in library() if e.name == "position_delay")
     with pytest.raises(AssertionError, match="was asked"):
         Plant(unasked()).with_effects(Composition((Setting(delay, (0.003,)),)), UNSEEN)
+
+
+def test_effects_that_rerun_the_simulation_have_the_error_of_the_change() -> None:
+    (gain,) = (e for e in library() if (e.name, e.form) == ("current_scale", "gain"))
+    weaker = Composition((Setting(gain, (0.9,)),))
+    inputs = weaker.drive(UNSEEN, UNSEEN.simulated)
+    found = Plant(SURROGATE).prepare_for(UNSEEN).error_with_effects(weaker, UNSEEN)
+    np.testing.assert_array_equal(found, SURROGATE.error_of_change(UNSEEN, inputs))
+    assert rms(found, UNSEEN) > 0.1
+    np.testing.assert_array_equal(Plant(CALLED).error_with_effects(weaker, UNSEEN), 0.0)
 
 
 def test_its_error_moves_in_time_with_the_motion() -> None:
