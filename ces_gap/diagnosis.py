@@ -60,5 +60,6 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     correction: LearnedCorrection | None = None  # of the baseline error
     surrogate: Surrogate | None = None  # of recorded predictions
+    surrogate_error: float | None = None  # its `difference_error`
     baselines: Mapping[str, str] = field(default_factory=dict)  # effects that simpler selection rules name
     figures: VerdictFigures | None = None  # the basis of the verdict

@@ -123,6 +123,7 @@ def diagnose(
         next_experiment=experiment,
         surrogate=surrogate,
         surrogate_cost_J=None if surrogate is None else surrogate.cost_J,
+        surrogate_error=None if surrogate is None else surrogate.difference_error,
         held_out=scores.series,
         notes=(*notes, *optional.notes),
         correction=baseline.correction,

@@ -118,6 +118,10 @@ def _doubt_lines(diagnosis: Diagnosis) -> list[str]:
     lines += [f"not observable: {effect}: {reason}" for effect, reason in diagnosis.invisible]
     if diagnosis.surrogate_cost_J is not None:
         lines.append(f"a surrogate with J = {diagnosis.surrogate_cost_J:.2f} % replaced the simulation")
+        if diagnosis.surrogate_error is not None:
+            lines[-1] += (
+                f"; its error where inputs change: about {100.0 * diagnosis.surrogate_error:.0f} % of the change"
+            )
     return lines
 
 

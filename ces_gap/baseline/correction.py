@@ -31,7 +31,10 @@ class LearnedCorrection:
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> LearnedCorrection:
         """Return the correction from `as_json`; raises KeyError, TypeError or ValueError if the document is not one."""
-        return cls(Dictionary.from_json(document["dictionary"]), np.array(document["weights"], dtype=np.float64))
+        dictionary = Dictionary.from_json(document["dictionary"])
+        weights = np.array(document["weights"], dtype=np.float64)
+        dictionary.require_weights(weights)
+        return cls(dictionary, weights)
 
 
 def learn_correction(references: Sequence[Trace]) -> tuple[LearnedCorrection, LearnerResult]:

@@ -60,12 +60,18 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "ceiling": _ceiling(d),
         "rest": None if d.rest is None else [_region(r) for r in d.rest.regions],
         "next_experiment": _experiment(d.next_experiment),
-        "surrogate": None if d.surrogate_cost_J is None else {"cost_J": d.surrogate_cost_J},
+        "surrogate": _surrogate(d),
         "held_out": [_held_out(s) for s in d.held_out],
         "notes": d.notes,
     }
     whole: dict[str, Any] = to_plain_json(document, "gap.json")
     return whole
+
+
+def _surrogate(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    if diagnosis.surrogate_cost_J is None:
+        return None
+    return {"cost_J": diagnosis.surrogate_cost_J, "difference_error": diagnosis.surrogate_error}
 
 
 def _region(region: GapRegion) -> dict[str, Any]:

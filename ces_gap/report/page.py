@@ -123,6 +123,11 @@ def _warnings(d: Diagnosis) -> list[str]:
     return [
         "The simulation is available only as recorded predictions. Effects on position and current were evaluated with "
         f"a surrogate learned from these predictions; its cost J is {three_figures(d.surrogate_cost_J)} %."
+        + (
+            ""
+            if d.surrogate_error is None
+            else f" Its error where inputs change is about {percent(d.surrogate_error)} % of the change."
+        )
     ]
 
 
