@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ces_gap.baseline.identified import add_left_out_force
 from ces_gap.baseline.plant import DirectSimulator, TraceSimulator
 from ces_gap.baseline.surrogate import Surrogate, learn_surrogate, make_changed_examples, make_recorded_examples
 from ces_gap.errors import GapError
@@ -67,6 +68,7 @@ def prepare_recordings(
             traces[-1].append(trace)
             done += 1
     fitted, held, references = traces
+    references = [add_left_out_force(simulation, trace) for trace in references]
     if not held:
         fitted, held = set_aside(fitted)
     _require_length(fitted)
