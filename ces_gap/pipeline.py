@@ -22,11 +22,13 @@ from ces_gap.inference.learn_baseline import learn_baseline
 from ces_gap.inference.search import search
 from ces_gap.inference.static_map import find_absorbed_effects
 from ces_gap.inference.verdict import calibration
-from ces_gap.intake.checks import check_traces, find_invisible_effects
+from ces_gap.intake.checks import check_traces, find_invisible_effects, seen_notes
 from ces_gap.intake.prepare import prepare_recordings
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.verdict_sentence import format_verdict
 from ces_gap.where.gap_location import locate_gap
+from ces_gap.witness.weigh import weigh_witness
+from ces_gap.witness.witness import ask_witness
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
 
@@ -60,6 +62,7 @@ def diagnose(
     for effect in options.effects:
         require_sound(effect, inputs.real[0])
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)
+    notes += seen_notes([*inputs.real, *inputs.held_out], simulation, spec)
     effects = (*library(), *options.effects)
     invisible = find_invisible_effects(effects, inputs.real)
 
@@ -74,16 +77,18 @@ def diagnose(
     doubts = find_doubts(baseline.plant, result, decision.interchangeable)
 
     scores = score_held_out(inputs, baseline, result, decision, options.seed, progress)
+    witness = ask_witness(simulation, inputs, baseline, progress)
+    verdict, witness_says = weigh_witness(decision.verdict, scores.composition.effects, witness)
     progress("locating the gap", 0.0)
-    location = locate_gap(result.evidence, scores.series, options.seed, with_rest=decision.verdict == UNKNOWN)
+    location = locate_gap(result.evidence, scores.series, options.seed, with_rest=verdict == UNKNOWN)
     experiment = None
-    if options.experiment and result.best is not None and decision.verdict not in (NO_GAP, NAMED):
+    if options.experiment and result.best is not None and verdict not in (NO_GAP, NAMED):
         progress("choosing the next experiment", 0.0)
         experiment = propose_experiment(baseline.plant, result, doubts, inputs.exact)
 
     surrogate = inputs.surrogate if inputs.exact is None else None
     diagnosis = Diagnosis(
-        verdict=decision.verdict,
+        verdict=verdict,
         sentence="",
         simulation=spec,
         gap=scores.gap,
@@ -107,5 +112,7 @@ def diagnose(
         correction=baseline.correction,
         baselines=name_by_simpler_rules(result),
         figures=decision.figures,
+        witness=witness,
+        witness_says=witness_says,
     )
     return replace(diagnosis, sentence=format_verdict(diagnosis))

@@ -36,6 +36,8 @@ def _describe_doubt(diagnosis: Diagnosis) -> str:
     if group:
         return f"These recordings cannot distinguish between {_join(group, 'and')}"
     others = [c.effects[0] for c in diagnosis.causes if c.probability >= POSSIBLE and c.effects[0] not in effects]
+    if not others and diagnosis.witness_says:
+        return diagnosis.witness_says[0].upper() + diagnosis.witness_says[1:]
     return f"These recordings do not rule out {_join(others, 'or')}"
 
 

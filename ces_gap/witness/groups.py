@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -40,7 +39,3 @@ GROUPS = (
     ),
 )
 
-
-def effects_of(group: str) -> Sequence[str]:
-    """Return the effects that would move a group."""
-    return next(one.effects for one in GROUPS if one.name == group)

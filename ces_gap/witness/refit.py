@@ -1,4 +1,4 @@
-"""The refit of one group of parameters, the others held, with its standard errors."""
+"""The refit of one group of parameters, the others held, and how clearly other recordings ask for the same change."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
 
 from ces_gap.trace import F
 from ces_gap.witness.target import RefitTarget
@@ -16,34 +15,24 @@ from ces_identify.numerics.bounded_levenberg import BoundedProblem, descend_with
 
 MAX_STEPS = 4
 PENALTY = 0.003  # [J %] of a change of one parameter by its scale: holds what the recordings do not determine
-MAX_Z = 37.0  # larger ones cannot be told from each other in double precision
 
-I = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Movement:
-    """How far the parameters at the places `free` move by a refit: `change` (n,) and its covariance (n, n)."""
-
-    free: I
-    change: F
-    covariance: F
+Places = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Linearisation:
-    """Gauss-Newton matrix (n, n) and gradients (blocks, n) of half the squared error by all parameters."""
+class Amplitude:
+    """The share of a change of force that recordings ask for (1: all of it), with its standard error."""
 
-    matrix: F
-    gradients: F
+    value: float
+    error: float
+
+    @property
+    def z(self) -> float:
+        """The amplitude in standard errors."""
+        return self.value / max(self.error, 1e-12)
 
 
-def linearise(target: RefitTarget, theta: F) -> Linearisation:
-    """Return the linearisation at `theta`."""
-    return Linearisation(*target.models.block_gradients(theta, target.weights, target.blocks))
-
-
-def places_of(target: RefitTarget, parts: Sequence[str]) -> I:
+def places_of(target: RefitTarget, parts: Sequence[str]) -> Places:
     """Return the places in theta of the named parts of the layout that the model has."""
     sizes = [len(g.start) for g in target.models.layout.groups]
     firsts = np.cumsum([0, *sizes[:-1]])
@@ -52,7 +41,7 @@ def places_of(target: RefitTarget, parts: Sequence[str]) -> I:
     return np.concatenate([np.empty(0, np.int64), *found]).astype(np.int64)
 
 
-def refit_group(target: RefitTarget, free: I) -> F:
+def refit_group(target: RefitTarget, free: Places) -> F:
     """Return theta with the parameters at the places `free` refitted within their bounds."""
     layout, start = target.models.layout, target.theta
 
@@ -80,31 +69,34 @@ def refit_group(target: RefitTarget, free: I) -> F:
     return theta
 
 
-def measure_movement(target: RefitTarget, free: I, at: Linearisation, change: F) -> Movement:
-    """Return the movement to a linearisation from `change` (n,) before it, plus the step that is left there.
+def predict_gain(target: RefitTarget, free: Places, matrix: F, gradient: F) -> float:
+    """Return the share of the squared error that one step of the parameters at the places `free` would gain.
 
-    Its covariance counts each block as one sample (White, Econometrica 50, 1982).
+    `matrix` (n, n) and `gradient` (n,) are those of half the squared error by all parameters.
     """
-    layout = target.models.layout
-    pull = np.diag(layout.penalty_weight(PENALTY) / layout.scale[free] ** 2)
-    inverse = np.linalg.inv(at.matrix[np.ix_(free, free)] + pull)
-    used = at.gradients[(at.gradients != 0.0).any(axis=1)][:, free]
-    left = -inverse @ (used.sum(axis=0) + pull @ change)
-    root = inverse @ (used - used.mean(axis=0)).T
-    spare = max(len(used) - len(free), 1)
-    return Movement(free, change + left, root @ root.T * len(used) / spare)
+    step = np.linalg.lstsq(matrix[np.ix_(free, free)], gradient[free], rcond=1e-9)[0]
+    return float(gradient[free] @ step) / max(target.models.error(target.theta, target.weights), 1e-300)
 
 
-def compare_movements(real: Movement, control: Movement | None) -> float:
-    """Return by how many standard errors a movement differs from that of the control (or from none).
+def measure_amplitude(target: RefitTarget, theta: F) -> Amplitude:
+    """Return how much of the change of force from the baseline to `theta` the target's recordings ask for.
 
-    Several parameters count by the standard error of a normal variable that is as improbable.
+    It is the regression of the baseline's error on the change; each block counts as one sample in its standard error
+    (White, Econometrica 50, 1982).
     """
-    difference = real.change if control is None else real.change - control.change
-    covariance = real.covariance if control is None else real.covariance + control.covariance
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    whole = covariance / np.outer(scale, scale) + 1e-6 * np.eye(len(scale))
-    square = float((difference / scale) @ np.linalg.solve(whole, difference / scale))
-    if len(scale) == 1:
-        return min(float(np.sqrt(square)), MAX_Z)
-    return min(float(norm.isf(max(float(chi2.sf(square, len(scale))) / 2.0, 1e-300))), MAX_Z)
+    before = target.models.force(target.theta)
+    change = np.where(target.weights > 0.0, target.models.force(theta) - before, 0.0)
+    size = max(float(change @ change), 1e-300)
+    value = float(change @ (target.models.training.measured - before)) / size
+    rest = change * (target.models.training.measured - before - value * change)
+    scores = np.bincount(target.blocks, rest)
+    used = np.bincount(target.blocks, target.weights) > 0.0
+    spare = max(int(used.sum()) - 1, 1)
+    return Amplitude(value, float(np.sqrt((scores[used] ** 2).sum() * used.sum() / spare)) / size)
+
+
+def subtract_control(real: Amplitude, control: Amplitude | None) -> float:
+    """Return by how many standard errors the real recordings ask for more of the change than the references do."""
+    if control is None:
+        return real.z
+    return (real.value - control.value) / max(float(np.hypot(real.error, control.error)), 1e-12)

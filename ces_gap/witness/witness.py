@@ -18,12 +18,12 @@ from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import F
 from ces_gap.witness.groups import GROUPS, ParameterGroup
 from ces_gap.witness.refit import (
-    Linearisation,
-    compare_movements,
-    linearise,
-    measure_movement,
+    Places,
+    measure_amplitude,
     places_of,
+    predict_gain,
     refit_group,
+    subtract_control,
 )
 from ces_gap.witness.target import RefitTarget, build_target
 from ces_identify.simulations.simulation import Simulation
@@ -34,6 +34,7 @@ from ces_observer.structures.chambers import Chambers
 from ces_observer.structures.relaxation import Relaxation
 
 MIN_PREDICTED_GAIN = 0.01  # of the squared error: a group that could gain less is not refitted
+MIN_GAP = 0.1  # of the noise's energy: a smaller held-out gap counts as this large
 MAX_CHANGES, MIN_CHANGE = 2, 0.02  # quantities that a report names, and the relative change from which it does
 
 
@@ -48,9 +49,10 @@ class QuantityChange:
 
 @dataclass(frozen=True)
 class GroupRefit:
-    """The refit of one group: it moved by `moved_z` standard errors, in the references' refit by `control_z` (or None).
+    """The refit of one group.
 
-    `closes` is the share of the held-out gap (RMS, noise taken out) that it closes, `energy` and `energy_error` the
+    Held-out recordings ask for its change of force by `moved_z` standard errors, net of what the references ask for,
+    `control_z` standard errors (None without references). `closes` is the share of the held-out gap (RMS, noise taken out) that it closes, `energy` and `energy_error` the
     share of the gap's energy and its standard error. `block_energy` (b,) are the parts of `energy` in blocks.
     """
 
@@ -67,9 +69,13 @@ class GroupRefit:
 
 @dataclass(frozen=True)
 class Witness:
-    """The refits of all groups, the one that closes most first; `note` says why there are none."""
+    """The refits of the groups that could gain anything, the one that closes most first.
+
+    `heard` are the effects of every group that the model has, refitted or not; `note` says why there are none.
+    """
 
     refits: tuple[GroupRefit, ...] = ()
+    heard: tuple[tuple[str, ...], ...] = ()
     note: str = ""
 
 
@@ -97,7 +103,9 @@ def ask_witness(
         targets = _open(model, model.body, inputs, baseline)
         if targets is None:
             return Witness(note="the model's parameters cannot be refitted: its nodes are not those of this version")
-        return Witness(tuple(_refit_all(targets, baseline.evidence.noise.rms_N, progress)))
+        groups = [g for g in GROUPS if len(places_of(targets.real, g.parts))]
+        refits = _refit_all(targets, groups, baseline.evidence.noise.rms_N, progress)
+        return Witness(tuple(refits), tuple(g.effects for g in groups))
     except (CesError, ArithmeticError, np.linalg.LinAlgError, ValueError) as error:
         return Witness(note=f"the model's parameters could not be refitted: {error}")
 
@@ -109,50 +117,34 @@ def _open(model: Model, body: Body, inputs: DiagnosisInput, baseline: Baseline) 
     return None if real is None or held_out is None else _Targets(model, real, held_out, control)
 
 
-def _refit_all(targets: _Targets, noise_N: float, progress: Progress) -> Sequence[GroupRefit]:
-    real, control = targets.real, targets.control
-    start = linearise(real, real.theta)
-    quiet = None if control is None else linearise(control, control.theta)
+def _refit_all(
+    targets: _Targets, groups: Sequence[ParameterGroup], noise_N: float, progress: Progress
+) -> Sequence[GroupRefit]:
+    real = targets.real
+    _, matrix, gradient = real.models.normal_equations(real.theta, real.weights)
     before = targets.held_out.square_errors(targets.held_out.theta)
     found = []
-    for k, group in enumerate(GROUPS):
-        progress(f"refitting the model's {group.name}", k / len(GROUPS))
+    for k, group in enumerate(groups):
+        progress(f"refitting the model's {group.name}", k / len(groups))
         free = places_of(real, group.parts)
-        free = free[np.diag(start.matrix)[free] > 0.0]
-        if len(free) and _predict_gain(real, free, start) > MIN_PREDICTED_GAIN:
-            found.append(_refit_one(targets, group, free, quiet, before, noise_N))
+        free = free[np.diag(matrix)[free] > 0.0]
+        if len(free) and predict_gain(real, free, matrix, gradient) > MIN_PREDICTED_GAIN:
+            found.append(_refit_one(targets, group, free, before, noise_N))
     return sorted(found, key=lambda refit: -refit.energy)
 
 
-def _predict_gain(target: RefitTarget, free: np.ndarray, at: Linearisation) -> float:
-    """Return the share of the squared error that one step of the group's parameters would gain."""
-    gradient, matrix = at.gradients.sum(axis=0)[free], at.matrix[np.ix_(free, free)]
-    gain = float(gradient @ np.linalg.lstsq(matrix, gradient, rcond=1e-9)[0])
-    return gain / max(target.models.error(target.theta, target.weights), 1e-300)
-
-
-def _refit_one(
-    targets: _Targets,
-    group: ParameterGroup,
-    free: np.ndarray,
-    quiet: Linearisation | None,
-    before: F,
-    noise_N: float,
-) -> GroupRefit:
-    real, held_out, control = targets.real, targets.held_out, targets.control
-    theta = refit_group(real, free)
-    moved = measure_movement(real, free, linearise(real, theta), theta[free] - real.theta[free])
-    rest = None
-    if control is not None and quiet is not None:
-        rest = measure_movement(control, free, quiet, np.zeros(len(free)))
-    gap = max(float(before.sum()) - held_out.count * noise_N**2, 1e-9 * float(before.sum()) + 1e-300)
-    gain = (before - held_out.square_errors(theta)) / gap
+def _refit_one(targets: _Targets, group: ParameterGroup, free: Places, before: F, noise_N: float) -> GroupRefit:
+    held_out, theta = targets.held_out, refit_group(targets.real, free)
+    asked = measure_amplitude(held_out, theta)
+    control = None if targets.control is None else measure_amplitude(targets.control, theta)
+    noise = held_out.count * noise_N**2
+    gain = (before - held_out.square_errors(theta)) / max(float(before.sum()) - noise, MIN_GAP * noise, 1e-12)
     energy = float(gain.sum())
     return GroupRefit(
         group.name,
         group.effects,
-        compare_movements(moved, rest),
-        None if rest is None else compare_movements(rest, None),
+        subtract_control(asked, control),
+        None if control is None else control.z,
         float(1.0 - np.sqrt(max(1.0 - energy, 0.0))),
         energy,
         float(np.sqrt(len(gain)) * gain.std()),
