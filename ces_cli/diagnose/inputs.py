@@ -35,7 +35,9 @@ def read_with_predictions(simulation: Simulation | None, path: Path, signals: Si
 def require_one_source(options: argparse.Namespace) -> None:
     """Raise CesError unless the options give a simulation or references to identify one from, not both."""
     if options.identify and options.sim is not None:
-        raise CesError("--sim and --identify: give one of them; --identify takes a model of the references as simulation")
+        raise CesError(
+            "--sim and --identify: give one of them; --identify takes a model of the references as simulation"
+        )
     if not options.identify and options.sim is None:
         raise CesError("no simulation: give --sim SIM, or --identify with --reference BAG...")
     if options.identify and not options.reference:

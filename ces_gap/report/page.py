@@ -106,7 +106,9 @@ def _refits(d: Diagnosis) -> list[dict[str, str]]:
     return [
         {
             "group": sentence_case(refit.group),
-            "changes": "; ".join(f"{c.name}: {three_figures(c.before)} to {three_figures(c.after)}" for c in refit.changes),
+            "changes": "; ".join(
+                f"{c.name}: {three_figures(c.before)} to {three_figures(c.after)}" for c in refit.changes
+            ),
             "moved": f"{refit.moved_z:.1f}",
             "control": "–" if refit.control_z is None else f"{refit.control_z:.1f}",
             "closes": percent(refit.closes),

@@ -38,4 +38,3 @@ GROUPS = (
         ("force_scale", "leakage", "blow_off", "temperature_fade", "calibration"),
     ),
 )
-

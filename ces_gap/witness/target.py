@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Correction
 from ces_gap.trace import F, Trace
-from ces_identify.physical.models import PhysicalModels
+from ces_identify.physical.models import Body, PhysicalModels
 from ces_identify.physical.reopened_models import reopen
 from ces_identify.preparation.series import prepare
-from ces_identify.structures.physical_quantities import Body
 from ces_identify.trained.training import Training
 from ces_observer.model import Model
 
@@ -33,7 +32,7 @@ class RefitTarget:
     def square_errors(self, theta: F) -> F:
         """Return the sum of the squared errors [N2] in each block (b,)."""
         error = np.where(self.weights > 0.0, self.models.force(theta) - self.models.training.measured, 0.0)
-        return np.bincount(self.blocks, error**2)
+        return np.asarray(np.bincount(self.blocks, error**2), np.float64)
 
     @property
     def count(self) -> int:
@@ -41,7 +40,9 @@ class RefitTarget:
         return int((self.weights > 0.0).sum())
 
 
-def build_target(model: Model, body: Body, traces: Sequence[Trace], correction: Correction | None) -> RefitTarget | None:
+def build_target(
+    model: Model, body: Body, traces: Sequence[Trace], correction: Correction | None
+) -> RefitTarget | None:
     """Return the target on the usable ticks of the traces; None if the model was not made by these models."""
     series = [prepare(trace.recording, model.sampling) for trace in traces]
     share = min(1.0, MAX_TICKS / max(1, sum(len(one) for one in series)))

@@ -9,7 +9,7 @@ import numpy as np
 from ces_gap.inference.verdict import AMBIGUOUS, NAMED
 from ces_gap.witness.witness import GroupRefit, Witness
 
-MIN_MOVED = 3.0  # standard errors, and times the control's movement
+MIN_MOVED = 3.0  # standard errors
 MIN_ENERGY = 0.1  # of the held-out gap, for a refit that counts
 CLEAR_Z = 2.0  # standard errors by which a refit closes more than another
 CLEAR_ENERGY = 0.1  # of the gap, too
@@ -24,25 +24,23 @@ def weigh_witness(verdict: str, composition: Sequence[str], witness: Witness | N
     """
     if witness is None or verdict not in (NAMED, AMBIGUOUS):
         return verdict, ""
-    groups = {refit.group: refit for refit in witness.refits if refit.control_z is not None}
-    moved = [refit for refit in groups.values() if has_moved(refit)]
-    own = [refit for refit in moved if set(refit.effects) & set(composition)]
+    heard = [refit for refit in witness.refits if refit.control_z is not None]
+    own = [refit for refit in heard if set(refit.effects) & set(composition)]
     best = max(own, key=lambda refit: refit.energy, default=None)
-    rivals = [refit for refit in moved if refit not in own and closes_more(refit, best)]
+    rivals = [refit for refit in heard if refit not in own and has_moved(refit) and closes_more(refit, best)]
     if rivals and _has_own_group(composition, witness):
         return AMBIGUOUS, _describe_rival(max(rivals, key=lambda refit: refit.energy), best)
-    return verdict, "" if best is None else _describe_agreement(best)
+    return verdict, "" if best is None or not has_moved(best) else _describe_agreement(best)
 
 
 def has_moved(refit: GroupRefit) -> bool:
-    """True if the group moved, and closes part of the held-out gap by it."""
-    control = max(1.0, refit.control_z or 0.0)
+    """True if the group moved, more than on the references, and closes part of the held-out gap by it."""
     clear = refit.energy > CLEAR_Z * refit.energy_error and refit.energy >= MIN_ENERGY
-    return clear and refit.moved_z >= MIN_MOVED * control
+    return clear and refit.moved_z >= max(MIN_MOVED, abs(refit.control_z or 0.0))
 
 
 def closes_more(refit: GroupRefit, other: GroupRefit | None) -> bool:
-    """True if a refit closes more of the held-out gap than another one (or none), beyond the error of the difference."""
+    """True if a refit closes more of the held-out gap than another one, beyond the error of the difference."""
     if other is None:
         return True
     difference = np.array(refit.block_energy) - np.array(other.block_energy)

@@ -26,8 +26,9 @@ from ces_gap.witness.refit import (
     subtract_control,
 )
 from ces_gap.witness.target import RefitTarget, build_target
+from ces_identify.physical.models import Body
 from ces_identify.simulations.simulation import Simulation
-from ces_identify.structures.physical_quantities import Body, read_quantities
+from ces_identify.structures.physical_quantities import read_quantities
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.structures.chambers import Chambers
@@ -52,8 +53,9 @@ class GroupRefit:
     """The refit of one group.
 
     Held-out recordings ask for its change of force by `moved_z` standard errors, net of what the references ask for,
-    `control_z` standard errors (None without references). `closes` is the share of the held-out gap (RMS, noise taken out) that it closes, `energy` and `energy_error` the
-    share of the gap's energy and its standard error. `block_energy` (b,) are the parts of `energy` in blocks.
+    `control_z` standard errors (None without references). `closes` is the share of the held-out gap (RMS, noise taken
+    out) that it closes, `energy` and `energy_error` the share of the gap's energy and its standard error;
+    `block_energy` (b,) are the parts of `energy` in blocks.
     """
 
     group: str
