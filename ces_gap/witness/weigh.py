@@ -20,15 +20,17 @@ def weigh_witness(verdict: str, composition: Sequence[str], witness: Witness | N
 
     A refit agrees if its group belongs to one of the effects, moved, and closes part of the held-out gap. Another group
     that moved and closes clearly more disagrees. A baseline without a group for any of the effects says nothing, nor
-    does a witness without a control, as the model's own error moves its parameters, too.
+    does a witness without a control, as the model's own error moves its parameters, too. Where no effect is named, it
+    says which group moved.
     """
-    if witness is None or verdict not in (NAMED, AMBIGUOUS):
-        return verdict, ""
-    heard = [refit for refit in witness.refits if refit.control_z is not None]
+    heard = [] if witness is None else [refit for refit in witness.refits if refit.control_z is not None]
+    if verdict not in (NAMED, AMBIGUOUS):
+        first = next((refit for refit in heard if has_moved(refit)), None)
+        return verdict, "" if first is None else f"the model's {first.group} moved: {describe_refit(first)}"
     own = [refit for refit in heard if set(refit.effects) & set(composition)]
     best = max(own, key=lambda refit: refit.energy, default=None)
     rivals = [refit for refit in heard if refit not in own and has_moved(refit) and closes_more(refit, best)]
-    if rivals and _has_own_group(composition, witness):
+    if rivals and witness is not None and _has_own_group(composition, witness):
         return AMBIGUOUS, _describe_rival(max(rivals, key=lambda refit: refit.energy), best)
     return verdict, "" if best is None or not has_moved(best) else _describe_agreement(best)
 

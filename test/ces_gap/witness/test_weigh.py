@@ -62,8 +62,10 @@ def test_a_group_that_could_gain_nothing_contradicts_its_effect():
 
 
 @pytest.mark.parametrize("verdict", [NO_GAP, UNKNOWN])
-def test_other_verdicts_stay(verdict):
-    assert weigh(refit("valve lag", 0.8), verdict=verdict) == (verdict, "")
+def test_where_nothing_is_named_the_verdict_stays_and_it_says_what_moved(verdict):
+    stayed, says = weigh(refit("valve lag", 0.8), verdict=verdict)
+    assert stayed == verdict and says.startswith("the model's valve lag moved: ")
+    assert weigh(refit("valve lag", 0.8, moved_z=1.0), verdict=verdict) == (verdict, "")
     assert weigh_witness(verdict, (), None) == (verdict, "")
 
 
