@@ -2,7 +2,8 @@
 
 Each stage is a function from records to a record:
 
-    prepare_recordings -> learn_baseline -> search -> decide -> find_doubts -> score_held_out -> locate_gap -> Diagnosis
+    prepare_recordings -> learn_baseline -> search -> decide -> find_doubts -> score_held_out
+    -> ask_witness -> locate_gap -> Diagnosis
 """
 
 from __future__ import annotations

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+# The valve characteristic ends at the lowest and the highest current recorded; a gain of the current that moves these
+# ends moves the curves of the flow map, too.
+
 
 @dataclass(frozen=True)
 class ParameterGroup:
@@ -35,6 +38,6 @@ GROUPS = (
     ParameterGroup(
         "flow map",
         ("map", "leak", "ratio"),
-        ("force_scale", "leakage", "blow_off", "temperature_fade", "calibration"),
+        ("force_scale", "leakage", "blow_off", "temperature_fade", "calibration", "current_scale"),
     ),
 )
