@@ -129,7 +129,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "inference": "baseline effects intake progress trace",
         "experiment": "baseline effects inference trace",
         "where": "baseline errors inference trace",
-        "witness": "baseline inference intake progress trace",
+        "witness": "baseline errors inference intake progress trace",
         "diagnosis": "baseline experiment inference where witness",
         "report": "augmented diagnosis effects errors experiment",
         "verdict_sentence": "diagnosis inference",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import Correction
+from ces_gap.errors import GapError
 from ces_gap.trace import F, Trace
 from ces_identify.physical.models import Body, PhysicalModels
 from ces_identify.physical.reopened_models import reopen
@@ -43,7 +44,10 @@ class RefitTarget:
 def build_target(
     model: Model, body: Body, traces: Sequence[Trace], correction: Correction | None
 ) -> RefitTarget | None:
-    """Return the target on the usable ticks of the traces; None if the model was not made by these models."""
+    """Return the target on the usable ticks of the traces; None if the model was not made by these models.
+
+    Raises GapError without usable ticks.
+    """
     series = [prepare(trace.recording, model.sampling) for trace in traces]
     share = min(1.0, MAX_TICKS / max(1, sum(len(one) for one in series)))
     series = [one.part(0.0, share) for one in series]
@@ -54,6 +58,8 @@ def build_target(
         added = 0.0 if correction is None else correction.force(trace, trace.inputs, trace.simulated)
         measured.append(one.force - np.interp(one.time_s, trace.time_s, np.zeros(len(trace)) + added))
     mask, force = np.concatenate(keep), np.concatenate(measured)
+    if not mask.any():
+        raise GapError(f"{', '.join(t.name for t in traces)}: no usable tick after the model's warm-up")
     inputs = np.stack([np.concatenate([getattr(s, n) for s in series]) for n in ("position", "speed", "current")])
     starts = np.cumsum([0, *(len(s) for s in series[:-1])])
     segments = np.concatenate([s.segments + at for s, at in zip(series, starts, strict=True)])

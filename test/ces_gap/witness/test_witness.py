@@ -1,5 +1,6 @@
 """The witness on rides of the virtual rig: the group whose counterpart changed moves; nothing moves if nothing did."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 from physical_models import RELAXATION, physical_model
 from rig_rides import SLOW, identified, rig_ride
 
+from ces_gap.augmented.augmented_simulation import AugmentedSimulation
+from ces_gap.effects.effect import Composition
 from ces_gap.inference.learn_baseline import learn_baseline
 from ces_gap.inference.verdict import AMBIGUOUS, NAMED
 from ces_gap.intake.prepare import prepare_recordings
@@ -57,5 +60,14 @@ def test_it_never_fails_and_other_simulations_have_none():
     inputs = prepare_recordings(function, [rig_ride(7)], [rig_ride(9)], [])
     baseline = learn_baseline(inputs)
     assert ask_witness(function, inputs, baseline) is None
+    assert ask_witness(AugmentedSimulation("a", identified(), Composition()), inputs, baseline) is None
     by_hand = ask_witness(ModelSimulation(physical_model(RELAXATION)), inputs, baseline)
     assert not by_hand.refits and "cannot be refitted" in by_hand.note
+
+
+def test_what_goes_wrong_is_its_note():
+    simulation = identified()
+    inputs = prepare_recordings(simulation, [rig_ride(7)], [rig_ride(9)], [])
+    empty = replace(inputs, held_out=tuple(replace(t, usable=np.zeros(len(t), bool)) for t in inputs.held_out))
+    witness = ask_witness(simulation, empty, learn_baseline(inputs))
+    assert not witness.refits and "could not be refitted" in witness.note
