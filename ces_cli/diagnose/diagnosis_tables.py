@@ -41,7 +41,7 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     _print_lines(_gap_lines(diagnosis))
     if diagnosis.causes and diagnosis.verdict != NO_GAP:
         terminal.out.print(_cause_table(diagnosis))
-    _print_lines([*_parameter_lines(diagnosis), *_where_lines(diagnosis)])
+    _print_lines([*_parameter_lines(diagnosis), *_witness_lines(diagnosis), *_where_lines(diagnosis)])
     _print_lines([*_doubt_lines(diagnosis), *_next_lines(diagnosis, folder)])
     print(f"written: {folder}/{', '.join(files)}")
 
@@ -88,6 +88,14 @@ def _parameter_lines(diagnosis: Diagnosis) -> list[str]:
     pairs = [p for p in zip(together.effects, together.estimates, strict=True) if p[0] != CALIBRATION]
     lines = [f"{effect}: {', '.join(map(estimate, estimates))}" for effect, estimates in pairs]
     return lines + [calibration_text(cell) for cell in calibration_cells(diagnosis)]
+
+
+def _witness_lines(diagnosis: Diagnosis) -> list[str]:
+    """Return what the refits of the model's own parameters say."""
+    if diagnosis.witness is None:
+        return []
+    says = diagnosis.witness_says or diagnosis.witness.note
+    return [f"second witness: {says}"] if says else []
 
 
 def _where_lines(diagnosis: Diagnosis) -> list[str]:

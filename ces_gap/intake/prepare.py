@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ces_gap.baseline.identified import add_left_out_force
 from ces_gap.baseline.plant import DirectSimulator, TraceSimulator
 from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.baseline.surrogate_examples import make_changed_examples, make_recorded_examples
@@ -70,6 +71,7 @@ def prepare_recordings(
             traces[-1].append(trace)
             done += 1
     fitted, held, references = traces
+    references = [add_left_out_force(simulation, trace) for trace in references]
     if not held:
         fitted, held = set_aside(fitted)
     _require_length(fitted)

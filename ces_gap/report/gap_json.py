@@ -59,6 +59,7 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "controls": _controls(d),
         "ceiling": _ceiling(d),
         "rest": None if d.rest is None else [_region(r) for r in d.rest.regions],
+        "witness": _witness(d),
         "next_experiment": _experiment(d.next_experiment),
         "surrogate": _surrogate(d),
         "held_out": [_held_out(s) for s in d.held_out],
@@ -136,6 +137,16 @@ def _controls(d: Diagnosis) -> dict[str, Any]:
 def _ceiling(d: Diagnosis) -> dict[str, Any]:
     shrink = 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
     return {"gap_after_N": d.ceiling_after_N, "shrink": shrink}
+
+
+def _witness(d: Diagnosis) -> dict[str, Any] | None:
+    """Return the refits of a physical model's parameters; null for other simulations."""
+    if d.witness is None:
+        return None
+    refits = [asdict(refit) for refit in d.witness.refits]
+    for refit in refits:
+        del refit["block_energy"]
+    return {"says": d.witness_says, "note": d.witness.note, "refits": refits}
 
 
 def _experiment(experiment: NextExperiment | None) -> dict[str, Any]:

@@ -64,6 +64,7 @@ def report_page(
         together=composition_rows(d),
         rest_rows=_probabilities(d),
         calibration=_calibration_table(d) if has_gap else None,
+        refits=_refits(d),
         open_questions=_open_questions(d),
         where=_where("where", "gap", d.where) if has_gap else None,
         rest=_where("rest", "rest", d.rest) if d.rest is not None else None,
@@ -115,6 +116,24 @@ def _probabilities(d: Diagnosis) -> list[tuple[str, str, str, float, str]]:
         ("nothing", "no effect", "only noise and baseline error", d.probability_none),
     )
     return [(css, label, remark, 100.0 * p, percent(p)) for css, label, remark, p in rows]
+
+
+def _refits(d: Diagnosis) -> list[dict[str, str]]:
+    """Return the refits of a physical model's parameters that close part of the gap."""
+    refits = d.witness.refits if d.witness is not None else ()
+    return [
+        {
+            "group": sentence_case(refit.group),
+            "changes": "; ".join(
+                f"{c.name}: {three_figures(c.before)} to {three_figures(c.after)}" for c in refit.changes
+            ),
+            "moved": f"{refit.moved_z:.1f}",
+            "control": "–" if refit.control_z is None else f"{refit.control_z:.1f}",
+            "closes": percent(refit.closes),
+        }
+        for refit in refits
+        if refit.energy > refit.energy_error
+    ]
 
 
 def _warnings(d: Diagnosis) -> list[str]:
