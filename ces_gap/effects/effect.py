@@ -80,6 +80,7 @@ class Effect:
     form: ClassVar[str] = ""
     stage: ClassVar[int] = PARALLEL
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation runs again
+    limit: ClassVar[str] = ""  # effect to which this form tends at a bound: significance decides between the two
     needs: ClassVar[str] = ""  # what a recording must contain for the effect to be visible: "a changing current"
     parameters: ClassVar[tuple[EffectParameter, ...]] = ()
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_Z, compute_paired_gain
 from ces_gap.inference.fit import EffectFit
+from ces_gap.inference.nested_forms import loses_to_nested_form
 from ces_gap.inference.search import EffectSearchResult
 from ces_gap.inference.verdict import NEGLIGIBLE_SHARE
 
@@ -19,16 +20,21 @@ def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
     if best is None:
         return []
     fits = result.alone if len(best.effects) == 1 else result.tried
-    return [f for f in fits if len(f.names) == len(best.names) and len(set(best.names) - set(f.names)) == 1]
+    near = [f for f in fits if len(f.names) == len(best.names) and len(set(best.names) - set(f.names)) == 1]
+    return [f for f in near if not loses_to_nested_form(result.evidence, f, best)]
 
 
 def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     """Return the smallest share of the gap's energy that each effect leaves: alone, in the best, or as an alternative.
 
-    An alternative counts only for the effect that it adds, not for those that it shares with the best.
+    An alternative counts only for the effect that it adds, not for those that it shares with the best. An effect that
+    loses to a nested form counts as leaving clearly more.
     """
+    best, clear = result.best, MIN_GAIN_SHARE * result.gap_energy
     costs = {fit.names[0]: fit.cost for fit in result.alone}
-    best = result.best
+    if best is not None and len(best.effects) == 1:
+        lost = [f for f in result.alone if loses_to_nested_form(result.evidence, f, best)]
+        costs.update({f.names[0]: max(f.cost, best.cost + clear) for f in lost})
     for fit in (*find_alternatives(result), *([best] if best is not None else [])):
         names = fit.names if best is None or fit is best else set(fit.names) - set(best.names)
         costs.update({name: min(costs[name], fit.cost) for name in names})
