@@ -7,7 +7,7 @@ simulated force, so that most of the learner's error cancels.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,7 @@ class SurrogateExample:
 
 def learn_surrogate(examples: Sequence[SurrogateExample]) -> Surrogate:
     """Return the surrogate learnt from the examples."""
-    traces, forces = [e.trace for e in examples], [e.force for e in examples]
+    traces, forces = [replace(e.trace, inputs=e.inputs) for e in examples], [e.force for e in examples]
     dictionary = Dictionary(Scales.of(traces, forces), by_force=False)
     features = [dictionary.features(e.trace, e.inputs, np.zeros(len(e.trace))) for e in examples]
     usable = [t.usable for t in traces]

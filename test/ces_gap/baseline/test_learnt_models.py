@@ -87,6 +87,14 @@ def test_the_surrogate_predicts_the_effect_of_changed_inputs(change: str) -> Non
     assert rms(predicted - exact, trace) < 0.45 * rms(exact, trace)
 
 
+def test_the_surrogate_of_a_constant_current_learns_the_current_from_changed_inputs() -> None:
+    constant = [traced(seed=s, constant_A=0.8) for s in (1, 2)]
+    surrogate, trace = learn_surrogate(make_changed_examples(constant, CALLED)), constant[0]
+    stronger = trace.inputs.with_current(1.05 * trace.inputs.current)
+    added = CALLED.force(trace, stronger) - trace.simulated
+    assert rms(surrogate.force(trace, stronger) - trace.simulated - added, trace) < 0.5 * rms(added, trace)
+
+
 def test_the_cost_of_the_surrogate_is_that_on_held_out_data() -> None:
     surrogate, use = learn_surrogate(make_recorded_examples(REFERENCES)), UNSEEN.usable
     predicted = surrogate.dictionary.predict(UNSEEN, UNSEEN.inputs, np.zeros(len(UNSEEN)), surrogate.weights)
