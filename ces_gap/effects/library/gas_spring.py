@@ -1,6 +1,6 @@
 """Gas spring: the gas force on the rod grows with compression; the simulation has another gas charge, or none.
 
-A cell that was tared on the damper reads only the change of the gas force with stroke; one that was not reads all of it.
+A cell that was tared on the damper reads only the change of the gas force with stroke, another one all of it.
 """
 
 from __future__ import annotations
@@ -22,9 +22,7 @@ COLUMN = EffectParameter("column_m", 0.05, 3.0, (0.15, 0.5), "gas volume over ro
 PRELOAD = EffectParameter(
     "preload_N", -3000.0, 3000.0, (100.0,), "real minus simulated gas force at position zero", magnitude=True
 )
-CHARGED_COLUMN = EffectParameter(
-    "column_m", 0.05, 1.0, (0.15, 0.5), "gas volume over rod area at position zero", "log"
-)
+CHARGED_COLUMN = EffectParameter("column_m", 0.05, 1.0, (0.15, 0.5), "gas volume over rod area at position zero", "log")
 
 
 class LinearGasSpring(Effect):
