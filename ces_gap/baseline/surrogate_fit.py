@@ -96,7 +96,7 @@ def _add_models(examples: Sequence[SurrogateExample]) -> _Candidate:
 
 def _learn_rest(examples: Sequence[SurrogateExample], physical: _Candidate) -> _Candidate:
     """Return the candidate with a dictionary for what it leaves; a dictionary alone does not know the force."""
-    traces, by_force = [e.trace for e in examples], bool(physical.surrogate.models)
+    traces, by_force = [replace(e.trace, inputs=e.inputs) for e in examples], bool(physical.surrogate.models)
     targets = [e.force - p for e, p in zip(examples, physical.predicted, strict=True)]
     dictionary = Dictionary(Scales.of(traces, [e.force for e in examples]), by_force=by_force)
     features = [dictionary.features(e.trace, e.inputs, p) for e, p in zip(examples, physical.predicted, strict=True)]
