@@ -55,6 +55,7 @@ class DamperKind:
     drive: Callable[..., None]
     ride: Callable[..., None]
     coil: int  # index of the coil current in the kernel's state
+    temperature: int  # the same of the temperature
     step_s: float  # step of the integrator
 
     def draw_plant(self, rng: Generator) -> DamperModel:
@@ -77,6 +78,7 @@ def _kind(design: DamperModel, effects: ModuleType, kernel: ModuleType, live: Mo
         live.drive,
         live.ride,
         kernel.COIL,
+        kernel.TEMPERATURE,
         step_s,
     )
 

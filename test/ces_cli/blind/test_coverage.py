@@ -48,7 +48,8 @@ def test_a_logged_current_is_inverted_and_needs_both_numbers():
 def test_other_laws_and_effects_that_were_not_found_are_not_counted():
     late = WithheldEffect("position_delay", 1.0, {"delay_s": 2e-3, "lag_share": 0.5})
     assert list_coverage(*build("hydraulic", late, {"delay_s": [-1.0, 1.0]})) == ()
-    label, gap = build("hydraulic", WithheldEffect("inertia", 1.0, {"mass_kg": 2.0}), {"mass_kg": [None, None]})
+    label, gap = build("hydraulic", WithheldEffect("inertia", 1.0, {"mass_kg": 2.0}), {"mass_kg": [1.0, 3.0]})
+    gap["composition"]["parameters"]["inertia"]["mass_kg"]["ci95"] = [None, None]
     assert list_coverage(label, gap) == ()
     gap["composition"]["parameters"] = {"friction": {"coulomb_N": {"value": 1.0, "ci95": [0.0, 2.0]}}}
     assert list_coverage(label, gap) == ()
