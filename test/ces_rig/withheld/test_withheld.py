@@ -26,9 +26,9 @@ from ces_rig.withheld.plants import (
 )
 from ces_rig.withheld.scaling import perturb_to_gap, scale_to_gap, search_size
 
-SECONDS = {"hydraulic": 0.4, "bouc_wen": 1.0, "calibration": 1.0}
+SECONDS = {"hydraulic": 0.4, "bouc_wen": 1.0, "calibration": 1.0, "monotube": 1.0}
 CASES = [(kind, name) for kind in PLANTS for name in available_effects(kind)]
-WITHOUT = {"hydraulic": set(), "bouc_wen": {"sticking_check", "late_check"}, "calibration": set()}
+WITHOUT = {"hydraulic": set(), "bouc_wen": {"sticking_check", "late_check"}, "calibration": set(), "monotube": set()}
 
 
 def drive(kind, steady=False):
