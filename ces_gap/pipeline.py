@@ -27,7 +27,7 @@ from ces_gap.inference.review import review
 from ces_gap.inference.search import search
 from ces_gap.inference.verdict import TOLERANCE_SHARE, calibration
 from ces_gap.intake.checks import check_traces, find_invisible_effects, seen_notes
-from ces_gap.intake.prepare import prepare_recordings
+from ces_gap.intake.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.optional_steps import OptionalSteps
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.verdict_sentence import format_verdict
@@ -35,7 +35,7 @@ from ces_gap.where.gap_location import NOWHERE, locate_gap
 from ces_gap.witness.weigh import weigh_witness
 from ces_gap.witness.witness import ask_witness
 from ces_identify.recordings.recording import Recording
-from ces_identify.simulations.simulation import Simulation
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,9 @@ def diagnose(
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
 
     progress("computing the ceiling", 0.0)
-    decision = decide(baseline, result, inputs.best, calibration(), options.tolerance)
+    decision = decide(
+        baseline, result, inputs.best, calibration(_calibrated_for(simulation, inputs)), options.tolerance
+    )
     progress("comparing indistinguishable effects", 0.0)
     optional = OptionalSteps()
     doubts = optional.run(
@@ -139,3 +141,10 @@ def diagnose(
         witness_says=witness_says,
     )
     return replace(diagnosis, sentence=format_verdict(diagnosis))
+
+
+def _calibrated_for(simulation: Simulation, inputs: DiagnosisInput) -> str:
+    """Return the kind of diagnosis for which probabilities are calibrated: key of `calibration.json`."""
+    if not inputs.reference:
+        return "no_references" if inputs.exact is not None else "predictions"
+    return "identified" if isinstance(simulation.innermost, ModelSimulation) else "references"
