@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.signal import butter, firwin, sosfiltfilt, welch
 
 from ces_gap.errors import GapError
-from ces_identify.recordings.recording import Recording
 
 F = NDArray[np.float64]
 B = NDArray[np.bool_]
@@ -90,19 +89,6 @@ def thin_out(values: F, factor: int) -> F:
 def _design_low_pass(factor: int) -> F:
     """Return the taps (8·factor + 1,) of a symmetric low-pass at half the rate that is left after decimation."""
     return np.asarray(firwin(8 * factor + 1, 0.8 / factor))
-
-
-def estimate_noise_N(recording: Recording, clock: NDArray[np.int64], base: F, factor: int) -> float:
-    """Return the RMS [N] on the grid of white noise as strong as the top eighth of the force's spectrum."""
-    if "force" not in recording.channels:
-        return 0.0
-    channel = recording.channel("force")
-    values = channel.values[np.isfinite(channel.values)]
-    power = welch(values, 2.0, nperseg=min(len(values), 64), average="median")[1]
-    level = float(np.median(power[7 * len(power) // 8 : -1]))
-    noise = np.random.default_rng(0).standard_normal(len(channel))  # resampling attenuates it
-    resampled = thin_out(bridge_gaps((channel.stamps_ns - clock[0]) * 1e-9, noise, base)[0], factor)
-    return float(np.sqrt(level) * resampled.std())
 
 
 def without_edges(known: B, edge: int) -> B:

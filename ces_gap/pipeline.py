@@ -15,9 +15,10 @@ from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.effects.user_effects import require_sound
-from ces_gap.experiment.doubts import find_doubts, propose_experiment
+from ces_gap.experiment.doubts import NO_DOUBTS, find_doubts, propose_experiment
 from ces_gap.inference.absorbed_effects import find_absorbed_effects
 from ces_gap.inference.anchored_surrogate import Refinement
+from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED
 from ces_gap.inference.decide import decide, name_by_simpler_rules
 from ces_gap.inference.held_out import score_held_out
 from ces_gap.inference.learn_baseline import learn_baseline
@@ -26,9 +27,10 @@ from ces_gap.inference.search import search
 from ces_gap.inference.verdict import TOLERANCE_SHARE, calibration
 from ces_gap.intake.checks import check_traces, find_invisible_effects
 from ces_gap.intake.prepare import prepare_recordings
+from ces_gap.optional_steps import OptionalSteps
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.verdict_sentence import format_verdict
-from ces_gap.where.gap_location import locate_gap
+from ces_gap.where.gap_location import NOWHERE, locate_gap
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
 
@@ -69,22 +71,34 @@ def diagnose(
     progress("learning the baseline error", 0.0)
     baseline = learn_baseline(inputs)
     visible = [e for e in effects if e.name not in dict(invisible)]
-    result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress)
+    share = MIN_GAIN_SHARE if inputs.reference else MIN_GAIN_SHARE_UNCORRECTED
+    result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
 
     progress("computing the ceiling", 0.0)
     decision = decide(baseline, result, inputs.best, calibration(), options.tolerance)
     progress("comparing indistinguishable effects", 0.0)
-    doubts = find_doubts(baseline.plant, result, decision.interchangeable)
+    optional = OptionalSteps()
+    doubts = optional.run(
+        "indistinguishable effects",
+        lambda: find_doubts(baseline.plant, result, decision.interchangeable),
+        replace(NO_DOUBTS, indistinguishable=decision.interchangeable),
+    )
 
     verdict, scores = review(
         decision.verdict, score_held_out(inputs, baseline, result, decision, options.seed, progress)
     )
     progress("locating the gap", 0.0)
-    location = locate_gap(result.evidence, scores.series, options.seed, with_rest=verdict == UNKNOWN)
+    location = optional.run(
+        "location of the gap",
+        lambda: locate_gap(result.evidence, scores.series, options.seed, with_rest=verdict == UNKNOWN),
+        NOWHERE,
+    )
     experiment = None
     if options.experiment and result.best is not None and verdict not in (NO_GAP, NAMED):
         progress("choosing the next experiment", 0.0)
-        experiment = propose_experiment(baseline.plant, result, doubts, inputs.exact)
+        experiment = optional.run(
+            "next experiment", lambda: propose_experiment(baseline.plant, result, doubts, inputs.exact), None
+        )
 
     surrogate = inputs.surrogate if inputs.exact is None else None
     diagnosis = Diagnosis(
@@ -110,7 +124,7 @@ def diagnose(
         surrogate=surrogate,
         surrogate_cost_J=None if surrogate is None else surrogate.cost_J,
         held_out=scores.series,
-        notes=notes,
+        notes=(*notes, *optional.notes),
         correction=baseline.correction,
         baselines=name_by_simpler_rules(result),
         figures=decision.figures,

@@ -18,7 +18,6 @@ from ces_gap.errors import GapError
 from ces_gap.grid import (
     base_times,
     bridge_gaps,
-    estimate_noise_N,
     find_low_pass_Hz,
     find_rates,
     interpolate,
@@ -28,6 +27,8 @@ from ces_gap.grid import (
 )
 from ces_gap.plant_map.own_spring import PumpedMap, SprungMap, learn_pumped_map, learn_sprung_map
 from ces_gap.plant_map.speed_map import RecentMaps, SpeedMap
+from ces_gap.sensor_noise.measure import measure_noise
+from ces_gap.sensor_noise.noise_estimate import UNMEASURED, GridSignals, MeasuredNoise
 from ces_identify.preparation.series import hold_current
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation, find_predictions
@@ -65,8 +66,9 @@ class Trace:
     Arrays over n ticks: `time_s` from the first position sample; `inputs`; `acceleration` [m/s2]; measured `force` [N];
     `simulated` force [N] on the smoothed position, `simulated_as_logged` [N] on the logged position. `usable` (n,)
     marks the ticks at which all of them are known and filters have settled; elsewhere they are interpolated.
-    `low_pass_Hz` is the corner of the position's low-pass, `noise_N` the RMS of the force noise on the grid
-    (`estimate_noise_N`). `sprung_map` and `pumped_map` are learnt on `map_ticks` (n,), on the usable ticks if None.
+    `low_pass_Hz` is the corner of the position's low-pass, `noise_N` the RMS of the force noise on the grid,
+    `measured_noise` where it is from. `sprung_map` and `pumped_map` are learnt on `map_ticks` (n,), on the usable
+    ticks if None.
     """
 
     name: str
@@ -82,6 +84,7 @@ class Trace:
     low_pass_Hz: float
     noise_N: float
     map_ticks: B | None = None
+    measured_noise: MeasuredNoise = UNMEASURED
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -134,10 +137,11 @@ class Trace:
         return np.asarray(first + np.round(self.time_s * 1e9).astype(np.int64), dtype=np.int64)
 
 
-def make_trace(recording: Recording, simulated_N: F) -> Trace:
+def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None = None) -> Trace:
     """Return the trace of `recording`; `simulated_N` [N] (p,) is at its position samples, NaN where unknown.
 
-    Without a force channel the force is zero and no tick is usable. Raises GapError if there are too few samples.
+    The `noise` of the force is measured unless it is given. Without a force channel the force is zero and no tick is
+    usable. Raises GapError if there are too few samples.
     """
     clock = recording.channel("position").stamps_ns
     seconds = (clock - clock[0]) * 1e-9
@@ -158,20 +162,38 @@ def make_trace(recording: Recording, simulated_N: F) -> Trace:
     keep = slice(None, None, factor)
     rate = base_Hz / factor
     speed = derivative(position, base_Hz)
+    acceleration = derivative(speed, base_Hz)[keep]
+    inputs = TraceInputs(position[keep], speed[keep], current[keep], current_as_logged=True)
+    force = thin_out(force, factor)
+    noise = noise or _measure_noise(
+        recording,
+        base,
+        factor,
+        GridSignals(rate, inputs.position, inputs.speed, acceleration, inputs.current, force, usable[keep]),
+    )
     return Trace(
         name=recording.name,
         rate_Hz=rate,
         time_s=base[keep],
-        inputs=TraceInputs(position[keep], speed[keep], current[keep], current_as_logged=True),
-        acceleration=derivative(speed, base_Hz)[keep],
-        force=thin_out(force, factor),
+        inputs=inputs,
+        acceleration=acceleration,
+        force=force,
         simulated=thin_out(simulated, factor),
         simulated_as_logged=thin_out(simulated, factor),
         usable=usable[keep],
         recording=recording,
         low_pass_Hz=low_pass,
-        noise_N=estimate_noise_N(recording, clock, base, factor),
+        noise_N=noise.rms_N,
+        measured_noise=noise,
     )
+
+
+def _measure_noise(recording: Recording, base: F, factor: int, signals: GridSignals) -> MeasuredNoise:
+    if "force" not in recording.channels:
+        return UNMEASURED
+    channel = recording.channel("force")
+    seconds = (channel.stamps_ns - recording.channel("position").stamps_ns[0]) * 1e-9
+    return measure_noise(channel.values, lambda v: thin_out(bridge_gaps(seconds, v, base)[0], factor), signals)
 
 
 def open_trace(simulation: Simulation, recording: Recording, also_as_logged: bool = True) -> Trace:
@@ -186,7 +208,7 @@ def open_trace(simulation: Simulation, recording: Recording, also_as_logged: boo
     if recorded:
         return logged
     smooth = smooth_recording(recording, logged)
-    trace = make_trace(smooth, simulation.force(smooth))
+    trace = make_trace(smooth, simulation.force(smooth), logged.measured_noise)
     return replace(trace, simulated_as_logged=logged.simulated if also_as_logged else trace.simulated)
 
 

@@ -47,7 +47,8 @@ def _describe_no_gap(diagnosis: Diagnosis) -> str:
         )
         return f"No gap beyond the simulation's own error: {explained}; {hidden}."
     if reason == WITHIN_NOISE:
-        return f"No gap: {left_N:.1f} N RMS remain, within the measurement noise of {gap.noise_floor_N:.1f} N RMS."
+        noise = f"the measurement noise of {gap.noise_floor_N:.1f} N RMS (from {gap.noise_source})"
+        return f"No gap: {left_N:.1f} N RMS remain, within {noise}."
     return f"No gap beyond the simulation's timing of at most a sample: {left_N:.1f} N RMS before it is corrected."
 
 

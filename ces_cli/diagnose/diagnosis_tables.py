@@ -56,7 +56,7 @@ def _gap_lines(diagnosis: Diagnosis) -> list[str]:
     gap, together = diagnosis.gap, diagnosis.composition
     lines = [
         f"gap: {newtons(gap.rms_N)} RMS {interval(gap.ci95_N)} on held-out data, noise subtracted "
-        f"(noise {newtons(gap.noise_floor_N)}, J = {gap.cost_J:.2f} %)"
+        f"(noise {newtons(gap.noise_floor_N)} from {gap.noise_source}, J = {gap.cost_J:.2f} %)"
     ]
     if diagnosis.correction is not None:
         size = f"{newtons(gap.corrected_N)} {interval(gap.corrected_ci95_N)}"

@@ -28,6 +28,9 @@ class Doubts:
     pairs: tuple[tuple[Setting, Setting], ...]
 
 
+NO_DOUBTS = Doubts((), ())
+
+
 def find_doubts(plant: Plant, result: EffectSearchResult, interchangeable: Sequence[tuple[str, ...]]) -> Doubts:
     """Return what the recordings leave open; `interchangeable` are the groups of alternatives from the search."""
     compared = _compare_fits(plant, result)
@@ -43,7 +46,10 @@ def find_doubts(plant: Plant, result: EffectSearchResult, interchangeable: Seque
 def propose_experiment(
     plant: Plant, result: EffectSearchResult, doubts: Doubts, exact: TraceSimulator | None
 ) -> NextExperiment | None:
-    """Return the experiment that resolves the doubts fastest, None if there is none."""
+    """Return the experiment that resolves the doubts fastest, None without doubts.
+
+    Raises GapError if no candidate would resolve them.
+    """
     evidence = result.evidence
     return choose_next_experiment(plant, evidence.traces, doubts.pairs, evidence.noise.rms_N, exact=exact)
 

@@ -9,16 +9,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import ceil
+from math import sqrt
 
 import numpy as np
 
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.effects.effect import Setting
+from ces_gap.errors import GapError
 from ces_gap.experiment.candidate_experiments import Recipe, list_candidate_experiments, reach_of
 from ces_gap.experiment.experiment_files import NextExperiment
-from ces_gap.experiment.indistinguishable import EVIDENCE
 from ces_gap.experiment.matching import Match, find_nearest, refine_match
 from ces_gap.experiment.signatures import Probe, Tangent, sample_tangents
 from ces_gap.experiment.waveforms import generate_waveforms
@@ -47,6 +47,11 @@ class _Candidate:
         """Expected log-likelihood ratio per second."""
         return self.match.evidence / float(self.recipe["duration_s"])
 
+    @property
+    def distance(self) -> float:
+        """Expected RMS of the difference between the pair's forces, but for a constant, over that of the noise."""
+        return self.match.index / sqrt(max(int(self.trace.usable.sum()), 1))
+
 
 def choose_next_experiment(
     plant: Plant,
@@ -57,22 +62,24 @@ def choose_next_experiment(
     recipes: Sequence[Recipe] | None = None,
     budget_s: float = BUDGET_S,
 ) -> NextExperiment | None:
-    """Return the experiment that distinguishes the `pairs` of fitted effects fastest, None if there is none.
+    """Return the experiment that distinguishes the `pairs` of fitted effects fastest, None without pairs.
 
     The noise is white, of `noise_N` RMS, on a force with unknown zero. `exact` runs once for each experiment if the
     plant's own simulation is a surrogate. `recipes` are the candidates, by default those within reach of the traces.
-    Experiments that the simulation refuses are left out.
+    Experiments that the simulation refuses are left out. Raises GapError if it refuses all, and if no experiment is
+    expected to show a difference above the noise.
     """
     if not pairs:
         return None
     whiten = make_white_noise_whitening(noise_N)
     recipes = list_candidate_experiments(reach_of(traces)) if recipes is None else recipes
     compared = list(_compare_candidates(plant, exact or plant.simulation, recipes, pairs, whiten, budget_s))
-    if not compared:
-        return None
-    finalists = sorted(compared, key=lambda t: -t.rate)[:FINALISTS]
-    again = [_compare_effects(plant, t.recipe, t.trace, pairs, whiten, rerun=True) for t in finalists]
-    return _make_next_experiment(max(again, key=lambda t: t.rate), noise_N)
+    best = max(_evaluate_again(plant, compared, pairs, whiten), key=lambda t: t.rate, default=None)
+    if best is None:
+        raise GapError(f"the simulation refuses all {len(recipes)} candidate experiments")
+    if best.distance < 1.0:
+        raise GapError(_describe_hopeless(best, len(compared), noise_N))
+    return _make_next_experiment(best, noise_N)
 
 
 def make_white_noise_whitening(noise_N: float) -> TraceWhitening:
@@ -130,6 +137,21 @@ def _compare_candidates(
         any_done = True
 
 
+def _evaluate_again(
+    plant: Plant, compared: Sequence[_Candidate], pairs: Sequence[Pair], whitening: TraceWhitening
+) -> Iterator[_Candidate]:
+    """Yield the fastest experiments with the effects evaluated again; the simulation may refuse what effects change."""
+    done = 0
+    for candidate in sorted(compared, key=lambda t: -t.rate):
+        if done == FINALISTS:
+            return
+        try:
+            yield _compare_effects(plant, candidate.recipe, candidate.trace, pairs, whitening, rerun=True)
+        except CesError:
+            continue
+        done += 1
+
+
 def _compare_effects(
     plant: Plant, recipe: Recipe, trace: Trace, pairs: Sequence[Pair], whitening: TraceWhitening, rerun: bool
 ) -> _Candidate:
@@ -162,20 +184,26 @@ def _make_next_experiment(best: _Candidate, noise_N: float) -> NextExperiment:
         position_m=position,
         current_A=current,
         separates=(best.worst[0].name, best.worst[1].name),
-        distance_N=best.match.rms_N,
+        distance_N=best.distance * noise_N,
     )
 
 
 def _purpose(best: _Candidate, noise_N: float) -> str:
-    first, second = (setting.name.replace("_", " ") for setting in best.worst)
-    difference, seconds = best.match.rms_N, float(best.recipe["duration_s"])
-    purpose = (
-        f"distinguishes {first} from {second}: expected difference {difference:.2g} N RMS "
-        f"({difference / noise_N:.2g} × the noise) over {seconds:.0f} s"
+    seconds = float(best.recipe["duration_s"])
+    return f"distinguishes {_name_pair(best)}: expected difference {_size(best, noise_N)} over {seconds:.0f} s"
+
+
+def _describe_hopeless(best: _Candidate, count: int, noise_N: float) -> str:
+    return (
+        f"none of the {count} candidate experiments that were simulated would distinguish "
+        f"{_name_pair(best)}: the largest expected difference is {_size(best, noise_N)}"
     )
-    runs = ceil(EVIDENCE / max(best.match.evidence, 1e-9))
-    if runs == 1:
-        return purpose
-    if runs > 20:
-        return f"{purpose}; this is too small: no candidate distinguishes them within the range of the recordings"
-    return f"{purpose}; repeat it {runs} times"
+
+
+def _name_pair(best: _Candidate) -> str:
+    first, second = (setting.name.replace("_", " ") for setting in best.worst)
+    return f"{first} from {second}"
+
+
+def _size(best: _Candidate, noise_N: float) -> str:
+    return f"{best.distance * noise_N:.2g} N RMS ({best.distance:.2g} × the noise)"

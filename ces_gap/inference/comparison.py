@@ -12,6 +12,9 @@ from ces_gap.inference.fit import EffectFit
 from ces_gap.trace import F
 
 MIN_GAIN_SHARE = 0.05  # of the gap's energy that another effect must explain
+MIN_GAIN_SHARE_UNCORRECTED = (
+    0.12  # the same without references: a part that is smaller may be the simulation's own error
+)
 MIN_GAIN_Z = 2.0
 PARAMETER = 0.005  # share of the gap's energy that each parameter costs when effects are ranked
 CLEAR_SHARE = 0.1  # of the noise's energy

@@ -35,13 +35,14 @@ class CompositionSearch:
     energy: float
     refinement: Refinement
     threads: int = 1
+    min_gain_share: float = MIN_GAIN_SHARE  # of the gap's energy that each further effect must explain
 
     def grow(self, alone: Sequence[EffectFit], progress: Progress) -> EffectFit | None:
         """Return the best composition, None if no single effect gains more than its error."""
         beam = list(alone[:BEAM])
         best = beam[0] if beam and self._is_gain(beam[0]) else None
         for size in range(2, MAX_EFFECTS + 1):
-            if best is None or best.cost - len(self.baseline_residual) < MIN_GAIN_SHARE * self.energy:
+            if best is None or best.cost - len(self.baseline_residual) < self.min_gain_share * self.energy:
                 break
             progress(f"trying {size} effects together", (size - 1) / MAX_EFFECTS)
             limit = best.cost
@@ -95,7 +96,7 @@ class CompositionSearch:
 
     def _is_necessary(self, best: EffectFit, fewer: EffectFit) -> bool:
         added = prior_cost(best, self.energy) - prior_cost(fewer, self.energy)
-        return is_worthwhile(self.evidence, fewer.left_out, best, MIN_GAIN_SHARE * self.energy + added)
+        return is_worthwhile(self.evidence, fewer.left_out, best, self.min_gain_share * self.energy + added)
 
     def _fit_swaps(self, close: Evidence, best: EffectFit, fewer: EffectFit) -> list[EffectFit]:
         """Return the most promising compositions of `fewer` and an effect that is not in `best`, refined."""

@@ -67,7 +67,7 @@ def decide(
     names = result.best.names if result.best is not None else ()
     odds = probabilities(figures, min_unexplained_shares(result), names, weights)
     groups = interchangeable_effects(result)
-    size = measure_gap(baseline, result)
+    size = measure_gap(baseline, result, rest.learnt.noise.rms_N)
     reason = find_no_gap_reason(size, odds.none > 1.0 - weights.least_gap, tolerance)
     verdict = NO_GAP if reason else choose_verdict(result, odds, bool(groups), weights)
     if verdict == NAMED and not is_clear_of_the_simulation(size, tolerance):
@@ -76,11 +76,13 @@ def decide(
     return Decision(verdict, reason, figures, odds, groups, rest_N, result.evidence.noise.rms_N)
 
 
-def measure_gap(baseline: Baseline, result: EffectSearchResult) -> GapSize:
-    """Return the size of the gap on the fitted recordings."""
+def measure_gap(baseline: Baseline, result: EffectSearchResult, rest_N: float) -> GapSize:
+    """Return the size of the gap on the fitted recordings; noise that was not measured is at most the `rest_N` [N]."""
     evidence = result.evidence
     force = np.concatenate([t.force[t.usable] for t in evidence.traces])
     noise_N = float(np.sqrt(np.mean([t.noise_N**2 for t in evidence.traces])))
+    if not all(t.measured_noise.known for t in evidence.traces):
+        noise_N = max(noise_N, rest_N)
     timing = next((f for f in result.alone if f.effects[0].nuisance), None)
     gaps = [_rms_gap(evidence, evidence.alone)]
     gaps += [] if timing is None else [_rms_gap(evidence, evidence.forces(timing.composition))]

@@ -19,6 +19,7 @@ from ces_gap.inference.shrinkage import cut_into_blocks
 from ces_gap.inference.verdict import NO_GAP
 from ces_gap.intake.prepare import DiagnosisInput
 from ces_gap.progress import Progress, ignore_progress
+from ces_gap.sensor_noise.noise_estimate import NO_SOURCE
 from ces_gap.trace import F, Trace
 
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
@@ -29,7 +30,8 @@ class Gap:
     """The gap on the held-out recordings, RMS [N] without measurement noise.
 
     `rms_N` is that of the original simulation, `corrected_N` after the correction learned from references (equal to
-    `rms_N` without references). `noise_floor_N` is what no model can explain. `cost_J` is thesis eq. 3.5.
+    `rms_N` without references). `noise_floor_N` is what no model can explain, and `noise_source` says what showed
+    it, as in `8.1 N from repeated cycles`. `cost_J` is thesis eq. 3.5.
     """
 
     rms_N: float
@@ -38,6 +40,7 @@ class Gap:
     cost_J: float
     corrected_N: float
     corrected_ci95_N: Interval
+    noise_source: str = NO_SOURCE
 
 
 @dataclass(frozen=True)
@@ -81,21 +84,37 @@ def score_held_out(
 
     The noise is limited to what the references, or the best explanation and the learner, leave.
     """
-    reference_N = result.evidence.noise.rms_N if inputs.reference else np.inf
-    blocks = cut_into_blocks(inputs.held_out, seed, min(reference_N, decision.rest_N))
+    limits = _limit_noise(inputs, result, decision)
+    blocks = cut_into_blocks(inputs.held_out, seed, min(limits.values()))
     scorer = build_scorer(blocks, baseline.plant, inputs.best)
     best = None if decision.verdict == NO_GAP else result.best
     forces = tuple(scorer.alone if best is None else scorer.forces(best, True))
     together = scorer.nothing() if best is None else _add_gain(scorer.explain(best, forces), result, best)
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
     return HeldOutScores(
-        gap=_gap(scorer, bool(inputs.reference)),
+        gap=replace(_gap(scorer, bool(inputs.reference)), noise_source=_find_noise_source(blocks.traces, limits)),
         ceiling_after_N=blocks.rms(ceiling)[0],
         causes=_causes(scorer, result, decision, {} if best is None else {best.composition: forces}, progress),
         composition=together,
         series=tuple(HeldOutSeries(*row) for row in zip(blocks.traces, scorer.alone, forces, strict=True)),
         nothing=scorer.nothing(),
     )
+
+
+def _limit_noise(inputs: DiagnosisInput, result: EffectSearchResult, decision: Decision) -> dict[str, float]:
+    """Return upper bounds of the noise [N] other than the measurement's own, by what they are."""
+    reference_N = result.evidence.noise.rms_N if inputs.reference else np.inf
+    return {"what the references leave": reference_N, "what a learner cannot explain": decision.rest_N}
+
+
+def _find_noise_source(traces: Sequence[Trace], limits: dict[str, float]) -> str:
+    """Return what limits the noise of most of the held-out time, in a few words."""
+    limit = min(limits, key=lambda name: limits[name])
+    seconds: dict[str, float] = {}
+    for trace in traces:
+        source = limit if limits[limit] < trace.noise_N else trace.measured_noise.describe_source()
+        seconds[source] = seconds.get(source, 0.0) + float(trace.usable.sum()) * trace.step_s
+    return max(seconds, key=lambda name: seconds[name])
 
 
 def _causes(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ces_gap.effects.effect import Effect
 from ces_gap.inference.anchored_surrogate import Refinement
-from ces_gap.inference.comparison import cost_with_penalty
+from ces_gap.inference.comparison import MIN_GAIN_SHARE, cost_with_penalty
 from ces_gap.inference.composition_search import CompositionSearch
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import EffectFit, fit_alone
@@ -42,10 +42,12 @@ def search(
     refinement: Refinement,
     threads: int,
     progress: Progress = ignore_progress,
+    min_gain_share: float = MIN_GAIN_SHARE,
 ) -> EffectSearchResult:
     """Return the best explanations of the evidence by the effects.
 
-    `refinement` repeats the most promising fits with the simulation itself where the evidence holds a surrogate.
+    `refinement` repeats the most promising fits with the simulation itself where the evidence holds a surrogate. Each
+    further effect must explain `min_gain_share` of the gap's energy.
     """
     forms: list[EffectFit] = []
     with ThreadPoolExecutor(max(1, threads)) as pool:
@@ -60,7 +62,7 @@ def search(
         progress(f"running the simulation with {fit.names[0]}", k / MAX_REFINED_FORMS)
         forms[k] = refinement.refine(evidence, fit)
     alone = best_forms(forms, energy)
-    compositions = CompositionSearch(evidence, residual, forms, energy, refinement, threads)
+    compositions = CompositionSearch(evidence, residual, forms, energy, refinement, threads, min_gain_share)
     best = compositions.grow(alone, progress)
     tried: tuple[EffectFit, ...] = ()
     if best is not None and len(best.effects) > 1:

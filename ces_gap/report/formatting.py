@@ -75,15 +75,6 @@ UNITS = {
     "_J": "J",
 }  # by the suffix of a parameter's name, longer suffixes first
 DISPLAY_UNITS = {
-    "_N_s2_m2_A": "N·s²/(m²·A)",
-    "_N_s_m_A": "N·s/(m·A)",
-    "_N_s2_m2": "N·s²/m²",
-    "_N_s_m2": "N·s/m²",
-    "_N_m_A": "N/(m·A)",
-    "_N_A2": "N/A²",
-    "_N_A": "N/A",
-    "_samples2": "samples²",
-    "_samples": "samples",
     "m": ("mm", 1e3, 0.0, 0.1),
     "s": ("ms", 1e3, 0.0, 0.1),
     "A": ("mA", 1e3, 0.0, 0.1),

@@ -47,7 +47,8 @@ def build_gap_steps(d: Diagnosis) -> GapSteps:
         remark = "the best of the known effects" if d.verdict == UNKNOWN else ""
         label = f"With {join_effect_names(d.composition.effects)}"
         steps.append(_after(scale, "after", label, remark, d.composition))
-    noise = _bar(scale, "noise", "Measurement noise", "subtracted from all other bars", d.gap.noise_floor_N, None)
+    remark = f"from {d.gap.noise_source}; subtracted from all other bars"
+    noise = _bar(scale, "noise", "Measurement noise", remark, d.gap.noise_floor_N, None)
     return GapSteps((*steps, noise), tuple(_controls(d, scale)), noise.length)
 
 

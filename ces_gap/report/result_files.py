@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from ces_gap.augmented.augmented_file import augmented_text
 from ces_gap.diagnosis import Diagnosis
 from ces_gap.experiment.experiment_files import experiment_files
+from ces_gap.optional_steps import OptionalSteps
 from ces_gap.report import report_page
 from ces_gap.report.gap_json import format_document, gap_document
 from ces_identify.recordings.recording import Recording
@@ -25,9 +27,13 @@ def result_files(
 
     `sim` specifies the simulation relative to the files' folder (`ces_gap.augmented.augmented_file.name_simulation`).
     `sources` are the recordings of each role ("real", "held_out", "reference") for the provenance; `facts` are shown in
-    the report.
+    the report. If the report or the next experiment cannot be written, a note in `gap.json` says why.
     """
-    document = gap_document(diagnosis)
+    optional = OptionalSteps()
+    nothing: dict[str, str] = {}
+    page = optional.run(REPORT, lambda: {REPORT: report_page(diagnosis, facts=facts)}, nothing)
+    experiment = optional.run("next experiment", lambda: _experiment_texts(diagnosis), nothing)
+    document = gap_document(replace(diagnosis, notes=(*diagnosis.notes, *optional.notes)))
     provenance = {role: [_origin(r) for r in recordings] for role, recordings in sources}
     return {
         GAP: format_document(document),
@@ -38,9 +44,13 @@ def result_files(
             diagnosis.surrogate,
             {"verdict": diagnosis.verdict, "gap": document["gap"], **provenance},
         ),
-        REPORT: report_page(diagnosis, facts=facts),
-        **(experiment_files(diagnosis.next_experiment) if diagnosis.next_experiment is not None else {}),
+        **page,
+        **experiment,
     }
+
+
+def _experiment_texts(diagnosis: Diagnosis) -> dict[str, str]:
+    return experiment_files(diagnosis.next_experiment) if diagnosis.next_experiment is not None else {}
 
 
 def _origin(recording: Recording) -> dict[str, Any]:

@@ -22,6 +22,9 @@ class GapLocation:
     rest: Where | None
 
 
+NOWHERE = GapLocation(Where((), None, 1.0, ()), (), None)
+
+
 def locate_gap(evidence: Evidence, held_out: Sequence[HeldOutSeries], seed: int, with_rest: bool) -> GapLocation:
     """Return where the gap of all recordings lies, and what the effects leave of it on held-out recordings."""
     held_out_traces = [s.trace for s in held_out]

@@ -91,9 +91,9 @@ def find_period(x: F, min_period: float) -> float | None:
     return next((p for p in periods if _is_periodic(x, p)), best)
 
 
-def whole_ticks(period: float) -> int:
+def whole_ticks(period: float, max_periods: int = MAX_PERIODS) -> int:
     """Return the fewest periods within OFF_TICK of a whole number, in ticks; else the nearest."""
-    multiples = period * np.arange(1, MAX_PERIODS + 1)
+    multiples = period * np.arange(1, max_periods + 1)
     off = np.abs(multiples - np.rint(multiples))
     near = off <= OFF_TICK
     return round(float(multiples[np.argmax(near) if near.any() else np.argmin(off)]))

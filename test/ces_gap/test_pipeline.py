@@ -7,17 +7,19 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 import pytest
-from engine_plant import SIMULATION, WEIGHTS, recorded
+from engine_plant import SIMULATION, WEIGHTS, F, damper, recorded
 from example_effects import CurrentGain, Friction, Spring
-from whole_diagnosis_examples import sprung, wrong
+from whole_diagnosis_examples import STIFFNESS, sprung, strange, wrong
 
 from ces_gap import pipeline
-from ces_gap.diagnosis import NAMED, Diagnosis
+from ces_gap.diagnosis import NAMED, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
+from ces_gap.errors import GapError
 from ces_gap.inference import decide, learn_baseline
 from ces_gap.inference.explanations import HeldOutScorer
 from ces_gap.intake import prepare
 from ces_gap.pipeline import DiagnoseOptions, diagnose
+from ces_identify.simulations.simulation import FunctionSimulation
 
 FEW: tuple[Effect, ...] = (CurrentGain(), Friction(), Spring())
 
@@ -66,3 +68,20 @@ def test_results_of_the_same_recordings_are_equal_and_frozen() -> None:
     assert first.figures == again.figures and first.gap == again.gap and first.causes == again.causes
     for record in (first, first.gap, first.where, first.causes[0], first.held_out[0].trace):
         assert is_dataclass(record) and fields(record) and type(record).__dataclass_params__.frozen  # type: ignore[attr-defined]
+
+
+def test_the_verdict_stands_if_no_experiment_can_be_simulated() -> None:
+    def short_memory(time_s: F, position_m: F, current_A: F) -> F:
+        if time_s[-1] - time_s[0] > 9.0:
+            raise GapError("at most 9 s can be simulated")
+        return damper(time_s, position_m, current_A)
+
+    def truth(time_s: F, position_m: F, current_A: F) -> F:
+        return strange(time_s, position_m, current_A) + STIFFNESS * position_m
+
+    simulation = FunctionSimulation("short_memory", short_memory)
+    reference = [recorded(wrong, s, 8.0) for s in (11, 12)]
+    real, held_out = [recorded(truth, s, 4.0) for s in (1, 2)], [recorded(truth, 3, 4.0)]
+    found = diagnose(simulation, "short_memory", real, held_out, reference)
+    assert found.verdict == UNKNOWN and found.composition.effects and found.next_experiment is None
+    assert "next experiment not available: the simulation refuses all" in found.notes[-1]

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from engine_plant import NOISE_N, SIMULATION, WEIGHTS, F, Truth, damper, recorded
-from whole_diagnosis_examples import STIFFNESS, sprung, wrong
+from whole_diagnosis_examples import STIFFNESS, sprung, strange, wrong
 
 from ces_gap import pipeline as diagnose_module
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
@@ -20,12 +20,6 @@ from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.trace import Trace, TraceInputs
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation, Simulation
-
-
-def strange(time_s: F, position_m: F, current_A: F) -> F:
-    """The same with an effect that the library does not have."""
-    speed = np.gradient(position_m, time_s)
-    return np.asarray(wrong(time_s, position_m, current_A) + 120.0 * np.sin(speed / 0.08) * np.cos(4.0 * current_A))
 
 
 def late(time_s: F, position_m: F, current_A: F) -> F:

@@ -41,7 +41,7 @@ def named() -> Diagnosis:
         verdict=NAMED,
         sentence="The simulation lacks seal friction: adding it closes 89 % of the gap on recordings it never saw.",
         simulation="model.json",
-        gap=Gap(40.0, (37.6, 42.6), NOISE_N, 5.31, 36.1, (33.9, 38.5)),
+        gap=Gap(40.0, (37.6, 42.6), NOISE_N, 5.31, 36.1, (33.9, 38.5), "repeated cycles"),
         where=where,
         causes=(friction, lag, width),
         composition=friction,

@@ -18,3 +18,9 @@ def wrong(time_s: F, position_m: F, current_A: F) -> F:
 def sprung(time_s: F, position_m: F, current_A: F) -> F:
     """The same with a gas spring."""
     return wrong(time_s, position_m, current_A) + STIFFNESS * position_m
+
+
+def strange(time_s: F, position_m: F, current_A: F) -> F:
+    """The same with an effect that the library does not have."""
+    speed = np.gradient(position_m, time_s)
+    return np.asarray(wrong(time_s, position_m, current_A) + 120.0 * np.sin(speed / 0.08) * np.cos(4.0 * current_A))

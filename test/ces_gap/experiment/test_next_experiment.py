@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,10 +16,12 @@ from numpy.typing import NDArray
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.surrogate import learn_surrogate, make_recorded_examples
 from ces_gap.diagnosis import NextExperiment
-from ces_gap.effects.effect import Setting
+from ces_gap.effects.effect import Effect, EffectParameter, Setting
+from ces_gap.errors import GapError
 from ces_gap.experiment.candidate_experiments import list_candidate_experiments, reach_of
 from ces_gap.experiment.experiment_files import experiment_files
 from ces_gap.experiment.next_experiment import choose_next_experiment, make_white_noise_whitening, simulate_experiment
+from ces_gap.trace import Trace, TraceInputs
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
 from ces_observer.json_checks import write_all_atomically
@@ -90,14 +93,14 @@ def _sine_of(a: F, b: F) -> float:
     return float(np.linalg.norm(a - (a @ b) / max(float(b @ b), 1e-12) * b))
 
 
-def test_purpose_says_if_no_candidate_is_enough() -> None:
+def test_no_experiment_is_proposed_whose_difference_is_below_the_noise() -> None:
     same = (Setting(Friction(), (40.0, 0.05)), Setting(Rubbing(), (800.0, 0.05)))
-    proposed = choose_next_experiment(PLANT, [STEPS], [same], NOISE_N, recipes=RECIPES[:3])
-    assert proposed is not None and "no candidate distinguishes them" in proposed.purpose
-    proposed = choose_next_experiment(
-        PLANT, [STEPS], [PAIR], 800.0, recipes=[r for r in RECIPES if r["name"] == "current_steps"]
-    )
-    assert proposed is not None and "; repeat it " in proposed.purpose
+    with pytest.raises(GapError, match=r"none of the 3 .* would distinguish friction from rubbing: .* × the noise"):
+        choose_next_experiment(PLANT, [STEPS], [same], NOISE_N, recipes=RECIPES[:3])
+    clear = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
+    assert clear is not None and clear.distance_N > NOISE_N
+    with pytest.raises(GapError, match="largest expected difference"):
+        choose_next_experiment(PLANT, [STEPS], [PAIR], 1.1 * clear.distance_N, recipes=RECIPES)
 
 
 def test_without_pairs_there_is_no_experiment() -> None:
@@ -111,19 +114,41 @@ def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
         return damper(time_s, position_m, current_A)
 
     plant = Plant(DirectSimulator(FunctionSimulation("careful", careful)))
-    pair = (Setting(Friction(), (40.0, 0.05)), Setting(Scale(), (1.06,)))
+    pair = (Setting(Spring(), (8000.0,)), Setting(Scale(), (1.2,)))
     proposed = choose_next_experiment(plant, [STEPS], [pair], NOISE_N, recipes=RECIPES)
     assert proposed is not None and np.ptp(proposed.current_A) == 0.0
 
     def never(time_s: F, position_m: F, current_A: F) -> F:
         raise CesError("no")
 
-    assert (
-        choose_next_experiment(
-            Plant(DirectSimulator(FunctionSimulation("never", never))), [STEPS], [pair], NOISE_N, recipes=RECIPES
-        )
-        is None
-    )
+    refusing = Plant(DirectSimulator(FunctionSimulation("never", never)))
+    with pytest.raises(GapError, match="refuses all"):
+        choose_next_experiment(refusing, [STEPS], [pair], NOISE_N, recipes=RECIPES)
+
+
+class Yielding(Effect):
+    """The position gives way to the force, and jumps with it."""
+
+    name, form, reruns = "yielding", "linear", True
+    parameters = (EffectParameter("compliance_m_N", 0.0, 2e-5, (1e-7,), "compliance", magnitude=True),)
+
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
+        return inputs.with_position(inputs.position - values[0] * force, trace.rate_Hz)
+
+
+def test_an_experiment_is_left_out_if_the_simulation_refuses_what_an_effect_makes_of_it() -> None:
+    def gated(time_s: F, position_m: F, current_A: F) -> F:
+        if np.abs(np.diff(position_m, n=2)).max() > 1e-4:
+            raise CesError("the position jumps")
+        return damper(time_s, position_m, current_A)
+
+    plant = Plant(DirectSimulator(FunctionSimulation("gated", gated)))
+    pair = (Setting(Scale(), (1.3,)), Setting(Yielding(), (6e-8,)))
+    jumping = [r for r in RECIPES if r["name"] in ("current_prbs", "current_steps")]
+    with pytest.raises(GapError, match="refuses all 2 candidate experiments"):
+        choose_next_experiment(plant, [STEPS], [pair], 1.0, recipes=jumping)
+    proposed = choose_next_experiment(plant, [STEPS], [pair], 1.0, recipes=RECIPES)
+    assert proposed is not None and proposed.name not in ("current_prbs", "current_steps")
 
 
 def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
@@ -152,8 +177,9 @@ def test_an_exact_simulation_runs_once_for_each_experiment() -> None:
 
 
 def test_no_time_still_gives_an_experiment() -> None:
-    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, budget_s=0.0)
-    assert proposed is not None and proposed.name == list_candidate_experiments(reach_of([STEPS]))[0]["name"]
+    recipes = [r for r in RECIPES if r["name"] in ("current_steps", "current_prbs")]
+    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=recipes, budget_s=0.0)
+    assert proposed is not None and proposed.name == recipes[0]["name"]
 
 
 def test_the_files_are_what_the_rig_and_a_dyno_read(proposed: NextExperiment, tmp_path: Path) -> None:
