@@ -76,7 +76,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "blind": (
         "blind make --out cases --seed 5 --cases 2 --seconds 5 --plants bouc_wen calibration --kind effect none "
         "--gap-to-noise 10 --jobs 1",
-        "blind run cases --out results --predictions --jobs 1",
+        "blind run cases --out results --simulation predictions --jobs 1",
         "blind score cases results --out score.md --rows score.csv",
         "simulate --sim cases/cases/0001/baseline.yaml cases/cases/0001/real/r1 --out baseline.csv",
     ),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ces_observer.lazy_names import import_on_use
 
 if TYPE_CHECKING:
-    from ces_gap.api import diagnose, write_diagnosis
+    from ces_gap.api import diagnose, identify_baseline, write_diagnosis
     from ces_gap.diagnosis import Diagnosis
     from ces_gap.effects.effect import CELL, FLUID, MOTION, PARALLEL, SENSOR, VALVE, Effect, EffectParameter
     from ces_gap.pipeline import DiagnoseOptions
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __getattr__ = import_on_use(
     __name__,
     {
-    "ces_gap.api": ("diagnose", "write_diagnosis"),
+    "ces_gap.api": ("diagnose", "identify_baseline", "write_diagnosis"),
     "ces_gap.diagnosis": ("Diagnosis",),
     "ces_gap.effects.effect": (
         "CELL", "FLUID", "MOTION", "PARALLEL", "SENSOR", "VALVE", "Effect", "EffectParameter",
@@ -42,5 +42,6 @@ __all__ = [
     "Effect",
     "EffectParameter",
     "diagnose",
+    "identify_baseline",
     "write_diagnosis",
 ]

@@ -12,6 +12,7 @@ from ces_gap.inference.explanation import Estimate, Explanation, Interval
 from ces_gap.inference.held_out import Gap, HeldOutSeries
 from ces_gap.inference.verdict import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, VerdictFigures
 from ces_gap.where.regions import GapMap, GapRegion, Where
+from ces_gap.witness.witness import Witness
 
 __all__ = [
     "AMBIGUOUS",
@@ -60,5 +61,8 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     correction: LearnedCorrection | None = None  # of the baseline error
     surrogate: Surrogate | None = None  # of recorded predictions
+    surrogate_error: float | None = None  # its `difference_error`
     baselines: Mapping[str, str] = field(default_factory=dict)  # effects that simpler selection rules name
     figures: VerdictFigures | None = None  # the basis of the verdict
+    witness: Witness | None = None  # refits of a physical model's parameters, None for other simulations
+    witness_says: str = ""  # of the composition

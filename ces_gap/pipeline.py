@@ -2,7 +2,8 @@
 
 Each stage is a function from records to a record:
 
-    prepare_recordings -> learn_baseline -> search -> decide -> find_doubts -> score_held_out -> locate_gap -> Diagnosis
+    prepare_recordings -> learn_baseline -> search -> decide -> find_doubts -> score_held_out
+    -> ask_witness -> locate_gap -> Diagnosis
 """
 
 from __future__ import annotations
@@ -25,14 +26,16 @@ from ces_gap.inference.learn_baseline import learn_baseline
 from ces_gap.inference.review import review
 from ces_gap.inference.search import search
 from ces_gap.inference.verdict import TOLERANCE_SHARE, calibration
-from ces_gap.intake.checks import check_traces, find_invisible_effects
-from ces_gap.intake.prepare import prepare_recordings
+from ces_gap.intake.checks import check_traces, find_invisible_effects, seen_notes
+from ces_gap.intake.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.optional_steps import OptionalSteps
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.verdict_sentence import format_verdict
 from ces_gap.where.gap_location import NOWHERE, locate_gap
+from ces_gap.witness.weigh import weigh_witness
+from ces_gap.witness.witness import ask_witness
 from ces_identify.recordings.recording import Recording
-from ces_identify.simulations.simulation import Simulation
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,7 @@ def diagnose(
     for effect in options.effects:
         require_sound(effect, inputs.real[0])
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)
+    notes += seen_notes([*inputs.real, *inputs.held_out], simulation, spec)
     effects = (*library(), *options.effects, *(() if inputs.reference else simulation_errors()))
     invisible = find_invisible_effects(effects, inputs.real)
 
@@ -75,7 +79,9 @@ def diagnose(
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
 
     progress("computing the ceiling", 0.0)
-    decision = decide(baseline, result, inputs.best, calibration(), options.tolerance)
+    decision = decide(
+        baseline, result, inputs.best, calibration(_calibrated_for(simulation, inputs)), options.tolerance
+    )
     progress("comparing indistinguishable effects", 0.0)
     optional = OptionalSteps()
     doubts = optional.run(
@@ -87,6 +93,8 @@ def diagnose(
     verdict, scores = review(
         decision.verdict, score_held_out(inputs, baseline, result, decision, options.seed, progress)
     )
+    witness = ask_witness(simulation, inputs, baseline, progress)
+    verdict, witness_says = weigh_witness(verdict, scores.composition.effects, witness)
     progress("locating the gap", 0.0)
     location = optional.run(
         "location of the gap",
@@ -123,10 +131,20 @@ def diagnose(
         next_experiment=experiment,
         surrogate=surrogate,
         surrogate_cost_J=None if surrogate is None else surrogate.cost_J,
+        surrogate_error=None if surrogate is None else surrogate.difference_error,
         held_out=scores.series,
         notes=(*notes, *optional.notes),
         correction=baseline.correction,
         baselines=name_by_simpler_rules(result),
         figures=decision.figures,
+        witness=witness,
+        witness_says=witness_says,
     )
     return replace(diagnosis, sentence=format_verdict(diagnosis))
+
+
+def _calibrated_for(simulation: Simulation, inputs: DiagnosisInput) -> str:
+    """Return the kind of diagnosis for which probabilities are calibrated: key of `calibration.json`."""
+    if not inputs.reference:
+        return "no_references" if inputs.exact is not None else "predictions"
+    return "identified" if isinstance(simulation.innermost, ModelSimulation) else "references"

@@ -67,8 +67,9 @@ class Trace:
     `simulated` force [N] on the smoothed position, `simulated_as_logged` [N] on the logged position. `usable` (n,)
     marks the ticks at which all of them are known and filters have settled; elsewhere they are interpolated.
     `low_pass_Hz` is the corner of the position's low-pass, `noise_N` the RMS of the force noise on the grid,
-    `measured_noise` where it is from. `sprung_map` and `pumped_map` are learnt on `map_ticks` (n,), on the usable
-    ticks if None.
+    `measured_noise` where it is from. `simulated_left_out` [N] is the force by models that were not fitted to this
+    recording, if the simulation was. `sprung_map` and `pumped_map` are learnt on `map_ticks` (n,), on the usable ticks
+    if None.
     """
 
     name: str
@@ -85,6 +86,7 @@ class Trace:
     noise_N: float
     map_ticks: B | None = None
     measured_noise: MeasuredNoise = UNMEASURED
+    simulated_left_out: F | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -79,6 +79,8 @@ def _describe_doubt(diagnosis: Diagnosis) -> str:
     others = [c.effects[0] for c in outside if c.probability >= POSSIBLE or c.gap_after_N < limit]
     if others:
         return f"These recordings do not rule out {_join(others, 'or')}"
+    if diagnosis.witness_says:
+        return diagnosis.witness_says[0].upper() + diagnosis.witness_says[1:]
     return "The held-out recordings do not confirm the best explanation"
 
 

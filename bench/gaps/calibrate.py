@@ -1,11 +1,13 @@
-"""Fit the probabilities of `ces diagnose` to blind cases of a plant that is used for nothing else.
+"""Fit the probabilities of `ces diagnose` to blind cases of a plant that is used for nothing else, by kind of mode.
 
     ces blind make --plants calibration --grid small --cases 110 --seed 501 --out cal
-    ces blind run cal --out cal_results
+    ces blind run cal --out cal_results --jobs 2 --simulation run predictions --references 0
+    ces blind run cal --out cal_results --jobs 2 --simulation run identified --references 2
     python -m bench.gaps.calibrate cal cal_results
 
-writes ces_gap/inference/calibration.json: two logistic regressions (is there a gap, is its cause known) and the
-sharpness of the choice among effects, by penalised maximum likelihood. Several pairs of folders are allowed.
+writes ces_gap/inference/calibration.json: for each kind of mode in the results (a mode that is not there keeps its
+weights) two logistic regressions (is there a gap, is its cause known) and the sharpness of the choice among effects, by
+penalised maximum likelihood. Several pairs of folders are allowed.
 """
 
 from __future__ import annotations
@@ -14,11 +16,15 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
+from ces_cli.blind.case import DECISION, GAP
+from ces_cli.blind.mode import Mode
+from ces_cli.blind.score import find_modes
 from ces_gap.inference.verdict import NEGLIGIBLE_SHARE, VerdictFigures, gap_features, unknown_features
 from ces_observer.json_checks import write_atomically
 from ces_rig.blind.seal import open_seal
@@ -32,26 +38,40 @@ OUT = Path(__file__).resolve().parents[2] / "ces_gap" / "inference" / "calibrati
 
 @dataclass(frozen=True)
 class CalibrationCase:
-    """A case: its kind, the withheld effects, the features, and the gap that each effect alone leaves."""
+    """A case: its kind, the withheld effects, the features, and the gap that each effect alone leaves.
+
+    With `error_in_gap`, the simulation's own error is a gap, too: whether there is one depends on nothing withheld.
+    """
 
     kind: str
+    error_in_gap: bool
     truth: frozenset[str]
     figures: VerdictFigures
     left: dict[str, float]
     composition: tuple[str, ...]
 
 
-def load_cases(folder: Path, results: Path) -> list[CalibrationCase]:
-    """Return the diagnosed cases of a blind test, with the seal opened."""
+def load_cases(folder: Path, results: Path) -> dict[str, list[CalibrationCase]]:
+    """Return the diagnosed cases of a blind test by class of mode, with the seal opened."""
     labels = {label["case"]: label for label in open_seal(folder)[1]}
-    cases = []
-    for path in sorted(results.glob("*/decision.json")):
-        label, gap = labels[path.parent.name], json.loads((path.parent / "gap.json").read_text(encoding="utf-8"))
-        figures = VerdictFigures(**json.loads(path.read_text(encoding="utf-8"))["figures"])
-        left = {cause["effect"]: 1.0 - (cause["gain"] or 0.0) for cause in gap["causes"]}
-        truth = frozenset(effect["name"] for effect in label["effects"])
-        cases.append(CalibrationCase(label["kind"], truth, figures, left, tuple(gap["composition"]["effects"])))
+    cases: dict[str, list[CalibrationCase]] = {}
+    for done, mode in find_modes([results], folder):
+        paths = sorted(done.glob("*/decision.json"))
+        read = [_load_case(path.parent, labels[path.parent.name], mode) for path in paths]
+        cases.setdefault(mode.class_name, []).extend(read)
     return cases
+
+
+def _load_case(case: Path, label: dict[str, Any], mode: Mode) -> CalibrationCase:
+    gap, decision = (json.loads((case / name).read_text(encoding="utf-8")) for name in (GAP, DECISION))
+    return CalibrationCase(
+        kind=label["kind"],
+        error_in_gap=mode.references == 0 and label["baseline_ratio"] > 0.0,
+        truth=frozenset(effect["name"] for effect in label["effects"]),
+        figures=VerdictFigures(**decision["figures"]),
+        left={cause["effect"]: 1.0 - (cause["gain"] or 0.0) for cause in gap["causes"]},
+        composition=tuple(gap["composition"]["effects"]),
+    )
 
 
 def fit_logistic(features: F, positive: NDArray[np.bool_]) -> F:
@@ -87,7 +107,8 @@ def fit_sharpness(some: list[CalibrationCase]) -> float:
 
 
 def calibrate(some: list[CalibrationCase]) -> dict[str, object]:
-    """Return the contents of calibration.json."""
+    """Return the weights of one class of mode."""
+    some = [c for c in some if not (c.kind == "none" and c.error_in_gap)]
     gap = fit_logistic(np.stack([gap_features(c.figures) for c in some]), np.array([c.kind != "none" for c in some]))
     there = [c for c in some if c.kind != "none"]
     features = np.stack([unknown_features(c.figures) for c in there])
@@ -106,10 +127,14 @@ def calibrate(some: list[CalibrationCase]) -> dict[str, object]:
 
 
 def main() -> None:
-    pairs = list(zip(sys.argv[1::2], sys.argv[2::2], strict=True))
-    calibration = calibrate([case for a, b in pairs for case in load_cases(Path(a), Path(b))])
+    calibration = json.loads(OUT.read_text(encoding="utf-8"))
+    cases: dict[str, list[CalibrationCase]] = {}
+    for folder, results in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
+        for name, read in load_cases(Path(folder), Path(results)).items():
+            cases.setdefault(name, []).extend(read)
+    calibration |= {name: calibrate(read) for name, read in cases.items()}
     write_atomically(OUT, json.dumps(calibration, indent=1) + "\n")
-    print(json.dumps(calibration, indent=1))
+    print(json.dumps({name: calibration[name] for name in cases}, indent=1))
 
 
 if __name__ == "__main__":

@@ -4,8 +4,9 @@
     oracle  = 1 − rms(true − (corrected + true effect)) / rms(true − simulation)
 
 `corrected` is the simulation with the correction from references: the oracle knows the effect exactly, but the
-simulation's error only as well as the diagnosis. Without that correction, `plain_oracle` knows the effect alone. Forces
-[N] are at the position samples, without both ends of the recording.
+simulation's error only as well as the diagnosis. Without that correction, `plain_oracle` knows the effect alone; it
+leaves `error_N`, the simulation's own error. Forces [N] are at the position samples, without both ends of the
+recording.
 """
 
 from __future__ import annotations
@@ -25,22 +26,22 @@ AXES = {"direction": "speed_m_s", "speed_m_s": "speed_m_s"}  # scored axes of `w
 
 def closure(truth: Arrays, replay: Arrays, name: str) -> dict[str, float]:
     """Return the true figures of the recording `name`; empty if the replay has another number of samples."""
-    force, effect, simulated = (truth[f"{name}_{key}"] for key in ("force_N", "effect_N", "baseline_N"))
-    augmented, corrected = replay[f"{name}_augmented_N"], replay[f"{name}_corrected_N"]
-    if not len(augmented) == len(corrected) == len(force):
+    force, effect = (truth[f"{name}_{key}"] for key in ("force_N", "effect_N"))
+    simulated, augmented, corrected = (replay[f"{name}_{key}_N"] for key in ("simulated", "augmented", "corrected"))
+    if not len(simulated) == len(augmented) == len(corrected) == len(force):
         return {}
     mask = _inner_mask(len(force)) & np.isfinite(simulated) & np.isfinite(augmented)
 
     def remaining_rms(estimate: F) -> float:
         return float(np.sqrt(np.mean((force - estimate)[mask] ** 2)))
 
-    before = remaining_rms(simulated)
+    before, error = remaining_rms(simulated), remaining_rms(simulated + effect)
     shrink = {
         "closure": 1.0 - remaining_rms(augmented) / before,
         "oracle": 1.0 - remaining_rms(corrected + effect) / before,
-        "plain_oracle": 1.0 - remaining_rms(simulated + effect) / before,
+        "plain_oracle": 1.0 - error / before,
     }
-    return {**shrink, "gap_N": before, "relative": shrink["closure"] / max(shrink["oracle"], 1e-3)}
+    return {**shrink, "gap_N": before, "error_N": error, "relative": shrink["closure"] / max(shrink["oracle"], 1e-3)}
 
 
 def where_error(

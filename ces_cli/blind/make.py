@@ -12,7 +12,7 @@ from ces_rig.blind.plan import GAPS, KINDS, Levels, list_spare_effects, plan_gri
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE
 from ces_rig.withheld.plants import PLANTS
 
-CALIBRATION = "calibration"  # plant for calibrating probabilities: used only if --plants names it
+RESERVED = ("calibration", "monotube")  # for probabilities and for sealed tests: used only if --plants names them
 SMALL_GRID_GAPS = (3.0,)
 
 
@@ -36,7 +36,7 @@ def make(options: argparse.Namespace) -> int:
 
 
 def _levels(options: argparse.Namespace) -> Levels:
-    default_plants = tuple(plant for plant in PLANTS if plant != CALIBRATION)
+    default_plants = tuple(plant for plant in PLANTS if plant not in RESERVED)
     return Levels(
         effects=_check_names(options.effects, EFFECTS, EFFECTS, "--effects"),
         outside=OUTSIDE,

@@ -7,7 +7,11 @@ from dataclasses import dataclass, field
 from itertools import permutations
 from typing import Any
 
+from ces_cli.blind.coverage import list_coverage
+from ces_cli.blind.mode import IDENTIFIED, Mode
+
 NONE, UNKNOWN = "none", "unknown"  # candidates besides the effects
+CALIBRATION = "calibration"  # the cause "the simulation's force map is off"
 SURE_PROBABILITY = 0.9  # from here on a wrong cause counts as confidently wrong
 
 
@@ -16,7 +20,8 @@ class CaseOutcome:
     """A case: its sealed description, its diagnosis (`gap.json`) and the true figures from the sealed arrays.
 
     `ranked` are the causes, most probable first; `probability` is by candidate, with `none` and `unknown`;
-    `composition` names the effects; `indistinguishable` are groups that the diagnosis reported.
+    `composition` names the effects; `indistinguishable` are groups that the diagnosis reported; `covered` says for each
+    comparable parameter whether its interval contains the truth.
     """
 
     case: str
@@ -35,15 +40,59 @@ class CaseOutcome:
     figures: Mapping[str, float] = field(default_factory=dict)
     baselines: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
+    mode: Mode = field(default_factory=Mode)
+    gap_N: float = 0.0
+    covered: tuple[bool, ...] = ()
+
+    @property
+    def is_simulation_wrong(self) -> bool:
+        """Whether the simulation has an error of its own, as an identified model always has."""
+        return self.baseline_ratio > 0.0 or self.mode.simulation == IDENTIFIED
+
+    @property
+    def is_error_in_gap(self) -> bool:
+        """Whether that error is a part of the gap, because there are no references that show it."""
+        return self.is_simulation_wrong and self.mode.references == 0
 
     @property
     def answer(self) -> str:
         """The right candidate: an effect's name, `none` or `unknown`; for a pair both names."""
         return {NONE: NONE, "outside": UNKNOWN}.get(self.kind, " + ".join(self.truth))
 
+    @property
+    def accepted(self) -> frozenset[str]:
+        """The candidates that are right; several if nothing is withheld but the simulation's error is in the gap."""
+        if self.kind == NONE and self.is_error_in_gap:
+            return frozenset({NONE, UNKNOWN, CALIBRATION})
+        return frozenset({self.answer})
+
+    @property
+    def found(self) -> tuple[str, ...]:
+        """The composition without `calibration` where that is true, too, beside a withheld effect."""
+        extra = {CALIBRATION} if self.is_simulation_wrong and set(self.truth) & set(self.composition) else set()
+        return tuple(name for name in self.composition if name not in extra)
+
     def is_in_top(self, count: int) -> bool:
         """Return whether a withheld effect is among the first `count` causes."""
         return bool(set(self.truth) & set(self.ranked[:count]))
+
+    def is_first_effect(self) -> bool:
+        """Return whether a withheld effect comes first, `calibration` left out where the simulation is wrong."""
+        ranked = [name for name in self.ranked if not (name == CALIBRATION and self.is_simulation_wrong)]
+        return bool(set(self.truth) & set(ranked[:1]))
+
+    def is_named_wrongly(self) -> bool:
+        """Return whether the verdict is `named` with an effect that was not withheld."""
+        return self.verdict == "named" and not set(self.found) <= set(self.truth)
+
+    def is_false_alarm(self) -> bool:
+        """Return whether a cause is claimed although nothing was withheld.
+
+        Where the simulation's own error is in the gap, `unknown` and `calibration` alone are right, too.
+        """
+        if self.is_error_in_gap:
+            return self.verdict not in ("no_gap", UNKNOWN) and self.composition != (CALIBRATION,)
+        return self.verdict != "no_gap"
 
     def is_first_by_class(self) -> bool:
         """Return whether the first cause is a withheld effect or was reported as indistinguishable from it."""
@@ -55,23 +104,23 @@ class CaseOutcome:
 
     def names_exactly(self) -> bool:
         """Return whether the verdict names exactly the withheld effects."""
-        return self.verdict == "named" and set(self.composition) == set(self.truth)
+        return self.verdict == "named" and set(self.found) == set(self.truth)
 
     def finds_exactly(self) -> bool:
         """Return whether the composition is exactly the withheld effects."""
-        return sorted(self.composition) == sorted(self.truth)
+        return sorted(self.found) == sorted(self.truth)
 
     def finds_by_class(self) -> bool:
         """Return whether composition and withheld effects match one to one, each equal or indistinguishable."""
-        return len(self.composition) == len(self.truth) and any(
-            all(map(self.is_same_class, self.truth, order)) for order in permutations(self.composition)
+        return len(self.found) == len(self.truth) and any(
+            all(map(self.is_same_class, self.truth, order)) for order in permutations(self.found)
         )
 
     def is_confidently_wrong(self) -> bool:
         """Return whether a cause that was not withheld was named with a probability of at least 0.9."""
         first = self.ranked[0] if self.ranked else ""
         is_sure = self.probability.get(first, 0.0) >= SURE_PROBABILITY
-        return self.verdict == "named" and is_sure and first not in self.truth
+        return self.verdict == "named" and is_sure and first not in self.accepted | set(self.truth)
 
 
 def build_case_outcome(
@@ -80,6 +129,7 @@ def build_case_outcome(
     figures: Mapping[str, float],
     baselines: Mapping[str, str],
     seconds: float,
+    mode: Mode,
 ) -> CaseOutcome:
     """Return the record of a case from its label, its `gap.json` and the causes that simpler methods name."""
     causes, rest = gap["causes"], gap["probabilities"]
@@ -100,4 +150,7 @@ def build_case_outcome(
         figures=figures,
         baselines=baselines,
         seconds=seconds,
+        mode=mode,
+        gap_N=label["gap_N"],
+        covered=list_coverage(label, gap),
     )

@@ -10,11 +10,12 @@ from pathlib import Path
 from ces_cli.blind import make as blind_make
 from ces_cli.blind import run as blind_run
 from ces_cli.blind import score as blind_score
+from ces_cli.blind.mode import MAX_REFERENCES, RUN, SIMULATIONS
 from ces_cli.terminal import terminal
 
 EXAMPLE = """\
 ces blind make --out cases_1 --seed 1 --cases 100
-  ces blind run cases_1 --out results_1
+  ces blind run cases_1 --out results_1 --simulation run predictions --references 0 2
   ces blind score cases_1 results_1 --out blind.md"""
 
 
@@ -61,8 +62,11 @@ def _add_make_options(p: argparse.ArgumentParser) -> None:
 def _add_run_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("cases", type=Path, metavar="DIR", help="output of 'make', or a copy with cases/ only")
     p.add_argument("--out", type=Path, required=True, metavar="RESULTS", help="folder for results")
-    p.add_argument("--predictions", action="store_true", help="use recorded predictions instead of the simulation")
-    p.add_argument("--no-reference", action="store_true", help="do not use the reference recordings")
+    text = "what the diagnosis gets as simulation: one that it runs, recorded predictions, or a model identified from "
+    text += "the references (default run); every combination with --references is diagnosed into a folder of its own"
+    p.add_argument("--simulation", nargs="+", choices=SIMULATIONS, default=(RUN,), metavar="KIND", help=text)
+    counts, text = range(MAX_REFERENCES + 1), "how many reference recordings it gets (default 2)"
+    p.add_argument("--references", nargs="+", type=int, choices=counts, default=(2,), metavar="N", help=text)
     p.add_argument("--limit", type=terminal.integer_between(1, 100_000), metavar="K", help="only the first K cases")
     _add_jobs(p)
     p.set_defaults(program=blind_run.run)
@@ -70,7 +74,8 @@ def _add_run_options(p: argparse.ArgumentParser) -> None:
 
 def _add_score_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("cases", type=Path, metavar="DIR", help="output of 'make'")
-    p.add_argument("results", type=Path, metavar="RESULTS", help="output of 'run'")
+    text = "output of 'run', or the folder of one mode in it"
+    p.add_argument("results", type=Path, nargs="+", metavar="RESULTS", help=text)
     p.add_argument("--out", type=Path, metavar="REPORT.md", help="also write the tables to this file")
     p.add_argument("--rows", type=Path, metavar="CASES.csv", help="also write one line for each case")
     p.set_defaults(program=blind_score.score)

@@ -1,6 +1,7 @@
 """`ces blind run`: diagnoses every case from its recordings alone; an interrupted run can be continued.
 
-It never opens the seal: a folder with a copy of `cases/` is enough.
+Every mode has a folder of its own in the folder for results. The seal is never opened: a folder with a copy of `cases/`
+is enough.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ces_cli.blind.case import ROW, Mode, diagnose_case
+from ces_cli.blind.case import ROW, diagnose_case
+from ces_cli.blind.mode import Mode, combine_modes
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import JobsProgress
 from ces_identify.jobs.workers import run_in_processes
@@ -24,29 +26,35 @@ SETTINGS = "run.json"
 
 def run(options: argparse.Namespace) -> int:
     """Diagnose the cases without a finished diagnosis, failed ones again; returns the exit status. Raises CesError."""
-    mode = Mode(options.predictions, not options.no_reference)
-    cases = _find_cases(options.cases, options.limit)
-    _require_same_settings(options.out, {**asdict(mode), "seal": read_seal(options.cases)})
-    failed = _diagnose(cases, options.out, mode, options.jobs)
-    print(f"{options.out}: {len(cases) - len(failed)} of {len(cases)} cases diagnosed")
-    for case, reason in failed:
-        terminal.print_warning(f"case {case}: {reason}")
-    if failed and len(failed) == len(cases):
+    modes = combine_modes(options.simulation, options.references)
+    cases, seal = _find_cases(options.cases, options.limit), read_seal(options.cases)
+    for mode in modes:
+        _require_same_settings(options.out / mode.name, {**asdict(mode), "seal": seal})
+    failed = _diagnose(cases, options.out, modes, options.jobs)
+    count = len(cases) * len(modes)
+    print(f"{options.out}: {count - len(failed)} of {count} diagnoses done ({', '.join(m.name for m in modes)})")
+    for where, reason in failed:
+        terminal.print_warning(f"{where}: {reason}")
+    if len(failed) == count:
         raise CesError(f"{options.cases}: none of the cases could be diagnosed, for the reasons above")
     return 0
 
 
-def _diagnose(cases: Sequence[Path], results: Path, mode: Mode, processes: int) -> list[tuple[str, str]]:
-    """Diagnose the cases without a result and return those that failed, with the reason."""
+def _diagnose(cases: Sequence[Path], results: Path, modes: Sequence[Mode], processes: int) -> list[tuple[str, str]]:
+    """Diagnose the cases without a result, and return the modes and cases that failed, with the reason."""
     failed = []
-    missing = [case for case in cases if not _is_done(results / case.name / ROW)]
-    with JobsProgress(len(cases), len(cases) - len(missing), "cases") as progress:
-        tasks = [(case, results / case.name, mode) for case in missing]
-        for row in run_in_processes(diagnose_case, tasks, processes, threads=1):
+    planned = [(case, results / mode.name / case.name, mode) for mode in modes for case in cases]
+    missing = [task for task in planned if not _is_done(task[1] / ROW)]
+    with JobsProgress(len(planned), len(planned) - len(missing), "diagnoses") as progress:
+        for row in run_in_processes(_run_task, missing, processes, threads=1):
             progress.count(_describe_row(row), failed=row["status"] != "done")
             if row["status"] != "done":
-                failed.append((row["case"], row["reason"]))
+                failed.append((f"{row['mode']}, case {row['case']}", row["reason"]))
     return sorted(failed)
+
+
+def _run_task(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
+    return {**diagnose_case(case, out, mode), "mode": mode.name}
 
 
 def _find_cases(folder: Path, limit: int | None) -> list[Path]:
@@ -63,10 +71,10 @@ def read_seal(folder: Path) -> str:
 
 
 def _require_same_settings(results: Path, settings: dict[str, Any]) -> None:
-    """Write the run's settings beside the results; raises CesError if results with other settings exist."""
+    """Write the run's settings beside the results; raises CesError if results of other cases exist."""
     path = results / SETTINGS
     if path.is_file() and json.loads(path.read_text(encoding="utf-8")) != settings:
-        raise CesError(f"{results}: holds results of other cases or options; choose another folder for --out")
+        raise CesError(f"{results}: holds results of other cases; choose another folder for --out")
     results.mkdir(parents=True, exist_ok=True)
     write_atomically(path, json.dumps(settings) + "\n")
 
@@ -77,4 +85,4 @@ def _is_done(row: Path) -> bool:
 
 def _describe_row(row: dict[str, Any]) -> str:
     text = row["summary"] if row["status"] == "done" else row["reason"]
-    return f"case {row['case']}: {text}, {row['seconds']:.1f} s"
+    return f"{row['mode']}, case {row['case']}: {text}, {row['seconds']:.1f} s"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import isnan
 
 from ces_cli.blind.figures import BY_NAME, METRICS, Cases, Metric, baselines, cases_of_kind
@@ -12,11 +12,24 @@ from ces_cli.blind.statistics import Statistic
 from ces_cli.terminal.terminal import as_csv
 
 SLICE_METRICS = (
-    "top-1", "top-1 by class", "top-3", "confidently wrong", "false alarms", "outside called `unknown`",
+    "top-1", "top-1 by class", "top-3", "named, and not the cause", "false alarms", "outside called `unknown`",
     "library called `unknown`", "both of a pair", "closure / oracle, median", "abs(claimed − true shrink), median",
     "ECE of the first candidate",
 )  # fmt: skip
+SUMMARY_METRICS = (
+    "top-1", "top-1 by class", "top-3", "verdict names exactly the effect", "named, and not the cause", "false alarms",
+    "outside called `unknown`", "both of a pair", "closure / oracle, median", "closure / oracle, 10th percentile",
+    "abs(claimed − true shrink), median", "abs(claimed − true shrink), 90th percentile",
+    "parameters within their 95 % interval", "ECE of the first candidate",
+)  # fmt: skip
 SHORT = {
+    "top-1 by class": "class",
+    "verdict names exactly the effect": "named exactly",
+    "named, and not the cause": "named, not the cause",
+    "both of a pair": "pairs",
+    "closure / oracle, 10th percentile": "10th percentile",
+    "abs(claimed − true shrink), 90th percentile": "90th percentile",
+    "parameters within their 95 % interval": "parameters covered",
     "outside called `unknown`": "outside unknown",
     "library called `unknown`": "library unknown",
     "closure / oracle, median": "closure / oracle",
@@ -26,15 +39,34 @@ SHORT = {
 WORDS = {0.0: "0", 1.0 / 3.0: "1/3"}
 
 
-def headline_table(cases: Cases, predictions: bool) -> str:
-    """Return every metric with its interval and target."""
+def summary_table(by_mode: Mapping[str, Cases]) -> str:
+    """Return one row per mode: each main metric with its interval, the number of cases, and the target."""
+    rows = []
+    for name, cases in by_mode.items():
+        target_class = cases[0].mode.class_name
+        cells = [_summary_cell(BY_NAME[metric], cases, target_class) for metric in SUMMARY_METRICS]
+        rows.append([f"`{name}`", str(len(cases)), *cells])
+    return _table(["mode", "cases", *(SHORT.get(name, name) for name in SUMMARY_METRICS)], rows)
+
+
+def _summary_cell(metric: Metric, cases: Cases, target_class: str) -> str:
+    figure = metric.count(cases)
+    if figure.count == 0:
+        return "–"
+    text = f"{_text(metric, figure)} ({_interval(metric, figure)}; {figure.count})"
+    target = metric.targets.get(target_class)
+    return text if target is None else f"{text}; {_goal(metric, target, figure)}"
+
+
+def headline_table(cases: Cases) -> str:
+    """Return every metric with its interval and the target of the cases' mode."""
     counted = [(metric, metric.count(cases)) for metric in METRICS]
-    rows = [_row(metric, figure, predictions) for metric, figure in counted if figure.count > 0]
+    rows = [_row(metric, figure, cases[0].mode.class_name) for metric, figure in counted if figure.count > 0]
     return _table(["figure", "value", "95 % interval", "cases", "target"], rows)
 
 
-def _row(metric: Metric, figure: Statistic, predictions: bool) -> list[str]:
-    target = metric.target_predictions if predictions else metric.target
+def _row(metric: Metric, figure: Statistic, target_class: str) -> list[str]:
+    target = metric.targets.get(target_class)
     numbers = [_text(metric, figure), _interval(metric, figure), str(figure.count)]
     return [metric.name, *numbers, "" if target is None else _goal(metric, target, figure)]
 
@@ -84,12 +116,23 @@ def baseline_table(cases: Cases) -> str:
 
 def case_rows(cases: Cases) -> str:
     """Return one line of CSV for each case: withheld effects, diagnosis, and the true figures."""
-    head = ("case", "kind", "plant", "excitation", "gap_to_noise", "baseline_ratio", "withheld", "verdict", "found")
+    head = (
+        "mode",
+        "case",
+        "kind",
+        "plant",
+        "excitation",
+        "gap_to_noise",
+        "baseline_ratio",
+        "withheld",
+        "verdict",
+        "found",
+    )
     names = sorted({name for case in cases for name in case.figures})
     tail = ("causes", "probability_none", "probability_unknown", "claimed_shrink", *names, "seconds")
     rows: list[Sequence[str]] = [(*head, *tail)]
     for c in cases:
-        levels = [c.case, c.kind, c.plant, c.excitation, f"{c.gap_to_noise:g}", f"{c.baseline_ratio:.3g}"]
+        levels = [c.mode.name, c.case, c.kind, c.plant, c.excitation, f"{c.gap_to_noise:g}", f"{c.baseline_ratio:.3g}"]
         first = [f"{name} {c.probability.get(name, 0.0):.3f}" for name in c.ranked[:3]]
         rest = [f"{c.probability.get(name, 0.0):.3f}" for name in (NONE, UNKNOWN)]
         figures = [f"{c.figures[name]:.4g}" if name in c.figures else "" for name in names]

@@ -41,7 +41,7 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     _print_lines(_gap_lines(diagnosis))
     if diagnosis.causes and diagnosis.verdict != NO_GAP:
         terminal.out.print(_cause_table(diagnosis))
-    _print_lines([*_parameter_lines(diagnosis), *_where_lines(diagnosis)])
+    _print_lines([*_parameter_lines(diagnosis), *_witness_lines(diagnosis), *_where_lines(diagnosis)])
     _print_lines([*_doubt_lines(diagnosis), *_next_lines(diagnosis, folder)])
     print(f"written: {folder}/{', '.join(files)}")
 
@@ -90,6 +90,14 @@ def _parameter_lines(diagnosis: Diagnosis) -> list[str]:
     return lines + [calibration_text(cell) for cell in calibration_cells(diagnosis)]
 
 
+def _witness_lines(diagnosis: Diagnosis) -> list[str]:
+    """Return what the refits of the model's own parameters say."""
+    if diagnosis.witness is None:
+        return []
+    says = diagnosis.witness_says or diagnosis.witness.note
+    return [f"second witness: {says}"] if says else []
+
+
 def _where_lines(diagnosis: Diagnosis) -> list[str]:
     """Return the regions with more of the gap's energy than of the time, also for the unexplained part."""
     lines = [] if diagnosis.verdict == NO_GAP else _where("where", diagnosis.where)
@@ -118,6 +126,10 @@ def _doubt_lines(diagnosis: Diagnosis) -> list[str]:
     lines += [f"not observable: {effect}: {reason}" for effect, reason in diagnosis.invisible]
     if diagnosis.surrogate_cost_J is not None:
         lines.append(f"a surrogate with J = {diagnosis.surrogate_cost_J:.2f} % replaced the simulation")
+        if diagnosis.surrogate_error is not None:
+            lines[-1] += (
+                f"; its error where inputs change: about {100.0 * diagnosis.surrogate_error:.0f} % of the change"
+            )
     return lines
 
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ces_cli.diagnose.fleet_page import write_page
 from ces_cli.diagnose.fleet_tables import describe_diagnosis, fleet_table, write_csv
-from ces_cli.diagnose.inputs import build_diagnose_options, read_with_predictions
+from ces_cli.diagnose.inputs import build_diagnose_options, read_with_predictions, require_one_source, take_simulation
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import FleetUnit, find_bags, find_fleet_units
 from ces_cli.terminal.many_jobs import report_failures, require_one_place, run_jobs
-from ces_cli.terminal.progress import JobsProgress
+from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress
 from ces_cli.terminal.simulations import open_simulation, with_predictions
 from ces_gap.fleet.request import DiagnosisJob, DiagnosisRequest, job_of
 from ces_gap.fleet.unit_result import diagnose_unit
@@ -39,10 +40,11 @@ def run_fleet(options: argparse.Namespace) -> int:
     if options.held_out:
         raise CesError("--held-out has no effect with --each: a part of each recording or vehicle is held out")
     require_one_place(options)
+    require_one_source(options)
     signals = terminal.load_described_signals(options)
-    request = _build_request(options, signals)
     units = find_fleet_units(options.real, options.each)
     with open_results(options.out / RESULTS, "a fleet") as results:
+        request = _build_request(options, signals)
         jobs, unread = _plan_jobs(units, request, signals, options.out)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
         finished = _compute(results, missing, request, signals, options, len(units))
@@ -52,10 +54,12 @@ def run_fleet(options: argparse.Namespace) -> int:
 
 
 def _build_request(options: argparse.Namespace, signals: Signals) -> DiagnosisRequest:
-    simulation = open_simulation(options.sim)
-    reference = tuple(read_with_predictions(simulation, path, signals) for path in find_bags(options.reference))
+    given = None if options.identify else open_simulation(options.sim)
+    reference = tuple(read_with_predictions(given, path, signals) for path in find_bags(options.reference))
     how = build_diagnose_options(options, threads=1)
-    return DiagnosisRequest(simulation, options.sim, reference, how, diagnose, result_files)
+    with DiagnoseProgress() as progress:
+        simulation, spec = take_simulation(given, reference, options, os.cpu_count() or 1, progress.listen)
+    return DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)
 
 
 def _plan_jobs(

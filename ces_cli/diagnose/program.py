@@ -17,6 +17,7 @@ from ces_cli.terminal.simulations import HELP, open_simulation
 from ces_observer.errors import CesError
 from ces_observer.json_checks import write_all_atomically
 
+STRUCTURES = ("auto", "polynomial", "sigmoid", "anfis", "relaxation", "chambers")
 OPTIONAL_FILES = ("next_experiment.yaml", "next_experiment.csv")  # not every diagnosis writes these
 
 
@@ -35,29 +36,36 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _diagnose(options: argparse.Namespace, command: str) -> None:
     from ces_cli.diagnose.diagnosis_tables import print_diagnosis
-    from ces_cli.diagnose.inputs import build_diagnose_options, read_with_predictions
+    from ces_cli.diagnose.inputs import (
+        build_diagnose_options,
+        read_with_predictions,
+        require_one_source,
+        take_simulation,
+    )
     from ces_cli.terminal.progress import DiagnoseProgress
     from ces_gap.augmented.augmented_file import name_simulation
     from ces_gap.intake.checks import check_recordings
     from ces_gap.pipeline import diagnose
     from ces_gap.report.result_files import result_files
 
+    require_one_source(options)
     _make_folder(options.out)
     how, signals = build_diagnose_options(options, os.cpu_count() or 1), terminal.load_described_signals(options)
-    simulation = open_simulation(options.sim)
+    given = None if options.identify else open_simulation(options.sim)
     roles = {"real": options.real, "held_out": options.held_out, "reference": options.reference}
     recordings = {
-        role: [read_with_predictions(simulation, p, signals) for p in find_bags(words)] for role, words in roles.items()
+        role: [read_with_predictions(given, p, signals) for p in find_bags(words)] for role, words in roles.items()
     }
     real, held_out, reference = recordings.values()
     doubts = check_recordings(real, held_out, reference)
     for text in doubts:
         terminal.print_warning(text)
     with DiagnoseProgress() as progress:
-        diagnosis = diagnose(simulation, options.sim, real, held_out, reference, how, progress.listen)
+        simulation, spec = take_simulation(given, reference, options, how.threads, progress.listen)
+        diagnosis = diagnose(simulation, spec, real, held_out, reference, how, progress.listen)
         diagnosis = replace(diagnosis, notes=(*doubts, *diagnosis.notes))
         progress.listen("writing the report", 1.0)
-        name = name_simulation(options.sim, options.out)
+        name = name_simulation(spec, options.out)
         files = result_files(diagnosis, name, list(recordings.items()), {"Command": command})
     for optional in OPTIONAL_FILES:
         (options.out / optional).unlink(missing_ok=True)  # from an earlier diagnosis
@@ -81,10 +89,15 @@ def _parser() -> terminal.Parser:
         "how far the gap shrinks with that effect added. Writes gap.json, augmented.json (the simulation with the "
         "effects, itself a SIM), report.html and, where it would help, the next experiment.",
         "ces diagnose --sim model.json --real bags/road bags/sweep --reference bags/new_damper --out gap\n"
+        "  ces diagnose --identify --reference bags/new_damper --real bags/road bags/sweep --out gap\n"
         "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference bags/new_damper --out fleet_gap",
     )
     whole = terminal.integer_between
-    p.add_argument("--sim", required=True, metavar="SIM", help=HELP)
+    p.add_argument("--sim", metavar="SIM", help=HELP)
+    text = "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"
+    p.add_argument("--identify", action="store_true", help=text)
+    text = "of the model that --identify fits; auto (default): the lowest cost on held-out parts of the references"
+    p.add_argument("--structure", choices=STRUCTURES, metavar="NAME", help=f"{text}; or {', '.join(STRUCTURES[1:])}")
     text = "recordings of the real damper: bags, folders, globs"
     p.add_argument("--real", nargs="+", required=True, metavar="BAG", help=text)
     text = "recordings for evaluation only (default: a part of --real is held out)"

@@ -12,8 +12,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-import numpy as np
-
 from ces_gap.augmented.augmented_simulation import AugmentedSimulation
 from ces_gap.augmented.simulation_spec import file_of, make_spec_relative, resolve_spec
 from ces_gap.baseline.correction import LearnedCorrection
@@ -160,19 +158,10 @@ def _read_learned_part(root: JsonObject, name: str, kind: type[LearnedPart]) -> 
     if document is None:
         return None
     try:
-        part = kind.from_json(dict(document))
-        _require_weights(part)
-        return part
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+        return kind.from_json(dict(document))
+    except (ModelError, KeyError, TypeError, ValueError, IndexError) as error:
         text = f"{type(error).__name__}: {error}; expected the output of `ces diagnose`; run it again"
         raise GapError(f"{root.where}: {name}: {text}") from None
-
-
-def _require_weights(part: LearnedCorrection | Surrogate) -> None:
-    """Raise ValueError unless each feature has a finite weight: compiled code does not check."""
-    size = part.dictionary.size
-    if part.dictionary.by_time or part.weights.shape != (size,) or not np.isfinite(part.weights).all():
-        raise ValueError(f"weights of shape {part.weights.shape}; expected {size} finite ones")
 
 
 def _digest(spec: str) -> str | None:

@@ -24,6 +24,10 @@ class TraceSimulator(Protocol):
         """Return the force [N] on the grid (n,) for `inputs`."""
         ...
 
+    def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
+        """Return the standard error [N] (n,) of the change of force from the recorded inputs to `inputs`: none here."""
+        return np.zeros(len(trace))
+
     def prepare_for(self, trace: Trace) -> TraceSimulator:
         """Return a simulator for this trace only, its results for the recorded inputs computed once."""
         return self
@@ -76,6 +80,16 @@ class Plant:
             return composition.respond(trace, trace.inputs, force)
         inputs = composition.drive(trace, force)
         return composition.respond(trace, inputs, self.force(trace, inputs))
+
+    def error_with_effects(self, composition: Composition, trace: Trace, alone: F | None = None) -> F:
+        """Return the standard error [N] (n,) of `with_effects` that a surrogate of the simulation causes.
+
+        It is zero for effects that do not run the simulation again, and where the simulation itself runs.
+        """
+        if not any(s.effect.reruns for s in composition.settings):
+            return np.zeros(len(trace))
+        force = self.alone(trace) if alone is None else alone
+        return self.simulation.error_of_change(trace, composition.drive(trace, force))
 
     def _correct(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
         if self.correction is None:

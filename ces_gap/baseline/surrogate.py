@@ -1,109 +1,140 @@
 """The surrogate of a simulation that cannot be run again, or only slowly: it predicts the effect of changed inputs.
 
-Only differences are used: the prediction for changed inputs minus the one for the recorded inputs is added to the
-simulated force, so that most of the learner's error cancels.
+Only differences are used: the surrogate's error at the recorded inputs, which is known, is added to its prediction for
+the changed inputs, so that the force at the recorded inputs is exact. A simulation does not know what time it is: if an
+effect moves the motion in time, the error is moved with it, and a pure delay of all inputs is exact, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ces_gap.baseline.dictionary import Dictionary, Scales
-from ces_gap.baseline.learner import learn
-from ces_gap.baseline.learner_kernels import low_pass
+from ces_gap.baseline.dictionary import Dictionary
+from ces_gap.baseline.physical_force import PhysicalForce
 from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.trace import F, Trace, TraceInputs
+from ces_observer.json_checks import JsonObject
 
-LATE_S, LAG_S, YIELD = 0.004, 0.012, 0.05  # [s], [s], share of the stroke: changes of the inputs in the examples
+SCHEMA = "ces-surrogate/2"
+UNKNOWN_ERROR = 1.0  # share of a difference: nothing is known about the error
+MAX_MODELS = 4
+INTERPOLATION_ERROR = (
+    0.4  # share of a change of force at currents far from recorded ones: measured on hydraulic dampers
+)
+
+
+@dataclass(frozen=True)
+class SharedForce:
+    """A physical model and its share of the sum."""
+
+    share: float
+    model: PhysicalForce
 
 
 @dataclass(frozen=True)
 class Surrogate(TraceSimulator):
-    """Weights (q,) of the dictionary's features, and its cost J [%] (thesis eq. 3.5) on held-out blocks."""
+    """The weighted mean of physical models, plus the weights (q,) of a dictionary's features for the rest, if any.
 
-    dictionary: Dictionary
+    `cost_J` is the cost J [%] (thesis eq. 3.5) on blocks left out of the fit. `difference_error` is the estimated RMS
+    error of the change of force by typical changes of the inputs, as a share of the RMS of that change.
+    """
+
+    models: tuple[SharedForce, ...]
+    dictionary: Dictionary | None
     weights: F
     cost_J: float
+    difference_error: float = UNKNOWN_ERROR
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the simulated force [N] (n,) for the inputs."""
         return self.prepare_for(trace).force(trace, inputs)
 
     def prepare_for(self, trace: Trace) -> TraceSimulator:
-        """Return the surrogate with its prediction for the recorded inputs computed once."""
-        return _Prepared(self, self.predict(trace, trace.inputs))
+        """Return the surrogate with its error at the recorded inputs computed once."""
+        return _Prepared(self, trace.simulated - self.predict(trace, trace.inputs))
 
     def predict(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the predicted force [N] (n,) for the inputs, independent of the simulated force."""
-        return self.dictionary.predict(trace, inputs, np.zeros(len(trace)), self.weights)
+        force = np.zeros(len(trace))
+        for one in self.models:
+            force += one.share * one.model.predict(inputs, trace.rate_Hz)
+        if self.dictionary is None:
+            return force
+        return np.asarray(force + self.dictionary.predict(trace, inputs, force, self.weights))
+
+    def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
+        """Return the standard error [N] (n,) of the change of force from the recorded inputs to `inputs`.
+
+        It is how much two models of different structure disagree, and a share of what is only interpolated between
+        recorded currents. Without two models it is the share `difference_error` of the change.
+        """
+        change = self.force(trace, inputs) - trace.simulated
+        if len(self.models) < 2:
+            return np.asarray(self.difference_error * np.abs(change))
+        one, other = (replace(self, models=(replace(m, share=1.0),), dictionary=None) for m in self.models[:2])
+        disagreement = one.force(trace, inputs) - other.force(trace, inputs)
+        beyond = INTERPOLATION_ERROR * self.models[0].model.distance_from_currents(trace, inputs)
+        return np.asarray(np.hypot(disagreement, beyond * change))
 
     def as_json(self) -> dict[str, Any]:
         """Return the surrogate as plain values."""
-        return {"dictionary": self.dictionary.as_json(), "weights": self.weights.tolist(), "cost_J": self.cost_J}
+        return {
+            "schema": SCHEMA,
+            "models": [{"share": one.share, **one.model.as_json()} for one in self.models],
+            "dictionary": None if self.dictionary is None else self.dictionary.as_json(),
+            "weights": self.weights.tolist(),
+            "cost_J": self.cost_J,
+            "difference_error": self.difference_error,
+        }
 
     @classmethod
-    def from_json(cls, document: dict[str, Any]) -> Surrogate:
-        """Return the surrogate from `as_json`; raises KeyError, TypeError or ValueError if the document is not one."""
+    def from_json(cls, document: Mapping[str, Any]) -> Surrogate:
+        """Return the surrogate from `as_json`, or of a file from before there were physical models in it.
+
+        Raises KeyError, TypeError, ValueError or ModelError if the document is not one.
+        """
+        if document.get("schema", SCHEMA) != SCHEMA:
+            raise ValueError(f"schema is {document['schema']!r}; expected {SCHEMA!r}")
+        root = JsonObject(document, "surrogate")
+        models: tuple[SharedForce, ...] = ()
+        if "schema" in document:
+            nodes = root.items("models", 0, MAX_MODELS)
+            models = tuple(SharedForce(n.number("share", 0.0, 1.0), PhysicalForce.from_json(n)) for n in nodes)
         weights = np.array(document["weights"], dtype=np.float64)
-        return cls(Dictionary.from_json(document["dictionary"]), weights, float(document["cost_J"]))
+        dictionary = None if document["dictionary"] is None else Dictionary.from_json(document["dictionary"])
+        if dictionary is not None:
+            dictionary.require_weights(weights)
+        error = root.number("difference_error", 0.0) if "difference_error" in document else UNKNOWN_ERROR
+        return cls(models, dictionary, weights, float(document["cost_J"]), error)
 
 
 @dataclass(frozen=True)
 class _Prepared(TraceSimulator):
-    """A surrogate for one trace; `recorded` is its prediction [N] (n,) for the recorded inputs."""
+    """A surrogate for one trace; `error` [N] (n,) is simulated minus predicted force at the recorded inputs."""
 
     surrogate: Surrogate
-    recorded: F
+    error: F
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
-        return trace.simulated + self.surrogate.predict(trace, inputs) - self.recorded
+        """Return the simulated force [N] (n,) for the inputs."""
+        return self.surrogate.predict(trace, inputs) + carry_error(self.error, trace, inputs)
+
+    def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
+        """Return the standard error [N] (n,) of the change of force."""
+        return self.surrogate.error_of_change(trace, inputs)
 
 
-@dataclass(frozen=True)
-class SurrogateExample:
-    """Inputs on a trace's grid and the force [N] (n,) simulated for them."""
+def carry_error(error: F, trace: Trace, inputs: TraceInputs) -> F:
+    """Return the error [N] (n,) at the recorded inputs moved in time as the changed motion is.
 
-    trace: Trace
-    inputs: TraceInputs
-    force: F
-
-
-def learn_surrogate(examples: Sequence[SurrogateExample]) -> Surrogate:
-    """Return the surrogate learnt from the examples."""
-    traces, forces = [e.trace for e in examples], [e.force for e in examples]
-    dictionary = Dictionary(Scales.of(traces, forces), by_force=False)
-    features = [dictionary.features(e.trace, e.inputs, np.zeros(len(e.trace))) for e in examples]
-    usable = [t.usable for t in traces]
-    learnt = learn(features, forces, usable, traces[0].rate_Hz, passes=1)
-    true = np.concatenate([f[u] for f, u in zip(forces, usable, strict=True)])
-    predicted = np.concatenate([p[u] for p, u in zip(learnt.crossfitted, usable, strict=True)])
-    spread = float(np.linalg.norm(true - true.mean()))
-    return Surrogate(dictionary, learnt.weights, 100.0 * float(np.linalg.norm(true - predicted)) / max(spread, 1e-9))
-
-
-def make_recorded_examples(traces: Sequence[Trace]) -> list[SurrogateExample]:
-    """Return the recorded inputs and simulated forces of the traces as examples."""
-    return [SurrogateExample(t, t.inputs, t.simulated) for t in traces]
-
-
-def make_changed_examples(traces: Sequence[Trace], simulation: TraceSimulator) -> list[SurrogateExample]:
-    """Return the recorded examples, and two with changed inputs for each trace, computed by `simulation`."""
-    examples = make_recorded_examples(traces)
-    changed = ((trace, inputs) for trace in traces for inputs in _change_inputs(trace))
-    return examples + [SurrogateExample(t, inputs, simulation.force(t, inputs)) for t, inputs in changed]
-
-
-def _change_inputs(trace: Trace) -> list[TraceInputs]:
-    """Return two typical changes of the inputs by effects: late and lagging; yielding with a weaker current."""
-    plain, rate = trace.inputs, trace.rate_Hz
-    late = np.interp(trace.time_s - LATE_S, trace.time_s, plain.position)
-    lagging = 1.1 * low_pass(plain.current, trace.step_s, LAG_S)
-    yielding = plain.position - YIELD * float(np.ptp(plain.position)) * trace.simulated / np.ptp(trace.simulated)
-    return [
-        plain.with_position(late, rate).with_current(lagging),
-        plain.with_position(yielding, rate).with_current(0.95 * plain.current),
-    ]
+    The delay is that of the position that fits the change best, in least squares: x - x' = delay v.
+    """
+    speed = trace.inputs.speed
+    moved = trace.inputs.position - inputs.position
+    size = float(speed @ speed)
+    delay_s = float(speed @ moved) / size if size > 0.0 else 0.0
+    return error if delay_s == 0.0 else np.interp(trace.time_s - delay_s, trace.time_s, error)

@@ -111,8 +111,7 @@ def simulate_experiment(simulation: TraceSimulator, recipe: Recipe) -> Trace:
 def _simulate(simulation: TraceSimulator, trace: Trace) -> F:
     """Return the force [N] (n,) on a trace that has no simulated force yet."""
     if isinstance(simulation, Surrogate):
-        features = simulation.dictionary.features(trace, trace.inputs, np.zeros(len(trace)))
-        return np.asarray(features @ simulation.weights)
+        return simulation.predict(trace, trace.inputs)
     return simulation.force(trace, trace.inputs)
 
 

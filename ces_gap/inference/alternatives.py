@@ -9,8 +9,13 @@ from collections.abc import Sequence
 
 from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_Z, compute_paired_gain, prior_cost
 from ces_gap.inference.fit import EffectFit
+from ces_gap.inference.nested_forms import loses_to_nested_form
 from ces_gap.inference.search import EffectSearchResult
 from ces_gap.inference.verdict import NEGLIGIBLE_SHARE
+from ces_gap.intake.checks import is_current_constant
+
+ALIKE_AT_CONSTANT_CURRENT = frozenset(("current_scale", "force_scale"))
+MAX_ALIKE_SHARE = 0.1  # of the gap's energy by which one of these may leave more than the other
 
 
 def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
@@ -19,7 +24,8 @@ def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
     if best is None:
         return []
     fits = result.alone if len(best.effects) == 1 else result.tried
-    return [f for f in fits if len(f.names) == len(best.names) and len(set(best.names) - set(f.names)) == 1]
+    near = [f for f in fits if len(f.names) == len(best.names) and len(set(best.names) - set(f.names)) == 1]
+    return [f for f in near if not loses_to_nested_form(result.evidence, f, best)]
 
 
 def _is_rival(best: EffectFit, fit: EffectFit) -> bool:
@@ -32,10 +38,14 @@ def _is_rival(best: EffectFit, fit: EffectFit) -> bool:
 def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     """Return the smallest share of the gap's energy that each effect leaves: alone, in the best, or as an alternative.
 
-    An alternative counts only for the effect that it adds, not for those that it shares with the best.
+    An alternative counts only for the effect that it adds, not for those that it shares with the best. An effect that
+    loses to a nested form counts as leaving clearly more.
     """
+    best, clear = result.best, MIN_GAIN_SHARE * result.gap_energy
     costs = {fit.names[0]: _cost(result, fit) for fit in result.alone if not fit.effects[0].nuisance}
-    best = result.best
+    if best is not None and len(best.effects) == 1:
+        lost = [f for f in result.alone if loses_to_nested_form(result.evidence, f, best)]
+        costs.update({f.names[0]: max(f.cost, best.cost + clear) for f in lost})
     for fit in (*find_alternatives(result), *([best] if best is not None else [])):
         names = fit.names if best is None or fit is best else set(fit.names) - set(best.names)
         costs.update({name: min(costs[name], _cost(result, fit)) for name in names if name in costs})
@@ -70,7 +80,13 @@ def _cost(result: EffectSearchResult, fit: EffectFit) -> float:
 
 
 def _is_as_good(result: EffectSearchResult, best: EffectFit, fit: EffectFit) -> bool:
-    """True if the best gains a negligible energy over the fit, or a small one that is within twice its error."""
+    """True if the best gains a negligible energy over the fit, or a small one that is within twice its error.
+
+    At one current, a wrong gain of current or of force differ by how the simulation depends on the current only. These
+    recordings do not verify that, so a somewhat larger gain does not decide between the two.
+    """
     paired = compute_paired_gain(result.evidence, fit.left_out, best.left_out)
     share = paired.energy / result.gap_energy
+    if set(best.names) ^ set(fit.names) == ALIKE_AT_CONSTANT_CURRENT and is_current_constant(result.evidence.traces):
+        return share < MAX_ALIKE_SHARE
     return share < NEGLIGIBLE_SHARE or (share < MIN_GAIN_SHARE and paired.z < MIN_GAIN_Z)

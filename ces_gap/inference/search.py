@@ -12,6 +12,7 @@ from ces_gap.inference.comparison import MIN_GAIN_SHARE, cost_with_penalty
 from ces_gap.inference.composition_search import CompositionSearch
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import EffectFit, fit_alone
+from ces_gap.inference.nested_forms import order_nested_forms
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import F
 
@@ -61,7 +62,7 @@ def search(
     for k, fit in enumerate([f for f in forms[:MAX_REFINED_FORMS] if f.cost < limit]):
         progress(f"running the simulation with {fit.names[0]}", k / MAX_REFINED_FORMS)
         forms[k] = refinement.refine(evidence, fit)
-    alone = best_forms(forms, energy)
+    alone = order_nested_forms(evidence, best_forms(forms, energy))
     compositions = CompositionSearch(evidence, residual, forms, energy, refinement, threads, min_gain_share)
     best = compositions.grow(alone, progress)
     tried: tuple[EffectFit, ...] = ()

@@ -86,9 +86,13 @@ class Probabilities:
     effects: Mapping[str, float]
 
 
-def calibration() -> Calibration:
-    """Return the weights from `calibration.json`."""
-    weights = json.loads((files("ces_gap.inference") / "calibration.json").read_text(encoding="utf-8"))
+def calibration(mode: str = "references") -> Calibration:
+    """Return the weights of a mode from `calibration.json`.
+
+    Modes are "references" and "no_references" for a simulation that is run, "predictions" for recorded ones, and
+    "identified" for a model identified from the references.
+    """
+    weights = json.loads((files("ces_gap.inference") / "calibration.json").read_text(encoding="utf-8"))[mode]
     gap, unknown = (tuple(map(float, weights[name])) for name in ("gap", "unknown"))
     return Calibration(gap, unknown, *(float(weights[name]) for name in ("sharpness", "least_gap", "least_known")))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ces_gap.effects.effect import Effect
 from ces_gap.errors import GapError
 from ces_gap.intake.force_units import MIN_CORRELATION, compare_forces, require_same_sign_and_unit
-from ces_gap.intake.operating_range import outside_notes
+from ces_gap.intake.operating_range import model_inside, outside_notes
 from ces_gap.intake.saturation import saturation_notes
 from ces_gap.trace import F, Trace
 from ces_identify.recordings.consistency import require_consistent
@@ -61,6 +61,19 @@ def check_traces(traces: Sequence[Trace], simulation: Simulation, name: str) -> 
         level = float(np.mean([t.inputs.current[t.usable].mean() for t in traces]))
         notes.append(f"the current stays at {level:.3g} A: effects of the valve are not visible")
     return tuple(notes)
+
+
+def seen_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> tuple[str, ...]:
+    """Return a note if the simulation is a model that was identified on one of the real recordings."""
+    model = model_inside(simulation)
+    known = [] if model is None else model.provenance.get("identification", [])
+    hashes = {str(one.get("sha256", "")) for one in known if isinstance(one, Mapping)} - {""}
+    seen = sorted({t.name for t in traces if t.recording.sha256 in hashes})
+    return tuple(
+        f"{recording}: {name} was identified on this recording: it has learned part of the gap; identify it on "
+        "references, or diagnose on other recordings"
+        for recording in seen
+    )
 
 
 def is_current_constant(traces: Sequence[Trace]) -> bool:

@@ -59,13 +59,20 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "controls": _controls(d),
         "ceiling": _ceiling(d),
         "rest": None if d.rest is None else [_region(r) for r in d.rest.regions],
+        "witness": _witness(d),
         "next_experiment": _experiment(d.next_experiment),
-        "surrogate": None if d.surrogate_cost_J is None else {"cost_J": d.surrogate_cost_J},
+        "surrogate": _surrogate(d),
         "held_out": [_held_out(s) for s in d.held_out],
         "notes": d.notes,
     }
     whole: dict[str, Any] = to_plain_json(document, "gap.json")
     return whole
+
+
+def _surrogate(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    if diagnosis.surrogate_cost_J is None:
+        return None
+    return {"cost_J": diagnosis.surrogate_cost_J, "difference_error": diagnosis.surrogate_error}
 
 
 def _region(region: GapRegion) -> dict[str, Any]:
@@ -130,6 +137,16 @@ def _controls(d: Diagnosis) -> dict[str, Any]:
 def _ceiling(d: Diagnosis) -> dict[str, Any]:
     shrink = 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
     return {"gap_after_N": d.ceiling_after_N, "shrink": shrink}
+
+
+def _witness(d: Diagnosis) -> dict[str, Any] | None:
+    """Return the refits of a physical model's parameters; null for other simulations."""
+    if d.witness is None:
+        return None
+    refits = [asdict(refit) for refit in d.witness.refits]
+    for refit in refits:
+        del refit["block_energy"]
+    return {"says": d.witness_says, "note": d.witness.note, "refits": refits}
 
 
 def _experiment(experiment: NextExperiment | None) -> dict[str, Any]:

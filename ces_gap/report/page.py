@@ -64,6 +64,7 @@ def report_page(
         together=composition_rows(d),
         rest_rows=_probabilities(d),
         calibration=_calibration_table(d) if has_gap else None,
+        refits=_refits(d),
         open_questions=_open_questions(d),
         where=_where("where", "gap", d.where) if has_gap else None,
         rest=_where("rest", "rest", d.rest) if d.rest is not None else None,
@@ -117,12 +118,35 @@ def _probabilities(d: Diagnosis) -> list[tuple[str, str, str, float, str]]:
     return [(css, label, remark, 100.0 * p, percent(p)) for css, label, remark, p in rows]
 
 
+def _refits(d: Diagnosis) -> list[dict[str, str]]:
+    """Return the refits of a physical model's parameters that close part of the gap."""
+    refits = d.witness.refits if d.witness is not None else ()
+    return [
+        {
+            "group": sentence_case(refit.group),
+            "changes": "; ".join(
+                f"{c.name}: {three_figures(c.before)} to {three_figures(c.after)}" for c in refit.changes
+            ),
+            "moved": f"{refit.moved_z:.1f}",
+            "control": "–" if refit.control_z is None else f"{refit.control_z:.1f}",
+            "closes": percent(refit.closes),
+        }
+        for refit in refits
+        if refit.energy > refit.energy_error
+    ]
+
+
 def _warnings(d: Diagnosis) -> list[str]:
     if d.surrogate_cost_J is None:
         return []
     return [
         "The simulation is available only as recorded predictions. Effects on position and current were evaluated with "
         f"a surrogate learned from these predictions; its cost J is {three_figures(d.surrogate_cost_J)} %."
+        + (
+            ""
+            if d.surrogate_error is None
+            else f" Its error where inputs change is about {percent(d.surrogate_error)} % of the change."
+        )
     ]
 
 

@@ -29,15 +29,19 @@ CLEARLY_BETTER = 0.9  # share of the chosen structure's selection cost
 
 @dataclass(frozen=True)
 class BestStructure:
-    """Fits every structure shortly, and the best of them in full; it is a `Fitter`. `sizes` are those of all."""
+    """Fits the structures `names` shortly, and the best of them in full; it is a `Fitter`.
+
+    `sizes` are those of all structures.
+    """
 
     sizes: Mapping[str, Size]
+    names: tuple[str, ...] = tuple(KITS)
 
     def __call__(
         self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
     ) -> Fitted:
         """Return the best model; raises CesError if no structure can be fitted."""
-        costs = _compare(tuple(KITS), self.sizes, series, sampling, options)
+        costs = _compare(self.names, self.sizes, series, sampling, options)
         if not costs:
             raise CesError("no structure could be fitted; check signals and units")
         best = min(costs, key=lambda name: costs[name])
@@ -62,6 +66,11 @@ class WithAlternatives:
             return fitted
         costs = _compare(PHYSICAL, self.sizes, series, sampling, options)
         return _with_costs(fitted, self.option, {self.option: fitted.results[0].cost, **costs})
+
+
+def default_sizes() -> dict[str, Size]:
+    """Return the default sizes of all structures."""
+    return {size.name: size.default for kit in KITS.values() for size in kit.sizes}
 
 
 def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:

@@ -67,8 +67,9 @@ def physical_fitter(option: str, sizes: Sizes) -> Fitter:
 
 
 def _refit(search: PhysicalSearch, best: PhysicalFit, sampling: Sampling, weights: F) -> Model:
-    """Return the model after a few more steps on the ticks with a weight."""
-    return _model(replace(best, theta=search.refit(best, weights)), sampling)
+    """Return the model after a few more steps on the ticks with a weight; the time limit applies to each refit anew."""
+    theta = PhysicalSearch(search.limits, lambda result: None).refit(best, weights)
+    return _model(replace(best, theta=theta), sampling)
 
 
 def _model(fit: PhysicalFit, sampling: Sampling) -> Model:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from operator import itemgetter
 
 import numpy as np
@@ -143,6 +144,7 @@ def _size_effects(
     scaled = [_scale_alone(plant, shape, target_N / len(shapes) ** 0.5, start) for shape in shapes]
     trials: list[tuple[float, tuple[WithheldEffect, ...], dict[str, IdealRecording]]] = []
 
+    @cache  # the search begins at the factor 1 again
     def gap(factor: float) -> float:
         effects = tuple(replace(w, severity=factor * w.severity) for w in scaled)
         recordings = {role: sense_with_effects(f, effects) for role, f in free.items()}

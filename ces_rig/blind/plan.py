@@ -25,7 +25,7 @@ ERRORS = (0.0, 1.0 / 3.0, 1.0)  # RMS of the simulation's own error over that of
 GRID_PAIRS = 8  # pairs of effects in a grid
 GRID_NONE = 6  # repeats of each cell without an effect: false alarms are rare
 SHARES = {EFFECT: 0.60, NONE: 0.14, OUTSIDE: 0.12, PAIR: 0.14}  # of a sample
-INVISIBLE = {CONSTANT: frozenset({"valve_lag", "current_hysteresis", "current_crosstalk"})}
+INVISIBLE = {CONSTANT: frozenset({"valve_lag", "current_hysteresis", "current_crosstalk", "sticking_pilot"})}
 """Effects that have no influence under an excitation."""
 
 

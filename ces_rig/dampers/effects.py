@@ -23,7 +23,8 @@ EFFECTS = (
 )  # fmt: skip
 OUTSIDE = (
     "groove", "foaming", "side_load", "sticking_check", "ring_tilt", "cell_resonance", "cell_creep",
-    "current_crosstalk", "mains_hum", "position_wave",
+    "current_crosstalk", "mains_hum", "position_wave", "late_check", "sticking_pilot", "current_ripple",
+    "frame_resonance",
 )  # fmt: skip
 
 

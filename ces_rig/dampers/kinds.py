@@ -28,6 +28,10 @@ from ces_rig.dampers.hydraulic import stepper
 from ces_rig.dampers.hydraulic.effects import Hydraulic
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.dampers.lumped import LumpedDamper
+from ces_rig.dampers.monotube import effects as monotube
+from ces_rig.dampers.monotube import kernel as monotube_kernel
+from ces_rig.dampers.monotube import live as monotube_live
+from ces_rig.dampers.monotube.parameters import Monotube
 from ces_rig.dampers.polyviscous import effects as polyviscous
 from ces_rig.dampers.polyviscous import kernel as polyviscous_kernel
 from ces_rig.dampers.polyviscous import live as polyviscous_live
@@ -38,7 +42,7 @@ from ces_rig.nested_numbers import replace_numbers
 
 Array = NDArray[np.float64]
 HYDRAULIC = "hydraulic"
-LUMPED: Mapping[str, type[LumpedDamper]] = {cls.kind: cls for cls in (BoucWen, Polyviscous)}
+LUMPED: Mapping[str, type[LumpedDamper]] = {cls.kind: cls for cls in (BoucWen, Polyviscous, Monotube)}
 DamperModel = Hydraulic | LumpedDamper
 """A damper whose numbers can be changed by path: as a plant, a simulation or on a live rig."""
 
@@ -55,6 +59,7 @@ class DamperKind:
     drive: Callable[..., None]
     ride: Callable[..., None]
     coil: int  # index of the coil current in the kernel's state
+    temperature: int  # the same of the temperature
     step_s: float  # step of the integrator
 
     def draw_plant(self, rng: Generator) -> DamperModel:
@@ -77,6 +82,7 @@ def _kind(design: DamperModel, effects: ModuleType, kernel: ModuleType, live: Mo
         live.drive,
         live.ride,
         kernel.COIL,
+        kernel.TEMPERATURE,
         step_s,
     )
 
@@ -88,6 +94,7 @@ KINDS: Mapping[str, DamperKind] = {
     ),
     BoucWen.kind: _kind(BoucWen(), bouc_wen, bouc_wen_kernel, bouc_wen_live, lumped.STEP_S),
     Polyviscous.kind: _kind(Polyviscous(), polyviscous, polyviscous_kernel, polyviscous_live, lumped.STEP_S),
+    Monotube.kind: _kind(Monotube(), monotube, monotube_kernel, monotube_live, lumped.STEP_S),
 }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from ces_rig.dampers.kinds import HYDRAULIC, KINDS, DamperModel, read_lumped
 from ces_rig.errors import RigError
 from ces_rig.experiment import Experiment, parse_experiment
 from ces_rig.sensors import Sensors
-from ces_rig.withheld import plants, sensing
+from ces_rig.withheld import plants, sensing, surroundings
 
 LIVE_SENSING = ("current_scale", "force_offset", "force_drift", "force_scale", "mains_hum", "position_wave")
 
@@ -71,15 +71,18 @@ def parse_effect(text: str, kind: str) -> WithheldEffect:
         raise RigError(
             f"withheld '{text}': no effect '{name}' on a live {kind} damper; expected one of {', '.join(known)}"
         )
-    spreads = {**KINDS[kind].spreads, **sensing.SPREADS}[name]
+    spreads = plants.list_spreads(kind)[name]
     require_known_keys(numbers, ("severity", *spreads), f"withheld '{text}'", RigError)
     severity = numbers.pop("severity", 1.0)
     return WithheldEffect(name, severity, {**{key: spread.middle for key, spread in spreads.items()}, **numbers})
 
 
 def _available_effects(kind: str) -> Sequence[str]:
-    """Return the effects that work tick by tick: not those of sensors with memory, nor foam in the CES damper."""
-    excluded = {*sensing.SENSING} - {*LIVE_SENSING} | ({"foaming"} if kind == HYDRAULIC else set())
+    """Return the effects that work tick by tick: none in sensors with memory or around the damper, and no foam in
+    the CES damper."""
+    excluded = {*sensing.SENSING, *surroundings.SPREADS} - {*LIVE_SENSING} | (
+        {"foaming"} if kind == HYDRAULIC else set()
+    )
     return [name for name in plants.available_effects(kind) if name not in excluded]
 
 

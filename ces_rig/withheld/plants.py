@@ -17,11 +17,11 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from ces_rig.dampers.effects import EFFECTS, OUTSIDE, WithheldEffect
+from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Proportions, WithheldEffect
 from ces_rig.dampers.kinds import KINDS, DamperKind, DamperModel
 from ces_rig.errors import RigError
 from ces_rig.experiment import GRID_S, Truth
-from ces_rig.withheld import sensing
+from ces_rig.withheld import sensing, surroundings
 
 Array = NDArray[np.float64]
 PLANTS = tuple(KINDS)
@@ -40,9 +40,14 @@ class BlindPlant:
         return self.model.current_A
 
 
+def list_spreads(kind: str) -> dict[str, Proportions]:
+    """Return the distributions of the proportions of every effect that this kind of plant can have, by effect."""
+    return {**_require_kind(kind).spreads, **sensing.SPREADS, **surroundings.SPREADS}
+
+
 def available_effects(kind: str) -> tuple[str, ...]:
     """Return the effects that this kind of plant can have, of the library and outside it."""
-    spreads = {**_require_kind(kind).spreads, **sensing.SPREADS}
+    spreads = list_spreads(kind)
     return tuple(name for name in EFFECTS + OUTSIDE if name in spreads)
 
 
@@ -53,7 +58,7 @@ def draw_plant(kind: str, rng: Generator) -> BlindPlant:
 
 def draw_effect(kind: str, name: str, rng: Generator) -> WithheldEffect:
     """Return the effect at severity 1 with drawn proportions; raises RigError if this kind of plant cannot have it."""
-    spreads = {**_require_kind(kind).spreads, **sensing.SPREADS}
+    spreads = list_spreads(kind)
     if name not in spreads:
         raise RigError(f"{kind} plant: no effect '{name}'; it can have {', '.join(available_effects(kind))}")
     return WithheldEffect(name, 1.0, {key: spread.draw(rng) for key, spread in spreads[name].items()})
@@ -74,6 +79,8 @@ def physical_numbers(plant: BlindPlant, withheld: WithheldEffect) -> dict[str, f
     """Return the true physical numbers of the effect: the numbers that it gives the plant, or the sensor."""
     if withheld.name in sensing.SENSING:
         return sensing.numbers(withheld, plant.current_A[1])
+    if withheld.name in surroundings.SPREADS:
+        return surroundings.numbers(withheld, plant.current_A[1])
     return KINDS[plant.kind].numbers(plant.model, withheld)
 
 
@@ -82,20 +89,27 @@ def simulate_signals(
 ) -> Truth:
     """Return the signals of ideal sensors; `time_s` is a grid of GRID_S, `stroke_m` the true stroke, all (n,).
 
-    Effects inside the damper change its equations; those of the sensors then act in their order. Raises RigError if a
+    Effects inside the damper change its equations; those around it act while it runs, those of the sensors then in
+    their order. Raises RigError if a
     number leaves its physical range, the stroke leaves the damper, or the grid is wrong.
     """
     if len(time_s) < 10 or not np.allclose(np.diff(time_s), GRID_S, rtol=0.0, atol=1e-9):
         raise RigError(f"plant: bad times; expected at least 10 times on a grid of {GRID_S:g} s")
+    acting = [effect for effect in effects if effect.severity > 0.0]
+    around = {e.name: physical_numbers(plant, e) for e in acting if e.name in surroundings.SPREADS}
     model = plant.model
-    for effect in effects:
-        if effect.name not in sensing.SENSING and effect.severity > 0.0:
+    for effect in acting:
+        if effect.name not in sensing.SENSING and effect.name not in around:
             model = model.with_numbers(KINDS[plant.kind].numbers(model, effect))
-    force, coil, temperature = model.run(GRID_S, stroke_m, command_A)
+    if around:
+        run = surroundings.run_surrounded(plant.kind, model, around, GRID_S, stroke_m, command_A)
+    else:
+        run = model.run(GRID_S, stroke_m, command_A)
+    force, coil, temperature = run
     true = Truth(time_s, stroke_m, command_A, coil, force, temperature)
-    for effect in effects:
-        if effect.name in sensing.SENSING and effect.severity > 0.0:
-            true = sensing.SENSING[effect.name](true, sensing.numbers(effect, plant.current_A[1]))
+    for effect in acting:
+        if effect.name in sensing.SENSING:
+            true = sensing.SENSING[effect.name](true, physical_numbers(plant, effect))
     return true
 
 

@@ -122,6 +122,7 @@ def test_recorded_predictions_are_sufficient() -> None:
     found = run_diagnosis(sprung, only_recorded=True)
     assert found.verdict == NAMED and found.composition.effects == ("gas_spring",)
     assert found.surrogate is not None and found.surrogate_cost_J == found.surrogate.cost_J
+    assert found.surrogate_error == found.surrogate.difference_error
     assert found.composition.shrink > 0.85
     assert run_diagnosis(sprung).surrogate is None and run_diagnosis(sprung).surrogate_cost_J is None
 

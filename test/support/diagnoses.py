@@ -112,6 +112,7 @@ def ambiguous() -> Diagnosis:
         probability_unknown=0.06,
         next_experiment=replace(experiment(), separates=("valve_lag", "current_hysteresis"), distance_N=31.0),
         surrogate_cost_J=2.7,
+        surrogate_error=0.15,
     )
 
 

@@ -97,6 +97,7 @@ SPREADS: Mapping[str, Proportions] = {
     "foaming": {"growth_1_J": log_spread(1e-6, 5e-6)},
     "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": uniform_spread(-0.01, 0.01)},
     "sticking_check": {"adhesion_Pa": log_spread(1.5e5, 4e5)},
+    "late_check": {"piston_s": log_spread(4e-3, 2e-2), "intake_s": log_spread(4e-3, 2e-2)},
 }  # fmt: skip
 
 
@@ -274,6 +275,13 @@ def _groove(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
     }  # fmt: skip
 
 
+def _late_check(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    return {
+        "piston.compression.closing_s": d.piston.compression.closing_s + s * p["piston_s"],
+        "top_checks.compression.closing_s": d.top_checks.compression.closing_s + s * p["intake_s"],
+    }
+
+
 CHANGES: Mapping[str, Change] = {
     "friction": _friction,
     "compressibility": _compressibility,
@@ -291,5 +299,6 @@ CHANGES: Mapping[str, Change] = {
     "groove": _groove,
     "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_1_J"]},
     "side_load": lambda _d, s, p: {"extras.side_load": s * p["slope_N_m"], "extras.side_at": p["at_m"]},
+    "late_check": _late_check,
     "sticking_check": lambda _d, s, p: {"extras.check_stick": s * p["adhesion_Pa"]},
 }

@@ -40,6 +40,7 @@ SPREADS: Mapping[str, Proportions] = {
     "current_hysteresis": {"loop_A": log_spread(0.08, 0.25)},
     "foaming": {"growth_m_J": log_spread(2e-8, 2e-7)},
     "sticking_check": {"adhesion_N": log_spread(60.0, 150.0)},
+    "late_check": {"closing_s": log_spread(4e-3, 2e-2)},
 }  # fmt: skip
 
 
@@ -96,5 +97,6 @@ CHANGES: Mapping[str, Change] = {
     "bump_stop": _bump_stop,
     "valve_lag": lambda d, s, p: {"field_s": d.field_s + s * p["field_s"], "delay_s": d.delay_s + s * p["delay_s"]},
     "current_hysteresis": lambda d, s, p: {"loop_A": d.loop_A + s * p["loop_A"]},
+    "late_check": lambda d, s, p: {"closing_s": d.closing_s + s * p["closing_s"]},
     "sticking_check": lambda _d, s, p: {"stick_N": s * p["adhesion_N"]},
 }

@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 
 PISTON, SPEED, BEND, LIFT, TEMPERATURE, COIL, FIELD_1, FIELD_2 = 0, 1, 2, 3, 4, 5, 6, 7
 POLAR, RELAXED, GAS_HEAT, AIR, TORN, LATE, VOID, JENKINS, ELEMENTS = 8, 9, 10, 11, 12, 13, 14, 15, 4
-STATE_SIZE = 19
+OPENED = 19
+STATE_SIZE = 20
 ADIABATIC = 1.4
 MIN_FORCE_N = 5.0  # [N] below which leakage is laminar
 FULL_M = 0.06
@@ -63,6 +64,8 @@ def passing_speed(c: Any, s: Array, force: float, thin: float) -> tuple[float, f
     slope += c.bypass_m_sN * (square - 0.5 * size * size) / (square * root)
     groove = c.groove_m_Ns * exp(-(((s[PISTON] - c.groove_at_m) / c.groove_m) ** 2))
     open_now = s[LIFT] / c.relief_Ns_m + groove
+    if s[OPENED] * side < 0.0:  # the valve of the other direction has not closed yet
+        open_now += abs(s[OPENED]) / beyond
     return side * (passed + open_now * size), slope + open_now
 
 
@@ -172,6 +175,8 @@ def step(c: Any, s: Array, stroke: float, speed: float, h: float) -> float:
         s[TORN] = 1.0 if after > 0.0 else -1.0
     elif s[TORN] * after < 0.5 * knee:
         s[TORN] = 0.0
+    lifted = max(abs(after) - knee, 0.0) / (abs(after) + c.knee_width_N)
+    s[OPENED] = first_order_lag(s[OPENED], lifted if after > 0.0 else -lifted, c.closing_s, h)
     power = abs(after * (new - (s[BEND] - before) / h)) + abs(f_seal * new)
     s[TEMPERATURE] += h * (power - c.heat_loss_W_K * warm) / c.heat_J_K
     s[AIR] += h * c.foaming_1_J * power

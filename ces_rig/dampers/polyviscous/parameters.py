@@ -80,6 +80,7 @@ class Polyviscous(LumpedDamper):
     side_load_N_m: float = quantity(0.0, "N/m", "growth of friction away from `side_at_m`", 0.0, 1e5)
     side_at_m: float = quantity(0.0, "m", "stroke without side load", -0.5, 0.5)
     stick_N: float = quantity(0.0, "N", "additional force that lifts the closed valves off their seats", 0.0, 1e5)
+    closing_s: float = quantity(0.0, "s", "time in which an open valve closes after the force has reversed", 0.0, 10.0)
 
     def _simulate(
         self, time_s: Array, moves: tuple[Array, Array, Array], interval_s: float, substeps: int, out: Array

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ces_cli.blind.case import AUGMENTED, DECISION, GAP, REPLAY, ROW
+from ces_cli.blind.case import AUGMENTED, DECISION, GAP, MODEL, REPLAY, ROW
 from ces_cli.blind.program import main
 from ces_cli.terminal.terminal import run as run_program
 from ces_gap import pipeline
@@ -15,6 +15,7 @@ from ces_gap.effects.library import library
 from ces_rig.blind.seal import open_arrays, open_seal
 
 CASES, SECONDS = 6, "3"
+SETTINGS = {"simulation": "run", "references": 2}
 QUICK = ("friction", "force_scale", "inertia", "leakage")
 
 
@@ -47,10 +48,11 @@ def make_gap(label, knows):
 
 
 def write_results(folder: Path, results: Path, knows: bool):
-    """Write results as `run` does, with answers from the opened seal."""
-    results.mkdir()
+    """Write results of the default mode as `run` does, with answers from the opened seal; return their folder."""
+    results = results / "run_2"
+    results.mkdir(parents=True)
     published = (folder / "cases" / "seal.sha256").read_text().strip()
-    (results / "run.json").write_text(json.dumps({"predictions": False, "reference": True, "seal": published}))
+    (results / "run.json").write_text(json.dumps({**SETTINGS, "seal": published}))
     for label in open_seal(folder)[1]:
         mine = results / label["case"]
         mine.mkdir()
@@ -62,7 +64,7 @@ def write_results(folder: Path, results: Path, knows: bool):
         gap["composition"]["shrink"] = claimed
         (mine / GAP).write_text(json.dumps(gap))
         (mine / DECISION).write_text(json.dumps({"baselines": {"bic": gap["causes"][0]["effect"]}, "figures": None}))
-        np.savez_compressed(mine / REPLAY, h1_augmented_N=augmented, h1_corrected_N=corrected)
+        np.savez_compressed(mine / REPLAY, h1_simulated_N=simulated, h1_augmented_N=augmented, h1_corrected_N=corrected)
         (mine / ROW).write_text(json.dumps({"case": label["case"], "status": "done", "seconds": 1.0}))
     return results
 
@@ -109,26 +111,31 @@ def test_zero_scores_for_wrong_answers(cases, tmp_path, capsys):
 
 
 def test_the_diagnosis_itself(cases, tmp_path, capsys, monkeypatch):
-    """One case from the recordings alone; a second run has nothing left to do."""
+    """One case from the recordings alone, with a model in place of the simulation; a second run has nothing to do."""
     monkeypatch.setattr(pipeline, "library", lambda: tuple(form for form in library() if form.name in QUICK))
-    blind = tmp_path / "blind"
+    blind, results = tmp_path / "blind", tmp_path / "results"
     shutil.copytree(cases / "cases", blind / "cases")
-    words = ["run", str(blind), "--out", str(tmp_path / "results"), "--limit", "1", "--jobs", "1"]
+    words = ["run", str(blind), "--out", str(results), "--limit", "1", "--jobs", "1"]
+    words += ["--simulation", "identified", "--references", "0", "1"]  # the first is impossible
     assert main(words) == 0
-    made = {path.name for path in (tmp_path / "results" / "0001").iterdir()}
-    assert made == {GAP, AUGMENTED, DECISION, REPLAY, ROW}
-    before = (tmp_path / "results" / "0001" / ROW).stat().st_mtime_ns
+    made = results / "identified_1" / "0001"
+    assert {path.name for path in made.iterdir()} == {GAP, AUGMENTED, DECISION, REPLAY, ROW, MODEL}
+    assert json.loads((made / GAP).read_text())["simulation"].endswith(MODEL)
+    before = (made / ROW).stat().st_mtime_ns
     assert main(words) == 0
-    assert (tmp_path / "results" / "0001" / ROW).stat().st_mtime_ns == before
-    assert run_program("blind", main, [*words, "--no-reference"]) == 2
-    assert "holds results of other cases or options" in capsys.readouterr().err
-    assert main(["score", str(cases), str(tmp_path / "results")]) == 0
-    assert f"1 of {CASES} sealed cases" in capsys.readouterr().out
+    assert (made / ROW).stat().st_mtime_ns == before
+    (blind / "cases" / "seal.sha256").write_text("another")
+    assert run_program("blind", main, words) == 2
+    assert "identified_1: holds results of other cases; choose another folder" in capsys.readouterr().err
+    assert main(["score", str(cases), str(results)]) == 0
+    printed = capsys.readouterr().out
+    assert f"1 of {CASES} sealed cases" in printed and "| `identified_1` | 1 |" in printed
+    assert "model identified from the references as simulation, one reference;" in printed
 
 
 def test_results_of_other_cases_are_refused(cases, tmp_path, capsys):
     results = write_results(cases, tmp_path / "results", knows=True)
-    (results / "run.json").write_text(json.dumps({"predictions": False, "reference": True, "seal": "another"}))
+    (results / "run.json").write_text(json.dumps({**SETTINGS, "seal": "another"}))
     assert run_program("blind", main, ["score", str(cases), str(results)]) == 2
     assert "holds results of other cases" in capsys.readouterr().err
 
@@ -139,6 +146,7 @@ def test_results_of_other_cases_are_refused(cases, tmp_path, capsys):
         (["make", "--out", "x", "--seed", "1", "--effects", "magic"], "--effects 'magic': expected friction,"),
         (["make", "--out", "x", "--seed", "1", "--kind", "odd"], "--kind 'odd': expected effect, none, outside, pair"),
         (["make", "--out", ".", "--seed", "1", "--cases", "1"], ".: is not empty; choose another folder"),
+        (["run", "x", "--out", "y", "--simulation", "identified", "--references", "0"], "add --references 1 or 2"),
         (["run", "nowhere", "--out", "y"], "nowhere: contains no cases/NNNN/case.json"),
         (["score", "nowhere", "y"], "nowhere: not a sealed blind test"),
         ([], "the following arguments are required: make|run|score"),

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from ces_cli.blind.closure import closure, where_error
-from ces_cli.blind.figures import BY_NAME, baselines, candidates
+from ces_cli.blind.figures import BY_NAME, baselines, candidates, cases_with_targets
+from ces_cli.blind.mode import Mode, combine_modes
 from ces_cli.blind.outcome import CaseOutcome
 from ces_cli.blind.statistics import brier, calibration_error, quantile, rate
-from ces_cli.blind.tables import case_rows, confusion_table
+from ces_cli.blind.tables import case_rows, confusion_table, summary_table
+from ces_observer.errors import CesError
 
 RIGHT = CaseOutcome(
     case="0001", kind="effect", truth=("friction",), gap_to_noise=3.0, baseline_ratio=0.0, excitation="rich", plant="a",
@@ -78,14 +80,63 @@ def test_metrics_count_only_their_own_kinds_of_case():
     assert baselines([replace(RIGHT, baselines={"bic": "friction"}), WRONG])["bic"].value == 1.0
     assert "| `inertia` | 1 | 0.0 % | 0.0 % | 100.0 % | named 1 | friction 1 |" in confusion_table(cases)
     row = case_rows([RIGHT]).splitlines()[1]
-    assert row.startswith("0001,effect,a,rich,3,0,friction,named,friction,friction 0.950")
+    assert row.startswith("run_2,0001,effect,a,rich,3,0,friction,named,friction,friction 0.950")
+
+
+def test_without_references_a_wrong_simulation_is_a_cause_of_its_own():
+    alone = replace(RIGHT, kind="none", truth=(), baseline_ratio=1.0, mode=Mode("run", 0), ranked=("calibration",))
+    right = [replace(alone, verdict="no_gap", composition=()), replace(alone, verdict="unknown", composition=())]
+    right += [replace(alone, verdict="named", composition=("calibration",))]
+    assert not any(case.is_false_alarm() for case in right)
+    assert replace(alone, composition=("calibration", "friction")).is_false_alarm()
+    assert all(replace(case, baseline_ratio=0.0).is_false_alarm() for case in right[1:])
+    assert all(replace(case, mode=Mode("run", 2)).is_false_alarm() for case in right[1:])
+    claimed, true = candidates([replace(alone, probability={"calibration": 0.6, "unknown": 0.3, "friction": 0.1})])
+    assert float((claimed * true).sum()) == pytest.approx(0.9) and claimed.sum() == pytest.approx(1.0)
+
+
+def test_calibration_beside_the_right_effect_is_not_wrong():
+    both = replace(RIGHT, composition=("calibration", "friction"), baseline_ratio=1.0, mode=Mode("run", 0))
+    assert both.names_exactly() and both.finds_exactly() and not both.is_named_wrongly()
+    assert replace(both, baseline_ratio=0.0).is_named_wrongly()
+    assert replace(both, composition=("calibration",)).is_named_wrongly()
+    assert replace(both, composition=("calibration", "friction", "inertia")).is_named_wrongly()
+    assert not replace(both, composition=("inertia",), verdict="ambiguous").is_named_wrongly()
+    first = replace(both, ranked=("calibration", "friction"))
+    assert first.is_first_effect() and not first.is_in_top(1)
+    assert not replace(first, baseline_ratio=0.0).is_first_effect()
+
+
+def test_targets_apply_from_a_gap_of_three_times_the_noise_and_of_the_identified_models_error():
+    model = replace(RIGHT, mode=Mode("identified", 2), gap_N=30.0, figures={"error_N": 29.0})
+    small = [replace(RIGHT, gap_to_noise=1.0), replace(model, figures={"error_N": 31.0})]
+    assert cases_with_targets([*small, RIGHT, model]) == [RIGHT, model]
+    table = summary_table({"run_2": [RIGHT] * 9 + [WRONG], "identified_2": [model]})
+    assert "90.0 % (59.6 % to 98.2 %; 10); ≥ 95.0 % **not met**" in table
+    assert "; 1); ≥ 90.0 % met" in table
+
+
+def test_modes():
+    assert [mode.name for mode in combine_modes(["run", "identified"], [0, 2])] == ["run_0", "run_2", "identified_2"]
+    classes = {mode.name: mode.class_name for mode in combine_modes(["run", "predictions", "identified"], [0, 1])}
+    assert classes == {
+        "run_0": "no_references", "run_1": "references", "predictions_0": "predictions",
+        "predictions_1": "predictions", "identified_1": "identified",
+    }  # fmt: skip
+    for simulation, references in (("identified", 0), ("walk", 1), ("run", 3)):
+        with pytest.raises(CesError, match=r"expected|add --references"):
+            Mode(simulation, references)
 
 
 def test_closure_and_its_oracles():
     rng = np.random.default_rng(2)
     force, effect, error = rng.normal(0.0, [[900.0], [24.0], [18.0]], (3, 20_000))
     truth = {"h1_force_N": force, "h1_effect_N": effect, "h1_baseline_N": force - effect - error}
-    replay = {"h1_corrected_N": force - effect - 0.1 * error, "h1_augmented_N": force - 0.5 * effect - 0.1 * error}
+    replay = {
+        "h1_simulated_N": truth["h1_baseline_N"],
+        "h1_corrected_N": force - effect - 0.1 * error,
+        "h1_augmented_N": force - 0.5 * effect - 0.1 * error,
+    }
     got = closure(truth, replay, "h1")
     assert got["gap_N"] == pytest.approx(30.0, rel=0.02)
     assert got["oracle"] == pytest.approx(1.0 - 1.8 / 30.0, abs=0.003)

@@ -9,7 +9,9 @@ import pytest
 from ces_gap.augmented.augmented_file import MAX_BYTES, is_augmented, load_augmented, save_augmented
 from ces_gap.baseline.correction import LearnedCorrection
 from ces_gap.baseline.dictionary import Dictionary, Scales
-from ces_gap.baseline.surrogate import Surrogate, learn_surrogate, make_recorded_examples
+from ces_gap.baseline.surrogate import Surrogate
+from ces_gap.baseline.surrogate_examples import make_recorded_examples
+from ces_gap.baseline.surrogate_fit import learn_surrogate
 from ces_gap.effects.effect import FLUID, PARALLEL, VALVE, Composition, Effect, EffectParameter, Setting
 from ces_gap.trace import make_trace
 from ces_identify.recordings.recording import Channel, Recording

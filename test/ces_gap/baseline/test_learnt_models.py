@@ -1,4 +1,4 @@
-"""Models of the generic learner: the correction, the surrogate and the ceiling."""
+"""Models of the generic learner: the correction and the ceiling."""
 
 from __future__ import annotations
 
@@ -7,15 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine_plant import NOISE_N, SIMULATION, F, damper, traced
+from engine_plant import NOISE_N, F, damper, traced
 
 from ces_gap.baseline.ceiling import learn_ceiling
 from ces_gap.baseline.correction import LearnedCorrection, learn_correction
-from ces_gap.baseline.plant import DirectSimulator
-from ces_gap.baseline.surrogate import Surrogate, learn_surrogate, make_changed_examples, make_recorded_examples
 from ces_gap.trace import Trace
-
-CALLED = DirectSimulator(SIMULATION)
 
 
 def wrong(time_s: F, position_m: F, current_A: F) -> F:
@@ -35,7 +31,6 @@ def rms(values: F, trace: Trace) -> float:
 REFERENCES = [traced(wrong, seed=s, seconds=10.0) for s in (1, 2, 3)]
 UNSEEN = traced(wrong, seed=9)
 CORRECTION, LEARNT = learn_correction(REFERENCES)
-SURROGATE = learn_surrogate(make_changed_examples(REFERENCES[:2], CALLED))
 
 
 def test_references_teach_the_baseline_error() -> None:
@@ -66,57 +61,6 @@ def test_the_json_round_trip_of_a_correction_is_exact() -> None:
     )
     with pytest.raises(KeyError):
         LearnedCorrection.from_json({"weights": [1.0]})
-
-
-def test_the_surrogate_keeps_the_force_of_recorded_inputs() -> None:
-    np.testing.assert_allclose(SURROGATE.force(UNSEEN, UNSEEN.inputs), UNSEEN.simulated, atol=1e-9)
-    same = UNSEEN.inputs.with_current(UNSEEN.inputs.current + 0.0)
-    np.testing.assert_allclose(SURROGATE.force(UNSEEN, same), UNSEEN.simulated, atol=1e-6)
-
-
-@pytest.mark.parametrize("change", ["weaker", "late"])
-def test_the_surrogate_predicts_the_effect_of_changed_inputs(change: str) -> None:
-    trace = REFERENCES[2]  # of which it never saw a change
-    late = np.interp(trace.time_s - 0.003, trace.time_s, trace.inputs.position)
-    inputs = {
-        "weaker": trace.inputs.with_current(0.93 * trace.inputs.current),
-        "late": trace.inputs.with_position(late, trace.rate_Hz),
-    }[change]
-    exact = CALLED.force(trace, inputs) - trace.simulated
-    predicted = SURROGATE.force(trace, inputs) - trace.simulated
-    assert rms(predicted - exact, trace) < 0.45 * rms(exact, trace)
-
-
-def test_the_cost_of_the_surrogate_is_that_on_held_out_data() -> None:
-    surrogate, use = learn_surrogate(make_recorded_examples(REFERENCES)), UNSEEN.usable
-    predicted = surrogate.dictionary.predict(UNSEEN, UNSEEN.inputs, np.zeros(len(UNSEEN)), surrogate.weights)
-    spread = np.linalg.norm(UNSEEN.simulated[use] - UNSEEN.simulated[use].mean())
-    unseen_J = 100.0 * np.linalg.norm((predicted - UNSEEN.simulated)[use]) / spread
-    assert surrogate.cost_J > 1.0
-    assert (
-        0.5 * surrogate.cost_J < unseen_J < 2.5 * surrogate.cost_J
-    )  # another stroke is a little harder than another block
-
-
-def test_the_json_round_trip_of_a_surrogate_is_exact() -> None:
-    again = Surrogate.from_json(json.loads(json.dumps(SURROGATE.as_json())))
-    weaker = UNSEEN.inputs.with_current(0.9 * UNSEEN.inputs.current)
-    np.testing.assert_array_equal(again.force(UNSEEN, weaker), SURROGATE.force(UNSEEN, weaker))
-    np.testing.assert_array_equal(SURROGATE.prepare_for(UNSEEN).force(UNSEEN, weaker), SURROGATE.force(UNSEEN, weaker))
-    assert again.cost_J == SURROGATE.cost_J
-    with pytest.raises((KeyError, TypeError, ValueError)):
-        Surrogate.from_json({"weights": []})
-
-
-def test_examples_are_the_recorded_inputs_and_two_changes_of_each() -> None:
-    examples = make_changed_examples(REFERENCES[:2], CALLED)
-    assert len(examples) == 6 and [e.inputs for e in examples[:2]] == [t.inputs for t in REFERENCES[:2]]
-    for example in examples:
-        assert np.isfinite(example.force).all() and len(example.force) == len(example.trace)
-    for example in examples[2:]:
-        np.testing.assert_allclose(example.force, CALLED.force(example.trace, example.inputs))
-        assert rms(example.force - example.trace.simulated, example.trace) > 5.0
-    assert all(e.force is t.simulated for e, t in zip(make_recorded_examples(REFERENCES), REFERENCES, strict=True))
 
 
 def test_the_ceiling_explains_a_drift_with_time() -> None:

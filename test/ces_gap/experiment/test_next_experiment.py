@@ -14,7 +14,8 @@ from example_effects import PLANT, SIMULATION, CurrentOffset, Friction, Rubbing,
 from numpy.typing import NDArray
 
 from ces_gap.baseline.plant import DirectSimulator, Plant
-from ces_gap.baseline.surrogate import learn_surrogate, make_recorded_examples
+from ces_gap.baseline.surrogate_examples import make_recorded_examples
+from ces_gap.baseline.surrogate_fit import learn_surrogate
 from ces_gap.diagnosis import NextExperiment
 from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.errors import GapError

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine_plant import NOISE_N
+from engine_plant import NOISE_N, traced
 from search_examples import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, EffectSearchResult, Offset, planted, run_search
 
 from ces_gap.effects.effect import EffectParameter
+from ces_gap.effects.library import current_scale, force_scale
 from ces_gap.inference.alternatives import (
+    MAX_ALIKE_SHARE,
     find_alternatives,
     interchangeable_effects,
     merge_groups,
@@ -52,6 +54,18 @@ def test_alternatives_to_a_single_effect_are_single_effects() -> None:
     result = with_tare(planted(OFFSET))
     assert {frozenset(g) for g in interchangeable_effects(result)} == {frozenset(("offset", "tare"))}
     assert all(len(f.names) == 1 for f in find_alternatives(result))
+
+
+@pytest.mark.parametrize("constant_A", [0.09, None], ids=["constant", "changing"])
+def test_gains_of_current_and_force_are_alternatives_at_constant_current_only(constant_A: float | None) -> None:
+    forms = (current_scale.FORMS[0], force_scale.FORMS[0])
+    traces = [traced(seed=s, seconds=4.0, constant_A=constant_A) for s in (1, 2)]
+    result = search(planted(FRICTION, traces=traces), forms, Refinement(), 1)
+    worse, better = sorted((f.cost for f in result.alone), reverse=True)
+    share = (worse - better) / result.gap_energy
+    assert NEGLIGIBLE_SHARE < share < MAX_ALIKE_SHARE  # the difference is visible in both
+    groups = [set(group) for group in interchangeable_effects(result)]
+    assert groups == ([{"current_scale", "force_scale"}] if constant_A else [])
 
 
 @pytest.mark.parametrize("effects", [(SPRING,), (SPRING, FRICTION)], ids=["one", "two"])

@@ -93,8 +93,9 @@ def test_effects_of_the_best_composition_count_as_leaving_what_it_leaves() -> No
     assert result["inertia"] > result["gas_spring"]
 
 
-def test_calibrated_weights_are_complete_and_finite() -> None:
-    weights = calibration()
+@pytest.mark.parametrize("mode", ["references", "no_references", "predictions", "identified"])
+def test_calibrated_weights_are_complete_and_finite(mode: str) -> None:
+    weights = calibration(mode)
     assert isinstance(weights, Calibration)
     for field in fields(weights):
         assert np.isfinite(getattr(weights, field.name)).all(), field.name

@@ -16,6 +16,7 @@ from ces_gap.intake.checks import (
     find_invisible_effects,
     is_current_constant,
     require_distinct,
+    seen_notes,
 )
 from ces_gap.intake.force_units import compare_forces
 from ces_gap.intake.saturation import exclude_saturated_ticks, find_saturations
@@ -349,6 +350,18 @@ def test_a_sound_effect_of_the_user_is_accepted():
     effect = user_effect("test_gap_checks:Sound")
     assert effect == Sound()
     require_sound(effect, trace())
+
+
+def test_a_model_identified_on_a_real_recording_is_noted():
+    known = {"identification": [{"recording": "worn", "sha256": "a1"}, {"recording": "new", "sha256": "b2"}]}
+    envelope = Envelope((-1.0, 1.0), (-9.0, 9.0), (-9.0, 9.0))
+    body = Polynomial((Term(1.0, (Factor("speed", 0),)),))
+    model = Model(Sampling(RATE, 40.0, 0.02), body, envelope, (-1e6, 1e6), provenance=known)
+    traces = [replace(trace(), recording=replace(trace().recording, sha256=sha)) for sha in ("a1", "c3", "")]
+    (note,) = seen_notes(traces, ModelSimulation(model), "model.json")
+    assert "model.json was identified on this recording" in note
+    assert seen_notes(traces[1:], ModelSimulation(model), "model.json") == ()
+    assert seen_notes(traces, FunctionSimulation("f", force_of), "f") == ()
 
 
 @pytest.mark.parametrize(

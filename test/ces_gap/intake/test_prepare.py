@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine_plant import SIMULATION, F, recorded, traced
+from engine_plant import SIMULATION, F, damper, recorded, traced
 
 from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.baseline.surrogate import Surrogate
@@ -15,7 +16,7 @@ from ces_gap.errors import GapError
 from ces_gap.intake import prepare as prepare_module
 from ces_gap.intake.prepare import DiagnosisInput, prepare_recordings, set_aside
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.simulations.simulation import RecordedSimulation
+from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation
 
 
 def prepare(real: list[Recording], held_out: list[Recording] | None = None, **more: list[Recording]) -> DiagnosisInput:
@@ -51,6 +52,7 @@ def test_recordings_keep_their_roles() -> None:
 
 def test_a_fast_simulation_is_run_directly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
+    monkeypatch.setattr(prepare_module, "SLOW_CLOCK_S", 60.0)
     inputs = prepare([recorded()])
     assert isinstance(inputs.exact, DirectSimulator) and inputs.cheap is inputs.exact and inputs.surrogate is None
     assert inputs.best is inputs.exact and inputs.slow is None
@@ -70,6 +72,17 @@ def test_a_slow_simulation_gets_a_surrogate_with_changed_inputs(monkeypatch: pyt
     changed = inputs.exact.force(trace, weaker) - trace.simulated
     predicted = inputs.cheap.force(trace, weaker) - trace.simulated
     assert np.std((predicted - changed)[trace.usable]) < 0.5 * np.std(changed[trace.usable])
+
+
+def test_a_simulation_that_waits_is_slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
+
+    def wait(time_s: F, position_m: F, current_A: F) -> F:
+        time.sleep(0.3)
+        return damper(time_s, position_m, current_A)
+
+    inputs = prepare_recordings(FunctionSimulation("waiting", wait), [recorded()], [], [])
+    assert inputs.slow is inputs.exact and inputs.cheap is inputs.surrogate
 
 
 def add_predictions(recording: Recording) -> Recording:

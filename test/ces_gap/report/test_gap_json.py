@@ -101,7 +101,7 @@ def test_indistinguishable_effects_have_an_experiment_that_separates_them() -> N
     document = gap_document(ambiguous())
     assert document["indistinguishable"] == [["valve_lag", "current_hysteresis"]]
     assert document["next_experiment"]["separates"] == ["valve_lag", "current_hysteresis"]
-    assert document["surrogate"] == {"cost_J": 2.7}
+    assert document["surrogate"] == {"cost_J": 2.7, "difference_error": 0.15}
 
 
 def test_recipes_become_plain_json() -> None:

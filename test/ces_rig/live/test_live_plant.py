@@ -13,7 +13,12 @@ from ces_rig.live.rig import LiveRig, RigSettings
 from ces_rig.withheld import plants
 
 COUNT = 2  # grid intervals a tick
-ROUNDING_N = {"hydraulic": 0.0, "bouc_wen": 0.0, "calibration": 1e-9}  # the last has a dead time to interpolate
+ROUNDING_N = {
+    "hydraulic": 0.0,
+    "bouc_wen": 0.0,
+    "calibration": 1e-9,
+    "monotube": 0.0,
+}  # the last has a dead time to interpolate
 TIME = np.arange(0, 0.5 + GRID_S / 2, GRID_S)
 STROKE = 0.018 * np.clip(5 * TIME, 0, 1) ** 2 * np.sin(2 * np.pi * 4 * TIME)
 

@@ -1,4 +1,4 @@
-"""The MR and the ER damper's kernels: they agree with their slow twins, converge, and remember what they should."""
+"""The kernels of the MR, the ER and the mono-tube damper: they agree with slow twins, converge and remember."""
 
 from dataclasses import replace
 
@@ -8,11 +8,12 @@ import pytest
 
 from ces_rig.dampers import lumped
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
+from ces_rig.dampers.monotube.parameters import Monotube
 from ces_rig.dampers.polyviscous.parameters import Polyviscous
 from ces_rig.errors import RigError
 
 GRID = 0.5e-3
-KINDS = [BoucWen, Polyviscous]
+KINDS = [BoucWen, Polyviscous, Monotube]
 
 
 def drive(high_A, seconds=1.0, amplitude=0.02, frequency=3.0):
@@ -40,6 +41,32 @@ ER = (
 )
 
 
+MONOTUBE = (
+    {},
+    {"oil_N_m": 3e6, "air_m": 3e-4, "clearance_m_sN": 5e-5},
+    {"seal_N": 60.0, "mass_kg": 4.0, "mount_N_m": 3e6, "mount_m": 1e-3, "loop_A": 0.1},
+    {"gas_Pa": 3e5, "stop_clearance_m": 0.015, "thinning_1_K": 0.02, "heat_J_K": 20.0},
+)
+
+
+@pytest.mark.parametrize("changes", MONOTUBE)
+def test_the_mono_tube_agrees_with_its_twin(changes):
+    damper = Monotube(**changes)
+    _, stroke, current = drive(1.6, 0.25)
+    force = damper.run(GRID, stroke, current)[0]
+    assert relative_rms(force[1:], lumped_twins.monotube(damper, stroke, current, GRID)) < 0.01
+
+
+def test_without_gas_pressure_the_mono_tube_draws_a_void_in_compression_that_must_close_first():
+    time = np.arange(0, 1.0, GRID)
+    stroke = 0.03 * np.sin(2 * np.pi * 4 * np.maximum(time - 0.1, 0))
+    current = np.full_like(time, 1.6)
+    full, starved = (Monotube(gas_Pa=p).run(GRID, stroke, current)[0] for p in (1.8e6, 2.5e5))
+    pushing, turned = (time > 0.12) & (time < 0.15), (time > 0.165) & (time < 0.175)
+    assert full[pushing].max() > 600 and starved[pushing].max() < 380  # 0.25 MPa on the annulus are 300 N
+    assert full[turned].max() < -50 < starved[turned].mean()
+
+
 @pytest.mark.parametrize("changes", MR)
 def test_the_mr_damper_agrees_with_its_twin(changes):
     damper = BoucWen(**changes)
@@ -56,7 +83,7 @@ def test_the_er_damper_agrees_with_its_twin(changes):
     assert relative_rms(force[1:], lumped_twins.polyviscous(damper, stroke, current, GRID)) < 0.01
 
 
-@pytest.mark.parametrize(("kind", "high"), [(BoucWen, 1.6), (Polyviscous, 4.0)])
+@pytest.mark.parametrize(("kind", "high"), [(BoucWen, 1.6), (Polyviscous, 4.0), (Monotube, 1.6)])
 def test_half_the_step_gives_the_same_force(kind, high, monkeypatch):
     _, stroke, current = drive(high)
     force = kind().run(GRID, stroke, current)[0]
@@ -64,7 +91,7 @@ def test_half_the_step_gives_the_same_force(kind, high, monkeypatch):
     assert 0.0 < relative_rms(force, kind().run(GRID, stroke, current)[0]) < 0.01
 
 
-@pytest.mark.parametrize(("kind", "high"), [(BoucWen, 1.6), (Polyviscous, 4.0)])
+@pytest.mark.parametrize(("kind", "high"), [(BoucWen, 1.6), (Polyviscous, 4.0), (Monotube, 1.6)])
 def test_more_field_damps_more_and_at_rest_nothing_but_gas_pushes(kind, high):
     _, stroke, _ = drive(high)
     energy = [

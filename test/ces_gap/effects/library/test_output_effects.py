@@ -60,6 +60,12 @@ CASES: list[tuple[tuple[str, str], Planted, Sequence[float], Sequence[float]]] =
     (("inertia", "mass_on_cell"), plants.mass_on_cell(4.0, 4e5), (4.0, 4e5), (0.03, 0.03)),
     (("gas_spring", "linear"), lambda m: m.force + 1500.0 * m.position, (1500.0,), (0.02,)),
     (("gas_spring", "polytropic"), plants.gas(PRESSURE, AREA, VOLUME), (GAS_STIFFNESS, GAS_COLUMN), (0.02, 0.05)),
+    (
+        ("gas_spring", "charged"),
+        lambda m: plants.gas(PRESSURE, AREA, VOLUME)(m) + PRESSURE * AREA,
+        (PRESSURE * AREA, GAS_COLUMN),
+        (0.02, 0.05),
+    ),
     (("temperature_fade", "heated"), plants.faded(2e-5), (2e-5,), (0.02,)),
     (("temperature_fade", "cooled"), plants.faded(4e-5, 8.0), (4e-5, 8.0), (0.05, 0.1)),
     (("temperature_fade", "viscous"), plants.faded(4e-5, laminar=0.2), (4e-5, 0.2), (0.05, 0.1)),
@@ -156,6 +162,14 @@ def test_gas_about_the_mean_is_independent_of_the_sensor_zero() -> None:
     values = (1500.0, 0.3)
     here = respond("gas_spring", "about_mean", trace, values)
     assert respond("gas_spring", "about_mean", moved, values) == pytest.approx(here, abs=1e-6)
+
+
+def test_a_charged_gas_spring_has_its_law_from_any_zero_of_the_position() -> None:
+    trace = plants.trace(seconds=5.0)
+    moved = replace(trace, inputs=replace(trace.inputs, position=trace.inputs.position - 0.05))
+    at_new_zero = 200.0 * (1.0 - 0.05 / 0.3) ** -gas_spring.POLYTROPIC
+    here = respond("gas_spring", "charged", trace, (200.0, 0.3))
+    assert respond("gas_spring", "charged", moved, (at_new_zero, 0.25)) == pytest.approx(here, abs=1e-6)
 
 
 def test_heat_without_cooling_is_the_work_done() -> None:

@@ -1,0 +1,123 @@
+"""A simulation identified inside the diagnosis: reference recordings in, the most accurate model of them out.
+
+The model is fitted to all references. What it misses on them would understate its error, as it has seen them: models
+that were fitted without each of them give the error that the diagnosis counts with.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ces_gap.errors import GapError
+from ces_gap.progress import Progress, ignore_progress
+from ces_gap.trace import F, Trace, resample_to_grid
+from ces_identify.cross_fit import CrossFit, cross_fit
+from ces_identify.polynomial.search_limits import Limits, SearchResult
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulate import sample_force
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
+from ces_identify.structures.auto import AUTO, BestStructure, default_sizes, select_fitter
+from ces_identify.structures.kit import Fitter, IdentifyOptions
+from ces_observer.model import Model
+
+MODEL = "model.json"
+COMPARED = ("relaxation", "chambers", "sigmoid")  # by `auto`: those that seconds suffice for
+SECONDS, STARTS = 30.0, 2  # limits of the fit
+
+
+@dataclass(frozen=True)
+class BlindPart:
+    """A part of a reference, from `start_s` to `stop_s` after its first position sample, and a model not fitted to it.
+
+    `key` identifies the reference (`identify_recording`).
+    """
+
+    key: str
+    start_s: float
+    stop_s: float
+    model: Model
+
+
+@dataclass(frozen=True)
+class IdentifiedBaseline(Simulation):
+    """A model of the references as a simulation; `parts` hold models that have not seen a part of them."""
+
+    model: Model
+    parts: tuple[BlindPart, ...]
+    name: str = "identified model"
+
+    @property
+    def innermost(self) -> Simulation:
+        """The simulation by the model."""
+        return ModelSimulation(self.model)
+
+    def force(self, recording: Recording) -> F:
+        """Return the force [N] of the model at every position sample."""
+        return sample_force(self.model, recording)
+
+    def left_out_force(self, recording: Recording) -> F | None:
+        """Return the force [N] at every position sample by models that have not seen it, None for other recordings.
+
+        It is the force of the model itself in parts for which there is no other model.
+        """
+        parts = [part for part in self.parts if part.key == identify_recording(recording)]
+        if not parts:
+            return None
+        stamps, force = recording.channel("position").stamps_ns, self.force(recording)
+        seconds = (stamps - stamps[0]) * 1e-9
+        for part in parts:
+            inside = (seconds >= part.start_s) & (seconds < part.stop_s)
+            force = np.where(inside, sample_force(part.model, recording), force)
+        return force
+
+    def save(self, path: str | Path) -> IdentifiedBaseline:
+        """Write the model file and return the baseline under its path, which `augmented.json` will name."""
+        self.model.save(path)
+        return replace(self, name=str(path))
+
+
+def identify_baseline(
+    references: Sequence[Recording], structure: str = AUTO, threads: int = 1, progress: Progress = ignore_progress
+) -> IdentifiedBaseline:
+    """Return the model of the references; `auto` takes the structure with the lowest cost on held-out parts of them.
+
+    Raises GapError without references, CesError if they hold too little.
+    """
+    if not references:
+        raise GapError("a baseline cannot be identified without references; pass recordings free of the effect")
+    limits = Limits(seconds=SECONDS, starts=STARTS, threads=threads)
+    progress("identifying a model of the references", 0.0)
+
+    def listen(result: SearchResult) -> None:
+        progress(f"identifying a model of the references: cost J = {result.cost:.2f} %", 0.0)
+
+    found = cross_fit(references, IdentifyOptions(limits=limits, band=False), listen, _choose_fitter(structure))
+    return IdentifiedBaseline(found.result.model, _name_parts(references, found))
+
+
+def add_left_out_force(simulation: Simulation, trace: Trace) -> Trace:
+    """Return a reference's trace with the force by models that have not seen it, if the simulation has such models."""
+    if not isinstance(simulation, IdentifiedBaseline):
+        return trace
+    force = simulation.left_out_force(trace.recording)
+    return trace if force is None else replace(trace, simulated_left_out=resample_to_grid(trace, force))
+
+
+def identify_recording(recording: Recording) -> str:
+    """Return a text that identifies the recording, smoothed or not: its hash, or that of its force."""
+    return recording.sha256 or hashlib.sha256(recording.channel("force").values.tobytes()).hexdigest()
+
+
+def _choose_fitter(structure: str) -> Fitter:
+    sizes = default_sizes()
+    return BestStructure(sizes, COMPARED) if structure == AUTO else select_fitter(structure, sizes)
+
+
+def _name_parts(references: Sequence[Recording], found: CrossFit) -> tuple[BlindPart, ...]:
+    keys = [identify_recording(recording) for recording in references]
+    return tuple(BlindPart(keys[p.recording], p.start_s, p.stop_s, p.model) for p in found.parts)

@@ -1,0 +1,72 @@
+"""`ces diagnose --identify`: a model of the references is fitted, saved, named in augmented.json, and diagnosed."""
+
+import json
+
+import pytest
+from rig_rides import SLOW, rig_ride
+from schema_rules import SCHEMA, faults
+
+from ces_cli.main import main
+from ces_cli.terminal.simulations import open_simulation
+from ces_gap.augmented.augmented_file import load_augmented
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_observer.model import load_model
+from ces_observer.signals import Signals
+
+DEFAULT = Signals.from_mapping({}, "defaults")
+WORDS = ("--identify", "--structure", "relaxation", "--reference", "new1", "new2", "--threads", 1)
+
+
+def ces(*words):
+    return main([str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Rides of the new damper and of the one with the slow valve."""
+    path = tmp_path_factory.mktemp("identified")
+    for ride in (rig_ride(1), rig_ride(2), *(rig_ride(seed, SLOW) for seed in (7, 8, 9))):
+        write_bag(path / ride.name, recording_topics(ride, DEFAULT))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(path)
+        yield path
+
+
+def test_it_diagnoses_with_a_model_of_the_references(folder, capsys):
+    assert ces("diagnose", *WORDS, "--real", "slow7", "slow8", "--held-out", "slow9", "--out", "gap") == 0
+    gap = json.loads((folder / "gap" / "gap.json").read_text())
+    assert faults(gap, SCHEMA, SCHEMA) == []
+    assert gap["simulation"] == "gap/model.json"
+    assert gap["witness"]["refits"][0]["group"] == "valve lag"
+    names = [one["recording"] for one in load_model("gap/model.json").provenance["identification"]]
+    assert names == ["new1", "new2"]
+    assert json.loads((folder / "gap" / "augmented.json").read_text())["sim"]["spec"] == "model.json"
+    repaired = load_augmented(folder / "gap" / "augmented.json", open_simulation)
+    assert len(repaired.force(read_recording(folder / "slow9", DEFAULT))) == len(rig_ride(9, SLOW).channel("position"))
+    assert "second witness: the" in capsys.readouterr().out and "model's valve lag" in gap["witness"]["says"]
+
+
+def test_a_fleet_has_one_model_beside_its_units(folder, capsys):
+    assert ces("diagnose", *WORDS, "--real", "slow7", "--each", "recording", "--jobs", 1, "--out", "many") == 0
+    rows = [json.loads(line) for line in (folder / "many" / "fleet.jsonl").read_text().splitlines()]
+    (row,) = [row for row in rows if row.get("status") == "done"]
+    assert load_model("many/model.json").structure == "relaxation"
+    augmented = json.loads((folder / "many" / row["folder"] / "augmented.json").read_text())
+    assert augmented["sim"]["spec"] == "../../model.json"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--identify",), "--identify needs --reference"),
+        (("--identify", "--sim", "m.json", "--reference", "new1"), "--sim and --identify: give one of them"),
+        ((), "no simulation: give --sim SIM, or --identify"),
+        (("--sim", "m.json", "--structure", "chambers"), "--structure applies to --identify"),
+    ],
+)
+@pytest.mark.parametrize("each", [(), ("--each", "recording")], ids=["one", "fleet"])
+def test_a_missing_or_double_source_is_an_error_of_one_line(folder, capsys, words, message, each):
+    assert ces("diagnose", *words, *each, "--real", "slow7", "--out", "none") == 2
+    error = capsys.readouterr().err.strip()
+    assert message in error and "\n" not in error
