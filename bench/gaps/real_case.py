@@ -16,7 +16,10 @@ IDENTIFY = IdentifyOptions(split=1.0, limits=SEARCH)  # of models that serve as 
 
 @dataclass(frozen=True)
 class RealCase:
-    """A simulation and recordings: what it lacks in truth, names that are right (none: it lacks nothing), other values."""
+    """A simulation and recordings: what it lacks in truth, names that are right, and an independent value.
+
+    Without names (`causes`), it lacks nothing.
+    """
 
     name: str
     logs: tuple[str, ...]  # stems of the files that are diagnosed

@@ -3,8 +3,8 @@
     python -m bench.gaps.real_gaps DATA [--only CASE ...] [--threads N]
 
 DATA holds brfd_backlash/*.json, utfsm_mr/*.csv and dyke_mr/ranran_50.csv. The simulations lack something known of the
-real machine (`brake_cases.py`, `utfsm_cases.py`, `dyke_cases.py`); all options of the diagnosis are the defaults. A diagnosis takes about half a minute of
-CPU; each row is printed when it is ready.
+real machine (`brake_cases.py`, `utfsm_cases.py`, `dyke_cases.py`); all options of the diagnosis are the defaults. A
+diagnosis takes a second to half a minute of CPU; each row is printed when it is ready.
 """
 
 from __future__ import annotations
