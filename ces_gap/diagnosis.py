@@ -49,7 +49,7 @@ class Diagnosis:
     invisible: tuple[tuple[str, str], ...]  # effect, reason why these recordings cannot show it
     ceiling_after_N: float
     wrong: Explanation | None  # control: the best effect outside the composition
-    no_gap_reason: str  # of the verdict "no_gap": WITHIN_... of `inference/verdict.py`, "" otherwise
+    no_gap_reason: str  # of the verdict "no_gap": WITHIN_... of `inference/gap_size.py`, "" otherwise
     visible_from_N: float  # RMS below which an effect would hide behind noise and the simulation's own error
     probability_none: float
     probability_unknown: float

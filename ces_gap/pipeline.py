@@ -20,12 +20,13 @@ from ces_gap.experiment.doubts import NO_DOUBTS, find_doubts, propose_experiment
 from ces_gap.inference.absorbed_effects import find_absorbed_effects
 from ces_gap.inference.anchored_surrogate import Refinement
 from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED
-from ces_gap.inference.decide import decide, name_by_simpler_rules
+from ces_gap.inference.decide import decide, name_by_simpler_rules, timing_notes
+from ces_gap.inference.gap_size import TOLERANCE_SHARE
 from ces_gap.inference.held_out import score_held_out
 from ces_gap.inference.learn_baseline import learn_baseline
 from ces_gap.inference.review import review
 from ces_gap.inference.search import search
-from ces_gap.inference.verdict import TOLERANCE_SHARE, calibration
+from ces_gap.inference.verdict import calibration
 from ces_gap.intake.checks import check_traces, find_invisible_effects, seen_notes
 from ces_gap.intake.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.optional_steps import OptionalSteps
@@ -133,7 +134,7 @@ def diagnose(
         surrogate_cost_J=None if surrogate is None else surrogate.cost_J,
         surrogate_error=None if surrogate is None else surrogate.difference_error,
         held_out=scores.series,
-        notes=(*notes, *optional.notes),
+        notes=(*notes, *optional.notes, *timing_notes(result, decision)),
         correction=baseline.correction,
         baselines=name_by_simpler_rules(result),
         figures=decision.figures,

@@ -8,15 +8,9 @@ import numpy as np
 
 from ces_gap.calibration_map import calibration_cells, largest_cell
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.inference.gap_size import WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TOLERANCE
 from ces_gap.inference.review import CLEARLY_LESS
-from ces_gap.inference.verdict import (
-    CALIBRATION,
-    POSSIBLE,
-    TIMING,
-    WITHIN_BASELINE,
-    WITHIN_NOISE,
-    WITHIN_TOLERANCE,
-)
+from ces_gap.inference.verdict import CALIBRATION, POSSIBLE, TIMING
 
 
 def format_verdict(diagnosis: Diagnosis) -> str:

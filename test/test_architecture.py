@@ -136,7 +136,8 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "calibration_map": "diagnosis inference trace",
         "report": "augmented calibration_map diagnosis effects errors experiment inference optional_steps",
         "verdict_sentence": "calibration_map diagnosis inference",
-        "pipeline": "diagnosis effects experiment inference intake optional_steps progress verdict_sentence where witness",
+        "pipeline": "diagnosis effects experiment inference intake optional_steps progress verdict_sentence where "
+        "witness",
         "api": "augmented baseline diagnosis intake pipeline progress report",
         "fleet": "augmented diagnosis effects intake pipeline",
     },

@@ -5,7 +5,7 @@ The other effects of the composition are refitted with each alternative.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_Z, compute_paired_gain, prior_cost
 from ces_gap.inference.fit import EffectFit
@@ -52,8 +52,17 @@ def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     return {name: (cost - len(result.baseline_residual)) / result.gap_energy for name, cost in costs.items()}
 
 
-def interchangeable_effects(result: EffectSearchResult) -> tuple[tuple[str, ...], ...]:
-    """Return groups: an effect of the best composition, followed by those that can replace it, best first."""
+def _no_allowance(fit: EffectFit) -> float:
+    return 0.0
+
+
+def interchangeable_effects(
+    result: EffectSearchResult, allowance: Callable[[EffectFit], float] = _no_allowance
+) -> tuple[tuple[str, ...], ...]:
+    """Return groups: an effect of the best composition, followed by those that can replace it, best first.
+
+    The `allowance` of a fit is the whitened energy that it may leave because of a surrogate's error.
+    """
     best = result.best
     groups: dict[str, list[str]] = {}
     if best is None:
@@ -61,7 +70,7 @@ def interchangeable_effects(result: EffectSearchResult) -> tuple[tuple[str, ...]
     for fit in sorted(find_alternatives(result), key=lambda f: f.cost):
         (member,) = set(best.names) - set(fit.names)
         (other,) = set(fit.names) - set(best.names)
-        if _is_rival(best, fit) and _is_as_good(result, best, fit):
+        if _is_rival(best, fit) and _is_as_good(result, best, fit, allowance(fit)):
             groups.setdefault(member, [member]).append(other)
     return tuple(tuple(dict.fromkeys(groups[name])) for name in best.names if name in groups)
 
@@ -79,14 +88,16 @@ def _cost(result: EffectSearchResult, fit: EffectFit) -> float:
     return fit.cost + prior_cost(fit, result.gap_energy)
 
 
-def _is_as_good(result: EffectSearchResult, best: EffectFit, fit: EffectFit) -> bool:
+def _is_as_good(result: EffectSearchResult, best: EffectFit, fit: EffectFit, allowance: float) -> bool:
     """True if the best gains a negligible energy over the fit, or a small one that is within twice its error.
+
+    A gain within the fit's `allowance` counts as none.
 
     At one current, a wrong gain of current or of force differ by how the simulation depends on the current only. These
     recordings do not verify that, so a somewhat larger gain does not decide between the two.
     """
     paired = compute_paired_gain(result.evidence, fit.left_out, best.left_out)
-    share = paired.energy / result.gap_energy
+    share = (paired.energy - allowance) / result.gap_energy
     if set(best.names) ^ set(fit.names) == ALIKE_AT_CONSTANT_CURRENT and is_current_constant(result.evidence.traces):
         return share < MAX_ALIKE_SHARE
     return share < NEGLIGIBLE_SHARE or (share < MIN_GAIN_SHARE and paired.z < MIN_GAIN_Z)

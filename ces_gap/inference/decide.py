@@ -14,21 +14,25 @@ from ces_gap.inference.alternatives import interchangeable_effects, min_unexplai
 from ces_gap.inference.comparison import compute_paired_gain
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.explanations import count_stuck_parameters, measure_parameter_drift
+from ces_gap.inference.fit import EffectFit
+from ces_gap.inference.gap_size import (
+    TOLERANCE_SHARE,
+    WITHIN_TIMING,
+    find_no_gap_reason,
+    is_clear_of_the_simulation,
+    measure_gap,
+)
 from ces_gap.inference.learn_baseline import Baseline
 from ces_gap.inference.search import EffectSearchResult
 from ces_gap.inference.verdict import (
     AMBIGUOUS,
     NAMED,
     NO_GAP,
-    TOLERANCE_SHARE,
     UNKNOWN,
     Calibration,
-    GapSize,
     Probabilities,
     VerdictFigures,
-    find_no_gap_reason,
     has_alternatives,
-    is_clear_of_the_simulation,
     probabilities,
 )
 from ces_gap.trace import F
@@ -63,10 +67,15 @@ def decide(
 ) -> Decision:
     """Return the decision; `simulation` reruns the best explanation; a gap within `tolerance` of the force is none."""
     rest = _learn_rest(baseline, result, simulation)
-    figures = compute_figures(result, baseline.ceiling, rest)
+    plants = [Plant(simulation, baseline.correction).prepare_for(t) for t in result.evidence.traces]
+
+    def allowance(fit: EffectFit) -> float:
+        return surrogate_energy(result.evidence, plants, fit)
+
+    figures = compute_figures(result, baseline.ceiling, rest, 0.0 if result.best is None else allowance(result.best))
     names = result.best.names if result.best is not None else ()
     odds = probabilities(figures, min_unexplained_shares(result), names, weights)
-    groups = interchangeable_effects(result)
+    groups = interchangeable_effects(result, allowance)
     size = measure_gap(baseline, result, rest.learnt.noise.rms_N)
     reason = find_no_gap_reason(size, odds.none > 1.0 - weights.least_gap, tolerance)
     verdict = NO_GAP if reason else choose_verdict(result, odds, bool(groups), weights)
@@ -76,27 +85,23 @@ def decide(
     return Decision(verdict, reason, figures, odds, groups, rest_N, result.evidence.noise.rms_N)
 
 
-def measure_gap(baseline: Baseline, result: EffectSearchResult, rest_N: float) -> GapSize:
-    """Return the size of the gap on the fitted recordings; noise that was not measured is at most the `rest_N` [N]."""
-    evidence = result.evidence
-    force = np.concatenate([t.force[t.usable] for t in evidence.traces])
-    noise_N = float(np.sqrt(np.mean([t.noise_N**2 for t in evidence.traces])))
-    if not all(t.measured_noise.known for t in evidence.traces):
-        noise_N = max(noise_N, rest_N)
-    timing = next((f for f in result.alone if f.effects[0].nuisance), None)
-    gaps = [_rms_gap(evidence, evidence.alone)]
-    gaps += [] if timing is None else [_rms_gap(evidence, evidence.forces(timing.composition))]
-    above = [float(np.sqrt(max(gap**2 - noise_N**2, 0.0))) for gap in gaps]
-    return GapSize(above[0], min(above), noise_N, float(np.sqrt(np.mean(force**2))), baseline.correction is not None)
+def surrogate_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFit) -> float:
+    """Return the whitened energy that a surrogate's error may leave behind the right effects; 0 if none is used.
+
+    Only effects that run the simulation again are uncertain by it: at the recorded inputs the force is known.
+    """
+    rows = zip(plants, evidence.traces, evidence.alone, strict=True)
+    error = evidence.whiten([p.error_with_effects(fit.composition, t, a) for p, t, a in rows])
+    return float(error @ error)
 
 
-def _rms_gap(evidence: Evidence, forces: Sequence[F]) -> float:
-    errors = [(t.force - f)[t.usable] for t, f in zip(evidence.traces, forces, strict=True)]
-    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+def compute_figures(
+    result: EffectSearchResult, before: Ceiling, after: Ceiling, allowance: float = 0.0
+) -> VerdictFigures:
+    """Return the figures; the learner was fitted to the gap `before` and `after` the best explanation.
 
-
-def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling) -> VerdictFigures:
-    """Return the figures; the learner was fitted to the gap `before` and `after` the best explanation."""
+    Up to the `allowance`, a whitened energy, what the best explanation leaves is the error of a surrogate.
+    """
     evidence, best = result.evidence, result.best
     baseline = _residual_after_timing(result)
     residual = best.left_out if best is not None else baseline
@@ -105,7 +110,8 @@ def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling)
         evidence, baseline, result.baseline_residual - evidence.whiten(before.learnt.crossfitted)
     )
     rest = compute_paired_gain(evidence, residual, residual - evidence.whiten(after.learnt.crossfitted))
-    unexplained = (float(residual @ residual) - len(residual)) / result.gap_energy
+    left = float(residual @ residual) - len(residual)
+    unexplained = (left - min(allowance, max(left, 0.0))) / result.gap_energy
     learnable = rest.energy / result.gap_energy
     return VerdictFigures(
         energy=(float(baseline @ baseline) - len(baseline)) / len(baseline),
@@ -161,3 +167,18 @@ def _learn_rest(baseline: Baseline, result: EffectSearchResult, simulation: Trac
     rows = zip(evidence.traces, evidence.alone, strict=True)
     forces = [plant.prepare_for(t).with_effects(result.best.composition, t, a) for t, a in rows]
     return learn_ceiling(evidence.traces, forces)
+
+
+def timing_notes(result: EffectSearchResult, decision: Decision) -> tuple[str, ...]:
+    """Return a note on the simulation's timing where it is all or a part of the gap."""
+    best = () if result.best is None else result.best.composition.settings
+    fits = [f.composition.settings[0] for f in result.alone if f.effects[0].nuisance]
+    found = [s for s in best if s.effect.nuisance] or (fits if decision.no_gap_reason == WITHIN_TIMING else [])
+    if not found:
+        return ()
+    skew, spread = found[0].values
+    side, how = "early" if skew > 0.0 else "late", "less" if spread > 0.0 else "more"
+    return (
+        f"timing: the simulated force comes {abs(skew):.2f} samples {side} and is {how} smoothed than the measured one "
+        f"(by {abs(spread):.2f} samples²): an error of logging or resampling",
+    )

@@ -17,12 +17,6 @@ from ces_gap.trace import F
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
 POSSIBLE = 0.1  # probability at which an effect outside the composition makes the verdict ambiguous
-TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
-WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE = "tolerance", "noise", "timing", "baseline_error"
-CLEAR_OF_NOISE, CLEAR_OF_TOLERANCE = (
-    1.5,
-    1.5,
-)  # times noise and tolerance: a smaller gap is not named without references
 CALIBRATION, TIMING = "calibration", "simulation_timing"
 NEGLIGIBLE_SHARE = 0.01  # of the gap's energy: smaller unexplained shares are not distinguished
 
@@ -46,20 +40,6 @@ class VerdictFigures:
     learnable_z: float
     stuck: int
     drift: float
-
-
-@dataclass(frozen=True)
-class GapSize:
-    """The gap on the fitted recordings, RMS [N]: without noise, and after the simulation's timing was fitted as well.
-
-    `noise_N` was measured, `force_N` is the RMS of the measured force; `corrected` if references taught a correction.
-    """
-
-    gap_N: float
-    timed_N: float
-    noise_N: float
-    force_N: float
-    corrected: bool
 
 
 @dataclass(frozen=True)
@@ -124,29 +104,6 @@ def probabilities(
     share = np.exp(-weights.sharpness * (left - left.min()))
     share *= (1.0 - none - unknown) / share.sum()
     return Probabilities(none, unknown, dict(zip(names, share.tolist(), strict=True)))
-
-
-def find_no_gap_reason(size: GapSize, improbable: bool, tolerance: float) -> str:
-    """Return why there is no gap, "" if there is one; `improbable` if the figures speak against one.
-
-    Without references a gap larger than the noise is never called none, whatever the figures say.
-    """
-    if size.gap_N <= tolerance * size.force_N:
-        return WITHIN_TOLERANCE
-    if improbable and size.corrected:
-        return WITHIN_BASELINE
-    if improbable and size.timed_N <= size.noise_N:
-        return WITHIN_NOISE if size.gap_N <= size.noise_N else WITHIN_TIMING
-    return ""
-
-
-def is_clear_of_the_simulation(size: GapSize, tolerance: float) -> bool:
-    """True if a gap may be named: without references, one about as large as noise or tolerance may be the simulation's
-    own error.
-    """
-    return size.corrected or size.gap_N > max(
-        CLEAR_OF_NOISE * size.noise_N, CLEAR_OF_TOLERANCE * tolerance * size.force_N
-    )
 
 
 def has_alternatives(named: Sequence[str], odds: Probabilities) -> bool:

@@ -27,7 +27,7 @@ FEW: tuple[Effect, ...] = (CurrentGain(), Friction(), Spring())
 @pytest.fixture(autouse=True)
 def _few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline, "library", lambda: FEW)
-    monkeypatch.setattr(pipeline, "calibration", lambda: WEIGHTS)
+    monkeypatch.setattr(pipeline, "calibration", lambda mode: WEIGHTS)
     monkeypatch.setattr(prepare, "SLOW_S", 60.0)
 
 
