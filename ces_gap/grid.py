@@ -15,7 +15,7 @@ B = NDArray[np.bool_]
 
 GRID_HZ = 500.0  # [Hz] highest rate of the grid: the effects of a damper lie far below half of it
 MAX_SILENCE_S = 0.05  # [s] longer pauses of a channel are not bridged
-SMOOTHING_HZ = (15.0, 70.0)  # [Hz] range of the position's low-pass
+SMOOTHING_HZ = (15.0, 200.0)  # [Hz] range of the position's low-pass; a lower limit takes real motion from fast strokes
 ABOVE_NOISE = 10.0  # power of the position over its noise floor that counts as signal
 
 

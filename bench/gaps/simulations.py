@@ -26,15 +26,19 @@ TURN = 0.9  # of the limit: below, the brake unloads its elastic part
 
 @dataclass(frozen=True)
 class BandBrake:
-    """A spring of `stiffness_N_m` in series with a slider of limits `push_N` and `pull_N` (Prandtl): no free play."""
+    """A spring of `stiffness_N_m` in series with a slider of limits `push_N` and `pull_N` (Prandtl), and free play."""
 
     push_N: float
     pull_N: float
     stiffness_N_m: float
+    play_m: float = 0.0
 
     def __call__(self, time_s: F, position_m: F, current_A: F) -> F:
         """Return the force [N] (n,) at positions [m] (n,)."""
-        return np.asarray(stop_operator(position_m, self.stiffness_N_m, -self.pull_N, self.push_N))
+        half = 0.5 * self.play_m
+        low, high = -self.pull_N / self.stiffness_N_m - half, self.push_N / self.stiffness_N_m + half
+        strain = stop_operator(position_m, 1.0, low, high)
+        return np.asarray(self.stiffness_N_m * (strain - np.clip(strain, -half, half)))
 
     @classmethod
     def fit(cls, recording: Recording) -> BandBrake:
@@ -107,9 +111,10 @@ class StaticMap:
         return cls(blank.knots, low, high, tuple(tuple(row) for row in table.tolist()))
 
 
+@njit(cache=True)
 def find_settled(voltage: F, ticks: int, step: float) -> NDArray[np.bool_]:
     """Return where (n,) the voltage has varied by less than `step` over the last `ticks`."""
-    since, out = 0, np.zeros(len(voltage), bool)
+    since, out = 0, np.zeros(len(voltage), np.bool_)
     for k in range(1, len(voltage)):
         since = k if abs(voltage[k] - voltage[k - 1]) > 0.2 * step or abs(voltage[k] - voltage[since]) > step else since
         out[k] = k - since >= ticks

@@ -1,4 +1,4 @@
-"""Diagnoses on measured data, and the changes that bench/gaps/real_gaps.py puts into recordings."""
+"""Diagnoses on measured data: cases, how they are judged, independent values, changes put into recordings."""
 
 import os
 from dataclasses import replace
@@ -7,10 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.gaps import real_gaps
+from bench.gaps.current_maps import Bingham, CurrentMap, SpeedPolynomial
 from bench.gaps.effects import CHANGES, delay_channel
+from bench.gaps.independent_values import (
+    read_friction,
+    read_loop_stiffness,
+    read_offset,
+    read_play,
+    read_valve_delay,
+)
+from bench.gaps.measured_data import Data, between
+from bench.gaps.real_gaps import DOUBT, NOTHING, PARTLY, RIGHT, WRONG, all_cases, diagnose_case, judge
 from bench.gaps.simulations import BandBrake, StaticMap, find_settled, stop_operator
-from ces_gap.diagnosis import AMBIGUOUS, NAMED
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN
+from ces_gap.inference.verdict import CALIBRATION, TIMING
 from ces_identify.recordings.recording import Channel, Recording
 
 DATA = Path(os.environ.get("CES_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
@@ -41,23 +51,100 @@ def sine():
     return recording(position, np.sin(OMEGA * TIME), 300.0 * np.sign(np.cos(OMEGA * TIME)))
 
 
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory):
+    return all_cases(Data(DATA, tmp_path_factory.mktemp("bags")))
+
+
 @measured
-def test_a_real_brake_with_play_is_distinguished_from_a_brake_without_play(tmp_path):
-    found = real_gaps.brake_without_play(real_gaps.Data(DATA, tmp_path), real_gaps.BRFD_OTHER)
+def test_the_play_of_a_real_brake_is_named_without_references(cases):
+    found = diagnose_case(cases["brake_0.5"])
     assert (found.verdict, found.composition.effects) == (NAMED, ("backlash",))
     play_m = found.composition.estimates[0][0].value
-    assert 0.0034 < play_m < 0.0052  # from 3.4 mm on the loops have left a tenth of the force
+    assert play_m == pytest.approx(read_play(cases["brake_0.5"].prepare()[1][0]), rel=0.35)
     assert found.composition.shrink > 0.3
 
 
 @measured
-def test_the_lag_of_a_real_valve_is_distinguished_from_a_static_map(tmp_path):
-    found = real_gaps.damper_without_lag(real_gaps.Data(DATA, tmp_path))
-    assert found.verdict in (NAMED, AMBIGUOUS)
-    assert found.causes[0].effects == ("valve_lag",)
-    assert "valve_lag" in found.composition.effects
-    assert not any("valve_lag" in group for group in found.indistinguishable)
-    assert found.composition.shrink > 0.3
+def test_the_friction_of_a_real_damper_is_named_without_references(cases):
+    case = cases["0A_viscous_slow"]
+    found = diagnose_case(case)
+    assert judge(case.causes, found.verdict, found.composition.effects) == RIGHT
+    assert "friction" in found.composition.effects
+
+
+@measured
+def test_every_measured_recording_is_in_the_table(cases):
+    folders = ("brfd_backlash", "utfsm_mr", "dyke_mr")
+    logs = {p.stem for folder in folders for p in (DATA / folder).iterdir() if p.suffix in (".csv", ".json")}
+    assert {log for case in cases.values() for log in case.logs} == logs
+
+
+@pytest.mark.parametrize(
+    "causes, verdict, effects, expected",
+    [
+        (("friction",), NAMED, ("friction",), RIGHT),
+        (("friction",), NAMED, ("friction", CALIBRATION), RIGHT),
+        (("friction",), NAMED, ("inertia", "friction"), PARTLY),
+        (("friction",), NAMED, ("inertia",), WRONG),
+        (("friction",), AMBIGUOUS, ("inertia",), DOUBT),
+        (("friction",), AMBIGUOUS, ("friction",), PARTLY),
+        (("friction",), UNKNOWN, ("friction",), NOTHING),
+        (("friction",), NO_GAP, (), NOTHING),
+        ((), NO_GAP, (), RIGHT),
+        ((), NAMED, (CALIBRATION, TIMING), RIGHT),
+        ((), NAMED, ("friction",), WRONG),
+    ],
+)
+def test_a_name_is_judged_by_what_is_missing(causes, verdict, effects, expected):
+    assert judge(causes, verdict, effects) == expected
+
+
+def test_a_brake_with_play_has_a_loop_with_that_play():
+    brake = BandBrake(8000.0, 9000.0, 2e6, play_m=0.004)
+    position = 0.02 * np.sin(OMEGA * TIME)
+    assert read_play(recording(position, 0.0 * TIME, brake(TIME, position, 0.0 * TIME))) == pytest.approx(
+        0.004 + 2 * 0.1 * 8500.0 / 2e6, rel=0.05
+    )
+
+
+def test_friction_and_offset_are_read_from_a_loop():
+    position = 0.02 * np.sin(OMEGA * TIME)
+    speed = 0.02 * OMEGA * np.cos(OMEGA * TIME)
+    made = recording(position, 0.0 * TIME, 40.0 + 900.0 * speed + 120.0 * np.sign(speed))
+    assert read_friction(made) == pytest.approx(120.0, rel=0.02)
+    assert read_offset(made) == pytest.approx(40.0, abs=1.0)
+    viscous, coulomb = (SpeedPolynomial.fit_sliding(made, friction) for friction in (False, True))
+    assert (viscous.offset_N, viscous.linear_Ns_m, viscous.friction_N) == pytest.approx((40.0, 900.0, 0.0), rel=0.02)
+    assert coulomb.friction_N == pytest.approx(120.0, rel=0.02)
+
+
+def test_the_stiffness_of_a_loop_is_that_of_the_spring_before_it_slides():
+    position = 0.02 * np.sin(OMEGA * TIME)
+    made = recording(position, 0.0 * TIME, stop_operator(position, 2e6, -800.0, 800.0))
+    assert read_loop_stiffness(made) == pytest.approx(2e6, rel=0.1)
+
+
+def test_maps_of_speed_and_current_reproduce_what_they_can_hold():
+    position = 0.02 * np.sin(OMEGA * TIME)
+    speed = 0.02 * OMEGA * np.cos(OMEGA * TIME)
+    made = [
+        recording(position, 0.0 * TIME + i, 40.0 + (300.0 + 700.0 * i) * speed + 200.0 * i * np.tanh(200.0 * speed))
+        for i in (0.0, 0.5, 1.0)
+    ]
+    for model in (Bingham.fit(made), CurrentMap.fit(made)):
+        simulated = model(TIME, position, 0.0 * TIME + 0.5)
+        assert simulated[200:-200] == pytest.approx(values(made[1], "force")[200:-200], abs=8.0)
+
+
+def test_the_delay_of_a_control_is_read_from_a_damper_with_a_late_control():
+    dice = np.random.default_rng(1)
+    voltage = np.repeat(dice.integers(0, 2, int(SECONDS / 0.2)), int(0.2 * RATE_HZ)) * 2.0
+    position = 0.02 * np.sin(2.0 * np.pi * TIME) + 0.005 * np.sin(2.0 * np.pi * 2.7 * TIME)
+    late = values(delay_channel(recording(position, voltage, position), "current", 0.006), "current")
+    assert read_valve_delay(
+        recording(position, voltage, 1000.0 * np.gradient(position, TIME) * (1.0 + late))
+    ) == pytest.approx(0.006, abs=1e-3)
 
 
 def test_a_brake_is_fitted_past_its_play():
@@ -111,6 +198,6 @@ def test_a_change_leaves_the_other_channels_and_forgets_the_source(sine):
 
 
 def test_parts_of_a_recording_do_not_overlap(sine):
-    parts = [real_gaps.between(sine, a, a + 2.0) for a in (0.0, 2.0, 4.0, 6.0)]
+    parts = [between(sine, a, a + 2.0) for a in (0.0, 2.0, 4.0, 6.0)]
     assert sum(len(p.channel("force")) for p in parts) == len(TIME)
     assert parts[1].channel("current").stamps_ns[0] == 2_000_000_000
