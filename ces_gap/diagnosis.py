@@ -50,6 +50,7 @@ class Diagnosis:
     ceiling_after_N: float
     wrong: Explanation | None  # control: the best effect outside the composition
     no_gap_reason: str  # of the verdict "no_gap": WITHIN_... of `inference/gap_size.py`, "" otherwise
+    tolerance_N: float  # a gap up to this RMS counts as none
     visible_from_N: float  # RMS below which an effect would hide behind noise and the simulation's own error
     probability_none: float
     probability_unknown: float

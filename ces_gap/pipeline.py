@@ -21,7 +21,6 @@ from ces_gap.inference.absorbed_effects import find_absorbed_effects
 from ces_gap.inference.anchored_surrogate import Refinement
 from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED
 from ces_gap.inference.decide import decide, name_by_simpler_rules, timing_notes
-from ces_gap.inference.gap_size import TOLERANCE_SHARE
 from ces_gap.inference.held_out import score_held_out
 from ces_gap.inference.learn_baseline import learn_baseline
 from ces_gap.inference.review import review
@@ -46,7 +45,7 @@ class DiagnoseOptions:
     effects: tuple[Effect, ...] = ()  # of the user, in addition to the library
     threads: int = 1  # of the fit
     seed: int = 1  # of the bootstrap
-    tolerance: float = TOLERANCE_SHARE  # of the RMS force: a smaller gap is none
+    tolerance: float | None = None  # share of the RMS force: a smaller gap is none (default `gap_size.tolerance_N`)
     experiment: bool = True  # whether to choose the next experiment
 
 
@@ -114,6 +113,7 @@ def diagnose(
         verdict=verdict,
         no_gap_reason=decision.no_gap_reason,
         visible_from_N=decision.visible_from_N,
+        tolerance_N=decision.tolerance_N,
         sentence="",
         simulation=spec,
         gap=scores.gap,

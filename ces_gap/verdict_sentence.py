@@ -33,7 +33,8 @@ def _describe_no_gap(diagnosis: Diagnosis) -> str:
     gap, reason = diagnosis.gap, diagnosis.no_gap_reason
     left_N = min(gap.corrected_N, gap.rms_N)
     if reason == WITHIN_TOLERANCE:
-        return f"No gap above the tolerance: {left_N:.1f} N RMS between simulation and measurement."
+        limit = f"the tolerance of {diagnosis.tolerance_N:.1f} N"
+        return f"No gap above {limit}: {left_N:.1f} N RMS between simulation and measurement."
     if reason == WITHIN_BASELINE:
         explained = f"the references explain all but {left_N:.0f} N of the {gap.rms_N:.0f} N RMS"
         hidden = (

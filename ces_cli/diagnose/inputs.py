@@ -23,7 +23,7 @@ def build_diagnose_options(options: argparse.Namespace, threads: int) -> Diagnos
     """Return the settings of the diagnosis, with the user's own effects; `threads` is the default of --threads."""
     import_from_here()
     effects = tuple(user_effect(spec) for spec in options.effects)
-    threads, tolerance = options.threads or threads, 0.01 * options.tolerance
+    threads, tolerance = options.threads or threads, None if options.tolerance is None else 0.01 * options.tolerance
     return DiagnoseOptions(effects=effects, threads=threads, seed=options.seed, tolerance=tolerance)
 
 

@@ -110,8 +110,8 @@ def _parser() -> terminal.Parser:
     p.add_argument("--effects", nargs="+", default=[], metavar="module:Class", help=text)
     text = "default: all processors; with --each, one for each diagnosis"
     p.add_argument("--threads", type=whole(1, 256), metavar="N", help=text)
-    text = "share of the RMS force [%%] below which a gap counts as none (default 1)"
-    p.add_argument("--tolerance", type=terminal.number_between(0.0, 100.0), default=1.0, metavar="PERCENT", help=text)
+    text = "share of the RMS force [%%] below which a gap counts as none (default 1, but at most twice the noise)"
+    p.add_argument("--tolerance", type=terminal.number_between(0.0, 100.0), metavar="PERCENT", help=text)
     p.add_argument("--seed", type=whole(0, 2**31), default=1, metavar="N", help="random seed (default 1)")
     text = (
         "one diagnosis for each recording of --real, or for each folder of recordings; the same command continues an "

@@ -16,11 +16,11 @@ from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.explanations import count_stuck_parameters, measure_parameter_drift
 from ces_gap.inference.fit import EffectFit
 from ces_gap.inference.gap_size import (
-    TOLERANCE_SHARE,
     WITHIN_TIMING,
     find_no_gap_reason,
     is_clear_of_the_simulation,
     measure_gap,
+    tolerance_N,
 )
 from ces_gap.inference.learn_baseline import Baseline
 from ces_gap.inference.search import EffectSearchResult
@@ -37,6 +37,7 @@ from ces_gap.inference.verdict import (
 )
 from ces_gap.trace import F
 
+MAX_MAP_REST = 0.2  # of the gap's energy: a smooth map absorbs a part of anything, so it must explain most to be named
 CLEAR_Z = 20.0  # z of a gain as large as the noise, in however few blocks
 
 
@@ -56,6 +57,7 @@ class Decision:
     interchangeable: tuple[tuple[str, ...], ...]
     rest_N: float
     visible_from_N: float
+    tolerance_N: float
 
 
 def decide(
@@ -63,9 +65,9 @@ def decide(
     result: EffectSearchResult,
     simulation: TraceSimulator,
     weights: Calibration,
-    tolerance: float = TOLERANCE_SHARE,
+    tolerance: float | None = None,
 ) -> Decision:
-    """Return the decision; `simulation` reruns the best explanation; a gap within `tolerance` of the force is none."""
+    """Return the decision; `simulation` reruns the best explanation, `tolerance` is the user's (share of the force)."""
     rest = _learn_rest(baseline, result, simulation)
     plants = [Plant(simulation, baseline.correction).prepare_for(t) for t in result.evidence.traces]
 
@@ -77,12 +79,13 @@ def decide(
     odds = probabilities(figures, min_unexplained_shares(result), names, weights)
     groups = interchangeable_effects(result, allowance)
     size = measure_gap(baseline, result, rest.learnt.noise.rms_N)
-    reason = find_no_gap_reason(size, odds.none > 1.0 - weights.least_gap, tolerance)
-    verdict = NO_GAP if reason else choose_verdict(result, odds, bool(groups), weights)
-    if verdict == NAMED and not is_clear_of_the_simulation(size, tolerance):
+    limit_N = tolerance_N(size, tolerance)
+    reason = find_no_gap_reason(size, odds.none > 1.0 - weights.least_gap, limit_N)
+    verdict = NO_GAP if reason else choose_verdict(result, figures, odds, bool(groups), weights)
+    if verdict == NAMED and not is_clear_of_the_simulation(size, limit_N):
         verdict = AMBIGUOUS
     rest_N = rest.learnt.noise.rms_N
-    return Decision(verdict, reason, figures, odds, groups, rest_N, result.evidence.noise.rms_N)
+    return Decision(verdict, reason, figures, odds, groups, rest_N, result.evidence.noise.rms_N, limit_N)
 
 
 def surrogate_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFit) -> float:
@@ -135,9 +138,18 @@ def _residual_after_timing(result: EffectSearchResult) -> F:
     return fits[0].left_out if fits else result.baseline_residual
 
 
-def choose_verdict(result: EffectSearchResult, odds: Probabilities, replaceable: bool, weights: Calibration) -> str:
+def choose_verdict(
+    result: EffectSearchResult,
+    figures: VerdictFigures,
+    odds: Probabilities,
+    replaceable: bool,
+    weights: Calibration,
+) -> str:
     """Return the verdict on a gap; `replaceable` if an effect of the best explanation has an alternative."""
     if result.best is None or all(e.nuisance for e in result.best.effects):
+        return UNKNOWN
+    is_map = all(e.nuisance or e.penalty > 1.0 for e in result.best.effects)
+    if is_map and figures.unexplained > MAX_MAP_REST:
         return UNKNOWN
     if odds.unknown > (1.0 - odds.none) * (1.0 - weights.least_known):
         return UNKNOWN

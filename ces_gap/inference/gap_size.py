@@ -13,6 +13,7 @@ from ces_gap.inference.search import EffectSearchResult
 from ces_gap.trace import F
 
 TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
+TOLERANCE_NOISES = 2.0  # times the noise: limit of that default, so that a gap clear of the noise is not overlooked
 WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE = "tolerance", "noise", "timing", "baseline_error"
 CLEAR = 1.5  # times noise and tolerance: a smaller gap is not named without references
 
@@ -50,12 +51,19 @@ def _rms_gap(evidence: Evidence, forces: Sequence[F]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
-def find_no_gap_reason(size: GapSize, improbable: bool, tolerance: float) -> str:
+def tolerance_N(size: GapSize, share: float | None) -> float:
+    """Return the gap [N] that counts as none: a `share` of the RMS force, by default small beside force and noise."""
+    if share is not None:
+        return share * size.force_N
+    return min(TOLERANCE_SHARE * size.force_N, TOLERANCE_NOISES * size.noise_N)
+
+
+def find_no_gap_reason(size: GapSize, improbable: bool, limit_N: float) -> str:
     """Return why there is no gap, "" if there is one; `improbable` if the figures speak against one.
 
     Without references a gap larger than the noise is never called none, whatever the figures say.
     """
-    if size.gap_N <= tolerance * size.force_N:
+    if size.gap_N <= limit_N:
         return WITHIN_TOLERANCE
     if improbable and size.corrected:
         return WITHIN_BASELINE
@@ -64,6 +72,6 @@ def find_no_gap_reason(size: GapSize, improbable: bool, tolerance: float) -> str
     return ""
 
 
-def is_clear_of_the_simulation(size: GapSize, tolerance: float) -> bool:
+def is_clear_of_the_simulation(size: GapSize, limit_N: float) -> bool:
     """True if a gap may be named: without references, a small one may be the simulation's own error."""
-    return size.corrected or size.gap_N > CLEAR * max(size.noise_N, tolerance * size.force_N)
+    return size.corrected or size.gap_N > CLEAR * max(size.noise_N, limit_N)

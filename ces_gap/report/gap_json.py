@@ -46,6 +46,7 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "simulation": d.simulation,
         "no_gap_reason": d.no_gap_reason,
         "gap": asdict(d.gap),
+        "tolerance_N": d.tolerance_N,
         "visible_from_N": d.visible_from_N,
         "where": [_region(r) for r in d.where.regions],
         "max_region": _strongest(d.where),

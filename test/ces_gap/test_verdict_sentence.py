@@ -68,7 +68,7 @@ def no_gap(reason: str, rms_N: float, corrected_N: float) -> str:
 
 def test_no_gap_comes_with_what_it_lies_within() -> None:
     assert "within the measurement noise of 8.0 N" in no_gap("noise", 3.0, 3.0)
-    assert "above the tolerance: 3.0 N" in no_gap("tolerance", 3.0, 3.0)
+    assert "above the tolerance of 5.0 N: 3.0 N" in no_gap("tolerance", 3.0, 3.0)
     assert "timing" in no_gap("timing", 9.0, 9.0)
 
 

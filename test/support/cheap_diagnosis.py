@@ -92,6 +92,7 @@ def diagnose(simulation, spec, real, held_out, reference, options, progress=lamb
         ceiling_after_N=after,
         wrong=None,
         no_gap_reason="",
+        tolerance_N=5.0,
         visible_from_N=8.0,
         probability_none=0.1,
         probability_unknown=0.0,

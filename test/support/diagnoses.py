@@ -55,6 +55,7 @@ def named() -> Diagnosis:
         ceiling_after_N=4.0,
         wrong=lag,
         no_gap_reason="",
+        tolerance_N=5.0,
         visible_from_N=8.0,
         probability_none=0.01,
         probability_unknown=0.02,

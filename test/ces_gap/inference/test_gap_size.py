@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from ces_gap.inference.gap_size import GapSize, find_no_gap_reason, is_clear_of_the_simulation
+from ces_gap.inference.gap_size import GapSize, find_no_gap_reason, is_clear_of_the_simulation, tolerance_N
 
 SMALL = GapSize(gap_N=4.0, timed_N=4.0, noise_N=8.0, force_N=300.0, corrected=False)
 
@@ -23,11 +23,17 @@ SMALL = GapSize(gap_N=4.0, timed_N=4.0, noise_N=8.0, force_N=300.0, corrected=Fa
     ],
 )
 def test_the_reason_for_no_gap(size: GapSize, improbable: bool, reason: str) -> None:
-    assert find_no_gap_reason(size, improbable, 0.01) == reason
+    assert find_no_gap_reason(size, improbable, 3.0) == reason
 
 
 def test_without_references_a_gap_about_as_large_as_the_noise_is_not_named() -> None:
-    assert not is_clear_of_the_simulation(replace(SMALL, gap_N=10.0), 0.01)
-    assert is_clear_of_the_simulation(replace(SMALL, gap_N=13.0), 0.01)
-    assert is_clear_of_the_simulation(replace(SMALL, gap_N=10.0, corrected=True), 0.01)
-    assert not is_clear_of_the_simulation(replace(SMALL, gap_N=13.0), 0.03)
+    assert not is_clear_of_the_simulation(replace(SMALL, gap_N=10.0), 3.0)
+    assert is_clear_of_the_simulation(replace(SMALL, gap_N=13.0), 3.0)
+    assert is_clear_of_the_simulation(replace(SMALL, gap_N=10.0, corrected=True), 3.0)
+    assert not is_clear_of_the_simulation(replace(SMALL, gap_N=13.0), 9.0)
+
+
+def test_the_default_tolerance_is_small_beside_force_and_noise() -> None:
+    assert tolerance_N(SMALL, None) == pytest.approx(3.0)
+    assert tolerance_N(replace(SMALL, force_N=5000.0), None) == pytest.approx(16.0)
+    assert tolerance_N(replace(SMALL, force_N=5000.0), 0.02) == pytest.approx(100.0)
