@@ -10,7 +10,7 @@ from engine_plant import NOISE_N, RATE_HZ, SIMULATION, F, recorded, traced
 
 from ces_gap.derivative import derivative
 from ces_gap.errors import GapError
-from ces_gap.grid import GRID_HZ, bridge_gaps, interpolate
+from ces_gap.grid import GRID_HZ, bridge_gaps, find_low_pass_Hz, interpolate, smooth_out
 from ces_gap.trace import (
     Trace,
     TraceInputs,
@@ -126,6 +126,17 @@ def test_the_simulation_runs_on_the_smoothed_and_the_logged_position() -> None:
     once = open_trace(SIMULATION, recording, also_as_logged=False)
     np.testing.assert_array_equal(once.simulated, once.simulated_as_logged)
     np.testing.assert_allclose(once.simulated, trace.simulated, atol=1e-6)
+
+
+@pytest.mark.parametrize("motion_Hz", [20.0, 80.0])
+def test_smoothing_keeps_motion_above_the_noise_of_the_position(motion_Hz: float) -> None:
+    rate_Hz = 1000.0
+    time_s = np.arange(0.0, 10.0, 1.0 / rate_Hz)
+    motion = 1e-4 * np.sin(2.0 * np.pi * motion_Hz * time_s)
+    logged = motion + 1e-6 * np.random.default_rng(1).standard_normal(len(time_s))
+    smooth = smooth_out(logged, find_low_pass_Hz(logged, rate_Hz), rate_Hz)
+    middle = slice(1000, -1000)
+    assert np.std((smooth - motion)[middle]) < 0.05 * np.std(motion)
 
 
 def test_the_smoothed_recording_keeps_stamps_and_gaps() -> None:

@@ -46,7 +46,7 @@ def add_predictions(recording: Recording) -> Recording:
 def run_directly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run the simulation directly on a busy machine too, with fixed weights of the verdict."""
     monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
-    monkeypatch.setattr(diagnose_module, "calibration", lambda: WEIGHTS)
+    monkeypatch.setattr(diagnose_module, "calibration", lambda *_: WEIGHTS)
 
 
 @cache
