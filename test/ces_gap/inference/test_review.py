@@ -52,5 +52,17 @@ def test_an_effect_that_leaves_less_is_a_rival_but_a_flexible_map_is_not(rival: 
     assert bool(find_rivals(scores)) == (verdict == AMBIGUOUS)
 
 
+def test_what_leaves_more_than_it_closes_is_not_the_cause() -> None:
+    scores = replace(with_composition(gap_after_N=27.0), ceiling_after_N=27.0)
+    scores = replace(scores, causes=tuple(replace(c, gap_after_N=27.0) for c in SCORES.causes))
+    assert review(NAMED, scores)[0] == UNKNOWN
+
+
+def test_an_effect_whose_interval_includes_none_is_not_named() -> None:
+    first, *others = SCORES.composition.estimates[0]
+    loose = ((replace(first, ci95=(-5.0, 80.0)), *others),)
+    assert review(NAMED, with_composition(estimates=loose))[0] == AMBIGUOUS
+
+
 def test_no_gap_is_not_reviewed() -> None:
     assert review(NO_GAP, with_composition(gap_after_N=50.0))[0] == NO_GAP
