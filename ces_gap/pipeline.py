@@ -17,7 +17,6 @@ from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.effects.user_effects import require_sound
 from ces_gap.experiment.doubts import NO_DOUBTS, find_doubts, propose_experiment
-from ces_gap.inference.absorbed_effects import find_absorbed_effects
 from ces_gap.inference.anchored_surrogate import Refinement
 from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED
 from ces_gap.inference.decide import decide, name_by_simpler_rules, timing_notes
@@ -125,7 +124,7 @@ def diagnose(
         wrong=next((c for c in scores.causes if c.effects[0] not in scores.composition.effects), None),
         ceiling_after_N=scores.ceiling_after_N,
         indistinguishable=doubts.indistinguishable,
-        not_separable=find_absorbed_effects(result),
+        not_separable=decision.absorbed,
         invisible=invisible,
         probability_none=decision.probabilities.none,
         probability_unknown=decision.probabilities.unknown,

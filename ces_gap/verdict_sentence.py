@@ -74,9 +74,16 @@ def _describe_doubt(diagnosis: Diagnosis) -> str:
     others = [c.effects[0] for c in outside if c.probability >= POSSIBLE or c.gap_after_N < limit]
     if others:
         return f"These recordings do not rule out {_join(others, 'or')}"
+    imitated = [e for e in _causes(diagnosis) if e in diagnosis.not_separable]
+    if imitated and len(effects) > 1:
+        return f"{_capitalize(_join(imitated, 'and'))} may be an error of the simulation itself"
     if diagnosis.witness_says:
-        return diagnosis.witness_says[0].upper() + diagnosis.witness_says[1:]
+        return _capitalize(diagnosis.witness_says)
     return "The held-out recordings do not confirm the best explanation"
+
+
+def _capitalize(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _describe_map(diagnosis: Diagnosis) -> str:

@@ -89,7 +89,7 @@ class Effect:
     stage: ClassVar[int] = PARALLEL
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation runs again
     nuisance: ClassVar[bool] = False  # True if it is fitted, but never named as a cause
-    penalty: ClassVar[float] = 1.0  # of a parameter when explanations are compared, relative to that of an effect
+    prior_share: ClassVar[float] = 0.0  # of the gap's energy, by which a flexible map must explain more than an effect
     limit: ClassVar[str] = ""  # effect to which this form tends at a bound: significance decides between the two
     needs: ClassVar[str] = ""  # what a recording must contain for the effect to be visible: "a changing current"
     parameters: ClassVar[tuple[EffectParameter, ...]] = ()

@@ -31,7 +31,7 @@ def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
 def _is_rival(best: EffectFit, fit: EffectFit) -> bool:
     """True unless the fit replaces the simulation's timing, or an effect by that timing or a map of its calibration."""
     exchanged = [e for e in (*best.effects, *fit.effects) if (e.name in best.names) != (e.name in fit.names)]
-    maps = [e for e in fit.effects if e.penalty > 1.0 and e.name not in best.names]
+    maps = [e for e in fit.effects if e.prior_share > 0.0 and e.name not in best.names]
     return not maps and not any(e.nuisance for e in exchanged)
 
 

@@ -43,12 +43,13 @@ def compute_paired_gain(evidence: Evidence, worse: F, better: F) -> PairedGain:
 
 def cost_with_penalty(fit: EffectFit, energy: float) -> float:
     """Return the fit's cost plus a penalty for each parameter, by which explanations of this energy are ranked."""
-    return fit.cost + PARAMETER * energy * sum(e.penalty * len(e.parameters) for e in fit.effects)
+    count = sum(len(e.parameters) for e in fit.effects if e.prior_share == 0.0)
+    return fit.cost + PARAMETER * energy * count + prior_cost(fit, energy)
 
 
 def prior_cost(fit: EffectFit, energy: float) -> float:
-    """Return what the parameters of flexible maps cost; those of effects are free where a gain must be significant."""
-    return PARAMETER * energy * sum(e.penalty * len(e.parameters) for e in fit.effects if e.penalty > 1.0)
+    """Return the energy by which flexible maps must explain more than effects."""
+    return energy * sum(e.prior_share for e in fit.effects)
 
 
 def choose_best_fit(evidence: Evidence, fits: Sequence[EffectFit], energy: float) -> EffectFit:

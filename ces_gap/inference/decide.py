@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ces_gap.baseline.ceiling import Ceiling, learn_ceiling
 from ces_gap.baseline.plant import Plant, TraceSimulator
+from ces_gap.inference.absorbed_effects import find_absorbed_effects
 from ces_gap.inference.alternatives import interchangeable_effects, min_unexplained_shares
 from ces_gap.inference.comparison import compute_paired_gain
 from ces_gap.inference.evidence import Evidence
@@ -58,6 +59,7 @@ class Decision:
     rest_N: float
     visible_from_N: float
     tolerance_N: float
+    absorbed: tuple[str, ...]
 
 
 def decide(
@@ -82,10 +84,11 @@ def decide(
     limit_N = tolerance_N(size, tolerance)
     reason = find_no_gap_reason(size, odds.none > 1.0 - weights.least_gap, limit_N)
     verdict = NO_GAP if reason else choose_verdict(result, figures, odds, bool(groups), weights)
-    if verdict == NAMED and not is_clear_of_the_simulation(size, limit_N):
+    absorbed = find_absorbed_effects(result)
+    if verdict == NAMED and (not is_clear_of_the_simulation(size, limit_N) or _may_be_simulation(result, absorbed)):
         verdict = AMBIGUOUS
     rest_N = rest.learnt.noise.rms_N
-    return Decision(verdict, reason, figures, odds, groups, rest_N, result.evidence.noise.rms_N, limit_N)
+    return Decision(verdict, reason, figures, odds, groups, rest_N, result.evidence.noise.rms_N, limit_N, absorbed)
 
 
 def surrogate_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFit) -> float:
@@ -148,7 +151,7 @@ def choose_verdict(
     """Return the verdict on a gap; `replaceable` if an effect of the best explanation has an alternative."""
     if result.best is None or all(e.nuisance for e in result.best.effects):
         return UNKNOWN
-    is_map = all(e.nuisance or e.penalty > 1.0 for e in result.best.effects)
+    is_map = all(e.nuisance or e.prior_share > 0.0 for e in result.best.effects)
     if is_map and figures.unexplained > MAX_MAP_REST:
         return UNKNOWN
     if odds.unknown > (1.0 - odds.none) * (1.0 - weights.least_known):
@@ -169,6 +172,14 @@ def name_by_simpler_rules(result: EffectSearchResult) -> dict[str, str]:
 
     similar = max(result.alone, key=lambda f: correlation(none - f.residual))
     return {"signature_correlation": similar.names[0], "bic": bic.names[0], "most_flexible": flexible.names[0]}
+
+
+def _may_be_simulation(result: EffectSearchResult, absorbed: Sequence[str]) -> bool:
+    """True if one of several named effects may be the simulation's own error, which a recalibration would absorb."""
+    causes = (
+        [] if result.best is None else [e.name for e in result.best.effects if not e.nuisance and not e.prior_share]
+    )
+    return len(causes) > 1 and not set(causes).isdisjoint(absorbed)
 
 
 def _learn_rest(baseline: Baseline, result: EffectSearchResult, simulation: TraceSimulator) -> Ceiling:

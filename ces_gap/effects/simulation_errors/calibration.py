@@ -1,8 +1,9 @@
 """Calibration: the simulation's force is off by a smooth static map of stroke, speed and current.
 
 The map is a discrepancy in the sense of Kennedy and O'Hagan (2001): it could absorb a part of most effects. It is
-therefore one hypothesis among others, and its many parameters cost more than those of an effect (`penalty`), so that an
-effect that explains about as much is preferred (the small discrepancy of Plumlee 2017, and Gu and Wang 2018).
+therefore one hypothesis among others, and it must explain more than an effect (`prior_share`): a simulation whose own
+error is a third of an effect leaves a ninth of the gap's energy, which the map absorbs and the effect does not. An effect
+that explains about as much is preferred (the small discrepancy of Plumlee 2017, and Gu and Wang 2018).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from ces_gap.effects.effect import SIMULATION, Effect, EffectParameter
 from ces_gap.trace import F, Trace, TraceInputs
 
+MAP_SHARE = 0.15  # of the gap's energy
 KNEE_M_S = 0.05  # [m/s] speed at which the force of a damper's bleed bends
 
 
@@ -47,7 +49,7 @@ CURRENT = (
 class SpeedCurve(Effect):
     """A curve of speed added to the simulated force."""
 
-    name, form, stage, penalty = "calibration", "speed_curve", SIMULATION, 2.0
+    name, form, stage, prior_share = "calibration", "speed_curve", SIMULATION, MAP_SHARE
     needs = "speeds at which the simulation is off"
     parameters = (OFFSET, *CURVE)
 
@@ -59,7 +61,7 @@ class SpeedCurve(Effect):
 class ForceMap(Effect):
     """A map of stroke, speed and current added to the simulated force."""
 
-    name, form, stage, penalty = "calibration", "map", SIMULATION, 2.0
+    name, form, stage, prior_share = "calibration", "map", SIMULATION, MAP_SHARE
     needs = "strokes, speeds or currents at which the simulation is off"
     parameters: ClassVar[tuple[EffectParameter, ...]] = (OFFSET, *CURVE, *STROKE)
 

@@ -34,7 +34,7 @@ def test_a_map_without_current_is_part_of_the_map_of_current() -> None:
 
 
 def test_maps_cost_more_than_effects_and_timing_is_no_cause() -> None:
-    assert all(form.penalty > 1.0 for form in FORMS)
+    assert all(form.prior_share > 0.0 for form in FORMS)
     assert [form.name for form in simulation_errors() if form.nuisance] == ["simulation_timing"]
 
 
