@@ -2,8 +2,8 @@
 
 The map is a discrepancy in the sense of Kennedy and O'Hagan (2001): it could absorb a part of most effects. It is
 therefore one hypothesis among others, and it must explain more than an effect (`prior_share`): a simulation whose own
-error is a third of an effect leaves a ninth of the gap's energy, which the map absorbs and the effect does not. An effect
-that explains about as much is preferred (the small discrepancy of Plumlee 2017, and Gu and Wang 2018).
+error is a third of an effect leaves a ninth of the gap's energy, which the map absorbs and the effect does not. An
+effect that explains about as much is preferred (the small discrepancy of Plumlee 2017, and Gu and Wang 2018).
 """
 
 from __future__ import annotations
