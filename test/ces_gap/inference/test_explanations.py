@@ -13,6 +13,7 @@ from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.explanation import Explanation
 from ces_gap.inference.explanations import (
+    MISFIT_ALIGNED,
     HeldOutScorer,
     build_scorer,
     count_stuck_parameters,
@@ -49,6 +50,17 @@ def test_intervals_are_of_two_standard_errors_in_si_units() -> None:
     assert (size.name, size.value) == ("coulomb_N", 40.0) and size.ci95 == pytest.approx((36.08, 43.92), abs=0.01)
     assert width.value == pytest.approx(0.05) and width.ci95 == pytest.approx((0.05 / 1.2166, 0.05 * 1.2166), rel=1e-3)
     assert not (size.at_bound or width.at_bound or size.drifts or width.drifts)
+
+
+def test_what_the_effects_leave_beyond_the_noise_widens_the_intervals() -> None:
+    rng = np.random.default_rng(2)
+    sharp = replace(make_fit((Spring(),), [2000.0], [10.0]), jacobian=rng.standard_normal((4000, 1)))
+    noisy, biased = (replace(sharp, residual=scale * rng.standard_normal(4000)) for scale in (1.0, 3.0))
+    (((narrow,),), ((wide,),)) = (estimate_parameters(f) for f in (noisy, biased))
+    size = float(np.linalg.norm(sharp.jacobian))
+    expected = np.hypot(10.0, MISFIT_ALIGNED * np.sqrt(8.0 * 4000) / size)
+    assert narrow.ci95[1] - narrow.value == pytest.approx(19.6, rel=0.01)
+    assert wide.ci95[1] - wide.value == pytest.approx(1.96 * expected, rel=0.05)
 
 
 def test_intervals_stay_inside_the_bounds_and_in_order() -> None:
