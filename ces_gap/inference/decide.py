@@ -176,9 +176,7 @@ def name_by_simpler_rules(result: EffectSearchResult) -> dict[str, str]:
 
 def _may_be_simulation(result: EffectSearchResult, absorbed: Sequence[str]) -> bool:
     """True if one of several named effects may be the simulation's own error, which a recalibration would absorb."""
-    causes = (
-        [] if result.best is None else [e.name for e in result.best.effects if not e.nuisance and not e.prior_share]
-    )
+    causes = [] if result.best is None else [e.name for e in result.best.effects if not e.nuisance]
     return len(causes) > 1 and not set(causes).isdisjoint(absorbed)
 
 

@@ -16,7 +16,7 @@ from ces_gap.inference.fit import EffectFit
 from ces_gap.inference.learn_baseline import Baseline
 from ces_gap.inference.search import EffectSearchResult
 from ces_gap.inference.shrinkage import cut_into_blocks
-from ces_gap.inference.verdict import NO_GAP
+from ces_gap.inference.verdict import CALIBRATION, NO_GAP
 from ces_gap.intake.prepare import DiagnosisInput
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.sensor_noise.noise_estimate import NO_SOURCE
@@ -127,7 +127,11 @@ def _causes(
     """Return each effect alone, most probable first; `known` are forces [N] that have been computed already."""
     odds, best = decision.probabilities.effects, result.best.names if result.best is not None else ()
     fits = [f for f in result.alone if f.names[0] in odds]
-    ranked = sorted(fits, key=lambda f: (-odds[f.names[0]], f.names[0] not in best, f.cost))
+    imitable = (
+        *decision.absorbed,
+        CALIBRATION,
+    )  # by an error of the simulation: after other effects of the composition
+    ranked = sorted(fits, key=lambda f: (-odds[f.names[0]], f.names[0] not in best, f.names[0] in imitable, f.cost))
     causes = []
     for k, fit in enumerate(ranked):
         (name,) = fit.names
