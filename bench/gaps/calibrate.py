@@ -25,13 +25,17 @@ from scipy.optimize import minimize, minimize_scalar
 from ces_cli.blind.case import DECISION, GAP
 from ces_cli.blind.mode import Mode
 from ces_cli.blind.score import find_modes
+from ces_gap.effects.library import library
+from ces_gap.effects.simulation_errors import simulation_errors
+from ces_gap.inference.comparison import MIN_GAIN_SHARE
 from ces_gap.inference.verdict import NEGLIGIBLE_SHARE, VerdictFigures, gap_features, unknown_features
 from ces_observer.json_checks import write_atomically
 from ces_rig.blind.seal import open_seal
 
 F = NDArray[np.float64]
 
-PENALTY = 0.0003  # of the squared weights, features scaled
+LIMITS = {(form.name, form.limit) for form in library() if form.limit}  # a form, the effect to which it tends
+PENALTY = 0.003  # of the squared weights, features scaled
 FALSE_REJECTION = 0.05  # allowed share of known effects called unknown
 OUT = Path(__file__).resolve().parents[2] / "ces_gap" / "inference" / "calibration.json"
 
@@ -44,6 +48,7 @@ class CalibrationCase:
     """
 
     kind: str
+    plant: str
     error_in_gap: bool
     truth: frozenset[str]
     figures: VerdictFigures
@@ -57,7 +62,8 @@ def load_cases(folder: Path, results: Path) -> dict[str, list[CalibrationCase]]:
     cases: dict[str, list[CalibrationCase]] = {}
     for done, mode in find_modes([results], folder):
         paths = sorted(done.glob("*/decision.json"))
-        read = [_load_case(path.parent, labels[path.parent.name], mode) for path in paths]
+        known = [path.parent for path in paths if mode.references or labels[path.parent.name]["baseline_ratio"] < 1.0]
+        read = [_load_case(folder, labels[folder.name], mode) for folder in known]
         cases.setdefault(mode.class_name, []).extend(read)
     return cases
 
@@ -66,12 +72,27 @@ def _load_case(case: Path, label: dict[str, Any], mode: Mode) -> CalibrationCase
     gap, decision = (json.loads((case / name).read_text(encoding="utf-8")) for name in (GAP, DECISION))
     return CalibrationCase(
         kind=label["kind"],
+        plant=label["plant"],
         error_in_gap=mode.references == 0 and label["baseline_ratio"] > 0.0,
         truth=frozenset(effect["name"] for effect in label["effects"]),
         figures=VerdictFigures(**decision["figures"]),
-        left={cause["effect"]: 1.0 - (cause["gain"] or 0.0) for cause in gap["causes"]},
+        left=_left_by_effect(gap),
         composition=tuple(gap["composition"]["effects"]),
     )
+
+
+def _left_by_effect(gap: dict[str, Any]) -> dict[str, float]:
+    """Return the share of the gap that each effect alone leaves, as the diagnosis rates it.
+
+    A map must explain more than an effect, and a form that lost to the effect to which it tends leaves clearly more.
+    """
+    forms = {form.name: form for form in (*library(), *simulation_errors())}
+    left = {c["effect"]: 1.0 - (c["gain"] or 0.0) + forms[c["effect"]].prior_share for c in gap["causes"]}
+    best = gap["composition"]["effects"]
+    if len(best) == 1 and best[0] in left:
+        nested = [n for n in left if (n, best[0]) in LIMITS or (best[0], n) in LIMITS]
+        left.update({name: max(left[name], left[best[0]] + MIN_GAIN_SHARE) for name in nested})
+    return left
 
 
 def fit_logistic(features: F, positive: NDArray[np.bool_]) -> F:
@@ -117,7 +138,7 @@ def calibrate(some: list[CalibrationCase]) -> dict[str, object]:
     known = np.sort(1.0 / (1.0 + np.exp(-(features[~outside] @ unknown))))
     threshold = float(np.clip(known[min(int((1.0 - FALSE_REJECTION) * len(known)), len(known) - 1)], 0.2, 0.7))
     return {
-        "made_on": f"{len(some)} blind cases of the plant 'calibration' (bench/gaps/calibrate.py)",
+        "made_on": f"{len(some)} blind cases of {', '.join(sorted({c.plant for c in some}))} (bench/gaps/calibrate.py)",
         "gap": [round(float(w), 4) for w in gap],
         "unknown": [round(float(w), 4) for w in unknown],
         "sharpness": round(fit_sharpness([c for c in some if c.kind == "effect" and c.left]), 3),

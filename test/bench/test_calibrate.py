@@ -31,7 +31,8 @@ def results(tmp_path):
         label = {
             "case": f"{i:04d}",
             "kind": kind,
-            "baseline_ratio": float(i % 2),
+            "plant": "calibration",
+            "baseline_ratio": 0.5 * (i % 2),
             "effects": [{"name": n} for n in names],
         }
         labels.append(label)
