@@ -22,6 +22,7 @@ class Options:
     effects: tuple[Effect, ...] = ()
     threads: int = 1
     seed: int = 1
+    tolerance: float | None = None
 
 
 @dataclass(frozen=True)
