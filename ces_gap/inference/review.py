@@ -44,14 +44,17 @@ def find_rivals(scores: HeldOutScores) -> list[Explanation]:
 
 
 def has_undetermined_effect(composition: Explanation) -> bool:
-    """True if the 95 % intervals of all magnitudes of an effect include that it is not there."""
+    """True if the 95 % interval of an effect's magnitude includes that it is not there.
+
+    Several magnitudes of one effect may be uncertain each and certain together, so they are not judged one by one.
+    """
     pairs = zip(composition.composition.settings, composition.estimates, strict=True)
     return any(_is_undetermined(setting.effect, estimates) for setting, estimates in pairs)
 
 
 def _is_undetermined(effect: Effect, estimates: Sequence[Estimate]) -> bool:
     sizes = [(p, e) for p, e in zip(effect.parameters, estimates, strict=True) if p.magnitude]
-    return bool(sizes) and all(e.ci95[0] <= min(p.neutral, p.high) <= e.ci95[1] for p, e in sizes)
+    return len(sizes) == 1 and all(e.ci95[0] <= min(p.neutral, p.high) <= e.ci95[1] for p, e in sizes)
 
 
 def _is_material(scores: HeldOutScores) -> bool:
