@@ -79,7 +79,9 @@ def _describe_doubt(diagnosis: Diagnosis) -> str:
         return f"{_capitalize(_join(imitated, 'and'))} may be an error of the simulation itself"
     if diagnosis.witness_says:
         return _capitalize(diagnosis.witness_says)
-    return "The held-out recordings do not confirm the best explanation"
+    if diagnosis.composition.shrink_ci95[0] <= 0.0:
+        return "The held-out recordings do not confirm the best explanation"
+    return "The best explanation is not certain enough to be named"
 
 
 def _capitalize(text: str) -> str:
