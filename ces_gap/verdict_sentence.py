@@ -26,7 +26,9 @@ def format_verdict(diagnosis: Diagnosis) -> str:
     if tuple(effects) == (CALIBRATION,):
         size = _describe_map(diagnosis)
         return f"The simulation's force map is off, {size}: recalibrated, {shrink} on held-out recordings."
-    return f"The gap is caused by {_join(effects, 'and')}: with this effect added, {shrink} on held-out recordings."
+    named = f"The gap is caused by {_join(effects, 'and')}: with this effect added, {shrink} on held-out recordings"
+    imitated = [e for e in effects if e in diagnosis.not_separable]
+    return f"{named}; a recalibration of the simulation would explain it, too." if imitated else f"{named}."
 
 
 def _describe_no_gap(diagnosis: Diagnosis) -> str:

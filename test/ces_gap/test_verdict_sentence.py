@@ -35,6 +35,11 @@ def test_a_named_cause_comes_with_its_share_of_the_gap() -> None:
     assert "friction" in format_text() and "40 N" in format_text()
 
 
+def test_a_cause_that_a_recalibration_would_explain_too_is_named_with_that_remark() -> None:
+    assert "a recalibration of the simulation would explain it, too." in format_text(not_separable=("friction",))
+    assert "recalibration" not in format_text(not_separable=("leakage",))
+
+
 def test_several_causes_are_all_named() -> None:
     both = replace(FOUND.composition, effects=("friction", "position_delay"))
     assert "friction and position delay" in format_text(composition=both)
