@@ -1,4 +1,4 @@
-"""Nested forms: a gas spring and a force offset are told apart by significance, or are both left."""
+"""Nested forms: a gas spring and a force offset are distinguished by significance, or are both left."""
 
 from __future__ import annotations
 
