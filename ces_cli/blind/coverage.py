@@ -38,12 +38,12 @@ def _find_truth(effect: Mapping[str, Any], parameter: str, values: Numbers, plan
     return None if find is None else find(effect["physical"], values, plant)
 
 
-def _stated(*paths: str) -> Counterpart:
+def _read_number(*paths: str) -> Counterpart:
     """Return the number at the first of the paths that the effect has."""
     return lambda true, _values, _plant: next((true[path] for path in paths if path in true), None)
 
 
-def _added(*paths: str) -> Counterpart:
+def _subtract_design(*paths: str) -> Counterpart:
     """Return how much the effect adds to the number of the plant's design, which does not vary between plants."""
 
     def find(true: Numbers, _values: Numbers, plant: str) -> float | None:
@@ -53,7 +53,7 @@ def _added(*paths: str) -> Counterpart:
     return find
 
 
-def _added_stiffness(*paths: str) -> Counterpart:
+def _find_added_stiffness(*paths: str) -> Counterpart:
     """Return the stiffness that the effect puts in series, unless the bushing relaxes or stiffens."""
 
     def find(true: Numbers, values: Numbers, plant: str) -> float | None:
@@ -82,7 +82,7 @@ def _delay(true: Numbers, _values: Numbers, _plant: str) -> float | None:
 def _plays(true: Numbers, values: Numbers, plant: str) -> float | None:
     """Return the half width of the magnetic loop, if the law is that of the form (plays, or remanence)."""
     path = "remanence_A" if "travel_A" in values else "ces_valve.hysteresis_A"
-    return _added(path)(true, values, plant)
+    return _subtract_design(path)(true, values, plant)
 
 
 def _opposite(find: Counterpart) -> Counterpart:
@@ -93,20 +93,20 @@ def _opposite(find: Counterpart) -> Counterpart:
     return negate
 
 
-_clearance = _stated("body.bump_clearance_m", "stop_clearance_m")
+_clearance = _read_number("body.bump_clearance_m", "stop_clearance_m")
 COUNTERPARTS: Mapping[tuple[str, str], Counterpart] = {
-    ("force_offset", "offset_N"): _stated("offset_N"),
+    ("force_offset", "offset_N"): _read_number("offset_N"),
     ("current_scale", "gain"): _gain,
     ("current_scale", "offset_A"): _offset_A,
     ("position_delay", "delay_s"): _delay,
-    ("inertia", "mass_kg"): _added("body.moving_mass_kg", "mass_kg"),
-    ("backlash", "gap_m"): _added("mount.play_m", "play_m"),
-    ("mount_compliance", "stiffness_N_m"): _added_stiffness("mount.stiffness_N_m", "mount_N_m"),
+    ("inertia", "mass_kg"): _subtract_design("body.moving_mass_kg", "mass_kg"),
+    ("backlash", "gap_m"): _subtract_design("mount.play_m", "play_m"),
+    ("mount_compliance", "stiffness_N_m"): _find_added_stiffness("mount.stiffness_N_m", "mount_N_m"),
     ("bump_stop", "compression_m"): _clearance,
     ("bump_stop", "rebound_m"): _opposite(_clearance),
-    ("bump_stop", "stiffness_N_m"): _stated("body.bump_stiffness_N_m", "stop_N_m"),
-    ("friction", "coulomb_N"): _added("seal_N"),
-    ("leakage", "leak_m_sN"): _added("bypass_m_Ns"),
+    ("bump_stop", "stiffness_N_m"): _read_number("body.bump_stiffness_N_m", "stop_N_m"),
+    ("friction", "coulomb_N"): _subtract_design("seal_N"),
+    ("leakage", "leak_m_sN"): _subtract_design("bypass_m_Ns"),
     ("current_hysteresis", "hysteresis_A"): _plays,
-    ("current_hysteresis", "travel_A"): _stated("remanence_bend_A"),
+    ("current_hysteresis", "travel_A"): _read_number("remanence_bend_A"),
 }

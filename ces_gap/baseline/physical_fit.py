@@ -97,7 +97,8 @@ def _build_training(examples: Sequence[SurrogateExample], rate_Hz: float) -> Tra
     inputs = np.concatenate([_inputs(examples[number])[:, window] for number, window in windows], axis=1)
     measured = np.concatenate([examples[number].force[window] for number, window in windows])
     used = [
-        (_settled(examples[number], window, rate_Hz), left_out(examples[number])[window]) for number, window in windows
+        (_find_settled_ticks(examples[number], window, rate_Hz), left_out(examples[number])[window])
+        for number, window in windows
     ]
     recordings = np.array([number for number, _ in windows], dtype=np.int64)
     of_tick = np.repeat(recordings, np.diff(ends))
@@ -130,7 +131,7 @@ def _inputs(example: SurrogateExample) -> F:
     return np.stack([example.inputs.position, example.inputs.speed, example.inputs.current])
 
 
-def _settled(example: SurrogateExample, window: slice, rate_Hz: float) -> B:
+def _find_settled_ticks(example: SurrogateExample, window: slice, rate_Hz: float) -> B:
     """Return the usable ticks of the window behind the settling of its free run."""
     settled = example.trace.usable[window].copy()
     settled[: round(SETTLE_S * rate_Hz)] = False

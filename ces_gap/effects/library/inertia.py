@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+from numpy.typing import NDArray
 
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
+from ces_gap.effects.frequency_response import apply_response
 from ces_gap.trace import F, Trace, TraceInputs
 
 DAMPING = 0.05  # damping ratio of the mass on the cell: bolted steel has 0.01 to 0.1
 RESONANCES_HZ = (45.0, 60.0, 80.0, 105.0, 140.0, 200.0)  # at which searches begin
 MASS_KG = 2.0  # [kg] at which they begin
-RUN_OUT_S = 0.25  # [s] of padding, because the Fourier transform is periodic
 
 MASS = EffectParameter("mass_kg", 0.0, 20.0, (0.5,), "moving mass between cell and piston", magnitude=True)
 
@@ -61,13 +61,12 @@ def _behind_resonance(force: F, per_square: float, rate_Hz: float) -> F:
     """Return the force (n,) behind a resonance at w with 1/w2 = `per_square` [s2], by its frequency response."""
     if per_square <= 0.0:
         return force
-    count = len(force)
-    padded = next_fast_len(count + round(RUN_OUT_S * rate_Hz), real=True)
-    bridge = np.linspace(force[-1], force[0], padded - count + 2)[1:-1]
-    frequency = 2.0 * np.pi * rate_Hz * np.arange(padded // 2 + 1) / padded
-    ratio = np.sqrt(per_square) * frequency
-    spectrum = rfft(np.concatenate([force, bridge])) / (1.0 - ratio**2 + 2j * DAMPING * ratio)
-    return np.asarray(irfft(spectrum, padded)[:count])
+
+    def response(frequency: F) -> NDArray[np.complex128]:
+        ratio = np.sqrt(per_square) * frequency
+        return np.asarray(1.0 / (1.0 - ratio**2 + 2j * DAMPING * ratio))
+
+    return apply_response(force, rate_Hz, response)
 
 
 FORMS = (Mass(), MassOnCell())

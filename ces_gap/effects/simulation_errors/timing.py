@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+from numpy.typing import NDArray
 
 from ces_gap.effects.effect import SIMULATION, Effect, EffectParameter
+from ces_gap.effects.frequency_response import apply_response
 from ces_gap.trace import F, Trace, TraceInputs
 
 MAX_GAIN = 3.0  # of the sharpening of a force that was smoothed: it also amplifies noise
-RUN_OUT_S = 0.25  # [s] of padding, because the Fourier transform is periodic
 
 
 class SampleTiming(Effect):
@@ -35,13 +35,11 @@ class SampleTiming(Effect):
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) with the timing corrected."""
         skew_s, spread_s2 = values[0] * trace.sample_s, values[1] * trace.sample_s**2
-        count = len(force)
-        padded = next_fast_len(count + round(RUN_OUT_S * trace.rate_Hz), real=True)
-        bridge = np.linspace(force[-1], force[0], padded - count + 2)[1:-1]
-        w = 2.0 * np.pi * trace.rate_Hz * np.arange(padded // 2 + 1) / padded
-        gain = np.minimum(np.exp(-0.5 * spread_s2 * w * w), MAX_GAIN)
-        spectrum = rfft(np.concatenate([force, bridge])) * gain * np.exp(-1j * w * skew_s)
-        return np.asarray(irfft(spectrum, padded)[:count])
+
+        def response(w: F) -> NDArray[np.complex128]:
+            return np.asarray(np.minimum(np.exp(-0.5 * spread_s2 * w * w), MAX_GAIN) * np.exp(-1j * w * skew_s))
+
+        return apply_response(force, trace.rate_Hz, response)
 
 
 FORMS = (SampleTiming(),)

@@ -61,7 +61,7 @@ def orifice(size: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def rounded(u: float, width: float) -> tuple[float, float]:
+def round_corner(u: float, width: float) -> tuple[float, float]:
     """Return max(u, 0) with a corner of this width, and its slope."""
     root = sqrt(u * u + width * width)
     return 0.5 * (u + root), 0.5 * (1.0 + u / root)
@@ -75,8 +75,8 @@ def stack(c: Any, s: Array, size: float, side: float) -> tuple[float, float]:
         preload, shim, port = c.rebound_N, c.rebound_shim, c.rebound_port
     if s[TORN] * side <= 0.0:
         preload += c.stick_N
-    bent, rise = rounded(size - preload, c.edge_N)
-    shut = rounded(-preload, c.edge_N)[0]
+    bent, rise = round_corner(size - preload, c.edge_N)
+    shut = round_corner(-preload, c.edge_N)[0]
     k = shim * max(bent - shut, 0.0)
     both = sqrt(k * k + port * port)
     return k * port / both, shim * rise * (port / both) ** 3
@@ -116,8 +116,8 @@ def slack(c: Any, bend: float) -> tuple[float, float]:
     """Return the bend [m] of the bushing beyond its play, with rounded edges, and the slope."""
     if c.play_m <= 0.0:
         return bend, 1.0
-    up, up_slope = rounded(bend - 0.5 * c.play_m, c.play_edge_m)
-    down, down_slope = rounded(-bend - 0.5 * c.play_m, c.play_edge_m)
+    up, up_slope = round_corner(bend - 0.5 * c.play_m, c.play_edge_m)
+    down, down_slope = round_corner(-bend - 0.5 * c.play_m, c.play_edge_m)
     return up - down, up_slope + down_slope
 
 
