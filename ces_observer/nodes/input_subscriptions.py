@@ -1,7 +1,7 @@
 """The node's subscriptions: one for each topic and type, with any number of signals and dampers.
 
 Messages come in as bytes; stamped numbers go to the subscribers of their signals. Messages that cannot be read from the
-bytes are deserialised by rclpy. No message can raise out of a callback.
+bytes are deserialised by rclpy. A failure in one signal's subscriber does not keep the sample from the others.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
@@ -17,6 +16,7 @@ from rclpy.serialization import deserialize_message
 from ces_observer.cdr.signal import RawSignal, Reading
 from ces_observer.cdr.types import CdrUnsupportedError
 from ces_observer.errors import SignalsError
+from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.message_types import fields_of, header_stamp_ns, is_stamped, message_class
 from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.signals import Signal
@@ -30,14 +30,13 @@ Read = Callable[[bytes], Reading]
 class InputSubscriptions:
     """All subscriptions of the node.
 
-    `on_error` is called with unexpected errors. `on_message`, if set, is called with topic number, arrival [ns] and
-    bytes of each message; `topics` lists (name, type) by these numbers.
+    `on_message`, if set, is called with topic number, arrival [ns] and bytes of each message, and must not raise;
+    `topics` lists (name, type) by these numbers.
     """
 
-    def __init__(self, node: Node, clock: NodeClock, on_error: Callable[[Exception], None]) -> None:
+    def __init__(self, node: GuardedNode, clock: NodeClock) -> None:
         self._node = node
         self._clock = clock
-        self._on_error = on_error
         self._topics: dict[tuple[str, str], _Topic] = {}
         self.on_message: Callable[[int, int, bytes], None] | None = None
 
@@ -46,11 +45,18 @@ class InputSubscriptions:
         """Resolved name and type of each topic."""
         return list(self._topics)
 
-    def subscribe(self, signal: Signal, deliver: Deliver, on_unreadable: Callable[[str], None]) -> bool:
+    def subscribe(
+        self,
+        signal: Signal,
+        deliver: Deliver,
+        on_unreadable: Callable[[str], None],
+        on_failure: Callable[[], None] | None = None,
+    ) -> bool:
         """Deliver each sample of `signal`, or the error that makes a message unreadable; return whether it is stamped.
 
-        A sample without a stamp is stamped on arrival. Signals in one message are delivered in the order of their
-        subscriptions. Raises SignalsError if topic, type or field is wrong.
+        `on_failure` is called when one of the two has failed. A sample without a stamp is stamped on arrival. Signals
+        in one message are delivered in the order of their subscriptions. Raises SignalsError if topic, type or field
+        is wrong.
         """
         kind = message_class(signal)
         key = (self._resolve_topic(signal), signal.type)
@@ -65,8 +71,9 @@ class InputSubscriptions:
                 raw=True,
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
-        slowly = _make_slow_reader(signal, kind)
-        self._topics[key].readers.append((_make_raw_reader(signal) or slowly, slowly, deliver, on_unreadable))
+        slowly, guard = _make_slow_reader(signal, kind), self._node.guard
+        guarded = guard.wrap(deliver, on_failure), guard.wrap(on_unreadable, on_failure)
+        self._topics[key].readers.append((_make_raw_reader(signal) or slowly, slowly, *guarded))
         return is_stamped(kind)
 
     def _resolve_topic(self, signal: Signal) -> str:
@@ -89,22 +96,19 @@ class _Topic:
     def take(self, raw: bytes) -> None:
         """Read a message; the callback of the subscription."""
         inputs = self._inputs
-        try:
-            now_ns = inputs._clock.now()
-            if inputs.on_message is not None:
-                inputs.on_message(self._number, now_ns, raw)
-            for read, slowly, deliver, unreadable in self.readers:
+        now_ns = inputs._clock.now()
+        if inputs.on_message is not None:
+            inputs.on_message(self._number, now_ns, raw)
+        for read, slowly, deliver, unreadable in self.readers:
+            try:
                 try:
-                    try:
-                        stamp_ns, value, frame = read(raw)
-                    except CdrUnsupportedError:
-                        stamp_ns, value, frame = slowly(raw)
-                except SignalsError as error:
-                    unreadable(str(error))
-                    continue
-                deliver(now_ns if stamp_ns is None else stamp_ns, value, frame, now_ns)
-        except Exception as error:  # no message may stop the next ones
-            inputs._on_error(error)
+                    stamp_ns, value, frame = read(raw)
+                except CdrUnsupportedError:
+                    stamp_ns, value, frame = slowly(raw)
+            except SignalsError as error:
+                unreadable(str(error))
+                continue
+            deliver(now_ns if stamp_ns is None else stamp_ns, value, frame, now_ns)
 
 
 def _make_raw_reader(signal: Signal) -> Read | None:

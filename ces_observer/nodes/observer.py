@@ -42,25 +42,22 @@ class Observer(TableNode):
         settings = declare_settings(self)
         self.executor_choice = settings.values["executor"]
         self._time = NodeClock(self, self._on_time_jump)
-        self._inputs = InputSubscriptions(self, self._time, self._on_error)
+        self._inputs = InputSubscriptions(self, self._time)
         self._recording = BlackBoxRecording(self, self._inputs, settings.values)
         self._dampers = [self._make_damper(one) for one in settings.dampers]
         self._diagnostics = DiagnosticsOutput(self)
         self._load = LoadMeter()
         self._watched = self._rolled = self._reported_s = monotonic()
         self._pending = False
-        self._jumps = self._failures = self._reported_failures = 0
-        self._failure = self._jump = "none"
+        self._jumps, self._jump = 0, "none"
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
         """End model changes, recording and clock callbacks, then the node."""
-        for _, changes in self._dampers:
-            changes.close()
-        self._recording.close()
-        self._time.close()
+        for close in (*(changes.close for _, changes in self._dampers), self._recording.close, self._time.close):
+            self.guard.call(close)
         super().destroy_node()
 
     def _make_damper(self, settings: DamperSettings) -> tuple[DamperTopics, ModelChanges]:
@@ -80,23 +77,17 @@ class Observer(TableNode):
         return topics, changes
 
     def _watch(self) -> None:
-        try:
-            self._poll()
-        except Exception as error:  # the next call may succeed; the samples need the node
-            self._on_error(error)
-
-    def _poll(self) -> None:
+        """Do what is due; a step that fails does not keep the others from being done."""
         now = monotonic()
         elapsed, self._watched = now - self._watched, now
-        self._time.watch()
+        self.guard.call(self._time.watch)
         for topics, changes in self._dampers:
-            topics.watch(elapsed)
-            if changes.poll():
-                topics.use_model(changes.source)
-        self._recording.work(self._time.now())
+            self.guard.wrap(topics.watch, topics.restart)(elapsed)
+            self.guard.call(partial(_poll_model, topics, changes))
+        self.guard.call(lambda: self._recording.work(self._time.now()))
         if now - self._rolled >= DIAGNOSTICS_S:
-            self._roll(now - self._rolled)
-            self._rolled = now
+            elapsed, self._rolled = now - self._rolled, now
+            self.guard.call(partial(self._roll, elapsed))
             self._publish_status()
             executors.collect_garbage()
         elif self._pending:
@@ -115,17 +106,15 @@ class Observer(TableNode):
 
     def _publish_status(self) -> None:
         self._reported_s, self._pending = monotonic(), False
-        self._diagnostics.publish([self._make_report(topics, changes) for topics, changes in self._dampers])
-        self._reported_failures = self._failures
+        remark = self.guard.take_remark()
+        self._diagnostics.publish([self._make_report(topics, changes, remark) for topics, changes in self._dampers])
 
-    def _make_report(self, topics: DamperTopics, changes: ModelChanges) -> DamperReport:
-        status = topics.health.status(topics.detail())
-        if self._failures > self._reported_failures:
-            status = add_remark(status, f"{self._failures} unexpected errors, the last: {self._failure}")
+    def _make_report(self, topics: DamperTopics, changes: ModelChanges, remark: str) -> DamperReport:
+        status = add_remark(topics.health.status(topics.detail()), remark)
         others = (
             *changes.values(),
             ("jumps of time", f"{self._jumps}, the last: {self._jump}"),
-            ("unexpected errors", f"{self._failures}, the last: {self._failure}"),
+            *self.guard.values(),
         )
         values = (*status.values, *others)
         damper = topics.settings.key or topics.settings.name
@@ -139,18 +128,10 @@ class Observer(TableNode):
 
     def _on_time_jump(self, what: str) -> None:
         """Restart after a time jump."""
-        try:
-            self._jumps, self._jump = self._jumps + 1, what
-            self.get_logger().warning(f"{what}: the estimates restart")
-            for topics, _ in self._dampers:
-                topics.reset()
-        except Exception as error:  # rcl calls this in the middle of setting its clock
-            self._on_error(error)
-
-    def _on_error(self, error: Exception) -> None:
-        """Count an unexpected error for the next diagnostics; no message may end the node."""
-        self._failures += 1
-        self._failure = f"{type(error).__name__}: {error}"
+        self._jumps, self._jump = self._jumps + 1, what
+        self.get_logger().warning(f"{what}: the estimates restart")
+        for topics, _ in self._dampers:
+            self.guard.wrap(topics.reset, topics.restart)()
 
     def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         reason = find_refusal(self, parameters)
@@ -158,18 +139,20 @@ class Observer(TableNode):
 
     def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:
         changed = {parameter.name.rpartition(".")[2] for parameter in parameters}
-        try:
-            for topics, changes in self._dampers:
-                topics.set_live_values()
-                if "model" in changed:
-                    changes.begin_from_parameter()
-        except Exception as error:  # the parameter is set; the samples need the node
-            self._on_error(error)
+        for topics, changes in self._dampers:
+            self.guard.call(topics.set_live_values)
+            if "model" in changed:
+                self.guard.call(changes.begin_from_parameter)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node; returns 0 when stopped by a signal, 2 if a parameter or the model cannot be used."""
     return executors.run("observer", Observer, argv)
+
+
+def _poll_model(topics: DamperTopics, changes: ModelChanges) -> None:
+    if changes.poll():
+        topics.use_model(changes.source)
 
 
 def _adopt(damper: DamperObserver, verdict: Verdict) -> str:
