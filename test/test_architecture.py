@@ -56,6 +56,7 @@ NODE_MODULES = {
 }
 ROOMS = {  # what each room of a package imports, from the bottom up
     "ces_observer": {
+        "arrival_clock": "",
         "clock_watch": "",
         "current_hold": "",
         "errors": "",
@@ -66,6 +67,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "lazy_names": "",
         "position_queue": "",
         "proof": "",
+        "real_time": "errors",
         "recorder": "errors",
         "signals": "errors",
         "band": "json_checks",
@@ -75,10 +77,11 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "tracker": "adaptive_differentiator differentiator model",
         "estimator": "band model tracker",
         "damper_observer": "current_hold errors estimator model tracker",
-        "health": "damper_observer estimator model recorder tracker",
+        "health": "damper_observer estimator model real_time recorder tracker",
         "control": "errors health model structures",
         "nodes": (
-            "cdr clock_watch control current_hold damper_observer errors health model position_queue recorder signals"
+            "arrival_clock cdr clock_watch control current_hold damper_observer errors health model position_queue "
+            "real_time recorder signals"
         ),
     },
     "ces_identify": {

@@ -137,8 +137,10 @@ class DamperTopics:
         stamped = inputs.subscribe(signal, deliver, unreadable, self.restart)
         if not stamped:
             label = f"signal '{self.settings.prefix}{name}'"
-            self._node.get_logger().warning(f"{label}: {signal.type} has no header; samples are stamped on arrival")
-        return Arrivals(stamped)
+            self._node.get_logger().warning(
+                f"{label}: {signal.type} has no header; samples are stamped with their arrival"
+            )
+        return Arrivals(stamped, inputs.losses_of(signal))
 
     def _on_current(self, stamp_ns: int, current_A: float, frame: bytes, now_ns: int) -> None:
         del frame

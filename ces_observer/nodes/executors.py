@@ -62,7 +62,12 @@ def make_executor(choice: str) -> Executor:
     EXECUTOR.check_value(choice)
     if choice == EVENTS and EventsExecutor is None:
         raise CesError("parameter 'executor' is 'events'; this rclpy has no EventsExecutor: set auto or single")
-    return SingleThreadedExecutor() if choice == SINGLE or EventsExecutor is None else EventsExecutor()
+    return SingleThreadedExecutor() if is_single(choice) else EventsExecutor()
+
+
+def is_single(choice: str) -> bool:
+    """Return whether `choice` gives a SingleThreadedExecutor, which takes one message of a topic at a time."""
+    return choice == SINGLE or EventsExecutor is None
 
 
 def spin_on(node: GuardedNode, spin: Callable[[], None]) -> None:

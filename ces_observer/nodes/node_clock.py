@@ -34,7 +34,7 @@ class NodeClock:
     def watch(self) -> None:
         """Check whether the wall clock was set: rclpy reports only jumps of simulated time."""
         jump_ns = self._wall.measure_jump(time.time_ns(), time.monotonic_ns())
-        if jump_ns and not self._clock.ros_time_is_active:
+        if jump_ns and not self.is_simulated:
             self._on_jump(f"the wall clock was set by {jump_ns * 1e-9:+.3f} s")
 
     def close(self) -> None:
@@ -42,8 +42,8 @@ class NodeClock:
         self._jumps.unregister()
 
     def _choose_clock(self) -> None:
-        simulated = self._clock.ros_time_is_active
-        self.now: Callable[[], int] = self._simulated_now if simulated else time.time_ns
+        self.is_simulated = bool(self._clock.ros_time_is_active)
+        self.now: Callable[[], int] = self._simulated_now if self.is_simulated else time.time_ns
 
     def _simulated_now(self) -> int:
         return int(self._clock.now().nanoseconds)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from time import monotonic
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -18,6 +19,7 @@ from rclpy.parameter import Parameter
 
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.health.load_meter import LoadMeter
+from ces_observer.health.process_watch import ProcessWatch
 from ces_observer.nodes import executors
 from ces_observer.nodes.black_box_recording import BlackBoxRecording
 from ces_observer.nodes.damper_topics import DamperTopics
@@ -29,6 +31,7 @@ from ces_observer.nodes.model_reload import Verdict
 from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.nodes.node_parameters import TableNode
 from ces_observer.nodes.observer_parameters import DamperSettings, declare_settings, find_refusal, governing_parameter
+from ces_observer.real_time import check_processors
 
 WATCH_S = 0.1  # period of the watch timer, and minimum time between two diagnostics
 DIAGNOSTICS_S = 1.0
@@ -42,11 +45,14 @@ class Observer(TableNode):
         settings = declare_settings(self)
         self.executor_choice = settings.values["executor"]
         self._time = NodeClock(self, self._on_time_jump)
-        self._inputs = InputSubscriptions(self, self._time)
+        self._inputs = InputSubscriptions(
+            self, self._time, depth=settings.values["input_depth"], drain=executors.is_single(self.executor_choice)
+        )
         self._recording = BlackBoxRecording(self, self._inputs, settings.values)
         self._dampers = [self._make_damper(one) for one in settings.dampers]
         self._diagnostics = DiagnosticsOutput(self)
         self._load = LoadMeter()
+        self._process = self._make_process_watch(settings.values)
         self._watched = self._rolled = self._reported_s = monotonic()
         self._pending = False
         self._jumps, self._jump = 0, "none"
@@ -76,6 +82,11 @@ class Observer(TableNode):
         self.get_logger().info(f"{settings.name}: {describe_model(settings.model)}")
         return topics, changes
 
+    def _make_process_watch(self, values: dict[str, Any]) -> ProcessWatch:
+        processors = check_processors(values["cpu_affinity"])
+        warn = self.get_logger().warning
+        return ProcessWatch(values["realtime_priority"], processors, values["lock_memory"], warn)
+
     def _watch(self) -> None:
         """Do what is due; a step that fails does not keep the others from being done."""
         now = monotonic()
@@ -94,6 +105,7 @@ class Observer(TableNode):
             self._publish_status()
 
     def _roll(self, elapsed_s: float) -> None:
+        self._process.update()
         load, now_ns = self._load.measure(), self._time.now()
         for topics, _ in self._dampers:
             topics.health.roll(elapsed_s, now_ns, load)
@@ -110,9 +122,11 @@ class Observer(TableNode):
         self._diagnostics.publish([self._make_report(topics, changes, remark) for topics, changes in self._dampers])
 
     def _make_report(self, topics: DamperTopics, changes: ModelChanges, remark: str) -> DamperReport:
-        status = add_remark(topics.health.status(topics.detail()), remark)
+        status = add_remark(topics.health.status(topics.detail()), self._process.remark())
+        status = add_remark(status, remark)
         others = (
             *changes.values(),
+            *self._process.values(),
             ("jumps of time", f"{self._jumps}, the last: {self._jump}"),
             *self.guard.values(),
         )
@@ -130,6 +144,7 @@ class Observer(TableNode):
         """Restart after a time jump."""
         self._jumps, self._jump = self._jumps + 1, what
         self.get_logger().warning(f"{what}: the estimates restart")
+        self._inputs.reset()
         for topics, _ in self._dampers:
             self.guard.wrap(topics.reset, topics.restart)()
 
