@@ -65,15 +65,6 @@ def test_mcap_cut_anywhere_is_read_up_to_the_last_whole_message(tmp_path, compre
     assert len(set(counts)) > 5
 
 
-def test_damage_before_the_end_is_an_error(tmp_path):
-    path, file = killed(tmp_path / "run", compression=CompressionMode.STORAGE)
-    raw = bytearray(file.read_bytes())
-    raw[len(raw) // 10] ^= 0xFF
-    file.write_bytes(raw)
-    with pytest.raises(RecordingError, match=r"a chunk is damaged"):
-        read(path)
-
-
 @pytest.mark.parametrize("compression", [CompressionMode.NONE, CompressionMode.MESSAGE])
 def test_database_without_metadata(tmp_path, compression):
     path, _ = killed(tmp_path / "run", StoragePlugin.SQLITE3, compression)
