@@ -33,7 +33,7 @@ CPP_WORDS = frozenset(
     "decltype default delete do double else enum explicit export extern false float for friend goto if inline int long "
     "mutable namespace new noexcept not nullptr operator or private protected public register requires return short "
     "signed sizeof static struct switch template this throw true try typedef typeid typename union unsigned using "
-    "virtual void volatile while xor std rclcpp twin test".split()
+    "virtual void volatile while xor std rclcpp ces test".split()
 )
 
 

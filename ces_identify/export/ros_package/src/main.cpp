@@ -2,4 +2,4 @@
 
 #include "node/run.hpp"
 
-int main(int argc, char ** argv) {return twin::run_observer(argc, argv);}
+int main(int argc, char ** argv) {return ces::run_observer(argc, argv);}

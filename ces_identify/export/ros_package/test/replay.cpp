@@ -47,24 +47,24 @@ void operator delete[](void * memory, std::size_t) noexcept {std::free(memory);}
 namespace
 {
 
-using twin::Nanoseconds;
+using ces::Nanoseconds;
 
 struct Result
 {
   Nanoseconds stamp = 0;
   double force = 0.0, half_width = 0.0, position = 0.0, speed = 0.0;
   bool has_force = false;
-  twin::Reason reason = twin::Reason::OK;
+  ces::Reason reason = ces::Reason::OK;
   std::uint64_t clamped = 0;
 };
 
 // Keeps the results without allocating.
-class Results : public twin::EstimateSink
+class Results : public ces::EstimateSink
 {
 public:
   explicit Results(std::size_t most) {results_.reserve(most);}
 
-  void attach(const twin::Damper & damper) {damper_ = &damper;}
+  void attach(const ces::Damper & damper) {damper_ = &damper;}
 
   void on_force(Nanoseconds stamp, const std::string &, double force_N) override
   {
@@ -87,7 +87,7 @@ public:
   const std::vector<Result> & all() const {return results_;}
 
 private:
-  const twin::Damper * damper_ = nullptr;
+  const ces::Damper * damper_ = nullptr;
   std::vector<Result> results_;
   Result next_;
 };
@@ -119,10 +119,10 @@ struct Sequence
   std::vector<Result> expected;
 };
 
-twin::Reason find_reason(const std::string & text)
+ces::Reason find_reason(const std::string & text)
 {
-  for (std::size_t k = 0; k < twin::REASON_TEXTS.size(); ++k) {
-    if (text == twin::REASON_TEXTS[k]) {return static_cast<twin::Reason>(k);}
+  for (std::size_t k = 0; k < ces::REASON_TEXTS.size(); ++k) {
+    if (text == ces::REASON_TEXTS[k]) {return static_cast<ces::Reason>(k);}
   }
   throw std::runtime_error("unknown reason: " + text);
 }
@@ -185,7 +185,7 @@ Sequence read_sequence(const char * path)
 }
 
 // Feed the event; return the number of details that differ.
-int feed(const Event & event, twin::Damper & damper, twin::Intake & intake)
+int feed(const Event & event, ces::Damper & damper, ces::Intake & intake)
 {
   counting = std::isfinite(event.value) && event.kind != 'd';  // an error text may be allocated for other numbers
   switch (event.kind) {
@@ -196,7 +196,7 @@ int feed(const Event & event, twin::Damper & damper, twin::Intake & intake)
     case 'r': intake.reset(event.now); break;
     case 's': damper.report_silence(); break;
     case 'd': {
-      const auto detail = std::string(twin::text_of(damper.reason())) + ": " + damper.explain();
+      const auto detail = std::string(ces::text_of(damper.reason())) + ": " + damper.explain();
       if (detail != event.detail) {
         std::printf("detail is '%s', expected '%s'\n", detail.c_str(), event.detail.c_str());
         return 1;
@@ -213,9 +213,9 @@ void print_difference(std::size_t place, const Result & found, const Result & ex
 {
   std::printf(
     "result %zu at %lld: %s %.17g +- %.17g (%.17g, %.17g, %llu), expected at %lld: %s %.17g +- %.17g (%.17g, %.17g, %llu)\n",
-    place, static_cast<long long>(found.stamp), twin::text_of(found.reason), found.force, found.half_width, found.position,
+    place, static_cast<long long>(found.stamp), ces::text_of(found.reason), found.force, found.half_width, found.position,
     found.speed, static_cast<unsigned long long>(found.clamped), static_cast<long long>(expected.stamp),
-    twin::text_of(expected.reason), expected.force, expected.half_width, expected.position, expected.speed,
+    ces::text_of(expected.reason), expected.force, expected.half_width, expected.position, expected.speed,
     static_cast<unsigned long long>(expected.clamped));
 }
 
@@ -230,20 +230,20 @@ int compare(const std::vector<Result> & found, const std::vector<Result> & expec
   return differing;
 }
 
-twin::SignalHold make_motion()
+ces::SignalHold make_motion()
 {
-  return *twin::Model::MOTION == '\0' ? twin::SignalHold::constant(0.0) :
-         twin::SignalHold::measured(twin::Model::MAX_GAP_S);
+  return *ces::Model::MOTION == '\0' ? ces::SignalHold::constant(0.0) :
+         ces::SignalHold::measured(ces::Model::MAX_GAP_S);
 }
 
 int replay(const char * path)
 {
   const auto sequence = read_sequence(path);
   Results results(sequence.expected.size() + 1);
-  twin::Damper damper(
-    twin::SignalHold::measured(twin::Model::MAX_CURRENT_AGE_S), make_motion(), sequence.max_age_s);
+  ces::Damper damper(
+    ces::SignalHold::measured(ces::Model::MAX_CURRENT_AGE_S), make_motion(), sequence.max_age_s);
   results.attach(damper);
-  twin::Intake intake(damper, results);
+  ces::Intake intake(damper, results);
   intake.set_wait(sequence.wait_s);
   int differing = 0;
   for (const auto & event : sequence.events) {differing += feed(event, damper, intake);}

@@ -6,7 +6,7 @@
 
 #include "core/numbers.hpp"
 
-namespace twin
+namespace ces
 {
 
 class ClockWatch
@@ -29,6 +29,6 @@ private:
   Nanoseconds ahead_;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // CORE__CLOCK_WATCH_HPP_

@@ -2,7 +2,7 @@
 
 #include <utility>
 
-namespace twin
+namespace ces
 {
 
 Damper::Damper(SignalHold current, SignalHold motion, double max_age_s)
@@ -100,4 +100,4 @@ std::string Damper::describe_clock_difference() const
          " s; for a replay or a simulation set use_sim_time: true and let it publish /clock, or set max_age_s: 0.0";
 }
 
-}  // namespace twin
+}  // namespace ces

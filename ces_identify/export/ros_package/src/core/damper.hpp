@@ -14,7 +14,7 @@
 #include "core/signal_hold.hpp"
 #include "model/estimator.hpp"
 
-namespace twin
+namespace ces
 {
 
 // Counts since the start.
@@ -81,6 +81,6 @@ private:
   std::string position_error_, current_error_, motion_error_;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // CORE__DAMPER_HPP_

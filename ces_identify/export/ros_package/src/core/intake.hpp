@@ -11,7 +11,7 @@
 #include "core/damper.hpp"
 #include "core/position_queue.hpp"
 
-namespace twin
+namespace ces
 {
 
 class EstimateSink
@@ -104,6 +104,6 @@ private:
   PositionQueue positions_;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // CORE__INTAKE_HPP_

@@ -8,7 +8,7 @@
 #include <limits>
 #include <string>
 
-namespace twin
+namespace ces
 {
 
 using Nanoseconds = std::int64_t;
@@ -31,6 +31,6 @@ inline std::string format_number(const char * format, double value)
 // A number for messages; the sign of NaN is not shown.
 inline std::string format_value(double value) {return std::isnan(value) ? "nan" : format_number("%g", value);}
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // CORE__NUMBERS_HPP_

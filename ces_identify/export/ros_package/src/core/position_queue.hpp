@@ -12,7 +12,7 @@
 
 #include "core/numbers.hpp"
 
-namespace twin
+namespace ces
 {
 
 struct Position
@@ -79,6 +79,6 @@ private:
   std::size_t first_ = 0, count_ = 0;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // CORE__POSITION_QUEUE_HPP_

@@ -5,7 +5,7 @@
 #include <array>
 #include <cstddef>
 
-namespace twin
+namespace ces
 {
 
 // The first six are the reasons of the compiled model, in its order.
@@ -52,6 +52,6 @@ private:
   std::array<T, REASON_TEXTS.size()> values_{};
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // CORE__REASON_HPP_

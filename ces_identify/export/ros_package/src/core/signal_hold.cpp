@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace twin
+namespace ces
 {
 namespace
 {
@@ -77,4 +77,4 @@ std::size_t SignalHold::count_until(Nanoseconds stamp) const
   return static_cast<std::size_t>(std::upper_bound(stamps_.begin(), stamps_.end(), stamp) - stamps_.begin());
 }
 
-}  // namespace twin
+}  // namespace ces

@@ -12,7 +12,7 @@
 
 #include "core/numbers.hpp"
 
-namespace twin
+namespace ces
 {
 
 class SignalHold
@@ -51,6 +51,6 @@ private:
   std::vector<double> values_;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // CORE__SIGNAL_HOLD_HPP_

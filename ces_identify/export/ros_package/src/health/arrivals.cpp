@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <numeric>
 
-namespace twin
+namespace ces
 {
 namespace
 {
@@ -137,4 +137,4 @@ void Arrivals::set_period(double period)
   unmeasured_ = streak_at_ = usual_;
 }
 
-}  // namespace twin
+}  // namespace ces

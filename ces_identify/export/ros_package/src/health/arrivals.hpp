@@ -13,7 +13,7 @@
 
 #include "core/numbers.hpp"
 
-namespace twin
+namespace ces
 {
 
 // One window of a topic. Counts named `total_` are since the start, the others in the window. `dropped` is estimated from
@@ -103,6 +103,6 @@ private:
   ArrivalFigures figures_{};
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // HEALTH__ARRIVALS_HPP_

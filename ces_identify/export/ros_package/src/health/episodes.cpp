@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cinttypes>
 
-namespace twin
+namespace ces
 {
 
 std::string Episode::describe_reasons() const
@@ -46,4 +46,4 @@ void Episodes::end_episode(Nanoseconds now, std::uint64_t withheld)
   present_ = Episode();
 }
 
-}  // namespace twin
+}  // namespace ces

@@ -10,7 +10,7 @@
 #include "core/numbers.hpp"
 #include "core/reason.hpp"
 
-namespace twin
+namespace ces
 {
 
 struct Episode
@@ -62,6 +62,6 @@ private:
   Episode present_;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // HEALTH__EPISODES_HPP_

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace twin
+namespace ces
 {
 namespace
 {
@@ -183,4 +183,4 @@ void Health::add_arrivals(Values & values, const std::string & name, const Arriv
   values.emplace_back(name + ": interruptions", std::to_string(figures.total_interruptions));
 }
 
-}  // namespace twin
+}  // namespace ces

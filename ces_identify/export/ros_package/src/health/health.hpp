@@ -14,7 +14,7 @@
 #include "health/load_meter.hpp"
 #include "health/stillness.hpp"
 
-namespace twin
+namespace ces
 {
 
 enum class Level : std::uint8_t {OK, WARN, ERROR};  // as in diagnostic_msgs/msg/DiagnosticStatus
@@ -64,6 +64,6 @@ private:
   std::uint64_t reported_episodes_ = 0, reported_rests_ = 0;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // HEALTH__HEALTH_HPP_

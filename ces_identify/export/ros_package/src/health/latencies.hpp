@@ -11,7 +11,7 @@
 
 #include "core/numbers.hpp"
 
-namespace twin
+namespace ces
 {
 
 // One window: median, 99th percentile and maximum, 0 if it was empty, and the number of latencies.
@@ -79,6 +79,6 @@ private:
   Nanoseconds max_ = 0;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // HEALTH__LATENCIES_HPP_

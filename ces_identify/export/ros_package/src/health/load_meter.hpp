@@ -6,7 +6,7 @@
 
 #include "core/numbers.hpp"
 
-namespace twin
+namespace ces
 {
 
 struct Load {double process = 0.0, executor = 0.0;};
@@ -44,6 +44,6 @@ private:
   Times before_ = read();
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // HEALTH__LOAD_METER_HPP_

@@ -6,7 +6,7 @@
 
 #include "core/numbers.hpp"
 
-namespace twin
+namespace ces
 {
 
 class Stillness
@@ -40,6 +40,6 @@ private:
   bool resting_ = false;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // HEALTH__STILLNESS_HPP_

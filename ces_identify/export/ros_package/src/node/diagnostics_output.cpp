@@ -1,6 +1,6 @@
 #include "node/diagnostics_output.hpp"
 
-namespace twin
+namespace ces
 {
 
 DiagnosticsOutput::DiagnosticsOutput(rclcpp::Node & node, const std::string & joint)
@@ -40,4 +40,4 @@ void DiagnosticsOutput::log(Reason reason, const Status & status)
   }
 }
 
-}  // namespace twin
+}  // namespace ces

@@ -9,7 +9,7 @@
 
 #include "health/health.hpp"
 
-namespace twin
+namespace ces
 {
 
 class DiagnosticsOutput
@@ -33,6 +33,6 @@ private:
   Nanoseconds logged_at_ = 0;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // NODE__DIAGNOSTICS_OUTPUT_HPP_

@@ -9,7 +9,7 @@
 
 #include "core/numbers.hpp"
 
-namespace twin
+namespace ces
 {
 
 // Publisher of joint states; reliable unless overridden. One message is filled again and again, so that nothing is
@@ -81,6 +81,6 @@ public:
   }
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // NODE__ESTIMATE_OUTPUT_HPP_

@@ -8,7 +8,7 @@
 
 #include "node/user_error.hpp"
 
-namespace twin
+namespace ces
 {
 namespace
 {
@@ -219,4 +219,4 @@ std::optional<std::size_t> find_header(const MessageMembers & type)
   return is_header ? std::optional<std::size_t>(header->offset_) : std::nullopt;
 }
 
-}  // namespace twin
+}  // namespace ces

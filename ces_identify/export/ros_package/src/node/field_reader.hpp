@@ -11,7 +11,7 @@
 
 #include "node/parameters.hpp"
 
-namespace twin
+namespace ces
 {
 
 using rosidl_typesupport_introspection_cpp::MessageMember;
@@ -50,6 +50,6 @@ private:
 // The place of the header in messages of this type; nothing if they are not stamped.
 std::optional<std::size_t> find_header(const MessageMembers & type);
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // NODE__FIELD_READER_HPP_

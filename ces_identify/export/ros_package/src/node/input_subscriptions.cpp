@@ -10,7 +10,7 @@
 #include "model/message_types.hpp"
 #include "node/user_error.hpp"
 
-namespace twin
+namespace ces
 {
 namespace
 {
@@ -186,4 +186,4 @@ void InputSubscriptions::create_subscription(const SignalSettings & signal, cons
   topic->subscription = node_.create_generic_subscription(signal.topic, signal.type, qos, take, options);
 }
 
-}  // namespace twin
+}  // namespace ces

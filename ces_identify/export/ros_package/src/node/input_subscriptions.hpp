@@ -17,7 +17,7 @@
 #include "node/field_reader.hpp"
 #include "node/node_clock.hpp"
 
-namespace twin
+namespace ces
 {
 
 // Stamp, value [SI], frame id, the node's time on arrival.
@@ -48,6 +48,6 @@ private:
   std::vector<std::shared_ptr<Topic>> topics_;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // NODE__INPUT_SUBSCRIPTIONS_HPP_

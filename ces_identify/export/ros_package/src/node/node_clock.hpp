@@ -10,7 +10,7 @@
 #include "core/clock_watch.hpp"
 #include "health/load_meter.hpp"
 
-namespace twin
+namespace ces
 {
 
 class NodeClock
@@ -61,6 +61,6 @@ private:
   rclcpp::JumpHandler::SharedPtr jumps_;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // NODE__NODE_CLOCK_HPP_

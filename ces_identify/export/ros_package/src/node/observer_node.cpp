@@ -4,7 +4,7 @@
 #include <chrono>
 #include <set>
 
-namespace twin
+namespace ces
 {
 namespace
 {
@@ -219,4 +219,4 @@ std::string ObserverNode::describe_topic(const SignalSettings & signal)
   return topic + " carries " + names + "; " + signal.name + ".type is " + signal.type;
 }
 
-}  // namespace twin
+}  // namespace ces

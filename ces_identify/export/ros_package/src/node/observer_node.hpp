@@ -19,7 +19,7 @@
 #include "node/node_clock.hpp"
 #include "node/parameters.hpp"
 
-namespace twin
+namespace ces
 {
 
 class ObserverNode : public rclcpp::Node, private EstimateSink
@@ -69,6 +69,6 @@ private:
   rclcpp::TimerBase::SharedPtr timer_;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // NODE__OBSERVER_NODE_HPP_

@@ -10,7 +10,7 @@
 #include "model/signals.hpp"
 #include "node/user_error.hpp"
 
-namespace twin
+namespace ces
 {
 namespace
 {
@@ -190,7 +190,8 @@ Settings declare_settings(rclcpp::Node & node)
   }
   Settings settings;
   settings.executor = declare_text(
-    node, "executor", "auto", "what runs the callbacks of the program `observer`: 'single' (auto) or 'events'");
+    node, "executor", "auto", "what runs the callbacks of the program `observer`: 'events' (auto) is rclcpp's EventsExecutor, 'single' its "
+    "SingleThreadedExecutor");
   if (settings.executor != "auto" && settings.executor != "single" && settings.executor != "events") {
     throw UserError("parameter 'executor' is '" + settings.executor + "'; expected one of auto, events, single");
   }
@@ -229,4 +230,4 @@ std::string find_refusal(const std::vector<rclcpp::Parameter> & parameters)
   return "";
 }
 
-}  // namespace twin
+}  // namespace ces

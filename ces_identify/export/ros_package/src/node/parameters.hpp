@@ -8,7 +8,7 @@
 
 #include <rclcpp/node.hpp>
 
-namespace twin
+namespace ces
 {
 
 // A signal: where it is, and how it becomes a value in SI units; or its constant value.
@@ -42,6 +42,6 @@ LiveSettings read_live_settings(const rclcpp::Node & node);
 // Why one of these parameters cannot be set, empty if all can.
 std::string find_refusal(const std::vector<rclcpp::Parameter> & parameters);
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // NODE__PARAMETERS_HPP_

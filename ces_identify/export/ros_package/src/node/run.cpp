@@ -9,7 +9,7 @@
 
 #include "node/observer_node.hpp"
 
-namespace twin
+namespace ces
 {
 namespace
 {
@@ -18,8 +18,8 @@ constexpr int USER_ERROR = 2;
 
 std::unique_ptr<rclcpp::Executor> make_executor(const std::string & choice)
 {
-  if (choice == "events") {return std::make_unique<rclcpp::experimental::executors::EventsExecutor>();}
-  return std::make_unique<rclcpp::executors::SingleThreadedExecutor>();
+  if (choice == "single") {return std::make_unique<rclcpp::executors::SingleThreadedExecutor>();}
+  return std::make_unique<rclcpp::experimental::executors::EventsExecutor>();
 }
 
 std::string find_first_line(const std::string & text) {return text.substr(0, text.find('\n'));}
@@ -44,4 +44,4 @@ int run_observer(int argc, char ** argv)
   return status;
 }
 
-}  // namespace twin
+}  // namespace ces

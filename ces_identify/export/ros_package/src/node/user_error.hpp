@@ -4,7 +4,7 @@
 
 #include <stdexcept>
 
-namespace twin
+namespace ces
 {
 
 class UserError : public std::runtime_error
@@ -12,6 +12,6 @@ class UserError : public std::runtime_error
   using std::runtime_error::runtime_error;
 };
 
-}  // namespace twin
+}  // namespace ces
 
 #endif  // NODE__USER_ERROR_HPP_
