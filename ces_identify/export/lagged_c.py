@@ -1,6 +1,7 @@
-"""The parts of the exported C of sigmoid networks and neuro-fuzzy models; templates/{lagged,network,fuzzy}.*.j2 hold the C.
+"""The parts of the exported C of sigmoid networks and neuro-fuzzy models.
 
-Both read lagged, scaled regressors from rings of their inputs and forces.
+Both read lagged, scaled regressors from rings of their inputs and forces; templates/{lagged,network,fuzzy}.{c,h}.j2
+hold the C.
 """
 
 from __future__ import annotations

@@ -171,7 +171,9 @@ def record_faults(model: Model) -> str:
     return sequence.text
 
 
-def _feed(sequence: ReplaySequence, ride: _Ride, chance: Random, k: int, time_s: float, stamp_ns: int, *, pauses: bool) -> None:
+def _feed(
+    sequence: ReplaySequence, ride: _Ride, chance: Random, k: int, time_s: float, stamp_ns: int, *, pauses: bool
+) -> None:
     """Feed the samples of one period, some of them wrong."""
     now_ns = stamp_ns + chance.randrange(MS)
     if k % 40 == 39:

@@ -28,13 +28,13 @@ from ces_observer.signals import Constant, Signal, Signals
 TEMPLATE = ".j2"
 NODE_MESSAGES = ("diagnostic_msgs", "sensor_msgs", "std_msgs")  # that the node needs for any model
 PACKAGE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
-CPP_WORDS = frozenset(
+RESERVED = (
     "alignas alignof and asm auto bitand bitor bool break case catch char class compl concept const constexpr continue "
     "decltype default delete do double else enum explicit export extern false float for friend goto if inline int long "
     "mutable namespace new noexcept not nullptr operator or private protected public register requires return short "
     "signed sizeof static struct switch template this throw true try typedef typeid typename union unsigned using "
-    "virtual void volatile while xor std rclcpp ces test".split()
-)
+    "virtual void volatile while xor std rclcpp ces test"
+)  # in C++, and namespaces that the package uses
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def package_name(text: str) -> str:
 
 def require_package_name(package: str) -> None:
     """Raise ModelError unless `package` is a name for a ROS 2 package and a C++ namespace."""
-    if not PACKAGE.fullmatch(package) or len(package) < 2 or package in CPP_WORDS:
+    if not PACKAGE.fullmatch(package) or len(package) < 2 or package in RESERVED.split():
         raise ModelError(f"package '{package}': expected lower-case letters, digits and _, and no word of C++")
 
 
@@ -140,9 +140,7 @@ def _list_files(folder: Traversable, prefix: str = "") -> Iterator[tuple[str, st
             yield prefix + entry.name, entry.read_text(encoding="utf-8")
 
 
-def _find_facts(
-    model: Model, package: str, name: str, signals: Signals, certificate: Certificate
-) -> dict[str, object]:
+def _find_facts(model: Model, package: str, name: str, signals: Signals, certificate: Certificate) -> dict[str, object]:
     described = _describe_signals(model, signals)
     types = sorted({signal.type for signal in described.values() if signal is not None and signal.type})
     return {
