@@ -10,7 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from math import isfinite, nan
 
-HISTORY = 4096  # currents kept: more than a subscription's queue holds, so that a burst loses none
+HISTORY = 8192  # currents kept: more than a subscription's queue holds, so that a burst loses none
 JUMP_NS = 1_000_000_000  # a current stamped this much before the newest one shows that its clock was set back
 
 

@@ -99,6 +99,13 @@ class DamperObserver:
         if self.reason != SILENT:
             self.reason = self._estimator.reason
 
+    def restart(self) -> None:
+        """Reset with new estimators: an unexpected error may have left any part of the old ones half changed."""
+        self._estimator = Estimator(self.model)
+        if self._next is not None:
+            self._next = Estimator(self._next.model)
+        self.reset()
+
     def take_current(self, stamp_ns: int, current_A: float) -> None:
         """Add a current sample."""
         self.current_error = "" if isfinite(current_A) else f"the current is {current_A}"

@@ -64,6 +64,7 @@ def test_nothing_is_granted_wholesale() -> None:
     assert {name for element in (COMMON, *PROFILES) for name in names(element) if "*" in name} == {
         "~/*/estimate",
         "~/*/estimate_band",
+        "~/*/model_status",
         "~/*/reload_model",
     }
     assert all(len(block.attrib) == 1 and "request" not in block.attrib for block in blocks())

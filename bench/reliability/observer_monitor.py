@@ -14,9 +14,8 @@ from types import TracebackType
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import ExternalShutdownException
-from rclpy.experimental.events_executor import EventsExecutor
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
@@ -26,6 +25,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from wire import read_estimate
 
+from ces_observer.nodes.executors import EventsExecutor
 from ces_observer.nodes.qos import LATCHED
 
 NODE = "observer"
@@ -88,7 +88,9 @@ class ObserverMonitor:
         self._models = self._node.create_publisher(String, MODEL_TOPIC, LATCHED)
         self._parameters = AsyncParameterClient(self._node, self._name)
         self._reload = self._node.create_client(Trigger, f"{NODE}/reload_model")
-        self._executor = EventsExecutor(context=self._context)
+        self._outcomes: dict[str, tuple[bool, str]] = {}  # of requests for another model, by number
+        self._node.create_subscription(DiagnosticStatus, f"{NODE}/model_status", self._on_model_status, LATCHED)
+        self._executor = (EventsExecutor or SingleThreadedExecutor)(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin)
 
@@ -108,7 +110,14 @@ class ObserverMonitor:
     def reload_model(self, timeout_s: float = 30.0) -> tuple[bool, str]:
         """Make the observer reload its model; return whether it did, and its message."""
         answer = self._answer(self._reload.call_async(Trigger.Request()), timeout_s)
-        return answer.success, answer.message
+        if not answer.success:
+            return False, answer.message
+        number, end = answer.message.partition(":")[0].removeprefix("request "), time.monotonic() + timeout_s
+        while number not in self._outcomes:
+            if time.monotonic() > end:
+                raise TimeoutError(f"{self._name}: no outcome of request {number} within {timeout_s:g} s")
+            time.sleep(0.005)
+        return self._outcomes[number]
 
     def publish_model(self, text: str) -> None:
         self._models.publish(String(data=text))
@@ -126,6 +135,11 @@ class ObserverMonitor:
                 raise TimeoutError(f"{self._name} has not answered within {timeout_s:g} s")
             time.sleep(0.005)
         return future.result()
+
+    def _on_model_status(self, status: DiagnosticStatus) -> None:
+        values = {pair.key: pair.value for pair in status.values}
+        if values["state"] in ("accepted", "refused", "overtaken"):
+            self._outcomes[values["request"]] = values["state"] == "accepted", status.message
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.time_ns()

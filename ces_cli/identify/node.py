@@ -16,6 +16,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -24,7 +25,7 @@ from std_msgs.msg import String
 from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, build_command_line
 from ces_cli.identify.process import EXIT_STATUS, WARNING, IdentifyProcess
 from ces_cli.identify.progress import DONE, SEARCHING, WRITING, SearchState
-from ces_observer.nodes.executors import START_ERRORS, USER_ERROR
+from ces_observer.nodes.executors import START_ERRORS, USER_ERROR, spin_on
 from ces_observer.nodes.node_parameters import TableNode, declare_table
 from ces_observer.nodes.qos import LATCHED
 
@@ -74,10 +75,11 @@ class IdentifyNode(TableNode):
         self._model.wait_for_all_acked(ACKNOWLEDGE_TIMEOUT)
 
     def _poll(self) -> None:
-        """Handle the messages of the search and the user's requests to stop."""
+        """Handle the user's requests to stop and the messages of the search; one that cannot be used stops no other."""
+        handle = self.guard.wrap(self._handle_message)
         if self._process is not None:
             for message in self._process.read_messages():
-                self._handle_message(message)
+                handle(message)
         if self._stop.count > self._handled_stops:
             self._handled_stops = self._stop.count
             self._handle_stop_request()
@@ -109,9 +111,9 @@ class IdentifyNode(TableNode):
     def _publish_progress(self) -> None:
         """Publish the progress; log a new stage at once, the costs of the search every few seconds."""
         now = monotonic()
-        message = DiagnosticArray(
-            status=[_status(f"{self.get_fully_qualified_name()}: progress", *self._state.as_status())]
-        )
+        line, values = self._state.as_status()
+        name = f"{self.get_fully_qualified_name()}: progress"
+        message = DiagnosticArray(status=[_status(name, line, {**values, **dict(self.guard.values())})])
         message.header.stamp = self.get_clock().now().to_msg()
         self._progress.publish(message)
         if self._state.changed_stage or now - self._logged_s >= LOG_S:
@@ -142,7 +144,7 @@ class IdentifyNode(TableNode):
             self.get_logger().warning(f"stopped without a model: {self._state.error or 'the search had no model yet'}")
             self._finish(0)
         else:
-            self.get_logger().fatal(self._state.error or f"the search process exited with status {status}; see above")
+            self.get_logger().fatal(self._state.error or _explain_exit(status))
             self._finish(USER_ERROR)
 
     def _finish(self, status: int) -> None:
@@ -169,11 +171,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(stop: StopRequests) -> int:
     node = IdentifyNode(stop)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
     try:
-        rclpy.spin_until_future_complete(node, node.status)
-        return int(node.status.result())
+        spin_on(node, lambda: executor.spin_until_future_complete(node.status))
+        return int(node.status.result()) if node.status.done() else 0
     finally:
-        node.end()
+        node.guard.call(node.end)
+
+
+def _explain_exit(status: int) -> str:
+    """Return why the search process ended before its result."""
+    if status == -signal.SIGKILL:
+        return "the search process was killed, as the kernel does when memory is short; set fewer threads"
+    return f"the search process exited with status {status}; see above"
 
 
 def _status(name: str, message: str, values: dict[str, str]) -> DiagnosticStatus:

@@ -61,7 +61,7 @@ class IdentifyProcess:
 
     def _read_output(self, stream: IO[str]) -> None:
         for line in stream:
-            self._messages.put(json.loads(line))
+            self._messages.put(_parse_message(line))
         self._warnings.join()
         self._messages.put({EXIT_STATUS: self._process.wait()})
 
@@ -69,3 +69,12 @@ class IdentifyProcess:
         for line in stream:
             if line.strip():
                 self._messages.put({WARNING: line.rstrip().removeprefix("warning: ")})
+
+
+def _parse_message(line: str) -> dict[str, Any]:
+    """Return the message in a line, a warning for one that is none."""
+    try:
+        message = json.loads(line)
+    except (ValueError, RecursionError):
+        message = None
+    return message if isinstance(message, dict) else {WARNING: f"not a message of the search: {line.rstrip()[:200]}"}

@@ -29,6 +29,12 @@ class ControlLoop:
         self._last_estimate_s = self._commanded_s = -inf
         self._measured_N, self._measured_s = nan, -inf
 
+    def restart(self) -> None:
+        """Begin anew after an unexpected error: `watch` commands the safe current until an estimate is used again."""
+        self.controller.reset()
+        self._last_estimate_s = -inf
+        self._measured_N, self._measured_s = nan, -inf
+
     def take_measured_force(self, force_N: float, steady_s: float) -> None:
         """Store a measured force; it is fed back for at most `max_gap_s`."""
         self._measured_N, self._measured_s = force_N, steady_s

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from math import isfinite
 
 from ces_observer.control.inverse_map import InverseMap
 from ces_observer.control.steady_force import compute_inverse_map, current_lag_s
+from ces_observer.errors import ModelError
 from ces_observer.model import Model
 
 
@@ -31,7 +33,13 @@ class ModelInverse:
 
     @classmethod
     def from_json(cls, text: str) -> ModelInverse:
-        """Return the inverse whose text `to_json` returned."""
-        values = json.loads(text)
-        speeds, currents, forces = (values["map"][name] for name in ("speeds_m_s", "currents_A", "forces_N"))
-        return cls(InverseMap(tuple(speeds), tuple(currents), tuple(map(tuple, forces))), values["lag_s"])
+        """Return the inverse whose text `to_json` returned; raises ModelError for any other text."""
+        try:
+            values = json.loads(text)
+            speeds, currents, forces = (values["map"][name] for name in ("speeds_m_s", "currents_A", "forces_N"))
+            table = InverseMap(tuple(speeds), tuple(currents), tuple(map(tuple, forces)))
+            if isfinite(values["lag_s"]):
+                return cls(table, values["lag_s"])
+        except (ValueError, TypeError, KeyError, RecursionError):
+            pass
+        raise ModelError("the inverse of the model cannot be read; expected the text that the model's check writes")

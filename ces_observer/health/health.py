@@ -20,6 +20,7 @@ from ces_observer.health.status_values import (
     Values,
     box_values,
     cost_values,
+    describe_missing,
     episode_values,
     latency_values,
     load_values,
@@ -34,7 +35,7 @@ from ces_observer.tracker import OK
 LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2  # as in diagnostic_msgs/msg/DiagnosticStatus
 ERRORS = frozenset({SILENT, POSITION_NOT_FINITE, NO_CURRENT, OFF_CLOCK, UNBOUNDED})
 OUTSIDE_WARN = 0.01  # share of forces from inputs outside the envelope that gives a warning
-DROPPED_WARN = 0.01  # share of lost positions that gives a warning
+DROPPED_WARN = 0.01  # share of missing positions that gives a warning
 STILL_WARN_S = 1.0  # time without any change of position that gives a warning
 
 
@@ -139,7 +140,8 @@ class Health:
             yield f"the position has not changed for {self.stillness.last_s:.1f} s and does now"
         figures = self.position.figures
         if figures.dropped and figures.dropped >= DROPPED_WARN * (figures.samples + figures.dropped):
-            yield f"{figures.dropped / (figures.samples + figures.dropped):.1%} of the positions lost on the way"
+            share = figures.dropped / (figures.samples + figures.dropped)
+            yield f"{share:.1%} of the positions {describe_missing(figures)}"
         if self.cost is not None and self.cost.drifted:
             yield f"re-identify: {_describe_drift(self.cost)}{self._describe_recording()}"
 

@@ -13,6 +13,7 @@ from ces_observer.health.streams import StreamFigures
 from ces_observer.recorder.black_box import BlackBox
 
 Values = Iterator[tuple[str, str]]
+UNKNOWN = "unknown: the middleware does not number the messages"
 
 
 class Load(NamedTuple):
@@ -63,9 +64,27 @@ def stream_values(name: str, figures: StreamFigures) -> Values:
     yield f"{name}: longest burst", str(figures.burst)
     if figures.total_dropped is not None:
         yield f"{name}: dropped", str(figures.total_dropped)
+        yield from missing_values(name, figures.total_dropped, figures)
     yield f"{name}: out of order", str(figures.total_out_of_order)
     yield f"{name}: duplicates", str(figures.total_duplicates)
     yield f"{name}: interruptions", str(figures.total_interruptions)
+
+
+def missing_values(name: str, dropped: int, figures: StreamFigures) -> Values:
+    """Yield what became of the samples that are missing in an input's stamps, as far as that is known."""
+    lost, overflowed = figures.total_lost, figures.total_overflowed
+    yield f"{name}: dropped, in this node's queue", str(overflowed)
+    yield f"{name}: dropped, lost on the way", UNKNOWN if lost is None else str(max(0, lost - overflowed))
+    yield f"{name}: dropped, not sent", UNKNOWN if lost is None else str(max(0, dropped - lost))
+
+
+def describe_missing(figures: StreamFigures) -> str:
+    """Return what became of the samples that are missing in a window, as the end of a sentence."""
+    if figures.overflowed:
+        return f"missing, {figures.overflowed} of them dropped by this node's queue: set input_depth higher"
+    if figures.lost is None:
+        return "missing: lost on the way, or the source paused"
+    return f"missing, {figures.lost} of them lost on the way" if figures.lost else "missing: the source paused"
 
 
 def cost_values(cost: RunningCost, evaluated: bool) -> Values:

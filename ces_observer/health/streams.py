@@ -11,10 +11,13 @@ from dataclasses import dataclass
 from math import sqrt
 from statistics import fmean, median_low
 
+from ces_observer.health.losses import Losses
+
 LEARN = 11  # intervals to learn the period, and unusual ones in a row after which it is learnt again
 BACK_NS, BACK_PERIODS = 50_000_000, 20  # a stamp further back than both: clock set back, not late
 SILENCE_NS, SILENCE_PERIODS = 1_000_000_000, 10  # longer than both: silence, not lost messages
 MIN_AGE_NS = -(1 << 62)
+MAX_DEPTH = 1 << 62  # messages: a queue that is never full
 MAX_LOST_SHARE = 0.5  # of messages while learning; a period that implies more is rejected
 
 
@@ -25,8 +28,9 @@ class StreamFigures:
     `age` is arrival minus stamp, of the newest message and over the window. `jitter` is the standard deviation of the
     usual intervals between stamps, `longest` the longest of all intervals. `burst` is the largest number of messages,
     each within a quarter of the period after the one before. `dropped` is estimated from gaps in the stamps; it is None
-    for messages without stamps, where a gap may be a stalled computer. Interruptions are stamps that ran back, or
-    silences too long to be lost messages.
+    for messages without stamps, where a gap may be a stalled computer. Of these samples `lost` are known to have been
+    lost, None if that is not known (`Losses`), and `overflowed` in the node's own queue; the source has not sent the
+    others. Interruptions are stamps that ran back, or silences too long to be lost messages.
     """
 
     samples: int = 0
@@ -41,6 +45,10 @@ class StreamFigures:
     burst: int = 0
     dropped: int | None = None
     total_dropped: int | None = None
+    lost: int | None = None
+    total_lost: int | None = None
+    overflowed: int = 0
+    total_overflowed: int = 0
     total_out_of_order: int = 0
     total_duplicates: int = 0
     total_interruptions: int = 0
@@ -49,12 +57,13 @@ class StreamFigures:
 class Arrivals:
     """Counts the messages of one topic; `figures` are those of the last window.
 
-    `stamped` is False if the messages have no stamps, so that `take` gets their arrival twice. A late message, stamped
-    before the newest, cancels one counted as dropped.
+    `stamped` is False if the messages have no stamps, so that `take` gets their arrival instead. A late message,
+    stamped before the newest, cancels one counted as dropped. `losses` are those of the topic.
     """
 
-    def __init__(self, stamped: bool = True) -> None:
+    def __init__(self, stamped: bool = True, losses: Losses | None = None) -> None:
         self._stamped = stamped
+        self._losses = losses or Losses(MAX_DEPTH)
         self._newest_ns = self._now_ns = self._period_ns = 0
         self._age_sum_ns = self._longest_ns = self._max_run = 0
         self._max_age_ns = MIN_AGE_NS
@@ -81,7 +90,7 @@ class Arrivals:
             if step > self._longest_ns:  # noqa: PLR1730
                 self._longest_ns = step
         else:
-            self._take_rare(stamp_ns, step)
+            self._take_rare(stamp_ns, step, now_ns)
         if now_ns - self._now_ns < self._close_ns:
             self._run += 1
         elif self._run:
@@ -97,6 +106,7 @@ class Arrivals:
         dropped = self._missing - self._late if self._stamped else None
         samples = self._usual + self._rare - self._before
         mean_ns, jitter_ns = self._spread()
+        before, losses = self.figures, self._losses
         self.figures = StreamFigures(
             samples=samples,
             total_samples=self._usual + self._rare,
@@ -108,8 +118,12 @@ class Arrivals:
             jitter_s=jitter_ns * 1e-9,
             longest_s=self._longest_ns * 1e-9,
             burst=self._max_run + 1 if samples else 0,
-            dropped=None if dropped is None else max(0, dropped - (self.figures.total_dropped or 0)),
+            dropped=None if dropped is None else max(0, dropped - (before.total_dropped or 0)),
             total_dropped=dropped,
+            lost=None if losses.lost is None else losses.lost - (before.total_lost or 0),
+            total_lost=losses.lost,
+            overflowed=losses.overflowed - before.total_overflowed,
+            total_overflowed=losses.overflowed,
             total_out_of_order=self._late,
             total_duplicates=self._duplicates,
             total_interruptions=self._interruptions,
@@ -133,10 +147,11 @@ class Arrivals:
         self._max_run = max(self._max_run, self._run)
         self._run = 0
 
-    def _take_rare(self, stamp_ns: int, step_ns: int) -> None:
+    def _take_rare(self, stamp_ns: int, step_ns: int, now_ns: int) -> None:
         """Count a message whose stamp is not about one period after the newest."""
         self._rare += 1
         period_ns = self._period_ns
+        waited_ns = now_ns - self._now_ns - step_ns  # longer than the message before it
         if self._usual + self._rare == 1:
             self._newest_ns = stamp_ns
         elif step_ns == 0:
@@ -145,7 +160,9 @@ class Arrivals:
             self._late += 1
         else:
             self._newest_ns = stamp_ns
-            if 0 < step_ns <= max(SILENCE_NS, SILENCE_PERIODS * period_ns):
+            missing = round(step_ns / period_ns) - 1 if period_ns else 0
+            overflowed = self._losses.take_gap(missing, waited_ns, period_ns)
+            if overflowed or 0 < step_ns <= max(SILENCE_NS, SILENCE_PERIODS * period_ns):
                 self._longest_ns = max(self._longest_ns, step_ns)
                 self._take_unusual(step_ns)
             else:

@@ -8,10 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rclpy.node import Node
-
 from ces_observer.errors import CesError, RecordingError
 from ces_observer.nodes.damper_topics import DamperTopics
+from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.input_subscriptions import InputSubscriptions
 from ces_observer.nodes.message_definitions import bag_channel
 from ces_observer.recorder.black_box import BlackBox
@@ -24,7 +23,7 @@ WORK_S = 0.001  # for writing in each call of the watch timer
 class BlackBoxRecording:
     """The black box of all dampers; `box` is None before the first measured force and if `record_dir` is empty."""
 
-    def __init__(self, node: Node, inputs: InputSubscriptions, values: dict[str, Any]) -> None:
+    def __init__(self, node: GuardedNode, inputs: InputSubscriptions, values: dict[str, Any]) -> None:
         self._node, self._inputs = node, inputs
         self._folder, self._seconds = values["record_dir"], values["record_s"]
         self._max_bags = values["record_max_bags"]
@@ -49,14 +48,22 @@ class BlackBoxRecording:
             return
         folder, tail_s = Path(self._folder).expanduser(), TAIL * self._seconds
         self.box = BlackBox(channels, folder, seconds=self._seconds, tail_s=tail_s, max_bags=self._max_bags)
-        self._inputs.on_message = self.box.add
+        add = self._node.guard.wrap(self.box.add, partial(self._stop, dampers))
+        self._inputs.on_message = add
         for channel, damper in enumerate(dampers, start=len(self._inputs.topics)):
-            damper.on_estimate = partial(self.box.add, channel)
+            damper.on_estimate = partial(add, channel)
 
     def work(self, now_ns: int) -> None:
         """Continue writing for a short time."""
         if self.box is not None:
             self.box.work(WORK_S, now_ns)
+
+    def _stop(self, dampers: Sequence[DamperTopics]) -> None:
+        """Record no more after an unexpected error: the estimates need the node."""
+        self.box = self._inputs.on_message = None
+        for damper in dampers:
+            damper.on_estimate = damper.health.box = None
+        self._disable("unexpected error in the black box")
 
     def close(self) -> None:
         """Complete the bag that is being written."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from math import nan
 from time import monotonic
 
@@ -55,7 +56,7 @@ class Controller(TableNode):
         self._command, self._desired = CommandOutput(self), DesiredOutput(self)
         self._diagnostics = DiagnosticsOutput(self)
         self._rolled = self._reported_s = monotonic()
-        self._reported_reason, self._failure = "", ""
+        self._reported_reason = ""
         self._speed, self._unreadable = nan, ""
         self._subscribe(settings)
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -64,17 +65,18 @@ class Controller(TableNode):
 
     def destroy_node(self) -> None:
         """End model changes and clock callbacks, then the node."""
-        self._model.changes.close()
-        self._time.close()
+        self.guard.call(self._model.changes.close)
+        self.guard.call(self._time.close)
         super().destroy_node()
 
     def _subscribe(self, settings: ControllerSettings) -> None:
         """Subscribe to the speed before the force: of the two numbers in an estimate it is delivered first."""
-        inputs = InputSubscriptions(self, self._time, self._on_error)
+        inputs, reset = InputSubscriptions(self, self._time), self._loop.restart
         speed, force = estimate_signals(settings.values["estimate_topic"], settings.values["joint"])
-        inputs.subscribe(speed, self._on_speed, self._on_unreadable_speed)
-        inputs.subscribe(force, self._on_force, self._on_unreadable_force)
-        inputs.subscribe(force_signal(settings.values["force_topic"]), self._on_measured, self._on_unreadable_force)
+        inputs.subscribe(speed, self._on_speed, self._on_unreadable_speed, reset)
+        inputs.subscribe(force, self._on_force, self._on_unreadable_force, reset)
+        measured = force_signal(settings.values["force_topic"])
+        inputs.subscribe(measured, self._on_measured, self._on_unreadable_force, reset)
 
     def _on_speed(self, stamp_ns: int, speed_m_s: float, frame: bytes, now_ns: int) -> None:
         del stamp_ns, frame, now_ns
@@ -87,7 +89,7 @@ class Controller(TableNode):
         self._health.latency.take(self._time.now() - stamp_ns)
         if self._desired.has_listeners and loop.controller.reason == OK:
             self._desired.publish(stamp_ns, frame, loop.controller.reachable_N)
-        self._publish_change()
+        self.guard.call(self._publish_change)
 
     def _on_measured(self, stamp_ns: int, force_N: float, frame: bytes, now_ns: int) -> None:
         del stamp_ns, frame, now_ns
@@ -100,38 +102,34 @@ class Controller(TableNode):
     def _on_unreadable_force(self, error: str) -> None:
         self._unreadable = error
 
-    def _on_error(self, error: Exception) -> None:
-        """Keep an unexpected error for the next diagnostics."""
-        self._failure = f"{type(error).__name__}: {error}"
-
     def _on_time_jump(self, what: str) -> None:
         self.get_logger().warning(f"{what}: the controller restarts")
         self._loop.controller.reset()
 
     def _watch(self) -> None:
+        """Do what is due; the command first, whatever fails then."""
         now = monotonic()
-        self._poll_model()
-        current_A = self._loop.watch(now, WATCH_S)
-        if current_A is not None:
-            self._command.publish(current_A)
+        self.guard.wrap(self._watch_estimates, self._loop.restart)(now)
+        self.guard.call(self._poll_model)
         if now - self._rolled >= DIAGNOSTICS_S:
             self._roll(now)
         else:
             self._publish_change()
 
+    def _watch_estimates(self, now: float) -> None:
+        current_A = self._loop.watch(now, WATCH_S)
+        if current_A is not None:
+            self._command.publish(current_A)
+
     def _poll_model(self) -> None:
-        try:
-            if self._model.changes.poll():
-                self._health.set_facts(self._model.facts())
-        except Exception as error:  # the old model runs on; the estimates need the node
-            self._on_error(error)
+        if self._model.changes.poll():
+            self._health.set_facts(self._model.facts())
 
     def _roll(self, now: float) -> None:
+        elapsed, self._rolled = now - self._rolled, now
         executors.collect_garbage()
-        self._time.watch()
-        self._desired.check_listeners()
-        self._health.roll(now - self._rolled)
-        self._rolled = now
+        for step in (self._time.watch, self._desired.check_listeners, partial(self._health.roll, elapsed)):
+            self.guard.call(step)
         self._publish_status()
 
     def _publish_change(self) -> None:
@@ -142,9 +140,8 @@ class Controller(TableNode):
     def _publish_status(self) -> None:
         self._reported_s, self._reported_reason = monotonic(), self._loop.controller.reason
         status = self._health.status(self._detail())
-        status = replace(status, values=(*status.values, *self._model.changes.values()))
-        if self._failure:
-            status, self._failure = add_remark(status, f"unexpected error: {self._failure}"), ""
+        status = replace(status, values=(*status.values, *self._model.changes.values(), *self.guard.values()))
+        status = add_remark(status, self.guard.take_remark())
         damper = self._settings.values["joint"] or "damper"
         self._diagnostics.publish([DamperReport(damper, damper, self._reported_reason, status)])
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from rclpy.node import Node
-
 from ces_observer.control.force_controller import ForceController
 from ces_observer.control.model_inverse import ModelInverse
 from ces_observer.nodes.controller_parameters import ControllerSettings, read_live_settings
+from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.model_changes import ModelChanges, ModelUser
 from ces_observer.nodes.model_check import INVERT, PROVE
 from ces_observer.nodes.model_reload import Verdict
@@ -18,7 +17,7 @@ class ControllerModel:
     `changes` handles the models that shall replace it.
     """
 
-    def __init__(self, node: Node, settings: ControllerSettings, controller: ForceController) -> None:
+    def __init__(self, node: GuardedNode, settings: ControllerSettings, controller: ForceController) -> None:
         self.lag_s = settings.inverse.lag_s
         self._node, self._controller, self._model = node, controller, settings.model
         user = ModelUser(
@@ -41,7 +40,7 @@ class ControllerModel:
 
     def _adopt(self, verdict: Verdict) -> str:
         """Change to a checked model and its inverse."""
-        inverse = ModelInverse.from_json(verdict.output)
+        inverse = ModelInverse.from_json(verdict.inverse)
         tuning = read_live_settings(self._node, (), inverse.lag_s).tuning
         self._model, self.lag_s = verdict.model, inverse.lag_s
         self._controller.tuning = tuning

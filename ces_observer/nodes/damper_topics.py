@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from rclpy.node import Node
-
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.damper_observer import NO_CURRENT, NO_MOTION, SILENT, DamperObserver
 from ces_observer.health.health import Health
 from ces_observer.health.running_cost import RunningCost, default_warn_J
 from ces_observer.health.streams import Arrivals
 from ces_observer.nodes.estimate_output import BandOutput, EstimateOutput
+from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.input_subscriptions import Deliver, InputSubscriptions
 from ces_observer.nodes.node_clock import NodeClock
 from ces_observer.nodes.observer_parameters import DamperSettings, live_value
@@ -32,7 +31,7 @@ class DamperTopics:
 
     def __init__(
         self,
-        node: Node,
+        node: GuardedNode,
         settings: DamperSettings,
         inputs: InputSubscriptions,
         clock: NodeClock,
@@ -45,7 +44,7 @@ class DamperTopics:
         )
         self.health = Health(self.damper, {}, name=settings.name)
         self._node, self._clock = node, clock
-        self._on_change, self._on_first_force = on_change, on_first_force
+        self._on_change, self._on_first_force = node.guard.wrap(on_change), on_first_force
         self.health.stillness.warn_s = settings.values["still_warn_s"]
         self._positions = PositionQueue(0.0)
         self._wait_for_current(settings.values["wait_for_current_s"])
@@ -92,6 +91,12 @@ class DamperTopics:
         self.damper.reset()
         self._report_change()
 
+    def restart(self) -> None:
+        """Begin anew after a failure, which may have left an estimator half changed: nothing is published meanwhile."""
+        self._positions.pop_all()
+        self.damper.restart()
+        self._report_change()
+
     def detail(self) -> str:
         """Return details of the damper's reason, including the state of a silent topic."""
         detail = self.damper.explain()
@@ -129,11 +134,13 @@ class DamperTopics:
         signal = self.settings.signals[name]
         if isinstance(signal, Constant):
             return Arrivals()
-        stamped = inputs.subscribe(signal, deliver, unreadable)
+        stamped = inputs.subscribe(signal, deliver, unreadable, self.restart)
         if not stamped:
             label = f"signal '{self.settings.prefix}{name}'"
-            self._node.get_logger().warning(f"{label}: {signal.type} has no header; samples are stamped on arrival")
-        return Arrivals(stamped)
+            self._node.get_logger().warning(
+                f"{label}: {signal.type} has no header; samples are stamped with their arrival"
+            )
+        return Arrivals(stamped, inputs.losses_of(signal))
 
     def _on_current(self, stamp_ns: int, current_A: float, frame: bytes, now_ns: int) -> None:
         del frame

@@ -25,7 +25,9 @@ class DamperReport(NamedTuple):
 
 
 def add_remark(status: Status, remark: str) -> Status:
-    """Return the status as a warning with `remark` added to its message."""
+    """Return the status as a warning with `remark` added to its message; unchanged without one."""
+    if not remark:
+        return status
     return Status(max(status.level, LEVEL_WARN), f"{status.message}; {remark}", status.values)
 
 

@@ -1,7 +1,7 @@
 """Runs the nodes: one executor, one thread, an orderly shutdown, and garbage collection at chosen times.
 
 Every node program calls `run` with a function that builds its node. The executor has a single thread, so that callbacks
-need no locks and samples stay in order.
+need no locks and samples stay in order. Each callback is guarded; if rclpy itself fails, its executor is spun again.
 """
 
 from __future__ import annotations
@@ -9,30 +9,32 @@ from __future__ import annotations
 import gc
 import signal
 from collections.abc import Callable, Sequence
+from time import sleep
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
-from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 
 from ces_observer.errors import CesError
+from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.parameter_table import EXECUTOR
 
 try:
     from rclpy.experimental import EventsExecutor
-except ImportError:  # rclpy before 7.1, or one that has moved it
+except ImportError:  # rclpy before 7.1.4, or one that has moved it
     EventsExecutor = None
 
 AUTO, EVENTS, SINGLE = EXECUTOR.one_of
 USER_ERROR = 2
+PAUSE_S = 0.001  # before rclpy's executor is spun again: a lasting error must not take the whole processor
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # Raised by a wrong parameter, name or QoS while a node is built; rcl's own errors are RuntimeErrors.
 START_ERRORS = (CesError, ParameterException, NameValidationException, InvalidQosOverridesError, RuntimeError)
 
 
-def run(name: str, make: Callable[[], Node], argv: Sequence[str] | None = None) -> int:
+def run(name: str, make: Callable[[], GuardedNode], argv: Sequence[str] | None = None) -> int:
     """Build the node `name` with `make` and run it; returns the program's exit status.
 
     That is 0 after a signal, or 2 with one FATAL line after one of START_ERRORS. The node's attribute
@@ -60,7 +62,25 @@ def make_executor(choice: str) -> Executor:
     EXECUTOR.check_value(choice)
     if choice == EVENTS and EventsExecutor is None:
         raise CesError("parameter 'executor' is 'events'; this rclpy has no EventsExecutor: set auto or single")
-    return SingleThreadedExecutor() if choice == SINGLE or EventsExecutor is None else EventsExecutor()
+    return SingleThreadedExecutor() if is_single(choice) else EventsExecutor()
+
+
+def is_single(choice: str) -> bool:
+    """Return whether `choice` gives a SingleThreadedExecutor, which takes one message of a topic at a time."""
+    return choice == SINGLE or EventsExecutor is None
+
+
+def spin_on(node: GuardedNode, spin: Callable[[], None]) -> None:
+    """Call `spin` until it returns or the context is shut down; an error in rclpy itself is one for the guard."""
+    while node.context.ok():
+        try:
+            spin()
+            return
+        except ExternalShutdownException:
+            return
+        except Exception as error:
+            node.guard.take(error)
+            sleep(PAUSE_S)
 
 
 def freeze_garbage() -> None:
@@ -76,8 +96,8 @@ def collect_garbage() -> None:
 
 
 def _build(
-    name: str, make: Callable[[], Node], argv: Sequence[str] | None, ends: Sequence[int]
-) -> tuple[Node, Executor] | None:
+    name: str, make: Callable[[], GuardedNode], argv: Sequence[str] | None, ends: Sequence[int]
+) -> tuple[GuardedNode, Executor] | None:
     """Return node and executor; None after an error, which is logged, or a signal."""
     try:
         rclpy.init(args=None if argv is None else list(argv))
@@ -90,16 +110,11 @@ def _build(
     return None if ends else (node, executor)
 
 
-def _spin(node: Node, executor: Executor) -> None:
+def _spin(node: GuardedNode, executor: Executor) -> None:
     executor.add_node(node)
     freeze_garbage()
     try:
-        executor.spin()
-    except ExternalShutdownException:
-        pass
-    except RuntimeError:
-        if rclpy.ok():  # otherwise the signal has shut down the context before a publish
-            raise
+        spin_on(node, executor.spin)
     finally:
         executor.shutdown()
         node.destroy_node()

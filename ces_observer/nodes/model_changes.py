@@ -2,7 +2,9 @@
 
 The file or text is parsed at once; a parameter that names an invalid file is refused with the reason. The rest, such as
 the proof of stability, may take longer than samples can wait, so a child process does it while the old model runs. If
-it fails, the old model stays and the parameter is set back. The service answers at the end.
+it fails, the old model stays and the parameter is set back. The service answers at once what it has begun; a service
+of rclpy cannot answer later without a coroutine, which some of its executors do not await. The outcome of each request
+is latched on `~/model_status`, by its number. One model is checked at a time; of those that wait, only the newest.
 """
 
 from __future__ import annotations
@@ -10,20 +12,27 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from time import monotonic
+from typing import NamedTuple
 
-from rclpy.node import Node
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.task import Future
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from ces_observer.errors import CesError
-from ces_observer.model import Model, load_model, parse_model
+from ces_observer.errors import CesError, ModelError
+from ces_observer.model import MAX_BYTES, Model, load_model, parse_model
+from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.model_reload import ModelReload, Verdict
 from ces_observer.nodes.node_parameters import model_path, value_of
 from ces_observer.nodes.qos import LATCHED
+
+WAITS, CHECKED, ACCEPTED, RUNS = "waits", "is being checked", "accepted", "has taken over"  # states of a request
+REFUSED, OVERTAKEN = "refused", "overtaken"
+LOG_S = 1.0  # minimum time between two log lines on refusals
+HEADER_BYTES = 16  # beside the text, in a serialised String
 
 
 @dataclass(frozen=True)
@@ -37,10 +46,19 @@ class ModelUser:
     running: Callable[[], Model]
     adopt: Callable[[Verdict], str]
     parameter: Callable[[], str]
-    prefix: str  # of the service's name
+    prefix: str  # of the names of service and status
     topic: str  # latched, with models as text; empty: none
     tasks: tuple[str, ...]  # of model_check, before a model is adopted
     require: Callable[[Model], None] = lambda model: None  # raises CesError for a model that this user cannot run
+
+
+class ModelRequest(NamedTuple):
+    """A request for another model: its number, the model, its origin, and the parameter's text (topic: empty)."""
+
+    number: int
+    model: Model | None
+    source: str
+    text: str = ""
 
 
 class ModelChanges:
@@ -49,19 +67,25 @@ class ModelChanges:
     `source` is the origin of the running model, `state` a line on the last change, `refused` the number of refusals.
     """
 
-    def __init__(self, node: Node, user: ModelUser, path: Path) -> None:
+    def __init__(self, node: GuardedNode, user: ModelUser, path: Path) -> None:
         self.source = str(path)
         self.state = "none"
         self.refused = 0
         self._node, self._user = node, user
-        self._running, self._next_source = user.running(), ""
+        self._running = user.running()
         self._reload = ModelReload()
-        self._waiting: list[Future] = []
-        self._good_path, self._to_set_back = self._read_parameter(), False
+        self._requests = 0
+        self._waiting: ModelRequest | None = None
+        self._checking: ModelRequest | None = None
+        self._accepted: ModelRequest | None = None
+        self._good_path, self._logged_s = self._read_parameter(), float("-inf")
+        self._status = node.create_publisher(DiagnosticStatus, f"{user.prefix}model_status", LATCHED)
         node.create_service(Trigger, f"{user.prefix}reload_model", self._on_service)
         if user.topic:
             options = QoSOverridingOptions.with_default_policies()
-            node.create_subscription(String, user.topic, self._on_topic, LATCHED, qos_overriding_options=options)
+            node.create_subscription(
+                String, user.topic, self._on_topic, LATCHED, raw=True, qos_overriding_options=options
+            )
 
     def values(self) -> tuple[tuple[str, str], ...]:
         """Return the key-value pairs for diagnostics."""
@@ -72,95 +96,164 @@ class ModelChanges:
         text = self._read_parameter()
         if text == self._good_path:
             self._cancel_parameter_change()
-            return
-        self._to_set_back = True
-        try:
+        else:
             self._begin_file(text)
-        except (CesError, OSError) as error:
-            self._refuse(str(error))
 
     def poll(self) -> bool:
-        """Handle a finished check; return whether another model has taken over since the last call."""
+        """Start or finish a check; return whether another model has taken over since the last call."""
         verdict = self._reload.poll()
-        if verdict is not None and verdict.error:
-            self._refuse(verdict.error)
-        elif verdict is not None:
-            self._adopt(verdict)
+        if verdict is not None:
+            self._finish(verdict)
+        if self._checking is None and self._waiting is not None:
+            self._check_next()
         if self._user.running() is self._running:
             return False
-        self._running, self.source = self._user.running(), self._next_source
-        self.state = f"{self.source}: has taken over"
+        self._running = self._user.running()
+        accepted, self._accepted = self._accepted, None
+        if accepted is not None:
+            self.source = accepted.source
+            self._report(accepted, RUNS)
         return True
 
     def close(self) -> None:
         """Cancel a change in progress."""
+        self._waiting = self._checking = None
         self._reload.cancel()
 
     def _read_parameter(self) -> str:
         """Return the present path in the parameter."""
         return str(value_of(self._node, self._user.parameter()))
 
-    def _begin_file(self, text: str) -> None:
-        path = model_path(text)
-        self._begin(load_model(path), str(path))
+    def _next_request(self, model: Model | None, source: str, text: str = "") -> ModelRequest:
+        self._requests += 1
+        return ModelRequest(self._requests, model, source, text)
 
-    def _begin(self, model: Model, source: str) -> None:
-        self._user.require(model)
-        self._answer(False, f"overtaken by {source}")
-        self._reload.start(model, source, self._user.tasks)
-        self.state = f"{source}: is being checked"
+    def _begin_file(self, text: str) -> ModelRequest | str:
+        """Let the file in the parameter be checked; return the request, or why it is refused."""
+        try:
+            path = model_path(text)
+            return self._begin(self._next_request(load_model(path), str(path), text))
+        except (CesError, OSError) as error:
+            self._refuse(self._next_request(None, text, text), str(error))
+            return str(error)
 
-    def _adopt(self, verdict: Verdict) -> None:
-        when = self._user.adopt(verdict)
-        self._next_source = verdict.source
-        self._good_path, self._to_set_back = self._read_parameter(), False
-        self.state = f"{verdict.source}: accepted; takes over {when}"
-        self._node.get_logger().info(self.state)
-        self._answer(True, self.state)
+    def _begin(self, request: ModelRequest) -> ModelRequest:
+        """Let the model of a request wait for its check; raises CesError if its user cannot run it."""
+        if request.model is not None:
+            self._user.require(request.model)
+        overtaken, self._waiting = self._waiting, request
+        if overtaken is not None:
+            self._report(overtaken, OVERTAKEN, f"by {request.source}")
+            if overtaken.text != request.text:
+                self._restore_parameter(overtaken)
+        behind = "" if self._checking is None else f"for the check of {self._checking.source}"
+        self._report(request, WAITS if behind else CHECKED, behind)
+        return request
 
-    def _refuse(self, reason: str) -> None:
+    def _check_next(self) -> None:
+        """Start the check of the waiting request."""
+        request, self._waiting = self._waiting, None
+        if request is None or request.model is None:
+            return
+        try:
+            self._reload.start(request.model, request.source, self._user.tasks)
+        except OSError as error:
+            self._refuse(request, f"{request.source}: no process can be started to check it: {error.strerror}")
+            return
+        self._checking = request
+        self._report(request, CHECKED)
+
+    def _finish(self, verdict: Verdict) -> None:
+        """Adopt or refuse the model whose check has ended."""
+        request, self._checking = self._checking, None
+        if request is None:
+            return
+        try:
+            if verdict.error:
+                raise ModelError(verdict.error)
+            when = self._user.adopt(verdict)
+        except CesError as error:
+            self._refuse(request, str(error))
+        except Exception as error:
+            self._node.guard.take(error)
+            self._refuse(request, f"{request.source}: unexpected {type(error).__name__}: {error}")
+        else:
+            if self._accepted is not None:
+                self._report(self._accepted, OVERTAKEN, f"by {request.source}")
+            self._accepted, self._good_path = request, request.text or self._good_path
+            self._report(request, ACCEPTED, f"takes over {when}")
+            self._node.get_logger().info(self.state)
+
+    def _refuse(self, request: ModelRequest, reason: str) -> None:
         self.refused += 1
-        self.state = f"refused, the old model runs on: {reason}"
-        self._node.get_logger().error(self.state)
-        self._answer(False, reason)
-        self._restore_parameter()
+        self._report(request, REFUSED, reason)
+        if monotonic() - self._logged_s >= LOG_S:
+            self._logged_s = monotonic()
+            self._node.get_logger().error(self.state)
+        self._restore_parameter(request)
 
-    def _restore_parameter(self) -> None:
-        """Set the parameter back to the running model, if it names one that was not accepted."""
-        if self._to_set_back:
-            self._to_set_back = False
+    def _restore_parameter(self, request: ModelRequest) -> None:
+        """Set the parameter back to the running model, if it names the file of this request, which will not run."""
+        if request.text and request.text != self._good_path and request.text == self._read_parameter():
             self._node.set_parameters([Parameter(self._user.parameter(), value=self._good_path)])
 
     def _cancel_parameter_change(self) -> None:
         """Cancel a change that the parameter requested, because it was set back."""
-        if self._to_set_back:
-            self._to_set_back, self.state = False, "none"
+        waiting, checking = self._waiting, self._checking
+        if waiting is not None and waiting.text not in ("", self._good_path):
+            self._waiting = None
+            self._report(waiting, OVERTAKEN, "the parameter was set back")
+        if checking is not None and checking.text not in ("", self._good_path):
+            self._checking = None
             self._reload.cancel()
+            self._report(checking, OVERTAKEN, "the parameter was set back")
 
-    async def _on_service(self, request: Any, response: Any) -> Any:
-        """Answer when the model in the parameter's file is accepted or refused."""
-        try:
-            self._begin_file(self._read_parameter())
-        except (CesError, OSError) as error:
-            self._refuse(str(error))
-            response.success, response.message = False, str(error)
-            return response
-        done = Future()
-        self._waiting.append(done)
-        response.success, response.message = await done
+    def _on_service(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Read the file in the parameter again; answer whether it is valid, and so will be checked."""
+        begun = self._begin_file(self._read_parameter())
+        response.success = isinstance(begun, ModelRequest)
+        if isinstance(begun, ModelRequest):
+            status = self._status.topic_name
+            response.message = f"request {begun.number}: {self.state}; the outcome comes on {status}"
+        else:
+            response.message = begun
+        response.message = _clean(response.message)
         return response
 
-    def _on_topic(self, message: String) -> None:
+    def _on_topic(self, raw: bytes) -> None:
         source = f"topic {self._user.topic}"
         try:
-            model = parse_model(message.data, source)
-            self._restore_parameter()
-            self._begin(model, source)
-        except (CesError, OSError) as error:
-            self._refuse(str(error))
+            self._begin(self._next_request(_parse_message(raw, source), source))
+        except CesError as error:
+            self._refuse(self._next_request(None, source), str(error))
 
-    def _answer(self, success: bool, message: str) -> None:
-        """Answer the pending service calls."""
-        waiting, self._waiting = self._waiting, []
-        for done in waiting:
-            done.set_result((success, message))
+    def _report(self, request: ModelRequest, state: str, detail: str = "") -> None:
+        """Keep the state of a request for diagnostics, and latch it."""
+        if state == REFUSED:
+            self.state = f"refused, the old model runs on: {detail}"
+        else:
+            self.state = f"{request.source}: {state}" + (f"; {detail}" if detail else "")
+        values = {"request": str(request.number), "state": state, "model": request.source}
+        if request.model is not None:
+            values["model sha256"] = request.model.digest()
+        level = DiagnosticStatus.ERROR if state == REFUSED else DiagnosticStatus.OK
+        pairs = [KeyValue(key=key, value=_clean(value)) for key, value in values.items()]
+        name = f"{self._node.get_fully_qualified_name()}: request {request.number}"
+        status = DiagnosticStatus(level=level, name=name, message=_clean(self.state), values=pairs)
+        self._node.guard.call(lambda: self._status.publish(status))
+
+
+def _parse_message(raw: bytes, source: str) -> Model:
+    """Return the model in a serialised String; raises ModelError."""
+    if len(raw) > 4 * MAX_BYTES + HEADER_BYTES:
+        raise ModelError(f"{source}: {len(raw)} bytes; a model file has at most {MAX_BYTES}")
+    try:
+        text = deserialize_message(raw, String).data
+    except RuntimeError:
+        raise ModelError(f"{source}: the message is no std_msgs/msg/String") from None
+    return parse_model(text, source)
+
+
+def _clean(text: str) -> str:
+    """Return the text as a message can carry it: a file's name may have bytes that are no UTF-8."""
+    return text.encode("utf-8", "replace").decode()

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from rclpy.clock import ClockChange, JumpThreshold, TimeJump
 from rclpy.duration import Duration
-from rclpy.node import Node
 
 from ces_observer.clock_watch import ClockWatch
+from ces_observer.nodes.guarded_node import GuardedNode
 
 BACKWARD = Duration(nanoseconds=-1_000_000)
 # The steps of /clock in a fast replay are no jumps. The samples' stamps show shorter jumps.
@@ -23,18 +23,18 @@ CHANGES = {
 class NodeClock:
     """`now()` is the node's time [ns]; `on_jump` is called with a line of text after each time jump."""
 
-    def __init__(self, node: Node, on_jump: Callable[[str], None]) -> None:
+    def __init__(self, node: GuardedNode, on_jump: Callable[[str], None]) -> None:
         self._clock = node.get_clock()
         self._on_jump = on_jump
         self._wall = ClockWatch(time.time_ns(), time.monotonic_ns())
         self._choose_clock()
         threshold = JumpThreshold(min_forward=FORWARD, min_backward=BACKWARD, on_clock_change=True)
-        self._jumps = self._clock.create_jump_callback(threshold, post_callback=self._on_ros_jump)
+        self._jumps = self._clock.create_jump_callback(threshold, post_callback=node.guard.wrap(self._on_ros_jump))
 
     def watch(self) -> None:
         """Check whether the wall clock was set: rclpy reports only jumps of simulated time."""
         jump_ns = self._wall.measure_jump(time.time_ns(), time.monotonic_ns())
-        if jump_ns and not self._clock.ros_time_is_active:
+        if jump_ns and not self.is_simulated:
             self._on_jump(f"the wall clock was set by {jump_ns * 1e-9:+.3f} s")
 
     def close(self) -> None:
@@ -42,8 +42,8 @@ class NodeClock:
         self._jumps.unregister()
 
     def _choose_clock(self) -> None:
-        simulated = self._clock.ros_time_is_active
-        self.now: Callable[[], int] = self._simulated_now if simulated else time.time_ns
+        self.is_simulated = bool(self._clock.ros_time_is_active)
+        self.now: Callable[[], int] = self._simulated_now if self.is_simulated else time.time_ns
 
     def _simulated_now(self) -> int:
         return int(self._clock.now().nanoseconds)

@@ -14,11 +14,12 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from ces_observer.errors import CesError, ModelError
+from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.parameter_table import ParameterSpec, find_unknown
 
 
-class TableNode(Node):  # type: ignore[misc]  # rclpy is not there where types are checked
-    """A node whose parameters are declared from a table; raises CesError for a parameter without a type.
+class TableNode(GuardedNode):
+    """A guarded node whose parameters are declared from a table; raises CesError for a parameter without a type.
 
     `MAY_BE_EMPTY` names the lists that may be empty; ROS 2 has no type for an empty list.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ces_observer.nodes.parameter_table import ALLOW_UNCERTIFIED, EXECUTOR, MODEL_TOPIC, ParameterSpec
+from ces_observer.real_time import ALL_PROCESSORS, MAX_PRIORITY
 
 DAMPERS = "dampers"
 DAMPERS_MEANING = (
@@ -17,8 +18,26 @@ SIGNAL_KEYS = {
     "offset": "value in SI units = scale * number + offset",
 }
 LONGEST_S = 3600.0
+INPUT_DEPTH = 5000  # messages: 5 s at 1 kHz
 OF_THE_NODE = (
     EXECUTOR,
+    ParameterSpec(
+        "input_depth",
+        INPUT_DEPTH,
+        "messages that wait in the queue of each input while the node stalls; at least the highest rate times the "
+        "longest stall. Full queues lose the oldest. Up to 0.5 kB of memory each, used only in a stall",
+        lowest=1,
+        highest=100_000,
+    ),
+    ParameterSpec(
+        "realtime_priority",
+        0,
+        "priority of the node under SCHED_FIFO, that of its DDS threads is one higher; 0: ordinary scheduling",
+        lowest=0,
+        highest=MAX_PRIORITY,
+    ),
+    ParameterSpec("cpu_affinity", ALL_PROCESSORS, "processors that the node may use, such as [2, 3]; [-1]: all"),
+    ParameterSpec("lock_memory", False, "keep the node's memory from being swapped out"),
     ParameterSpec(
         "record_dir",
         "~/.ros/ces_observer",

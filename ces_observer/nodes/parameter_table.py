@@ -11,7 +11,7 @@ from typing import Any
 
 from ces_observer.errors import CesError
 
-Value = bool | int | float | str | list[str] | list[float]
+Value = bool | int | float | str | list[str] | list[float] | list[int]
 KINDS = {bool: "truth value (true or false)", int: "whole number", float: "number", str: "string", list: "list"}
 NO_WORDS = [""]  # ROS 2 has no empty list of strings; empty strings are ignored
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")

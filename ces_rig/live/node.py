@@ -15,6 +15,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ces_observer.health.health import LEVEL_OK, Status
+from ces_observer.nodes.diagnostics_output import DamperReport, DiagnosticsOutput, add_remark
 from ces_observer.nodes.executors import collect_garbage, run
 from ces_observer.nodes.node_parameters import TableNode, declare_table
 from ces_rig.drive import vehicle_kernel as qv
@@ -55,6 +57,7 @@ class Rig(TableNode):
             clock=own.publish_clock,
             keep_all=self._free,
         )
+        self._diagnostics = DiagnosticsOutput(self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self._sample_s, self._blows, self._refused, self._commanded = monotonic(), 0, 0, False
@@ -95,11 +98,7 @@ class Rig(TableNode):
     def _tick(self) -> None:
         sample = self._rig.tick()
         self._sample_s = monotonic()
-        try:
-            self._topics.publish(sample, self._first_ns + sample.tick * SECOND_NS // self._rig.settings.rate_hz)
-        except RuntimeError:
-            if self.context.ok():  # otherwise a signal is stopping the node
-                raise
+        self._topics.publish(sample, self._first_ns + sample.tick * SECOND_NS // self._rig.settings.rate_hz)
 
     @property
     def _waits(self) -> bool:
@@ -117,12 +116,13 @@ class Rig(TableNode):
     def _watch(self) -> None:
         """Check clocks and report problems, once a second."""
         collect_garbage()
-        self._look_for_commander()
+        self.guard.call(self._look_for_commander)
         if not self._own.publish_clock:
-            self._follow_clock()
+            self.guard.call(self._follow_clock)
         if not self._free:
-            self._warn_of_lag()
-        self._warn_of_events()
+            self.guard.call(self._warn_of_lag)
+        self.guard.call(self._warn_of_events)
+        self._publish_status()
 
     def _look_for_commander(self) -> None:
         """When one appears, ignore the answers to earlier samples, or each would trigger samples forever."""
@@ -153,6 +153,15 @@ class Rig(TableNode):
         if refused > self._refused:
             self.get_logger().warning(f"{refused - self._refused} commands refused: not finite")
         self._blows, self._refused = blows, refused
+
+    def _publish_status(self) -> None:
+        values = (
+            ("samples", str(self._rig.ticks)),
+            ("commands refused", str(self._rig.command.refused)),
+            *self.guard.values(),
+        )
+        status = add_remark(Status(LEVEL_OK, "running", values), self.guard.take_remark())
+        self._diagnostics.publish([DamperReport(self._own.joint, self._own.joint, "running", status)])
 
     def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         try:

@@ -19,6 +19,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 from conftest import new_namespace
 from damper_models import plain_damper
 from diagnostic_msgs.msg import DiagnosticArray
+from model_reloads import ModelReloads
 from node_process import NodeProcess, ros_args
 from party import Party
 from rclpy.parameter import Parameter
@@ -26,7 +27,6 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
-from std_srvs.srv import Trigger
 from vehicle import wait
 
 from ces_observer.model import Model
@@ -63,7 +63,7 @@ class Loop(Party):
         self.models = self.node.create_publisher(String, "identify/model", LATCHED)
         self._estimates = self.node.create_publisher(JointState, "observer/estimate", DEEP)
         self._parameters = AsyncParameterClient(self.node, f"{namespace}/controller")
-        self._reload = self.node.create_client(Trigger, "controller/reload_model")
+        self.reloads = ModelReloads(self.node, "controller")
         self._name = f"{namespace}/controller: damper"
         self.node.create_subscription(Float64, "valve_command", lambda m: self.commands.append(m.data), DEEP)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear, DEEP)
@@ -86,13 +86,6 @@ class Loop(Party):
         answer = self._parameters.get_parameters(["model"])
         wait(answer.done, "the parameter", LONG_S)
         return str(answer.result().values[0].string_value)
-
-    def reload(self) -> Trigger.Response:
-        """Have the file read again."""
-        assert self._reload.wait_for_service(LONG_S)
-        answer = self._reload.call_async(Trigger.Request())
-        wait(answer.done, "an answer to the service", LONG_S)
-        return answer.result()
 
     def commands_for(self, past: float) -> None:
         """Wait for the current of such a damper."""
@@ -156,7 +149,7 @@ def test_by_parameter_and_by_service_which_reads_the_file_again(loop: Loop, tmp_
     loop.commands_for(0.91)
     loop.hears("last change of the model", f"{path}: has taken over")
     damper(0.9).save(path)
-    answer = loop.reload()
+    answer = loop.reloads.call(LONG_S)
     assert answer.success, answer.message
     assert f"takes over within {RECOVERY_S:g} s" in answer.message
     loop.commands_for(0.9)

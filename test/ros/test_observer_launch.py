@@ -160,7 +160,7 @@ def test_the_model_is_reloaded_without_a_gap(launched: Launched) -> None:
         wait(lambda: vehicle.stamps()[-1] > begun + 300 * MS, "estimates again")
         begins = vehicle.stamps()[-1]
         softer.save(launched.model_path)
-        answer = vehicle.calls("observer/reload_model")
+        answer = vehicle.reloads.call()
         assert answer.success, answer.message
         vehicle.hears_value("model sha256", softer.digest())
     ends = vehicle.driven[-1] - 100 * MS

@@ -77,7 +77,7 @@ def test_by_service_which_reads_the_same_file_again(driven: Vehicle, tmp_path: P
     damper(0.75).save(path)
     assert driven.sets("model", str(path)).successful
     model.save(path)
-    answer = driven.calls("observer/reload_model")
+    answer = driven.reloads.call()
     assert answer.success, answer.message
     assert "takes over when warmed up, after 0.1 s" in answer.message
     runs(driven, model)
@@ -125,10 +125,10 @@ def test_the_service_says_why_it_refuses(driven: Vehicle, tmp_path: Path) -> Non
     assert driven.sets("model", str(path)).successful
     runs(driven, damper(0.85))
     damper(1.01).save(path)
-    answer = driven.calls("observer/reload_model")
+    answer = driven.reloads.call()
     assert not answer.success and UNPROVED in answer.message
     path.unlink()
-    assert "worn.json: no such model file" in driven.calls("observer/reload_model").message
+    assert "worn.json: no such model file" in driven.reloads.call().message
 
 
 def test_the_newest_of_several_wins(driven: Vehicle, tmp_path: Path) -> None:

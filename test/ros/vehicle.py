@@ -10,6 +10,7 @@ from math import pi, sin
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from model_reloads import ModelReloads
 from party import Party
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -17,7 +18,6 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
 
 DEPTH = 50_000  # nothing is lost while a busy computer holds up either side
 DEEP = QoSProfile(depth=DEPTH)  # reliable
@@ -42,6 +42,7 @@ class Vehicle(Party):
         self.driven: list[int] = []  # stamps of the positions published by drive
         self.node.create_subscription(JointState, "observer/estimate", self._hear_estimate, DEEP)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_diagnostics, DEEP)
+        self.reloads = ModelReloads(self.node, "observer")
         self.position = self.node.create_publisher(JointState, "joint_states", DEEP)
         self.current = self.node.create_publisher(Float64, "valve_current", DEEP)
         self.stamped_current = self.node.create_publisher(Temperature, "stamped_current", DEEP)
@@ -156,14 +157,6 @@ class Vehicle(Party):
         answer = client.get_parameters([name])
         wait(answer.done, f"an answer to {name}")
         return parameter_value_to_python(answer.result().values[0])
-
-    def calls(self, service: str) -> Trigger.Response:
-        """Call a Trigger service of the namespace; returns its answer."""
-        client = self.node.create_client(Trigger, service)
-        assert client.wait_for_service(5.0)
-        answer = client.call_async(Trigger.Request())
-        wait(answer.done, f"an answer of {service}")
-        return answer.result()
 
     def _hear_estimate(self, message: JointState) -> None:
         self.estimates.append(message)

@@ -212,7 +212,10 @@ def test_lost_positions_are_a_warning() -> None:
     health.roll(1.0, 0)
     damper.reason = OK
     status = health.status("")
-    assert (status.level, status.message) == (LEVEL_WARN, "estimating; 9.9% of the positions lost on the way")
+    assert (status.level, status.message) == (
+        LEVEL_WARN,
+        "estimating; 9.9% of the positions missing: lost on the way, or the source paused",
+    )
 
 
 def compare(cost: RunningCost, first_s: int, last_s: int, factor: float, each_second: Callable[[int], None]) -> None:

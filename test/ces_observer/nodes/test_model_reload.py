@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from damper_models import plain_damper
@@ -60,7 +63,7 @@ def test_the_inverse_survives_a_round_trip_as_text() -> None:
     reload.start(model, "model.json", [PROVE, INVERT])
     verdict = verdict_of(reload)
     assert verdict.error == ""
-    assert ModelInverse.from_json(verdict.output) == ModelInverse.from_model(model)
+    assert ModelInverse.from_json(verdict.inverse) == ModelInverse.from_model(model)
 
 
 def test_a_model_without_an_inverse_is_refused_with_the_reason() -> None:
@@ -77,11 +80,76 @@ def test_a_newer_model_takes_the_place_of_the_one_being_checked() -> None:
     assert reload.poll() is None
 
 
-def test_a_check_that_dies_is_no_acceptance(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONHOME", "/nowhere")  # the child cannot even start
-    reload = ModelReload()
+CHILDREN = {  # programs in place of the check, and what is said of their models
+    "import sys; sys.exit(3)": "its check ended with status 3",
+    "import os; os.kill(os.getpid(), 9)": "its check was killed, as the kernel does when memory is short",
+    "import os; os.kill(os.getpid(), 11)": "its check was ended by signal 11",
+    "import os; os.kill(os.getpid(), 24)": "its check took more than 300 s of processor time",
+    "print('{{{ nonsense')": "its check gave an answer that is none",
+    'print(\'{"sha256": "0", "tasks": [], "inverse": 1}\')': "its check gave an answer that is none",
+    "print('[' * 100000)": "its check gave an answer that is none",
+    "pass": "its check gave an answer that is none",
+    "import os; os.write(1, bytes(range(256)) * 100000)": "its check gave an answer that is none",
+    "import os, sys; os.write(1, bytes([27, 7, 65])); sys.exit(2)": "model.json: ??A",
+}
+
+
+@pytest.mark.parametrize("program", CHILDREN)
+def test_a_child_that_dies_or_answers_nonsense_is_no_acceptance(program: str) -> None:
+    reload = ModelReload(("-c", program))
     reload.start(plain_damper(), "model.json", [PROVE])
-    assert "model.json: its check ended with status" in verdict_of(reload).error
+    verdict = verdict_of(reload)
+    assert verdict.error.startswith("model.json: ") and CHILDREN[program] in verdict.error
+    assert verdict.inverse == ""
+
+
+def test_a_child_that_hangs_is_ended(tmp_path: Path) -> None:
+    """It ignores what it can ignore, and is gone afterwards."""
+    pid = tmp_path / "pid"
+    program = (
+        f"import os, signal, time; signal.signal(15, signal.SIG_IGN); open({str(pid)!r}, 'w').write(str(os.getpid()));"
+        "time.sleep(60)"
+    )
+    reload = ModelReload(("-c", program), longest_s=1.0)
+    reload.start(plain_damper(), "model.json", [PROVE])
+    assert verdict_of(reload).error.startswith("model.json: not checked within 1 s")
+    end = time.monotonic() + 5.0
+    while Path("/proc", pid.read_text()).exists():
+        assert reload.poll() is None and time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_check_that_needs_too_much_memory_says_so() -> None:
+    """The limits are those of model_check, met by a child that takes memory after it has set them."""
+    program = (
+        "from ces_observer.nodes import model_check as c; c._check = lambda *_: len(bytes(1 << 31)); exit(c.main())"
+    )
+    reload = ModelReload(("-c", program))
+    reload.start(plain_damper(), "model.json", [PROVE])
+    assert verdict_of(reload).error == "model.json: its check needs more than 1024 MiB of memory"
+
+
+def test_a_check_is_the_first_that_the_kernel_ends_and_ends_with_its_parent(tmp_path: Path) -> None:
+    """A parent that is killed has no time to end its child."""
+    state = tmp_path / "state"
+    child = (
+        "import os, time; from ces_observer.nodes import model_check as c; c._limit_this_process();"
+        f"open({str(state)!r} + '.new', 'w').write(open('/proc/self/oom_score_adj').read() + ' ' + str(os.getpid()));"
+        f"os.rename({str(state)!r} + '.new', {str(state)!r}); time.sleep(60)"
+    )
+    start = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {child!r}])"
+    parent = subprocess.Popen([sys.executable, "-c", start])
+    end = time.monotonic() + 10.0
+    while not state.exists():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    score, pid = state.read_text().split()
+    assert score == "1000"
+    parent.kill()
+    parent.wait()
+    while Path("/proc", pid, "cmdline").exists() and Path("/proc", pid, "cmdline").read_bytes():  # a zombie has none
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def test_a_cancelled_check_leaves_no_verdict() -> None:

@@ -1,0 +1,110 @@
+"""The guard of a node's callbacks: an unexpected exception is counted and reported, and never leaves the callback.
+
+A failure of each kind (type and place) is logged once, with its traceback; diagnostics show how many there were and the
+last. What the failed callback may have left half done is put right by its `on_failure`. This module does not use ROS.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from functools import wraps
+from inspect import iscoroutinefunction
+from typing import Any
+
+MAX_KINDS = 100  # kinds of failures that are logged
+MAX_LENGTH = 300  # characters of a failure in diagnostics
+GUARDED = "is_guarded"  # attribute of a function that `Guard.wrap` returned
+
+
+class Guard:
+    """Runs callbacks; `count` failures so far, `last` the newest in words.
+
+    `log` receives the text of each new kind of failure. Exceptions of the types in `passing` leave the callback, as
+    those that are no Exception do (KeyboardInterrupt, SystemExit). Nothing is a failure once `is_ending()`.
+    """
+
+    def __init__(
+        self,
+        log: Callable[[str], None],
+        passing: tuple[type[Exception], ...] = (),
+        is_ending: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._log, self._passing, self._is_ending = log, passing, is_ending
+        self._kinds: set[tuple[str, str]] = set()
+        self.count, self.last = 0, "none"
+        self._remarked = 0
+
+    def wrap(
+        self,
+        callback: Callable[..., Any],
+        on_failure: Callable[[], None] | None = None,
+        answer_failure: Callable[..., Any] | None = None,
+    ) -> Callable[..., Any]:
+        """Return `callback` as a function that does not raise.
+
+        After a failure it calls `on_failure()`, then returns `answer_failure(*arguments)`, None without one. Raises
+        TypeError for a coroutine function: executors of rclpy 7.1.4 to 7.1.10 do not await it.
+        """
+        if iscoroutinefunction(callback):
+            raise TypeError(f"{callback} is a coroutine function; expected a callback that returns at once")
+
+        @wraps(callback)
+        def guarded(*arguments: Any) -> Any:
+            try:
+                return callback(*arguments)
+            except self._passing:
+                raise
+            except Exception as error:
+                self.take(error)
+                if on_failure is not None:
+                    self.call(on_failure)
+                return None if answer_failure is None else answer_failure(*arguments)
+
+        setattr(guarded, GUARDED, True)
+        return guarded
+
+    def call(self, step: Callable[[], Any]) -> None:
+        """Run `step`; count and report its failure."""
+        try:
+            step()
+        except self._passing:
+            raise
+        except Exception as error:
+            self.take(error)
+
+    def take(self, error: Exception) -> None:
+        """Count a failure, and report it if it is of a new kind. Never raises."""
+        with suppress(Exception):  # such as no memory, or no logger any more
+            if not self._is_ending():
+                self.count += 1
+                self._report(error)
+
+    def values(self) -> tuple[tuple[str, str], ...]:
+        """Return the key-value pairs for diagnostics."""
+        return (("unexpected errors", f"{self.count}, the last: {self.last}"),)
+
+    def take_remark(self) -> str:
+        """Return a remark for diagnostics on failures since the last call, empty if there were none."""
+        if self.count == self._remarked:
+            return ""
+        self._remarked = self.count
+        return f"{self.count} unexpected errors, the last: {self.last}"
+
+    def _report(self, error: Exception) -> None:
+        self.last = f"{type(error).__name__}: {error}"[:MAX_LENGTH]
+        kind = (type(error).__name__, _find_place(error))
+        if kind in self._kinds or len(self._kinds) >= MAX_KINDS:
+            return
+        self._kinds.add(kind)
+        lines = "".join(traceback.format_exception(error, limit=-20))
+        self._log(f"unexpected error, logged once and counted in the diagnostics; the node runs on:\n{lines}")
+
+
+def _find_place(error: Exception) -> str:
+    """Return file and line where the exception was raised."""
+    last = None
+    for last, _ in traceback.walk_tb(error.__traceback__):  # noqa: B007
+        pass
+    return "" if last is None else f"{last.f_code.co_filename}:{last.f_lineno}"

@@ -1,0 +1,54 @@
+"""Datagrams dropped by the kernel, counted at a real socket that nobody reads."""
+
+from __future__ import annotations
+
+import socket
+import sys
+
+import pytest
+
+from ces_observer.health.kernel_drops import KernelDrops
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux shows the drops of each socket")
+SMALL = 4096  # bytes of receive buffer
+
+
+def test_datagrams_that_nobody_reads_are_counted_once() -> None:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reader,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL)
+        reader.bind(("127.0.0.1", 0))
+        drops = KernelDrops()
+        drops.update()
+        assert (drops.total, drops.new) == (0, 0)
+        for _ in range(100):
+            sender.sendto(bytes(1000), reader.getsockname())
+        reader.setblocking(False)
+        received = 0
+        while received < 100:
+            try:
+                reader.recv(2000)
+            except BlockingIOError:
+                break
+            received += 1
+        drops.update()
+        assert (drops.total, drops.new) == (100 - received, 100 - received)
+        assert drops.new > 0
+        drops.update()
+        assert (drops.total, drops.new) == (100 - received, 0)
+
+
+def test_sockets_of_others_are_not_counted() -> None:
+    drops = KernelDrops()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as later,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        later.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL)
+        later.bind(("127.0.0.1", 0))
+        for _ in range(100):
+            sender.sendto(bytes(1000), later.getsockname())
+        drops.update()
+    assert drops.total == 0

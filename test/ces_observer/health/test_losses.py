@@ -1,0 +1,89 @@
+"""Paused source, loss on the way and a full queue are told apart where the middleware shows them."""
+
+from __future__ import annotations
+
+import pytest
+
+from ces_observer.health.losses import MAX_SWITCHES, Losses
+from ces_observer.health.status_values import UNKNOWN, describe_missing, stream_values
+from ces_observer.health.streams import Arrivals
+
+MS = 1_000_000
+START = 1_700_000_000 * 1000 * MS
+BEFORE, AFTER = range(200), range(300, 500)  # samples of a millisecond; a hundred are missing between them
+
+
+def run(losses: Losses, *, numbers: tuple[range, range] | None, wait_ms: int = 0) -> dict[str, str]:
+    """Return the values after a gap; the messages after it are read `wait_ms` late, in a burst."""
+    arrivals = Arrivals(losses=losses)
+    for part, ticks in enumerate((BEFORE, AFTER)):
+        for k, tick in enumerate(ticks):
+            losses.take_number(None if numbers is None else numbers[part][k])
+            late_ms = max(0, wait_ms - k) if part else 0
+            arrivals.take(START + tick * MS, START + (tick + late_ms) * MS)
+    figures = arrivals.roll(1.0)
+    return {**dict(stream_values("position", figures)), "sentence": describe_missing(figures)}
+
+
+def results(values: dict[str, str]) -> tuple[str, ...]:
+    keys = ("dropped", "dropped, in this node's queue", "dropped, lost on the way", "dropped, not sent")
+    return tuple(values[f"position: {key}"] for key in keys)
+
+
+def test_numbers_without_a_gap_show_that_the_source_paused() -> None:
+    values = run(Losses(1000), numbers=(range(200), range(200, 400)))
+    assert results(values) == ("100", "0", "0", "100")
+    assert values["sentence"] == "missing: the source paused"
+
+
+def test_numbers_with_a_gap_show_a_loss() -> None:
+    values = run(Losses(1000), numbers=(range(200), range(280, 480)))
+    assert results(values) == ("100", "0", "80", "20")
+    assert values["sentence"] == "missing, 80 of them lost on the way"
+
+
+def test_without_numbers_the_cause_is_unknown() -> None:
+    values = run(Losses(1000), numbers=None)
+    assert results(values) == ("100", "0", UNKNOWN, UNKNOWN)
+    assert values["sentence"] == "missing: lost on the way, or the source paused"
+
+
+def test_a_full_queue_is_known_without_numbers() -> None:
+    values = run(Losses(150), numbers=None, wait_ms=150)
+    assert results(values) == ("100", "100", UNKNOWN, UNKNOWN)
+    assert values["sentence"] == "missing, 100 of them dropped by this node's queue: set input_depth higher"
+
+
+def test_a_burst_shorter_than_the_queue_is_no_overflow() -> None:
+    assert results(run(Losses(150), numbers=None, wait_ms=100))[1] == "0"
+
+
+def test_what_the_queue_dropped_was_not_lost_on_the_way() -> None:
+    values = run(Losses(150), numbers=(range(200), range(300, 500)), wait_ms=150)
+    assert results(values) == ("100", "100", "0", "0")
+
+
+def test_an_overflow_that_takes_seconds_is_no_interruption() -> None:
+    losses = Losses(1500)
+    arrivals = Arrivals(losses=losses)
+    for tick in range(200):
+        arrivals.take(START + tick * MS, START + tick * MS)
+    for tick in range(2700, 4200):
+        arrivals.take(START + tick * MS, START + 4200 * MS)
+    figures = arrivals.roll(1.0)
+    assert (figures.total_dropped, figures.total_interruptions) == (2500, 0)
+    assert figures.total_overflowed == pytest.approx(2500)
+
+
+def test_numbers_of_several_publishers_cannot_be_used() -> None:
+    losses = Losses(1000)
+    usable = [losses.take_number(k // 2 + 10**6 * (k % 2)) for k in range(4 * MAX_SWITCHES)]
+    assert usable[0]
+    assert not usable[-1]
+    assert losses.lost is None
+
+
+def test_a_publisher_that_is_started_again_loses_nothing() -> None:
+    losses = Losses(1000)
+    assert all(losses.take_number(number) for number in [*range(500), *range(500)])
+    assert losses.lost == 0
