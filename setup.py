@@ -47,7 +47,7 @@ setup(
     packages=find_packages(include=["ces_*"]),
     package_data={
         "*": ["py.typed"],
-        "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js"],
+        "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js", "**/*.hpp", "**/*.cpp"],
         "ces_rig": ["**/*.yaml"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
     },

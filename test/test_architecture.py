@@ -161,11 +161,13 @@ BAG_MODULES = {
     "ces_identify.recordings.bag_reader",
     "ces_identify.recordings.bag_layout",
     "ces_identify.recordings.bag_message",
+    "ces_identify.recordings.bag_opening",
     "ces_identify.recordings.bag_storage",
     "ces_identify.recordings.bag_writer",
+    "ces_identify.recordings.stored_topic",
 }
 VEHICLE_MCAP_MODULE = "ces_observer.recorder.mcap_file"
-MCAP_MODULES = {VEHICLE_MCAP_MODULE, "ces_identify.recordings.mcap_records"}
+MCAP_MODULES = {VEHICLE_MCAP_MODULE, "ces_identify.recordings.mcap_records", "ces_identify.recordings.mcap_topics"}
 
 
 def modules(*packages: str) -> Iterator[tuple[str, Path]]:

@@ -1,4 +1,4 @@
-"""`ces export`: writes a model as C source for a microcontroller, or as an FMU for a simulation tool."""
+"""`ces export`: writes a model as C source for a microcontroller, an FMU for a simulation tool, or a ROS 2 package."""
 
 from __future__ import annotations
 
@@ -9,6 +9,13 @@ from pathlib import Path
 from ces_cli.terminal import terminal
 from ces_identify.export.export_c import export_c, identifier, require_exportable
 from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
+from ces_identify.export.ros_package import (
+    export_ros_package,
+    package_name,
+    require_free,
+    require_package_name,
+    write_package,
+)
 from ces_observer.errors import CesError
 from ces_observer.json_checks import write_all_atomically, write_atomically
 from ces_observer.model import Model, load_model
@@ -20,6 +27,13 @@ FORMATS = {"c": "C99, with its header beside it", "fmu": "FMI 2.0 co-simulation"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = _parser().parse_args(argv)
+    _require_fitting_options(options)
+    certificate = _export_package(options) if options.ros_package else _export_file(options)
+    _print_certificate(certificate)
+    return 0
+
+
+def _export_file(options: argparse.Namespace) -> Certificate:
     model = load_model(options.model)
     kind = _kind(options)
     name = options.name or identifier(options.out.stem)
@@ -30,8 +44,29 @@ def main(argv: Sequence[str] | None = None) -> int:
         _write_c(model, name, options.out, certificate)
     else:
         _write_fmu(model, name, options.out, certificate, compiler)
-    _print_certificate(certificate)
-    return 0
+    return certificate
+
+
+def _export_package(options: argparse.Namespace) -> Certificate:
+    model = load_model(options.model)
+    folder: Path = options.ros_package
+    package = options.name or package_name(folder.resolve().name)
+    signals = terminal.load_described_signals(options)
+    require_package_name(package)
+    require_free(folder)
+    certificate = _certificate(model, options)
+    with terminal.err.status("writing the package and the sequence that its test replays"):
+        write_package(folder, export_ros_package(model, package, signals, certificate))
+    print(f"{folder}: ROS 2 package {package}, component {package}::Observer, program observer, {model.size}")
+    return certificate
+
+
+def _require_fitting_options(options: argparse.Namespace) -> None:
+    """Raise CesError for options that do not belong together."""
+    if options.ros_package is None and options.signals is not None:
+        raise CesError("--signals: applies to --ros-package only; remove it")
+    if options.ros_package is not None and (options.format or options.sources_only):
+        raise CesError("--format, --sources-only: do not apply to --ros-package; remove them")
 
 
 def _kind(options: argparse.Namespace) -> str:
@@ -83,18 +118,25 @@ def _print_certificate(certificate: Certificate) -> None:
 def _parser() -> terminal.Parser:
     p = terminal.parser(
         "export",
-        "Write a model as one self-contained C99 file with its header, or as an FMU for co-simulation (FMI 2.0) that "
-        "contains the same C code, compiled for this machine and as source for others. Both are the observer's "
-        "estimator with its differentiator and its reasons for withholding a force; they need only math.h and allocate "
-        "no memory in a step. The FMU takes position [m] and current [A] and returns force [N], speed [m/s], valid, "
-        "clamped and reason. Every communication point is a sample; any spacing works, best is the model's rate.",
-        "ces export model.json --out rear_damper.c\n  ces export model.json --format fmu --out rear_damper.fmu",
+        "Write a model as one self-contained C99 file with its header, as an FMU for co-simulation (FMI 2.0) that "
+        "contains the same C code, compiled for this machine and as source for others, or as a ROS 2 package in C++ "
+        "around it. All are the observer's estimator with its differentiator and its reasons for withholding a force; "
+        "the C needs only math.h and allocates no memory in a step. The FMU takes position [m] and current [A] and "
+        "returns force [N], speed [m/s], valid, clamped and reason. Every communication point is a sample; any spacing "
+        "works, best is the model's rate. The ROS 2 package has the observer node as a component and as a program.",
+        "ces export model.json --out rear_damper.c\n  ces export model.json --format fmu --out rear_damper.fmu\n"
+        "  ces export model.json --ros-package ~/ros2_ws/src/rear_damper_observer --signals vehicle.yaml",
     )
     p.add_argument("model", type=Path, metavar="MODEL.json")
-    p.add_argument("--out", type=Path, required=True, metavar="FILE", help="FILE.c (FILE.h beside it) or FILE.fmu")
+    target = p.add_mutually_exclusive_group(required=True)
+    target.add_argument("--out", type=Path, metavar="FILE", help="FILE.c (FILE.h beside it) or FILE.fmu")
+    text = "new folder for an ament_cmake package; its name is the package's name"
+    target.add_argument("--ros-package", type=Path, metavar="DIR", help=text)
     p.add_argument("--format", choices=tuple(FORMATS), help="default: from the suffix of FILE")
-    p.add_argument("--name", metavar="NAME", help="prefix of every identifier (default: derived from FILE)")
+    text = "prefix of every identifier (default: derived from FILE), or name of the package"
+    p.add_argument("--name", metavar="NAME", help=text)
     p.add_argument("--sources-only", action="store_true", help="write an FMU without a binary; needs no C compiler")
     text = "export a model whose stability cannot be proved (unsafe)"
     p.add_argument("--allow-uncertified", action="store_true", help=text)
+    terminal.add_signals(p)
     return p

@@ -40,6 +40,15 @@ class ConstantTable:
 
 def render(template: str, facts: Mapping[str, object]) -> str:
     """Return the text of templates/TEMPLATE.j2."""
+    return _make_environment().get_template(template).render(facts)
+
+
+def render_text(template: str, facts: Mapping[str, object]) -> str:
+    """Return the text that the text of a template gives."""
+    return _make_environment().from_string(template).render(facts)
+
+
+def _make_environment() -> Environment:
     folder = resources.files("ces_identify.export") / "templates"
     environment = Environment(
         loader=FunctionLoader(lambda name: (folder / f"{name}.j2").read_text(encoding="utf-8")),
@@ -49,8 +58,8 @@ def render(template: str, facts: Mapping[str, object]) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters.update(number=number, variable=constructed_variable)
-    return environment.get_template(template).render(facts)
+    environment.filters.update(number=number, text=text_literal, variable=constructed_variable)
+    return environment
 
 
 def number(value: float) -> str:
@@ -58,6 +67,13 @@ def number(value: float) -> str:
     if not isfinite(value):
         raise ModelError(f"the model holds {value!r}; expected finite numbers only")
     return repr(float(value))
+
+
+def text_literal(text: str) -> str:
+    """Return a string literal that C, C++ and YAML read alike. Raises ModelError for what cannot be printed."""
+    if not text.isprintable():
+        raise ModelError(f"{text!r}: expected printable characters")
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def constructed_variable(name: str) -> str:

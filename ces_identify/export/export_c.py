@@ -17,6 +17,7 @@ from typing import Any
 from ces_identify.export.band_c import band_facts
 from ces_identify.export.c_text import render
 from ces_identify.export.chambers_c import chambers_facts
+from ces_identify.export.lagged_c import fuzzy_facts, network_facts
 from ces_identify.export.polynomial_c import polynomial_facts
 from ces_identify.export.relaxation_c import relaxation_facts
 from ces_observer import __version__, estimator, tracker
@@ -25,6 +26,8 @@ from ces_observer.errors import ModelError
 from ces_observer.model import ADAPTIVE, FUSED, Model, Sampling
 from ces_observer.proof.certificate import Certificate
 from ces_observer.structures.chambers import Chambers
+from ces_observer.structures.fuzzy import Fuzzy
+from ces_observer.structures.network import Network
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.relaxation import Relaxation
 
@@ -54,6 +57,8 @@ class StructureTick:
 
 TICKS: dict[str, StructureTick] = {
     Polynomial.name: StructureTick("polynomial", polynomial_facts, "polynomial"),
+    Network.name: StructureTick("network", network_facts, "sigmoid network"),
+    Fuzzy.name: StructureTick("fuzzy", fuzzy_facts, "neuro-fuzzy model"),
     Relaxation.name: StructureTick("relaxation", relaxation_facts, "relaxation model"),
     Chambers.name: StructureTick("chambers", chambers_facts, "model of two chambers"),
 }
@@ -89,7 +94,7 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
 def require_exportable(model: Model, name: str, file_stem: str) -> None:
     """Raise ModelError if `export_c` cannot write this model with these names."""
     if model.structure not in TICKS:
-        raise ModelError(f"structure is {model.structure}; only {', '.join(TICKS)} can be written in C so far")
+        raise ModelError(f"structure is {model.structure}; only {', '.join(TICKS)} can be written in C")
     if identifier(name) != name.lower() or not name.isascii():
         raise ModelError(f"name '{name}': not usable in C; choose one such as '{identifier(name)}'")
     if not re.fullmatch(r"[0-9A-Za-z][0-9A-Za-z_.-]*", file_stem) or file_stem in STANDARD_HEADERS:

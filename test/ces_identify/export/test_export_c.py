@@ -28,7 +28,6 @@ from exported_c import (
     seeded,
     undefined_and_defined,
 )
-from trained_models import fuzzy_model
 
 from ces_identify.export.c_text import number
 from ces_identify.export.export_c import LONGEST_NAME, NAME_ENDING, export_c, identifier
@@ -327,11 +326,6 @@ def test_identifiers_stay_within_what_c99_tells_apart():
 def test_names_that_c_cannot_bear_are_refused(name, stem, message):
     with pytest.raises(ModelError, match=message.replace("(", r"\(")):
         export_c(make(*PLAIN), name, stem, UNPROVED)
-
-
-def test_other_structures_are_refused():
-    with pytest.raises(ModelError, match="structure is anfis; only polynomial_narx, relaxation, chambers can"):
-        export_c(fuzzy_model(), "model", "model", UNPROVED)
 
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])

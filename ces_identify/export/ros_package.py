@@ -1,0 +1,170 @@
+"""Export of a model as a ROS 2 package in C++: the observer of one damper as a component and as a program.
+
+A checked `Model` and its signals go in, the files of an ament_cmake package come out. Around the C99 estimator
+(`export_c`) it has the rules by which the Python node withholds forces, and the same words on /diagnostics. The C++ is
+the same for every model; what depends on the model is in the files whose names end in .j2 (folder ros_package/).
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+from ces_identify.export.c_text import render_text
+from ces_identify.export.export_c import REASONS, export_c, identifier
+from ces_identify.export.replay_sequence import record_faults
+from ces_observer import __version__
+from ces_observer.errors import CesError, ModelError
+from ces_observer.model import Model
+from ces_observer.proof.certificate import Certificate
+from ces_observer.signals import Constant, Signal, Signals
+
+TEMPLATE = ".j2"
+NODE_MESSAGES = ("diagnostic_msgs", "sensor_msgs", "std_msgs")  # that the node needs for any model
+PACKAGE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+RESERVED = (
+    "alignas alignof and asm auto bitand bitor bool break case catch char class compl concept const constexpr continue "
+    "decltype default delete do double else enum explicit export extern false float for friend goto if inline int long "
+    "mutable namespace new noexcept not nullptr operator or private protected public register requires return short "
+    "signed sizeof static struct switch template this throw true try typedef typeid typename union unsigned using "
+    "virtual void volatile while xor std rclcpp ces test"
+)  # in C++, and namespaces that the package uses
+
+
+@dataclass(frozen=True)
+class MessageHeader:
+    """A message type: its name in ROS, its C++ type and the header that declares it."""
+
+    name: str
+    cpp: str
+    header: str
+
+    @classmethod
+    def from_type(cls, name: str) -> MessageHeader:
+        """Return that of `package/msg/Type`."""
+        package, _, kind = name.split("/")
+        words = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", kind))
+        return cls(name, f"{package}::msg::{kind}", f"{package}/msg/{words.lower()}.hpp")
+
+
+@dataclass(frozen=True)
+class NodeSignal:
+    """A signal as the node's parameters describe it; `constant` is its value [SI] if it is not measured."""
+
+    name: str
+    topic: str = ""
+    type: str = ""
+    field: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+    constant: float | None = None
+
+    @classmethod
+    def from_signal(cls, signal: Signal | Constant) -> NodeSignal:
+        """Return the description of a signal."""
+        if isinstance(signal, Constant):
+            return cls(signal.name, constant=signal.value)
+        return cls(signal.name, signal.topic, signal.type, signal.field.text, signal.scale, signal.offset)
+
+
+def export_ros_package(model: Model, package: str, signals: Signals, certificate: Certificate) -> dict[str, str]:
+    """Return the files of the package by path.
+
+    Raises ModelError if the model cannot be written in C or `package` is not a usable name, and CesError if the
+    position is constant.
+    """
+    require_package_name(package)
+    name = identifier(package)
+    source, header = export_c(model, name, name, certificate)
+    facts = _find_facts(model, package, name, signals, certificate)
+    files = {f"src/model/{name}.c": source, f"src/model/{name}.h": header, "test/sequence.txt": record_faults(model)}
+    for path, text in _list_files(resources.files("ces_identify.export") / "ros_package"):
+        files[path.removesuffix(TEMPLATE)] = render_text(text, facts) if path.endswith(TEMPLATE) else text
+    return files
+
+
+def package_name(text: str) -> str:
+    """Return `text` as a package name: `Front-Damper` becomes `front_damper`."""
+    name = re.sub(r"[^0-9a-z]+", "_", text.lower()).strip("_")
+    return name if name and name[0].isalpha() else f"model_{name}".rstrip("_")
+
+
+def require_package_name(package: str) -> None:
+    """Raise ModelError unless `package` is a name for a ROS 2 package and a C++ namespace."""
+    if not PACKAGE.fullmatch(package) or len(package) < 2 or package in RESERVED.split():
+        raise ModelError(f"package '{package}': expected lower-case letters, digits and _, and no word of C++")
+
+
+def write_package(folder: Path, files: Mapping[str, str]) -> None:
+    """Write a package: into a temporary folder beside `folder`, which is then renamed.
+
+    Raises CesError if `folder` exists and is not empty, or cannot be written.
+    """
+    require_free(folder)
+    try:
+        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        try:
+            _write_files(temporary, files)
+            temporary.replace(folder)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+    except OSError as error:
+        raise CesError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+def require_free(folder: Path) -> None:
+    """Raise CesError unless `folder` is empty or missing."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise CesError(f"{folder}: exists; name a new folder, or remove it first: it may hold your own changes")
+
+
+def _write_files(folder: Path, files: Mapping[str, str]) -> None:
+    folder.chmod(0o755)
+    for path, text in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text, encoding="utf-8")
+
+
+def _list_files(folder: Traversable, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield path and text of each file, in the order of the paths."""
+    for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):
+        if entry.is_dir():
+            yield from _list_files(entry, f"{prefix}{entry.name}/")
+        else:
+            yield prefix + entry.name, entry.read_text(encoding="utf-8")
+
+
+def _find_facts(model: Model, package: str, name: str, signals: Signals, certificate: Certificate) -> dict[str, object]:
+    described = _describe_signals(model, signals)
+    types = sorted({signal.type for signal in described.values() if signal is not None and signal.type})
+    return {
+        "package": package,
+        "name": name,
+        "NAME": name.upper(),
+        "version": __version__,
+        "digest": model.digest(),
+        "model": model,
+        "certificate": certificate,
+        "reasons": REASONS,
+        "motion": model.sampling.motion_signal,
+        "band": model.band,
+        "signals": described,
+        "types": [MessageHeader.from_type(one) for one in types],
+        "messages": sorted({*NODE_MESSAGES, *(one.partition("/")[0] for one in types)}),
+    }
+
+
+def _describe_signals(model: Model, signals: Signals) -> dict[str, NodeSignal | None]:
+    """Return the signals that the node reads, by their constants in C++; None: to be set as parameters."""
+    position = NodeSignal.from_signal(signals["position"])
+    if position.constant is not None:
+        raise CesError(f"{signals.source}: signal 'position' is constant; expected topic, type and field")
+    motion = signals.by_name.get(model.sampling.motion_signal)
+    measured = NodeSignal.from_signal(motion) if isinstance(motion, Signal) else None
+    return {"POSITION": position, "CURRENT": NodeSignal.from_signal(signals["current"]), "MOTION": measured}

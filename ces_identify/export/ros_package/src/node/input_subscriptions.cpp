@@ -1,0 +1,189 @@
+#include "node/input_subscriptions.hpp"
+
+#include <new>
+#include <utility>
+
+#include <rclcpp/generic_subscription.hpp>
+#include <rclcpp/serialization.hpp>
+#include <rclcpp/typesupport_helpers.hpp>
+
+#include "model/message_types.hpp"
+#include "node/user_error.hpp"
+
+namespace ces
+{
+namespace
+{
+
+constexpr std::size_t INPUT_DEPTH = 1000;  // a second at 1 kHz
+
+// Memory of one message that is used again, so that its strings and arrays are allocated once.
+template<typename Message>
+class ReusedMessage : public rclcpp::message_memory_strategy::MessageMemoryStrategy<Message>
+{
+public:
+  std::shared_ptr<Message> borrow_message() override
+  {
+    if (message_.use_count() != 1) {message_ = std::make_shared<Message>();}
+    return message_;
+  }
+
+private:
+  std::shared_ptr<Message> message_;
+};
+
+// A message of a type that is known at run time only.
+class AnyMessage
+{
+public:
+  explicit AnyMessage(const MessageMembers & type)
+  : type_(type), memory_(::operator new(type.size_of_, std::align_val_t(alignof(std::max_align_t))))
+  {
+    type_.init_function(memory_, rosidl_runtime_cpp::MessageInitialization::ALL);
+  }
+
+  AnyMessage(const AnyMessage &) = delete;
+  AnyMessage & operator=(const AnyMessage &) = delete;
+
+  ~AnyMessage()
+  {
+    type_.fini_function(memory_);
+    ::operator delete(memory_, std::align_val_t(alignof(std::max_align_t)));
+  }
+
+  void * memory() {return memory_;}
+
+private:
+  const MessageMembers & type_;
+  void * memory_;
+};
+
+}  // namespace
+
+// One topic with the readers of its signals.
+class InputSubscriptions::Topic
+{
+public:
+  Topic(InputSubscriptions & inputs, const std::string & name, const SignalSettings & signal)
+  : name(name), type(signal.type), inputs_(inputs)
+  {
+    try {
+      introspection_ = rclcpp::get_typesupport_library(type, "rosidl_typesupport_introspection_cpp");
+      members_ = static_cast<const MessageMembers *>(
+        rclcpp::get_message_typesupport_handle(type, "rosidl_typesupport_introspection_cpp", *introspection_)->data);
+    } catch (const std::exception &) {
+      throw UserError(
+        "signal '" + signal.name + "': message type '" + type + "' is not installed; check " + signal.name +
+        ".type, or source the workspace that has it");
+    }
+    header_ = find_header(*members_);
+  }
+
+  bool is_stamped() const {return header_.has_value();}
+
+  const MessageMembers & members() const {return *members_;}
+
+  void add(const SignalSettings & signal, Deliver deliver, OnError on_unreadable)
+  {
+    readers_.push_back({FieldReader(signal, *members_), std::move(deliver), std::move(on_unreadable)});
+  }
+
+  // Read a message; the callback of the subscription.
+  void take(const void * message)
+  {
+    try {
+      const auto now = inputs_.clock_.now();
+      static const std::string NO_FRAME;
+      const auto * header = header_ ? reinterpret_cast<const std_msgs::msg::Header *>(
+        static_cast<const char *>(message) + *header_) : nullptr;
+      const auto stamp = header ? header->stamp.sec * SECOND + header->stamp.nanosec : now;
+      for (const auto & reader : readers_) {
+        if (const auto value = reader.field.read(message, error_)) {
+          reader.deliver(stamp, *value, header ? header->frame_id : NO_FRAME, now);
+        } else {
+          reader.on_unreadable(error_);
+        }
+      }
+    } catch (const std::exception & error) {  // no message may stop the next ones
+      inputs_.on_error_(error.what());
+    }
+  }
+
+  const std::string name, type;
+  std::shared_ptr<rclcpp::SubscriptionBase> subscription;
+
+private:
+  struct Reader
+  {
+    FieldReader field;
+    Deliver deliver;
+    OnError on_unreadable;
+  };
+
+  InputSubscriptions & inputs_;
+  std::shared_ptr<rcpputils::SharedLibrary> introspection_;
+  const MessageMembers * members_ = nullptr;
+  std::optional<std::size_t> header_;
+  std::vector<Reader> readers_;
+  std::string error_;
+};
+
+InputSubscriptions::InputSubscriptions(rclcpp::Node & node, const NodeClock & clock, OnError on_error)
+: node_(node), clock_(clock), on_error_(std::move(on_error)) {}
+
+InputSubscriptions::~InputSubscriptions() = default;
+
+bool InputSubscriptions::subscribe(const SignalSettings & signal, Deliver deliver, OnError on_unreadable)
+{
+  const auto topic = find_topic(signal);
+  topic->add(signal, std::move(deliver), std::move(on_unreadable));
+  if (!topic->subscription) {create_subscription(signal, topic);}
+  return topic->is_stamped();
+}
+
+std::shared_ptr<InputSubscriptions::Topic> InputSubscriptions::find_topic(const SignalSettings & signal)
+{
+  std::string name;
+  try {
+    name = node_.get_node_topics_interface()->resolve_topic_name(signal.topic);
+  } catch (const std::exception &) {
+    throw UserError(
+      "signal '" + signal.name + "': '" + signal.topic +
+      "' is not a topic name; expected letters, digits, '_' and '/'");
+  }
+  for (const auto & topic : topics_) {
+    if (topic->name == name && topic->type == signal.type) {return topic;}
+  }
+  topics_.push_back(std::make_shared<Topic>(*this, name, signal));
+  return topics_.back();
+}
+
+void InputSubscriptions::create_subscription(const SignalSettings & signal, const std::shared_ptr<Topic> & topic)
+{
+  const auto qos = rclcpp::QoS(INPUT_DEPTH).best_effort();
+  rclcpp::SubscriptionOptions options;
+  options.qos_overriding_options = rclcpp::QosOverridingOptions::with_default_policies();
+  const auto subscribe_typed = [&](auto type) {
+      using Message = typename decltype(type)::Message;
+      topic->subscription = node_.create_subscription<Message>(
+        signal.topic, qos, [topic = topic.get()](const Message & message) {topic->take(&message);}, options,
+        std::make_shared<ReusedMessage<Message>>());
+    };
+  if (visit_message_type(signal.type, subscribe_typed)) {return;}
+  const auto library = rclcpp::get_typesupport_library(signal.type, "rosidl_typesupport_cpp");
+  const auto * handle = rclcpp::get_message_typesupport_handle(signal.type, "rosidl_typesupport_cpp", *library);
+  const auto message = std::make_shared<AnyMessage>(topic->members());
+  const auto take = [topic = topic.get(), library, message, serialization = rclcpp::SerializationBase(handle),
+      on_error = on_error_](std::shared_ptr<const rclcpp::SerializedMessage> bytes) {
+      try {
+        serialization.deserialize_message(bytes.get(), message->memory());
+      } catch (const std::exception & error) {
+        on_error(error.what());
+        return;
+      }
+      topic->take(message->memory());
+    };
+  topic->subscription = node_.create_generic_subscription(signal.topic, signal.type, qos, take, options);
+}
+
+}  // namespace ces

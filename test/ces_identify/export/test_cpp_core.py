@@ -1,0 +1,153 @@
+"""The C++ core of an exported ROS 2 package is the Python observer's twin, and allocates nothing with the samples."""
+
+import random
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from importlib import resources
+from math import inf, nan
+
+import pytest
+from bands import BAND
+from trained_models import fuzzy_model, network_model
+
+from bench.physical_examples import make_chambers, make_model, make_relaxation, make_valve
+from ces_identify.export.replay_sequence import START_NS, ReplaySequence, record_faults
+from ces_identify.export.ros_package import export_ros_package, write_package
+from ces_identify.recordings.signals_file import load_signals
+from ces_observer.model import load_model
+from ces_observer.proof.certificate import Contraction
+
+compiler = shutil.which("c++")
+pytestmark = pytest.mark.skipif(
+    compiler is None or shutil.which("cc") is None, reason="no C++ compiler on this machine"
+)
+
+FLAGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O1", "-fsanitize=undefined"]
+FLAGS += ["-fno-sanitize-recover=undefined"]
+SOURCES = ["src/core/damper.cpp", "src/core/signal_hold.cpp", "test/replay.cpp"]
+UNPROVED = Contraction(2.0, 1.0, 1, "", "")
+MS = 1_000_000
+SAMPLE = load_model(resources.files("ces_observer").joinpath("../config/models/sample.json"))
+
+
+def quick(model, **sampling):
+    """Return the model with a short warm-up and other settings."""
+    return replace(model, sampling=replace(model.sampling, warm_up_s=0.05, **sampling))
+
+
+MODELS = {
+    "polynomial": quick(SAMPLE),
+    "polynomial, adaptive, band": replace(quick(SAMPLE, differentiator="adaptive", noise_m=1e-5), band=BAND),
+    "network, measured speed": quick(network_model(), differentiator="measured"),
+    "rules": quick(fuzzy_model()),
+    "relaxation": quick(make_model(make_relaxation(make_valve()))),
+    "chambers": quick(make_model(make_chambers(make_valve()))),
+}
+
+
+@pytest.fixture(scope="module")
+def replayer(tmp_path_factory):
+    """Return the folder with the package and the compiled replay of a model of MODELS, by its name."""
+    ready = {}
+
+    def find(name):
+        if name not in ready:
+            folder = tmp_path_factory.mktemp("package") / "damper"
+            write_package(folder, export_ros_package(MODELS[name], "damper", load_signals(), UNPROVED))
+            compile_replay(folder)
+            ready[name] = folder
+        return ready[name]
+
+    return find
+
+
+def compile_replay(folder):
+    subprocess.run(["cc", "-std=c99", *FLAGS, "-c", "src/model/damper.c", "-o", "m.o"], cwd=folder, check=True)
+    words = [compiler, "-std=c++17", *FLAGS, "-Isrc", "m.o", *SOURCES, "-o", "replay"]
+    subprocess.run(words, cwd=folder, check=True)
+
+
+def replay(folder, text):
+    """Replay a sequence; return exit status and output."""
+    (folder / "sequence.txt").write_text(text, encoding="ascii")
+    done = subprocess.run(["./replay", "sequence.txt"], cwd=folder, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout + done.stderr
+
+
+def reasons_in(text):
+    return {line.split(" ", 2)[2] for line in text.splitlines() if line.startswith("x ")}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_stored_sequence_is_repeated_without_allocating(replayer, name):
+    folder = replayer(name)
+    text = (folder / "test" / "sequence.txt").read_text()
+    status, output = replay(folder, text)
+    assert (status, output.splitlines()[-1]) == (0, "0 allocations with finite samples"), output
+    assert text == record_faults(MODELS[name])
+    assert {"ok", "warming up", "position is not finite", "position stamps are off the node's clock"} <= reasons_in(
+        text
+    )
+    assert "stamp repeats or runs backwards" in reasons_in(text)
+    assert "no usable current" in reasons_in(text)
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 0.005])
+@pytest.mark.parametrize("name", MODELS)
+def test_any_samples_give_the_same_answers(replayer, name, wait_s):
+    for seed in range(3):
+        text = fuzzed(MODELS[name], wait_s, seed)
+        status, output = replay(replayer(name), text)
+        assert status == 0, output
+        assert len(re.findall("^x [0-9]+ ok$", text, re.MULTILINE)) > 1000
+
+
+def fuzzed(model, wait_s, seed):
+    """Return samples in any order, with any stamps and values that messages can carry, between calm parts."""
+    chance = random.Random(seed)
+    sequence = ReplaySequence(model, wait_s, chance.choice((0.0, 0.01, 0.5)))
+    stamp_ns, position = START_NS, 0.0
+    for k in range(4000):
+        calm = k % 1000 < 600
+        stamp_ns += MS if calm else chance.choice((MS, MS, MS, MS, 900_000, 1_100_000, 4 * MS, 60 * MS, -2 * MS, 0))
+        if chance.random() < (0.0 if calm else 0.005):
+            stamp_ns = chance.choice((0, -(10**9), START_NS, 2**31 * 10**9, START_NS + 2 * 10**9))
+        position = chance.gauss(0.97 * position, 2e-4)
+        if calm:
+            sequence.take_current(stamp_ns, chance.uniform(0.3, 0.6), stamp_ns)
+            sequence.take_motion(stamp_ns, chance.gauss(0.0, 0.3), stamp_ns)
+            sequence.take_position(stamp_ns, position, stamp_ns + MS)
+        else:
+            act(sequence, chance, stamp_ns, position, stamp_ns + chance.choice((0, MS, -MS, 30 * MS, 10**9)))
+    return sequence.text
+
+
+def act(sequence, chance, stamp_ns, position, now_ns):
+    dice = chance.random()
+    wrong = chance.choice((nan, inf, -inf, 1e308, -1e308, 5.0, 0.0))
+    if dice < 0.7:
+        sequence.take_position(stamp_ns, position if chance.random() < 0.99 else wrong, now_ns)
+        sequence.take_motion(stamp_ns, chance.gauss(0.0, 0.3) if chance.random() < 0.99 else wrong, now_ns)
+    elif dice < 0.95:
+        current = chance.uniform(-0.2, 2.0) if chance.random() < 0.98 else wrong
+        sequence.take_current(stamp_ns + chance.choice((0, 0, 5 * MS, -5 * MS, -3 * 10**9)), current, now_ns)
+    elif dice < 0.99:
+        sequence.explain()
+    elif dice < 0.995:
+        sequence.watch(now_ns)
+    else:
+        chance.choice((sequence.reset, sequence.report_silence))(now_ns)
+
+
+def test_a_difference_is_found_and_printed(replayer):
+    folder = replayer("polynomial")
+    lines = (folder / "test" / "sequence.txt").read_text().splitlines()
+    place = next(k for k, line in enumerate(lines) if line.startswith("e "))
+    words = lines[place].split()
+    words[2] = repr(float(words[2]) * (1.0 + 1e-8) + 1e-8)
+    status, output = replay(folder, "\n".join([*lines[:place], " ".join(words), *lines[place + 1 :]]) + "\n")
+    assert status == 1
+    assert "1 differ" in output
+    assert replay(folder, "settings 0 0\n") == (2, "replay: sequence.txt: no results\n")

@@ -1,0 +1,307 @@
+"""The observer in C++ beside the one in Python: the same faulty inputs give the same estimates, reasons and words."""
+
+from __future__ import annotations
+
+import random
+import re
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from math import inf, nan
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+from bands import BAND
+from cpp_package import PACKAGE, CppPackage, missing_tool
+from damper_models import plain_damper
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from node_process import NodeProcess
+from replay import MS, START_NS, Samples
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from vehicle import DEEP, DEPTH, Vehicle, stamp_of, stroke, wait
+
+pytestmark = pytest.mark.skipif(bool(missing_tool()), reason=f"{missing_tool()} is missing")
+
+NODES = ("observer", "cpp_observer")
+TOPICS = ("estimate", "estimate_band")
+S = 1_000_000_000
+LISTED = ("position samples", "forces estimated", "messages without the field", "position: duplicates", "jumps of time")
+STAMPED_CURRENT = {
+    "current.topic": "stamped_current",
+    "current.type": "sensor_msgs/msg/Temperature",
+    "current.field": "temperature",
+}
+
+
+@pytest.fixture(scope="module")
+def banded_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.json"
+    replace(plain_damper(max_gap_s=0.3), band=BAND).save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory, banded_path: Path) -> CppPackage:
+    return CppPackage(tmp_path_factory.mktemp("workspace"), banded_path)
+
+
+class Pair:
+    """Both nodes in one namespace, and what each of them publishes."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.estimates: dict[str, list[JointState]] = {}
+        self.bands: dict[str, list[JointState]] = {}
+        self.statuses: dict[str, list[DiagnosticStatus]] = {name: [] for name in NODES}
+        for name in NODES:
+            self.estimates[name], self.bands[name] = (self._hear(f"{name}/{topic}") for topic in TOPICS)
+        vehicle.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_statuses, DEEP)
+
+    def meet(self) -> None:
+        """Wait until both nodes hear the vehicle."""
+        wait(lambda: self.vehicle.position.get_subscription_count() == 2, "both nodes subscribe to position", 20.0)
+        for name in NODES:
+            wait(
+                lambda name=name: self.vehicle.node.count_publishers(f"{name}/estimate") > 0, f"{name} offers estimates"
+            )
+        time.sleep(0.5)
+
+    def wait_for_values(self, key: str, text: str) -> None:
+        """Wait until both nodes report `text` as the value of `key`."""
+        for name in NODES:
+            wait(lambda name=name: text in self.values(name).get(key, ""), f"'{text}' as '{key}' of {name}")
+
+    def values(self, name: str) -> dict[str, str]:
+        """Return the newest values of a node's diagnostics."""
+        return {value.key: value.value for value in self.statuses[name][-1].values} if self.statuses[name] else {}
+
+    def drive_until(self, text: str, **options: Any) -> None:
+        """Drive until both nodes have said `text`, their numbers replaced by #."""
+        since = {name: len(self.statuses[name]) for name in NODES}
+        with self.vehicle.driving(**options):
+            for name in NODES:
+                wait(
+                    lambda name=name: any(text in said for said in self.messages(name, since[name])),
+                    f"'{text}' from {name}",
+                )
+
+    def messages(self, name: str, since: int) -> set[str]:
+        """Return what a node has said after its first `since` statuses, without its numbers."""
+        texts = (status.message.replace(self.vehicle.namespace, "/#") for status in self.statuses[name][since:])
+        return {re.sub(r"[0-9.e+-]*[0-9]", "#", text) for text in texts}
+
+    def _hear(self, topic: str) -> list[JointState]:
+        heard: list[JointState] = []
+        self.vehicle.node.create_subscription(JointState, topic, heard.append, DEEP)
+        return heard
+
+    def _hear_statuses(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            name = status.name.partition(":")[0].removeprefix(f"{self.vehicle.namespace}/")
+            if name in self.statuses:
+                self.statuses[name].append(status)
+
+
+@pytest.fixture
+def start_pair(
+    vehicle: Vehicle, namespace: str, package: CppPackage, banded_path: Path
+) -> Iterator[Callable[..., Pair]]:
+    """Yield a function that starts both nodes with the same parameters."""
+    started: list[NodeProcess] = []
+
+    def start(**parameters: object) -> Pair:
+        pair = Pair(vehicle)
+        given = {**lossless(namespace), **parameters}
+        started.append(NodeProcess.from_source(namespace, {"model": banded_path, "record_dir": "''", **given}))
+        started.append(package.start(namespace, NODES[1], given))
+        pair.meet()
+        return pair
+
+    yield start
+    for node in started:
+        node.kill()
+
+
+def lossless(namespace: str) -> dict[str, object]:
+    inputs = [(topic, "subscription") for topic in ("joint_states", "stamped_current")]
+    outputs = [(f"{name}/{topic}", "publisher") for name in NODES for topic in TOPICS]
+    found: dict[str, object] = {}
+    for topic, kind in inputs + outputs:
+        found[f"qos_overrides.{namespace}/{topic}.{kind}.reliability"] = "reliable"
+        found[f"qos_overrides.{namespace}/{topic}.{kind}.depth"] = DEPTH
+    return found
+
+
+def faulty_positions(count: int) -> Samples:
+    """Return positions [m] with jitter, gaps, repeated and backward stamps, wrong numbers, and jumps of their clock."""
+    chance = random.Random(5)
+    samples = [(START_NS + k * MS + chance.randrange(MS // 2), stroke(k * 1e-3)) for k in range(count)]
+    for at, value in ((400, nan), (450, inf), (451, -inf), (600, 0.09), (601, 1e308)):
+        samples[at] = (samples[at][0], value)
+    samples[700] = samples[699]
+    samples[710] = (samples[705][0], samples[710][1])
+    samples = samples[:800] + samples[820:1300] + samples[1700:]  # bridged, and longer than the model bridges
+    jump_ns = 30 * S
+    return [(stamp + (jump_ns if k >= 2000 else 0), value) for k, (stamp, value) in enumerate(samples)]
+
+
+def faulty_currents(count: int) -> Samples:
+    """Return currents [A] each 10 ms, some not finite, and none for 0.3 s."""
+    held = [(START_NS + 10 * k * MS, 0.5 + 0.2 * (k % 7)) for k in range(count // 10 + 2)]
+    held[20], held[45] = (held[20][0], nan), (held[45][0], inf)
+    held = held[:90] + held[120:]
+    return held + [(stamp + 30 * S, value) for stamp, value in held[-80:]]
+
+
+def test_faulty_samples_give_the_same_estimates_and_reasons(start_pair: Callable[..., Pair]) -> None:
+    positions = faulty_positions(3000)
+    pair = start_pair(max_age_s=0.0, wait_for_current_s=10.0, **STAMPED_CURRENT)
+    events: list[tuple[int, Callable[..., None], tuple[int, float]]] = [
+        *((stamp, pair.vehicle.publish_current, (stamp, value)) for stamp, value in faulty_currents(3000)),
+        *((stamp, pair.vehicle.publish_position, (stamp, value)) for stamp, value in positions),
+    ]
+    for _, publish, sample in sorted(events, key=lambda event: event[0]):
+        publish(*sample)
+    pair.wait_for_values("position samples", str(len(positions)))
+    python, cpp = (pair.estimates[name] for name in NODES)
+    wait(lambda: len(cpp) == len(python) == int(pair.values(NODES[0])["forces estimated"]), "all estimates")
+    assert_equal_messages(python, cpp)
+    assert_equal_messages(*(pair.bands[name] for name in NODES))
+    counts = [withheld(pair.values(name)) for name in NODES]
+    assert counts[0] == counts[1]
+    assert set(counts[0]) >= {"warming up", "position is not finite", "no usable current", "position is an outlier"}
+    assert "stamp repeats or runs backwards" in counts[0]
+    assert len(python) > 1000
+    assert max(abs(message.effort[0]) for message in python) > 100.0
+    for key in LISTED:
+        assert pair.values(NODES[0])[key] == pair.values(NODES[1])[key], key
+
+
+def assert_equal_messages(ones: list[JointState], others: list[JointState]) -> None:
+    assert [stamp_of(message) for message in ones] == [stamp_of(message) for message in others]
+    for one, other in zip(ones, others, strict=True):
+        assert (one.name, one.header.frame_id) == (other.name, other.header.frame_id)
+        for field in ("position", "velocity", "effort"):
+            assert list(getattr(other, field)) == pytest.approx(list(getattr(one, field)), rel=1e-9, abs=1e-9)
+
+
+def withheld(values: dict[str, str]) -> dict[str, str]:
+    return {key.removeprefix("withheld: "): value for key, value in values.items() if key.startswith("withheld: ")}
+
+
+def test_words_and_keys_of_the_diagnostics_are_the_same(start_pair: Callable[..., Pair]) -> None:
+    pair = start_pair()
+    situations: tuple[tuple[str, dict[str, Any]], ...] = (
+        ("no usable current: /#/valve_current has a publisher that is silent", {"current": None}),
+        ("estimating; recovered from no usable current, then warming up (# s)", {}),
+        ("off the node's clock: # s behind it, max_age_s allows # s; for a replay", {"clock_offset_s": -2.0}),
+        ("no joint 'rear_damper'; the message has ['steering', 'front_damper']", {"joint": "front_damper"}),
+        ("position is not finite", {"position": lambda time_s: nan}),
+        ("the position has not changed for # s: at rest, or its sensor is stuck", {"position": lambda time_s: 0.01}),
+        ("% withheld in the last second", {}),
+    )
+    for text, options in situations:
+        pair.drive_until(text, **options)
+    keys = [
+        [key for key in pair.values(name) if not key.startswith(("last ", "withheld", "episodes:"))] for name in NODES
+    ]
+    python_only = {"model change", "model changes", "load"}
+    assert [key for key in keys[0] if key in keys[1]] == keys[1], set(keys[1]) - set(keys[0])
+    assert {key for key in keys[0] if key not in keys[1] and not key.startswith(("model", "recorded"))} <= python_only
+
+
+def test_jumps_of_simulated_time_restart_both(start_pair: Callable[..., Pair]) -> None:
+    pair = start_pair(use_sim_time=True, **{"current.constant": 0.5})
+    clock = pair.vehicle.node.create_publisher(Clock, "clock", 10)
+    for from_ns in (80 * S, 20 * S):
+        for k in range(400):
+            if k % 10 == 0:
+                time.sleep(0.01)
+                message = Clock()
+                message.clock.sec, message.clock.nanosec = divmod(from_ns + k * MS, S)
+                clock.publish(message)
+                time.sleep(0.01)
+            pair.vehicle.publish_position(from_ns + k * MS, stroke(k * 1e-3))
+        pair.wait_for_values("position samples", "400" if from_ns > 50 * S else "800")
+    pair.wait_for_values("jumps of time", "the last: simulated time jumped by -60.")
+    stamps = [[stamp_of(message) for message in pair.estimates[name]] for name in NODES]
+    for name, found in zip(NODES, stamps, strict=True):
+        assert any(stamp > 80 * S for stamp in found), name
+        assert any(20 * S < stamp < 21 * S for stamp in found), name
+
+
+def test_the_package_builds_without_a_warning_and_passes_its_own_test(package: CppPackage) -> None:
+    assert "warning" not in package.log
+    assert "100% tests passed" in package.replay()
+
+
+def test_other_message_types_are_read_too(start_pair: Callable[..., Pair]) -> None:
+    """A type that is not compiled in is deserialised; here the current is an element of a message with names."""
+    pair = start_pair(**{"current.topic": "joint_states", "current.type": "sensor_msgs/msg/JointState"},
+                      **{"current.field": "position[steering]", "current.scale": 0.5})  # fmt: skip
+    pair.vehicle.drive(0.5, current=None)
+    for name in NODES:
+        wait(lambda name=name: len(pair.estimates[name]) > 100, f"estimates of {name}")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"max_age_s": -1.0}, "parameter 'max_age_s' is -1.000000; expected 0 to 3600"),
+        (
+            {"position.field": "postion[rear_damper]"},
+            "no 'postion'; known are header, name, position, velocity, effort",
+        ),
+        ({"position.type": "no_msgs/msg/Such"}, "message type 'no_msgs/msg/Such' is not installed"),
+        ({"position.topic": "not a topic"}, "'not a topic' is not a topic name"),
+        ({"current.scale": 0.0}, "scale is 0"),
+        ({"executor": "many"}, "parameter 'executor' is 'many'; expected one of auto, events, single"),
+    ],
+)
+def test_a_wrong_parameter_ends_the_program_with_one_line(
+    package: CppPackage, namespace: str, parameters: dict[str, Any], message: str
+) -> None:
+    status, output = package.start(namespace, NODES[1], parameters).ended()
+    fatal = [line for line in output.splitlines() if "[FATAL]" in line]
+    assert status == 2, output
+    assert len(fatal) == 1
+    assert message in fatal[0]
+
+
+def test_live_parameters_are_checked_and_applied(vehicle: Vehicle, namespace: str, package: CppPackage) -> None:
+    node = package.start(namespace, "observer", {"current.constant": 0.5})
+    try:
+        vehicle.meets_node()
+        refused = vehicle.sets("max_age_s", 4000.0)
+        assert (refused.successful, refused.reason) == (
+            False,
+            "parameter 'max_age_s' is 4000.000000; expected 0 to 3600",
+        )
+        assert vehicle.sets("max_age_s", 0.0).successful
+        vehicle.drive(0.4, clock_offset_s=-20.0)
+        wait(lambda: len(vehicle.estimates) > 100, "estimates of old positions")
+    finally:
+        node.kill()
+
+
+def test_it_runs_in_a_container(vehicle: Vehicle, namespace: str, package: CppPackage) -> None:
+    words = ["ros2", "run", "rclcpp_components", "component_container", "--ros-args", "-r", f"__ns:={namespace}"]
+    container = NodeProcess(words, package.environment)
+    try:
+        launch = ["ros2", "launch", PACKAGE, "observer.launch.py", f"namespace:={namespace}"]
+        launched = subprocess.Popen(
+            [*launch, f"container:={namespace}/ComponentManager"], env=package.environment, start_new_session=True
+        )
+        vehicle.meets_node()
+        vehicle.drive(0.5)
+        wait(lambda: len(vehicle.estimates) > 100, "estimates from the container")
+        launched.terminate()
+        launched.wait(10.0)
+    finally:
+        container.kill()
