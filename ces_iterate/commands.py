@@ -49,7 +49,7 @@ class Commands:
     @property
     def time_s(self) -> F:
         """Times [s] of the grid, (n,)."""
-        return np.arange(len(self.stroke_m)) * INTERVAL_S
+        return np.asarray(np.arange(len(self.stroke_m)) * INTERVAL_S, np.float64)
 
     @property
     def duration_s(self) -> float:

@@ -49,6 +49,7 @@ NODE_MODULES = {
     "ces_observer.nodes.controller_model",
     "ces_observer.nodes.controller_parameters",
     "ces_observer.nodes.controller_topics",
+    "ces_iterate.live.topic_rig",
     "ces_rig.live.node",
     "ces_rig.live.patched_message",
     "ces_rig.live.topics",

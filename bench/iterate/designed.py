@@ -35,7 +35,6 @@ from ces_iterate.loop.identification import evaluate_fresh, identify_all
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.plan.limits import RigLimits
 from ces_iterate.plan.plan import ExperimentPlan, IdentifyPlan, Plan, StopRules
-from ces_iterate.rigs.virtual import VirtualRig
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "iterate.md"
 NAME = "designed"
@@ -43,6 +42,7 @@ TOTAL_S, EXPERIMENT_S = 60.0, 15.0
 TARGET = 0.75
 WAYS = ("noise + sweep", "free current", "random", "designed")
 IDENTIFY = {
+    "relaxation": IdentifyPlan("relaxation", time_s=60.0, starts=1, threads=1),
     "chambers": IdentifyPlan("chambers", time_s=60.0, starts=1, threads=1),
     "polynomial": IdentifyPlan("polynomial", time_s=60.0, starts=2, terms=20, threads=1),
 }
@@ -111,7 +111,8 @@ def compare(case: DesignCase) -> tuple[DesignCase, Costs, float]:
         assert iterations.done.model is not None
         models["designed"] = iterations.done.model
         costs = {
-            way: {name: evaluate_fresh(model, one).cost for name, one in judges.items()} for way, model in models.items()
+            way: {name: evaluate_fresh(model, one).cost for name, one in judges.items()}
+            for way, model in models.items()
         }
     return case, costs, time.perf_counter() - began
 

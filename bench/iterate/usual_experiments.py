@@ -54,7 +54,8 @@ def packaged_commands(
 def usual_commands(rig: VirtualRig, seed: int, total_s: float, current: Mapping[str, Any] | None) -> list[Commands]:
     """Return noise and sweep of the same length, `total_s` together."""
     return [
-        packaged_commands(name, rig, 100 * seed + k, 0.5 * total_s, current) for k, name in enumerate(("noise", "sweep"))
+        packaged_commands(name, rig, 100 * seed + k, 0.5 * total_s, current)
+        for k, name in enumerate(("noise", "sweep"))
     ]
 
 

@@ -50,9 +50,8 @@ def _noise(limits: RigLimits, count: int, rng: Generator) -> F:
 def _sine(limits: RigLimits, count: int, rng: Generator) -> F:
     frequency = float(np.exp(rng.uniform(np.log(0.3), np.log(8.0))))
     middle = float(rng.uniform(0.3, 0.7))
-    return middle + min(middle, 1.0 - middle) * np.sin(
-        2.0 * pi * (frequency * np.arange(count) * INTERVAL_S + rng.random())
-    )
+    angle = 2.0 * pi * (frequency * np.arange(count) * INTERVAL_S + rng.random())
+    return np.asarray(middle + min(middle, 1.0 - middle) * np.sin(angle))
 
 
 def _single_level(limits: RigLimits, count: int, rng: Generator) -> F:

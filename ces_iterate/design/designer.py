@@ -91,7 +91,9 @@ def design_experiment(
     slots = max(1, round(duration_s / SLOT_S))
     counts = np.diff(np.linspace(0, round(duration_s / INTERVAL_S), slots + 1).astype(int))
     centre, tail = task.limits.centre_m, len(_blend())
-    best = _Judged(_Part(np.full(1 + tail, centre), np.full(1, task.limits.low_A), 1), 0.0, task.information, task.load_W)
+    best = _Judged(
+        _Part(np.full(1 + tail, centre), np.full(1, task.limits.low_A), 1), 0.0, task.information, task.load_W
+    )
     chosen: list[_Part] = []
     for count in map(int, counts):
         best = _best_part(task, best, count, len(chosen) == slots - 1, candidates, rng, name)

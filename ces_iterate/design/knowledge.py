@@ -1,9 +1,9 @@
 """What a model does not know: where models fitted without each recording disagree, and where its band is wide.
 
 Both are taken at the targets of the design, relative to the force of the motion that a target belongs to, since the
-cost J is relative, too. The disagreement is the variance that the parameters still have (query by committee: Seung,
-Opper and Sompolinsky, 1992); the half-width of the band contains the errors on recordings left out and grows with the
-distance from everything recorded.
+cost J is relative, too. The disagreement is what the parameters still vary by (query by committee: Seung, Opper and
+Sompolinsky, COLT 1992), and it weighs the targets. The band also holds what no recording can lower, noise and errors of
+the structure; a design weighted by it spends its time where the force is small. So the band is only reported.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ces_observer.model import Model
 F = NDArray[np.float64]
 
 MAX_RELATIVE = 1.0  # largest relative error that counts: a diverged run says no more than that it is unknown
-FLOOR = 0.25  # share of the weight that all targets have alike, so that a confident mistake is still found
+FLOOR = 0.5  # share of the weight that all targets have alike, so that a confident mistake is still found
 BAND_LEVEL = 1.645  # half-widths of 90 % in standard deviations
 
 
@@ -38,7 +38,7 @@ class Knowledge:
 
     def weights(self) -> F:
         """Return the weights (targets,) of the design, their mean 1."""
-        square = self.disagreement**2 + self.band**2
+        square = self.disagreement**2
         mean = float(square.mean())
         return FLOOR + (1.0 - FLOOR) * square / mean if mean > 0.0 else np.ones(len(square))
 

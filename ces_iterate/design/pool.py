@@ -9,16 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_identify.numerics.arrays import F, I
 from ces_iterate.commands import INTERVAL_S, Commands
 from ces_iterate.design.currents import draw_current
 from ces_iterate.design.features import scaled_state
 from ces_iterate.design.motions import draw_motion
 from ces_iterate.plan.limits import RigLimits
-
-F = NDArray[np.float64]
-I = NDArray[np.int64]
 
 MOTIONS = 96
 LENGTH_S = 2.0  # of a motion

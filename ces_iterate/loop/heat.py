@@ -1,4 +1,4 @@
-"""Heat of a damper over an iteration: the power of what is planned goes in, a load to compare with the limit comes out."""
+"""Heat of a damper over an iteration: stroke and current go in, power and the rest that it needs come out."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def make_power_model(model: Model | None, heat: HeatLimits) -> PowerModel:
         series = series_of(Commands("candidate", stroke_m, current_A), model.sampling.rate_Hz)
         power = dissipated_W(simulate_series(model, series).force, series.speed)
         power = np.where(np.isfinite(power), power, heat.force_N * np.abs(series.speed))
-        return np.interp(np.arange(len(stroke_m)) * INTERVAL_S, series.time_s, power)
+        return np.asarray(np.interp(np.arange(len(stroke_m)) * INTERVAL_S, series.time_s, power))
 
     return expected if model is None else simulated
 

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ces_identify.cross_fit import cross_fit
 from ces_identify.identification import IdentificationResult
+from ces_identify.numerics.arrays import F
 from ces_identify.polynomial.free_run_fit import fit_free_run
-from ces_identify.polynomial.problem import assemble_problem
+from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.search_limits import Listener, SearchResult
 from ces_identify.preparation.series import Series, prepare
 from ces_identify.recordings.consistency import require_consistent
@@ -25,8 +27,10 @@ from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_iterate.plan.plan import IdentifyPlan
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Term
 
 REFIT_STEPS = 20
+REFITTED = "parameters of the model before, improved"
 
 
 @dataclass(frozen=True)
@@ -77,32 +81,35 @@ def pooled_cost(evaluations: Sequence[Evaluation]) -> float:
 
 
 def refitter(previous: Model) -> Fitter:
-    """Return a fitter that improves the coefficients of a polynomial on new data and keeps its terms."""
+    """Return a fitter that improves the coefficients of the polynomial `previous` on new data and keeps its terms."""
 
     def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
-        assert isinstance(previous.body, Polynomial)
-        terms = previous.body.terms
-        problem = assemble_problem(series, [term.factors for term in terms], options.certify, options.weighting)
-        chosen = np.arange(len(terms))
-        start = np.array([term.coefficient for term in terms])
-
-        def improve(first: Model, weights: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Model | None:
-            assert isinstance(first.body, Polynomial)
-            at = np.array([term.coefficient for term in first.body.terms])
-            found = fit_free_run(problem, chosen, at, weights * problem.everything, REFIT_STEPS)
-            body = Polynomial(tuple(replace(t, coefficient=float(c)) for t, c in zip(terms, found.coefficients, strict=True)))
-            return replace(first, body=body) if np.isfinite(found.error) else None
-
-        opened = Model(sampling, previous.body, problem.envelope, problem.force_envelope)
-        better = improve(opened, np.ones(len(problem.everything)))
-        model = better if better is not None and better.is_stable() else opened
-        model = replace(model, certificate=model.certify().to_mapping())
-        cost = problem.selection_cost(chosen, start)
-        result = SearchResult(chosen, start, cost, options.limits.seed, 1, "parameters improved")
+        problem = assemble_problem(series, _terms(previous), options.certify, options.weighting)
+        old = Model(sampling, previous.body, problem.envelope, problem.force_envelope)
+        better = _improve(problem, old, np.ones(len(problem.everything)))
+        model = better if better is not None and better.is_stable() else old
+        coefficients = np.array([term.coefficient for term in _terms(model)])
+        cost = problem.selection_cost(np.arange(len(coefficients)), coefficients)
+        result = SearchResult(np.arange(len(coefficients)), coefficients, cost, options.limits.seed, 1, "improved")
         listener(result)
-        return Fitted(model, [result], {"method": "parameters of the model before, improved"}, lambda w: improve(model, w))
+        certified = replace(model, certificate=model.certify().to_mapping())
+        return Fitted(certified, [result], {"method": REFITTED}, partial(_improve, problem, certified))
 
     return fit
+
+
+def _improve(problem: Problem, model: Model, weights: F) -> Model | None:
+    """Return the model with coefficients fitted to the weighted ticks; None if its free run diverges."""
+    terms = _terms(model)
+    start = np.array([term.coefficient for term in terms])
+    fit = fit_free_run(problem, np.arange(len(terms)), start, weights * problem.everything, REFIT_STEPS)
+    changed = [replace(t, coefficient=float(c)) for t, c in zip(terms, fit.coefficients, strict=True)]
+    return replace(model, body=Polynomial(tuple(changed))) if np.isfinite(fit.error) else None
+
+
+def _terms(model: Model) -> tuple[Term, ...]:
+    assert isinstance(model.body, Polynomial)
+    return model.body.terms
 
 
 def _fitter(plan: IdentifyPlan) -> Fitter:

@@ -36,7 +36,7 @@ class HeatLimits:
         """Return the load [W] (n,) after each `interval_s` of dissipated power (n,), from a load at the start."""
         decay = exp(-interval_s / self.memory_s)
         n = np.arange(1, len(power_W) + 1)
-        return load_W * decay**n + np.asarray(lfilter([1.0 - decay], [1.0, -decay], power_W))
+        return np.asarray(load_W * decay**n + lfilter([1.0 - decay], [1.0, -decay], power_W))
 
     def cool_down_s(self, load_W: float, wanted_W: float) -> float:
         """Return the rest [s] in which a load falls to `wanted_W`; 0 if it is not above."""

@@ -66,7 +66,10 @@ def commands_figure(ident: str, commands: Commands) -> Markup:
         line(above, time, stroke, "measured thin"),
         axes(below, "", "Current [A]", 9, 2),
         line(below, time, current, "simulated"),
-        *(label(float(below.x.px(at)), LOWER[1] + LOWER[3] + 17, f"{text} s", "tick mid") for at, text in below.x.ticks(9)),
+        *(
+            label(float(below.x.px(at)), LOWER[1] + LOWER[3] + 17, f"{text} s", "tick mid")
+            for at, text in below.x.ticks(9)
+        ),
     ]
     return svg(ident, WIDE, f"Stroke and current of {commands.name}", f"{commands.duration_s:g} s.", parts)
 

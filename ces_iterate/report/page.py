@@ -39,7 +39,9 @@ def write_page(path: Path, iterations: Iterations) -> None:
         maps=_maps(evaluations, done.model),
         experiments=[
             _experiment(k, one, commands, iterations.plan.limits)
-            for k, (one, commands) in enumerate(zip((h for h in done.history if h.number > 0), experiments, strict=True))
+            for k, (one, commands) in enumerate(
+                zip((h for h in done.history if h.number > 0), experiments, strict=True)
+            )
             if commands is not None
         ],
         limits=iterations.plan.limits,

@@ -92,8 +92,8 @@ def instructions(commands: Commands, drop: Path, mapped: bool) -> str:
     return (
         f"Experiment {commands.name}\n\n{rest}"
         f"2. Run commands.csv: time [s], stroke [m] (positive in compression), current [A], a row every 1 ms,\n"
-        f"   {commands.duration_s:.1f} s in all, stroke {1e3 * low:.1f} to {1e3 * high:.1f} mm. Record position, current"
-        " and force.\n"
+        f"   {commands.duration_s:.1f} s in all, stroke {1e3 * low:.1f} to {1e3 * high:.1f} mm.\n"
+        "   Record position, current and force.\n"
         f"3. Put {what} into {drop}. Copy it under a name that ends in .part and rename it when it is complete,\n"
         "   or just copy it: it is read when it no longer changes.\n"
     )
