@@ -1,8 +1,8 @@
-"""Latency from stamp to received estimate, loss and CPU of the observer, compared with empty relays.
+"""Latency from stamp to received estimate, loss and CPU of the observer and its C++ twin, beside empty relays.
 
-Needs a sourced ROS 2 (`python3 bench/live/bench_live.py`). The relays are in Python and C++. All nodes run side by
-side; a generator loads one after the other, in interleaved rounds, so that other load of the machine affects all
-equally. `--minutes 10` adds a long run of the observer at 1 kHz, `--write` writes everything into docs/benchmarks.md.
+Needs a sourced ROS 2 (`python3 bench/live/bench_live.py`). All nodes run side by side; a generator loads one after the
+other, in rounds, so that other load of the machine affects all equally: quiet, then with a busy process on each core.
+`--write` writes the table into docs/benchmarks.md. The C++ programs are built into out/live.
 """
 
 from __future__ import annotations
@@ -10,170 +10,133 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from contestants import (
-    CPP_RELAYS,
-    PYTHON_RELAYS,
-    ROOT,
-    Contestant,
-    Field,
-    GeneratorLoad,
-    GeneratorRun,
-    build_cpp,
-    cpp_relays,
-    observer,
-    print_note,
-    python_relays,
-)
-from figures import median_range, row, targets
+from builds import ROOT, BuildError
+from contestants import CPP_RELAY, Contestant, Field, GeneratorLoad, GeneratorRun, make_contestants, print_note
+from figures import HEADER, RATIOS, TARGETS, median_range, row, verdicts
+from hogs import Hogs
 
 sys.path.insert(0, str(ROOT))
 from bench.markdown import replace_between
 from bench.measurement import processor
-from ces_observer.model import load_model
 
 PAGE = ROOT / "docs" / "benchmarks.md"
 MODEL = ROOT / "config" / "models" / "sample.json"
 TARGET_HZ = 1000.0
-HEADER = ("rate Hz", "node", "median µs", "p99 µs", "worst ms", "CPU % of a core", "lost")
-RATIOS = ("median ÷ C++", "CPU ÷ C++", "p99 ÷ same executor's relay")
-OBSERVER = "**observer**"
-ORDINARY = "observer, rclpy.spin"
-Key = tuple[float, str]
+QUIET, BUSY = "quiet", "a hog on each core"
+Key = tuple[str, float, str]  # load, rate [Hz], name
+Runs = dict[Key, list[GeneratorRun]]
 
 
-def contestants(folder: Path, has_cpp: bool, model: Path) -> list[Contestant]:
-    observers = [
-        observer(OBSERVER, model, PYTHON_RELAYS["raw"]),
-        observer(ORDINARY, model, PYTHON_RELAYS["single"], "executor:=single"),
-    ]
-    return [*(cpp_relays(folder) if has_cpp else []), *python_relays(), *observers]
-
-
-def play(
-    field: Field, nodes: Sequence[Contestant], rates: Sequence[float], load: GeneratorLoad, rounds: int
-) -> dict[Key, list[GeneratorRun]]:
-    """Return the runs of each node at each rate, one per round."""
-    runs: dict[Key, list[GeneratorRun]] = {(rate, node.name): [] for rate in rates for node in nodes}
-    for number in range(rounds):
-        for rate in rates:
-            print_note(f"round {number + 1} of {rounds}, {rate:g} Hz")
-            for node in nodes:
-                runs[rate, node.name].append(field.measure(node, replace(load, rate_Hz=rate)))
+def play(field: Field, nodes: Sequence[Contestant], options: argparse.Namespace) -> Runs:
+    """Return the runs of each node, one per round."""
+    runs: Runs = {(load, rate, node.name): [] for load in options.loads for rate in options.rates for node in nodes}
+    for number in range(options.rounds):
+        for load in options.loads:
+            with Hogs(load == BUSY):
+                for rate in options.rates:
+                    print_note(f"round {number + 1} of {options.rounds}, {load}, {rate:g} Hz")
+                    for node in nodes:
+                        one = GeneratorLoad(rate, options.seconds, options.warm_up)
+                        runs[load, rate, node.name].append(field.measure(node, one))
     return runs
 
 
-def table(found: dict[Key, list[GeneratorRun]], nodes: Sequence[Contestant]) -> list[str]:
+def table(found: Runs) -> list[str]:
     head = [*HEADER, *RATIOS]
-    lines = [f"| {' | '.join(head)} |", "|---:|---|" + "---:|" * (len(head) - 2)]
-    twins = {node.name: node.baseline for node in nodes}
-    for (rate, name), runs in found.items():
-        cpp, same = found.get((rate, CPP_RELAYS["single"])), found.get((rate, twins[name]))
-        lines.append(f"| {' | '.join(row(name, rate, runs, cpp, same))} |")
+    lines = [f"| {' | '.join(head)} |", "|---|---:|---|" + "---:|" * (len(head) - 3)]
+    for (load, rate, name), runs in found.items():
+        lines.append(f"| {' | '.join(row(load, rate, name, runs, found[load, rate, CPP_RELAY]))} |")
     return lines
 
 
-def verdicts(found: dict[Key, list[GeneratorRun]], baseline: str) -> list[str]:
-    runs, cpp = found.get((TARGET_HZ, OBSERVER)), found.get((TARGET_HZ, CPP_RELAYS["single"]))
-    if runs is None or cpp is None:
-        return ["* no verdict: 1000 Hz was not requested, or there is no C++ relay for comparison"]
-    return targets(runs, cpp, found[TARGET_HZ, baseline])
+def target_lines(found: Runs) -> list[str]:
+    if (relay := found.get((QUIET, TARGET_HZ, CPP_RELAY))) is None:
+        return ["* no verdict: 1000 Hz on the quiet machine was not requested"]
+    named = {name: found[QUIET, TARGET_HZ, name] for name in TARGETS if (QUIET, TARGET_HZ, name) in found}
+    return [line for name, runs in named.items() for line in verdicts(name, runs, relay)]
 
 
-def long_run(field: Field, node: Contestant, load: GeneratorLoad, minutes: float) -> str:
-    """Run the observer for a long time; return a line with lost samples and memory."""
-    print_note(f"{minutes:g} minutes at {TARGET_HZ:g} Hz")
-    before = field.resident_kB(node)
-    run = field.measure(node, replace(load, rate_Hz=TARGET_HZ, seconds=60.0 * minutes))
-    verdict = "met" if run.lost == 0 else "**missed**"
-    memory = f"memory {before / 1024:.1f} MB before, {field.resident_kB(node) / 1024:.1f} MB after"
-    return (
-        f"* {minutes:g} minutes at {TARGET_HZ:g} Hz: {run.lost:,} of {run.sent:,} lost, target none: {verdict} "
-        f"({run.after_pause:,} more while warming up after pauses of the generator itself); median "
-        f"{run.p50_us:.0f} µs, p99 {run.p99_us:.0f} µs, worst {run.max_us * 1e-3:.1f} ms, "
-        f"CPU {100 * run.cpu_share:.1f} %; {memory}"
-    )
-
-
-def noise(found: dict[Key, list[GeneratorRun]], load: GeneratorLoad, rounds: int, began: float) -> str:
+def describe_noise(found: Runs, options: argparse.Namespace, began: float) -> str:
     """Return a description of the load and of the machine's disturbances."""
     runs = [run for several in found.values() for run in several]
-    where = "midway between two positions" if load.current_apart else "right after the position"
-    each = "each" if load.current_every == 1 else f"every {load.current_every}th"
+    priority = f"SCHED_FIFO {runs[0].priority}" if runs[0].priority else "ordinary priority"
     return (
-        f"{rounds} rounds of {load.seconds:g} s each after {load.warm_up_s:g} s of warm-up: median over the rounds, "
-        f"in brackets their range. A current follows {each} position, published {where}. The generator itself woke "
-        f"up {median_range(runs, 'late_p50_us').text()} µs late in the median and "
-        f"{median_range(runs, 'late_p99_us').text()} µs at its p99. "
-        f"Load of the machine {began:.1f} at the beginning, {os.getloadavg()[0]:.1f} at the end."
+        f"{options.rounds} rounds of {options.seconds:g} s each after {options.warm_up:g} s of warm-up: median over the "
+        f"rounds, in brackets their range. The generator, under {priority}, woke up "
+        f"{median_range(runs, 'late_p50_us').text()} µs late in the median and "
+        f"{median_range(runs, 'late_p99_us').text()} µs at its p99. Load of the machine {began:.1f} before."
     )
 
 
-def report(options: argparse.Namespace, folder: Path) -> list[str]:
-    has_cpp = build_cpp(folder)
-    nodes = contestants(folder, has_cpp, options.model)
-    generator = (
-        [str(folder / "generator")] if has_cpp else [sys.executable, str(Path(__file__).with_name("generator.py"))]
-    )
-    sampling = load_model(options.model).sampling
-    after_gap_s = sampling.warm_up_s + 2.0 * sampling.max_gap_s
-    currents = options.current_every, options.current_apart
-    load = GeneratorLoad(TARGET_HZ, options.seconds, options.warm_up, *currents, sampling.max_gap_s, after_gap_s)
-    began = os.getloadavg()[0]
-    with Field(nodes, generator) as field:
-        found = play(field, nodes, options.rates, load, options.rounds)
-        whole = next(node for node in nodes if node.name == OBSERVER)
-        lines = [*table(found, nodes), "", *verdicts(found, whole.baseline)]
-        if options.minutes:
-            lines.append(long_run(field, whole, load, options.minutes))
-    return [*lines, "", noise(found, load, options.rounds, began), machine()]
-
-
-def machine() -> str:
+def describe_machine() -> str:
     import rclpy
 
-    rclpy.init()
     middleware = rclpy.get_rmw_implementation_identifier()
-    rclpy.shutdown()
     versions = f"ROS 2 {os.environ.get('ROS_DISTRO')}, {middleware}, Python {sys.version.split()[0]}"
     return f"{processor()}, {len(os.sched_getaffinity(0))} cores; {versions}."
 
 
-def parse_arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rates", type=float, nargs="+", default=[200.0, 500.0, 1000.0, 2000.0], metavar="HZ")
-    parser.add_argument("--seconds", type=float, default=5.0, help="length of a run [s], default 5")
-    parser.add_argument("--warm-up", type=float, default=2.0, help="before each run, not counted [s], default 2")
-    parser.add_argument("--rounds", type=int, default=5, help="runs of each node at each rate, default 5")
-    parser.add_argument(
-        "--minutes", type=float, default=0.0, help="length of a long run of the observer at 1 kHz [min]"
-    )
+def report(options: argparse.Namespace) -> list[str]:
+    began = os.getloadavg()[0]
+    generator, nodes = make_contestants(options.model, options.parameters)
+    with Field(nodes, generator, priority=options.priority) as field:
+        found = play(field, nodes, options)
+    notes = [describe_noise(found, options, began), describe_machine()]
+    return [*table(found), "", *target_lines(found), "", *notes]
+
+
+def make_parser(text: str | None) -> argparse.ArgumentParser:
+    """Return a parser with the options of all programs of this folder."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--model", type=Path, default=MODEL, help="default config/models/sample.json")
-    parser.add_argument("--current-every", type=int, default=1, metavar="N", help="positions per current, default 1")
-    parser.add_argument("--current-apart", action="store_true", help="publish the current between two positions")
+    priority = "of the generator under SCHED_FIFO, so that it is on time beside hogs; 0: ordinary; default 50"
+    parser.add_argument("--priority", type=int, default=50, help=priority)
+    parser.add_argument(
+        "--parameters",
+        nargs="+",
+        default=[],
+        metavar="NAME:=VALUE",
+        help="of the observers, such as realtime_priority:=20",
+    )
     parser.add_argument("--write", action="store_true", help=f"write the result into docs/{PAGE.name}")
+    return parser
+
+
+def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
+    """Parse the command line and check what all programs need."""
     options = parser.parse_args()
     if find_spec("rclpy") is None:
         parser.error("rclpy is missing; source ROS 2 and run this with its python3")
     if not options.model.is_file():
         parser.error(f"{options.model}: no such model file; pass one from `ces identify` with --model")
+    options.model = options.model.resolve()
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     return options
 
 
-def main() -> None:
-    options = parse_arguments()
-    options.model = options.model.resolve()
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with tempfile.TemporaryDirectory() as folder:
-        lines = report(options, Path(folder))
+def print_report(lines: Sequence[str], write: bool, mark: str) -> None:
+    """Print the lines, and write them between the marks of the page."""
     print("\n".join(lines))
-    if options.write:
-        replace_between(PAGE, "live", "\n".join(lines))
+    if write:
+        replace_between(PAGE, mark, "\n".join(lines))
+
+
+def main() -> None:
+    parser = make_parser(__doc__)
+    parser.add_argument("--rates", type=float, nargs="+", default=[1000.0, 2000.0], metavar="HZ")
+    parser.add_argument("--loads", nargs="+", choices=(QUIET, BUSY), default=[QUIET, BUSY], help="default both")
+    parser.add_argument("--seconds", type=float, default=5.0, help="length of a run [s], default 5")
+    parser.add_argument("--warm-up", type=float, default=1.5, help="before each run, not counted [s], default 1.5")
+    parser.add_argument("--rounds", type=int, default=5, help="runs of each node at each rate and load, default 5")
+    options = parse(parser)
+    try:
+        print_report(report(options), options.write, "live")
+    except BuildError as error:
+        parser.error(str(error))
 
 
 if __name__ == "__main__":

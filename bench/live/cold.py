@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
-from contestants import ROOT
+from builds import ROOT
 
 sys.path.insert(0, str(ROOT))
 from ces_observer.cdr.joint_state import RawEstimate

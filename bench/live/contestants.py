@@ -1,9 +1,8 @@
-"""The compared nodes, each a process in its own namespace, and the C++ programs, built when needed."""
+"""The compared nodes, each a process of its own, and runs of the generator that loads one of them."""
 
 from __future__ import annotations
 
 import json
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,26 +11,24 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent.parent
-PYTHON_RELAYS = {
-    "single": "relay, rclpy.spin",
-    "events": "relay, rclpy EventsExecutor",
-    "raw": "relay, rclpy EventsExecutor, raw bytes",
-    "both": "the same, receives the current too",
-}
-CPP_RELAYS = {"single": "relay, rclcpp::spin", "events": "relay, rclcpp EventsExecutor"}
+from builds import HERE, ROOT, BuildError, build_programs, build_twin
+
+CPP_RELAY, PYTHON_RELAY = "empty relay, C++", "empty relay, Python"
+OBSERVER, TWIN = "**Python node**", "**C++ twin**"
 
 
 @dataclass(frozen=True)
 class Contestant:
-    """A node as a command; `node` is its name, `baseline` names the empty relay of the same executor."""
+    """A node as a command; `node` is its name. An observer counts its samples in its diagnostics."""
 
     name: str
     command: tuple[str, ...]
     node: str = "relay"
     ros_args: tuple[str, ...] = ()
-    baseline: str = ""
+
+    @property
+    def is_observer(self) -> bool:
+        return self.node == "observer"
 
 
 @dataclass(frozen=True)
@@ -41,67 +38,78 @@ class GeneratorLoad:
     rate_Hz: float
     seconds: float
     warm_up_s: float
-    current_every: int
-    current_apart: bool
-    max_gap_s: float  # bridged by the model
-    after_gap_s: float  # warm-up after a longer gap
+    current_every: int = 1
+    current_apart: bool = False
 
 
 @dataclass(frozen=True)
 class GeneratorRun:
-    """The results of one run of the generator; times in us, CPU as a share of one core.
-
-    `after_pause` samples had no estimate because the generator itself had paused for longer than the model bridges.
-    """
+    """The results of one run of the generator, as relay_cpp/generator.cpp defines them; times in us."""
 
     sent: int
-    lost: int
-    after_pause: int
+    received: int
+    late: int
+    all_sent: int
+    lost_in: int
+    lost_out: int
+    withheld: dict[str, int]
     p50_us: float
     p99_us: float
     max_us: float
     cpu_share: float
     late_p50_us: float
     late_p99_us: float
+    late_max_us: float
+    priority: int
+
+    @property
+    def lost(self) -> int:
+        """Samples of the whole run that were lost before or after the node."""
+        return self.lost_in + self.lost_out
+
+    @property
+    def without_estimate(self) -> int:
+        """Samples after the warm-up that the node withheld, or that were lost then."""
+        return self.sent - self.received
 
 
-def python_relays() -> list[Contestant]:
-    return [Contestant(name, (sys.executable, str(HERE / "relay.py"), kind)) for kind, name in PYTHON_RELAYS.items()]
+def make_contestants(model: Path, parameters: Sequence[str] = ()) -> tuple[Path, list[Contestant]]:
+    """Build what is in C++; return the generator and the contestants, without the twin if it cannot be built.
 
-
-def cpp_relays(folder: Path) -> list[Contestant]:
-    return [Contestant(name, (str(folder / "relay"), kind)) for kind, name in CPP_RELAYS.items()]
-
-
-def observer(name: str, model: Path, baseline: str, *parameters: str) -> Contestant:
-    """Return the observer with a model and further parameters as `name:=value`."""
-    words = [word for one in (f"model:={model}", *parameters) for word in ("-p", one)]
-    return Contestant(name, (sys.executable, "-m", "ces_observer.nodes.observer"), "observer", tuple(words), baseline)
-
-
-def build_cpp(folder: Path) -> bool:
-    """Build relay and generator into `folder`; returns False, printing the reason, if that is impossible."""
-    if shutil.which("cmake") is None or shutil.which("c++") is None:
-        print_note("no C++: cmake or a compiler is missing; only the relays in Python are measured")
-        return False
-    for command in (["-S", str(HERE / "relay_cpp"), "-B", str(folder)], ["--build", str(folder)]):
-        done = subprocess.run(["cmake", *command], capture_output=True, text=True, check=False)
-        if done.returncode:
-            print_note(f"no C++: {' '.join(done.stderr.split()[-40:])}")
-            return False
-    return True
+    `parameters` of the observers are NAME:=VALUE. Raises BuildError.
+    """
+    programs = build_programs()
+    words = [word for one in parameters for word in ("-p", one)]
+    python = (sys.executable, "-m", "ces_observer.nodes.observer")
+    found = [
+        Contestant(CPP_RELAY, (str(programs / "relay"),)),
+        Contestant(PYTHON_RELAY, (sys.executable, str(HERE / "relay.py"))),
+        Contestant(OBSERVER, python, "observer", ("-p", f"model:={model}", *words)),
+    ]
+    try:
+        found.append(Contestant(TWIN, (str(build_twin(model)),), "observer", tuple(words)))
+    except BuildError as error:
+        print_note(f"no C++ twin: {error}")
+    return programs / "generator", found
 
 
 class Field:
-    """All contestants, running at the same time; `measure` loads one of them while the others idle."""
+    """All contestants, running at the same time; `measure` loads one of them while the others idle.
 
-    def __init__(self, contestants: Sequence[Contestant], generator: Sequence[str]) -> None:
-        self._generator = generator
+    With `shared` they all have the same inputs, so that `measure` loads them all. The generator runs under SCHED_FIFO
+    with `priority`, if that is permitted.
+    """
+
+    def __init__(
+        self, contestants: Sequence[Contestant], generator: Path, *, priority: int, shared: bool = False
+    ) -> None:
+        self._generator = [str(generator), str(priority)]
+        self._shared = shared
         self._numbers = {one.name: k for k, one in enumerate(contestants)}
-        self._processes = [_start(one, k) for k, one in enumerate(contestants)]
+        self._processes = [self._start(one, k) for k, one in enumerate(contestants)]
 
     def __enter__(self) -> Field:
-        time.sleep(3.0)
+        time.sleep(4.0)
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -116,23 +124,29 @@ class Field:
     def measure(self, contestant: Contestant, load: GeneratorLoad) -> GeneratorRun:
         """Return the generator's results; raises RuntimeError if the node has ended or publishes nothing."""
         k = self._numbers[contestant.name]
-        parameters = {**asdict(load), "pid": self._processes[k].pid}
-        words = ["--ros-args", "-r", f"__ns:={_namespace(k)}", "-r", f"estimate:={contestant.node}/estimate"]
+        observed = f"{_namespace(k)}/observer" if contestant.is_observer else ""
+        parameters: dict[str, object] = {**asdict(load), "pid": self.pid(contestant)}
+        if observed:
+            parameters["observed"] = observed
+        inputs = 0 if self._shared else k
+        words = ["--ros-args", "-r", f"__ns:={_namespace(inputs)}"]
+        words += ["-r", f"estimate:={_namespace(k)}/{contestant.node}/estimate"]
         words += [word for name, value in parameters.items() for word in ("-p", f"{name}:={_word(value)}")]
         done = subprocess.run([*self._generator, *words], stdout=subprocess.PIPE, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"{contestant.name} at {load.rate_Hz:g} Hz: the generator received nothing to measure")
         return GeneratorRun(**json.loads(done.stdout))
 
-    def resident_kB(self, contestant: Contestant) -> int:
-        """Return the resident memory of a contestant [kB]."""
-        status = Path(f"/proc/{self._processes[self._numbers[contestant.name]].pid}/status").read_text(encoding="utf-8")
-        return int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmRSS")))
+    def pid(self, contestant: Contestant) -> int:
+        return self._processes[self._numbers[contestant.name]].pid
 
-
-def _start(contestant: Contestant, number: int) -> subprocess.Popen[bytes]:
-    words = [*contestant.command, "--ros-args", "-r", f"__ns:={_namespace(number)}", *contestant.ros_args]
-    return subprocess.Popen(words, cwd=ROOT, stderr=subprocess.DEVNULL, start_new_session=True)
+    def _start(self, contestant: Contestant, number: int) -> subprocess.Popen[bytes]:
+        words = [*contestant.command, "--ros-args", "-r", f"__ns:={_namespace(number)}", *contestant.ros_args]
+        if self._shared:
+            words += [
+                f for name in ("joint_states", "valve_current") for f in ("-r", f"{name}:={_namespace(0)}/{name}")
+            ]
+        return subprocess.Popen(words, cwd=ROOT, stderr=subprocess.DEVNULL, start_new_session=True)
 
 
 def _word(value: object) -> str:

@@ -178,6 +178,7 @@ def _run(stop: StopRequests) -> int:
         return int(node.status.result()) if node.status.done() else 0
     finally:
         node.guard.call(node.end)
+        executor.shutdown()
 
 
 def _explain_exit(status: int) -> str:

@@ -20,9 +20,11 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
 from ces_identify.recordings.bag_layout import describe_layout
-from ces_identify.recordings.bag_storage import Bag, Topic, open_bag
+from ces_identify.recordings.bag_opening import open_bag
+from ces_identify.recordings.bag_storage import Bag, Topic
 from ces_identify.recordings.bulk_decode import Block, BulkDecoder, Floats, Index
 from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.recordings.stamp_order import LateSamples, sort_late_samples
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Constant, FieldPath, Signal, Signals
 
@@ -50,9 +52,12 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
 
     The signals named in `need` must be present, as a topic or a constant; the others may be absent. Raises
     RecordingError or SignalsError if the bag is damaged, truncated or empty, if a topic is missing or has another type,
-    or if no message has a field. Issues a RecordingWarning for each signal stamped with the log time.
+    or if no message has a field. Issues a RecordingWarning for each signal stamped with the log time, for samples that
+    were stored late and are sorted in, and for a recorder that was killed.
     """
     with open_bag(path) as bag:
+        if bag.warning:
+            warnings.warn(bag.warning, RecordingWarning, stacklevel=2)
         if not any(topic.count for topic in bag.topics):
             raise RecordingError(
                 f"{path}: the bag holds no messages; expected a recording of {', '.join(need) or 'signals'}"
@@ -62,9 +67,23 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
             readers[name].add(block)
         by_name = {name: channel for reader in readers.values() for name, channel in reader.channels().items()}
         digest = bag.sha256()
-    channels = {name: by_name[name] for name in signals.by_name if name in by_name}
+    channels = _sort_channels({name: by_name[name] for name in signals.by_name if name in by_name})
     constants = {s.name: s.value for s in signals.by_name.values() if isinstance(s, Constant)}
     return Recording(path.name if path.is_dir() else path.stem, channels, constants, str(path), digest)
+
+
+def _sort_channels(channels: dict[str, Channel]) -> dict[str, Channel]:
+    """Return the channels with late samples sorted in; one warning says how many, and by how much they were late."""
+    results = {name: sort_late_samples(channel) for name, channel in channels.items()}
+    texts = [f"{name} {_format_late(late)}" for name, (_, late) in results.items() if late]
+    if texts:
+        text = f"stored after later samples, and sorted by stamp: {', '.join(texts)}"
+        warnings.warn(text, RecordingWarning, stacklevel=3)
+    return {name: channel for name, (channel, _) in results.items()}
+
+
+def _format_late(late: LateSamples) -> str:
+    return f"{late.count} of {late.total} samples by at most {late.max_late_ns * 1e-6:.3f} ms"
 
 
 def _readers(bag: Bag, signals: Signals, need: Collection[str]) -> dict[str, _TopicReader]:

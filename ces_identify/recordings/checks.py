@@ -78,9 +78,9 @@ def _check_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
             yield Finding(WARNING, f"{text}; they are left out")
     steps = np.diff(channel.stamps_ns)
     if (steps < 0).any():
-        row = int(np.argmax(steps < 0))
+        row = int(np.argmin(steps))
         at = (int(channel.stamps_ns[row]) - start_ns) / SECOND
-        times = f"{int((steps < 0).sum())} times, first at {at:.3f} s by {-steps[row] / SECOND:.6f} s"
+        times = f"{int((steps < 0).sum())} times, most at {at:.3f} s by {-steps[row] / SECOND:.6f} s"
         hint = "expected stamps in order (did a clock jump, or a bag loop?)"
         yield Finding(ERROR, f"{channel.name}: time runs backwards {times}; {hint}")
 

@@ -2,17 +2,18 @@
 
 The library's own loop takes 2.6 to 5 microseconds per message, the scan 0.2 (bench/bench_read.py). Files without
 chunks, from `ros2 bag record --storage-preset-profile fastwrite`, are read as well. A truncated file is an error, never
-a shorter recording. The format: https://mcap.dev/spec.
+a shorter recording, except where the caller knows that its recorder was killed. The format: https://mcap.dev/spec.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from io import SEEK_CUR, BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
+import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -30,65 +31,91 @@ from ces_observer.errors import RecordingError
 COMPRESSIONS = ("", "zstd", "lz4")
 PREFIX = 9  # of a record: opcode u8, length u64
 MESSAGE, CHUNK = int(Opcode.MESSAGE), int(Opcode.CHUNK)  # plain numbers for the compiled scan
+CONTENT = (int(Opcode.SCHEMA), int(Opcode.CHANNEL), MESSAGE)  # records that may be inside a chunk or outside
 CLOSING = (int(Opcode.DATA_END), int(Opcode.FOOTER))
 MESSAGE_HEADER = 22  # channel u16, sequence u32, log time u64, publish time u64
 BLOCK = 4 << 20  # bytes of decompressed records decoded together
+UNPACKERS: dict[str, Callable[[], Any]] = {
+    "zstd": lambda: zstandard.ZstdDecompressor().decompressobj(),
+    "lz4": lz4.frame.LZ4FrameDecompressor,
+}
 DAMAGED = (McapError, zstandard.ZstdError, struct.error, ValueError, EOFError, RuntimeError, MemoryError, OverflowError)
 
 
 def require_complete(path: Path) -> None:
     """Raise RecordingError if the file is not an MCAP file or lacks the footer at its end."""
+    require_mcap_file(path)
     size = path.stat().st_size
-    if size == 0:
-        raise RecordingError(f"{path}: the file is empty; expected an MCAP recording")
     with path.open("rb") as file:
-        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-            raise RecordingError(f"{path}: is not an MCAP file; it does not begin with the bytes {MCAP0_MAGIC!r}")
         file.seek(max(0, size - FOOTER_SIZE - len(MCAP0_MAGIC)))
         tail = file.read()
     if len(tail) < FOOTER_SIZE + len(MCAP0_MAGIC) or tail[0] != Opcode.FOOTER or not tail.endswith(MCAP0_MAGIC):
         raise truncation_error(path, size)
 
 
+def require_mcap_file(path: Path) -> None:
+    """Raise RecordingError if the file does not begin as an MCAP file."""
+    with path.open("rb") as file:
+        begin = file.read(len(MCAP0_MAGIC))
+    if not begin:
+        raise RecordingError(f"{path}: the file is empty; expected an MCAP recording")
+    if begin != MCAP0_MAGIC:
+        raise RecordingError(f"{path}: is not an MCAP file; it does not begin with the bytes {MCAP0_MAGIC!r}")
+
+
 def truncation_error(path: Path, size: int) -> RecordingError:
     """Return the error for a file that ends after `size` bytes, too early."""
     return RecordingError(
         f"{path}: the file ends early, after {size} bytes and without an MCAP footer (recording interrupted or copy"
-        f" incomplete?); copy it again, or save what is there: mcap recover {path.name} -o recovered.mcap"
+        f" incomplete?); copy it again, or, if the recorder was killed, give the folder that it left instead,"
+        f" or save what is there: mcap recover {path.name} -o recovered.mcap"
     )
 
 
-def blocks(path: Path) -> Iterator[Block]:
-    """Yield the messages of a file in its order; raises RecordingError if it is truncated or damaged."""
+def blocks(path: Path, *, interrupted: bool = False) -> Iterator[Block]:
+    """Yield the messages of a file in its order; raises RecordingError if it is truncated or damaged.
+
+    With `interrupted`, the messages end with the last whole one, also within a chunk.
+    """
+    for records in record_buffers(path, interrupted=interrupted):
+        yield _block(records, path)
+
+
+def record_buffers(path: Path, *, interrupted: bool = False) -> Iterator[bytes]:
+    """Yield the file's schemas, channels and messages in its order, whole records of about `BLOCK` bytes together."""
     with path.open("rb") as file:
         waiting, size = [], 0
-        for records in _record_runs(file, path):
+        for records in _record_runs(file, path, interrupted):
             waiting.append(records)
             size += len(records)
             if size >= BLOCK:
-                yield _block(b"".join(waiting), path)
+                yield b"".join(waiting)
                 waiting, size = [], 0
     if waiting:
-        yield _block(b"".join(waiting), path)
+        yield b"".join(waiting)
 
 
-def _record_runs(file: BinaryIO, path: Path) -> Iterator[bytes]:
-    """Yield runs of whole records: the content of each chunk, and each message between chunks."""
+def _record_runs(file: BinaryIO, path: Path, interrupted: bool) -> Iterator[bytes]:
+    """Yield runs of whole records: the content of each chunk, and each record between chunks."""
     size = path.stat().st_size
     file.seek(len(MCAP0_MAGIC))
     stream = ReadDataStream(file)
     try:
         while (opcode := stream.read1()) not in CLOSING:
             length = min(stream.read8(), size)
-            if opcode not in (CHUNK, MESSAGE):
+            if opcode not in (CHUNK, *CONTENT):
                 file.seek(length, SEEK_CUR)
                 continue
             record = stream.read(length)
-            if len(record) < length:
+            if len(record) == length:
+                yield _unpack(record, path) if opcode == CHUNK else struct.pack("<BQ", opcode, length) + record
+            elif not interrupted:
                 raise truncation_error(path, size)
-            yield _unpack(record, path) if opcode == CHUNK else struct.pack("<BQ", opcode, length) + record
+            elif opcode == CHUNK:
+                yield _unpack_unfinished(record)
     except (McapError, struct.error):
-        raise truncation_error(path, size) from None
+        if not interrupted:
+            raise truncation_error(path, size) from None
 
 
 def _unpack(record: bytes, path: Path) -> bytes:
@@ -105,6 +132,20 @@ def _unpack(record: bytes, path: Path) -> bytes:
         return records.read(size)
     except DAMAGED as error:
         raise RecordingError(f"{path}: a chunk is damaged ({error}); copy the file again or use mcap recover") from None
+
+
+def _unpack_unfinished(record: bytes) -> bytes:
+    """Return the whole records at the beginning of a chunk that ends early; its checksum cannot be verified."""
+    head = ReadDataStream(BytesIO(record))
+    try:
+        head.read(28)  # times of the first and last message, size, checksum
+        compression = head.read_prefixed_string()
+        head.read8()
+        data = record[head.count :]
+        records = UNPACKERS[compression]().decompress(data) if compression in UNPACKERS else data
+    except DAMAGED:
+        return b""
+    return bytes(records[: split_messages(np.frombuffer(records, dtype=np.uint8))[1]])
 
 
 def _block(records: bytes, path: Path) -> Block:

@@ -1,21 +1,26 @@
-"""SQLite3 storage files (`.db3`) as blocks of raw messages, in recorded order."""
+"""SQLite3 storage files (`.db3`): their topics, and their messages as blocks in recorded order."""
 
 from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
 
 from ces_identify.recordings.bulk_decode import Block
+from ces_identify.recordings.stored_topic import StoredTopic, make_definition
 from ces_observer.errors import RecordingError
 
 MAGIC = b"SQLite format 3\0"
 HEADER_FIELDS = (slice(16, 18), slice(24, 28), slice(28, 32), slice(92, 96))
 SELECT = "SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN"
+TOPICS = "SELECT id, name, type, serialization_format FROM topics"
+COUNTS = "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"
+DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+HAS_DEFINITIONS = "SELECT COUNT(*) FROM sqlite_master WHERE name = 'message_definitions'"  # since Iron
 ROWS = 20_000  # messages per block
 
 
@@ -35,14 +40,48 @@ def require_complete(path: Path) -> None:
 def blocks(path: Path, topics: Sequence[int]) -> Iterator[Block]:
     """Yield the messages of these topics; raises RecordingError if the database is damaged or truncated."""
     require_complete(path)
-    uri = f"file:{quote(str(path.resolve()))}?mode=ro"
+    with _reading(path) as database:
+        rows = database.execute(f"{SELECT} ({','.join('?' * len(topics))}) ORDER BY id", topics)
+        while batch := rows.fetchmany(ROWS):
+            yield _block(batch)
+
+
+def list_topics(path: Path) -> tuple[StoredTopic, ...]:
+    """Return the topics of a file; raises RecordingError if the database is damaged."""
+    with _reading(path) as database:
+        counts = dict(database.execute(COUNTS).fetchall())
+        known = database.execute(HAS_DEFINITIONS).fetchone()[0]
+        defined = {kind: (form, text) for kind, form, text in database.execute(DEFINITIONS)} if known else {}
+        topics = database.execute(TOPICS).fetchall()
+    return tuple(
+        StoredTopic(i, name, kind, make_definition(*defined.get(kind, ("", ""))), encoding, counts.get(i, 0))
+        for i, name, kind, encoding in topics
+    )
+
+
+def apply_journal(path: Path) -> None:
+    """Complete a copied database with the journal beside it; raises RecordingError if that cannot be done."""
     try:
-        with closing(sqlite3.connect(uri, uri=True)) as database:
-            rows = database.execute(f"{SELECT} ({','.join('?' * len(topics))}) ORDER BY id", topics)
-            while batch := rows.fetchmany(ROWS):
-                yield _block(batch)
+        with closing(sqlite3.connect(path)) as database:
+            database.execute("PRAGMA journal_mode = DELETE").fetchall()
     except sqlite3.Error as error:
-        raise RecordingError(f"{path}: {error}; the recording is damaged or incomplete, copy it again") from None
+        raise _damage(path, error) from None
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[sqlite3.Connection]:
+    try:
+        with closing(sqlite3.connect(f"file:{quote(str(path.resolve()))}?mode=ro", uri=True)) as database:
+            yield database
+    except sqlite3.Error as error:
+        raise _damage(path, error) from None
+
+
+def _damage(path: Path, error: sqlite3.Error) -> RecordingError:
+    return RecordingError(
+        f"{path}: {error}; the recording is damaged or incomplete: copy it again, or save what is there:"
+        f" sqlite3 {path.name} .recover | sqlite3 recovered.db3"
+    )
 
 
 def _block(batch: list[tuple[int, int, bytes]]) -> Block:

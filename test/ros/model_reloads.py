@@ -32,15 +32,20 @@ class ModelReloads:
 
     def call(self, timeout_s: float = 60.0) -> Outcome:
         """Have the file read again; return the outcome, which is the answer itself for a file that is no model."""
-        assert self._client.wait_for_service(timeout_s)
-        future, end = self._client.call_async(Trigger.Request()), time.monotonic() + timeout_s
-        answer: Outcome | None = None
-        while answer is None:
+        answer, end = self.answer(timeout_s), time.monotonic() + timeout_s
+        while (outcome := self._find_outcome(answer)) is None:
             assert time.monotonic() < end, "no outcome of reload_model in time"
             time.sleep(0.005)
-            if future.done():
-                answer = self._find_outcome(future.result())
-        return answer
+        return outcome
+
+    def answer(self, timeout_s: float = 60.0) -> Trigger.Response:
+        """Have the file read again; return the answer of the service."""
+        assert self._client.wait_for_service(timeout_s)
+        future, end = self._client.call_async(Trigger.Request()), time.monotonic() + timeout_s
+        while not future.done():
+            assert time.monotonic() < end, "no answer of reload_model in time"
+            time.sleep(0.005)
+        return future.result()
 
     def _find_outcome(self, answer: Trigger.Response) -> Outcome | None:
         if not answer.success:

@@ -10,6 +10,7 @@ from damper_models import plain_damper
 from vehicle import stroke
 
 from ces_observer.estimator import Estimator
+from ces_observer.model import Model
 
 MS = 1_000_000
 START_NS = 1_000_000_000_000_000_000
@@ -31,9 +32,9 @@ def currents(count: int) -> Samples:
     return [(START_NS + 10 * k * MS, 0.5 + 0.2 * (k % 7)) for k in range(count // 10 + 2)]
 
 
-def offline(positions: Samples, currents: Samples) -> dict[int, tuple[float, float, float]]:
+def offline(positions: Samples, currents: Samples, model: Model | None = None) -> dict[int, tuple[float, float, float]]:
     """Return by stamp the position, speed and force of an estimator that is fed in order."""
-    estimator = Estimator(plain_damper(max_gap_s=0.3))
+    estimator = Estimator(model or plain_damper(max_gap_s=0.3))
     stamps = [stamp for stamp, _ in currents]
     found = {}
     for stamp, position in positions:

@@ -157,13 +157,14 @@ def test_scale_offset_and_two_signals_in_one_topic(tmp_path):
 
 
 def test_order_is_that_of_recording_even_if_time_runs_backwards(tmp_path):
-    messages = [(t, tiny.number(i)) for i, t in enumerate([10, 20, 30, 15, 25])]
+    times = [10, 20, 30, 15, 25]
+    messages = [(t * tiny.SECOND, tiny.number(i)) for i, t in enumerate(times)]
     for storage in (MCAP, SQLITE):
         path = tiny.write(
             tmp_path / storage.name, [*tiny.drive()[:1], ("/valve_current", tiny.FLOAT, messages)], storage
         )
         channel = read_recording(path, DEFAULT).channel("current")
-        assert channel.stamps_ns.tolist() == [10, 20, 30, 15, 25]
+        assert (channel.stamps_ns // tiny.SECOND).tolist() == times
         assert channel.values.tolist() == [0, 1, 2, 3, 4]
 
 
@@ -266,8 +267,7 @@ def test_topic_without_messages_is_an_empty_channel(tmp_path):
     assert len(read_recording(path, DEFAULT).channel("current")) == 0
 
 
-@pytest.mark.parametrize("share", [0.02, 0.3, 0.7, 0.98])
-@pytest.mark.parametrize("bare", [True, False])
+@pytest.mark.parametrize(("share", "bare"), [(0.02, True), (0.3, True), (0.7, True), (0.98, True), (0.3, False)])
 def test_truncated_mcap(tmp_path, share, bare):
     path = tiny.write(tmp_path / "bag", tiny.drive(n=400))
     file = path / "bag.mcap"
@@ -280,13 +280,19 @@ def test_truncated_mcap(tmp_path, share, bare):
 
 @pytest.mark.parametrize("compression", [CompressionMode.FILE, CompressionMode.MESSAGE, CompressionMode.NONE])
 @pytest.mark.parametrize("storage", [MCAP, SQLITE])
-def test_any_cut_is_one_clear_error(tmp_path, storage, compression):
+def test_any_cut_is_one_clear_error_unless_all_messages_are_there(tmp_path, storage, compression):
     path = tiny.write(tmp_path / "bag", tiny.drive(n=60), storage, compression)
     file = next(f for f in path.iterdir() if f.suffix != ".yaml")
     whole = file.read_bytes()
     for cut in range(0, len(whole), len(whole) // 12):
         file.write_bytes(whole[:cut])
-        assert str(path) in failure(path, kind=RecordingError)
+        try:
+            recording = read_recording(path, DEFAULT)
+        except RecordingError as error:
+            assert str(path) in str(error)
+            assert "\n" not in str(error)
+        else:
+            assert [len(c) for c in recording.channels.values()] == [60, 60, 60]
 
 
 def test_things_that_are_no_bag(tmp_path):

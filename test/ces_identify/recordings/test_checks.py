@@ -69,7 +69,7 @@ def test_time_running_backwards_says_where():
     back = Channel("force", "N", stamps, np.zeros(10_000))
     result = only(recording(channel("position"), channel("current"), back))
     assert result.severity == "error"
-    assert result.text.startswith("force: time runs backwards 1 times, first at 3.999 s by 0.249000 s")
+    assert result.text.startswith("force: time runs backwards 1 times, most at 3.999 s by 0.249000 s")
 
 
 def test_repeated_stamps_are_no_backward_time():

@@ -1,0 +1,86 @@
+"""Opens bags: finished ones with the metadata and definitions that rosbags reads, and those of a killed recorder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, cast
+
+import yaml
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
+from rosbags.rosbag2 import Reader
+
+from ces_identify.recordings import mcap_records
+from ces_identify.recordings.bag_storage import Bag, DataFile
+from ces_identify.recordings.interrupted_bag import list_data_files, open_interrupted_bag
+from ces_identify.recordings.stored_topic import StoredTopic
+from ces_observer.errors import RecordingError
+
+METADATA = "metadata.yaml"
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """Open a rosbag2 folder, or an `.mcap` or `.db3` file.
+
+    A folder without metadata.yaml is that of a recorder that was killed. With metadata.yaml (`ros2 bag reindex` writes
+    one), an unfinished file is read if it has all messages. Raises RecordingError if a bag is damaged or truncated.
+    """
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file or folder; expected a rosbag2 folder or an .mcap file")
+    with ExitStack() as opened:
+        yield _open(path, opened)
+
+
+def _open(path: Path, opened: ExitStack) -> Bag:
+    if path.is_dir() and not (path / METADATA).exists():
+        if not list_data_files(path):
+            raise RecordingError(f"{path}: the folder has no {METADATA} and no .mcap or .db3 file; expected a bag")
+        return opened.enter_context(open_interrupted_bag(path))
+    try:
+        reader = Reader(path)
+        reader.open()
+    except Exception as error:  # a damaged file makes rosbags raise errors of any kind
+        if path.is_dir() and (bag := _open_reindexed(path, opened)):
+            return bag
+        raise _open_error(path, error) from None
+    opened.callback(reader.close)
+    return Bag(path, _stored_topics(reader.connections), tuple(_data_files(path, reader)))
+
+
+def _open_reindexed(path: Path, opened: ExitStack) -> Bag | None:
+    """Return the bag with an unfinished file if it has as many messages as its metadata say, else None."""
+    try:
+        stated = yaml.safe_load((path / METADATA).read_text())["rosbag2_bagfile_information"]["message_count"]
+        bag = opened.enter_context(open_interrupted_bag(path))
+    except (RecordingError, OSError, ValueError, yaml.YAMLError, KeyError, TypeError):
+        return None
+    return bag if sum(topic.count for topic in bag.topics) == stated else None
+
+
+def _stored_topics(connections: Iterable[Connection]) -> tuple[StoredTopic, ...]:
+    def encoding(connection: Connection) -> str:
+        return cast(ConnectionExtRosbag2, connection.ext).serialization_format
+
+    return tuple(StoredTopic(c.id, c.topic, c.msgtype, c.msgdef, encoding(c), c.msgcount) for c in connections)
+
+
+def _data_files(path: Path, reader: Reader) -> Iterator[DataFile]:
+    storages: list[Any] = getattr(reader.storage, "storages", [reader.storage])
+    for storage in storages:
+        yield DataFile(storage.path, (_find_stored_file(path, storage.path),), _stored_topics(storage.connections))
+
+
+def _find_stored_file(path: Path, file: Path) -> Path:
+    """Return the file in the bag; for a file compressed as a whole, `file` is a temporary copy."""
+    packed = path / f"{file.name}.zstd"
+    return packed if path.is_dir() and file.parent != path and packed.exists() else file
+
+
+def _open_error(path: Path, error: Exception) -> RecordingError:
+    for file in path.glob("*.mcap") if path.is_dir() else [path]:
+        if file.suffix == ".mcap":
+            mcap_records.require_complete(file)
+    reason = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
+    return RecordingError(f"{path}: cannot be opened as a bag: {reason}")

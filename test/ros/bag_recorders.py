@@ -1,0 +1,126 @@
+"""`ros2 bag record` and `ros2 bag play` as processes, and the experiment that is recorded with them."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from node_process import ROOT, NodeProcess
+from party import Party
+from rclpy.duration import Duration
+from sensor_msgs.msg import JointState, Temperature
+from vehicle import DEEP, JOINT, stroke, wait
+
+from ces_observer.signals import Signals
+
+TOPICS = {"position": "joint_states", "current": "stamped_current", "force": "measured_force"}
+TYPES = {"position": JointState, "current": Temperature, "force": WrenchStamped}
+MS = 1_000_000
+KEEP_ALL = (
+    "{history: keep_all, reliability: reliable, durability: volatile}"  # the recorder loses nothing on a busy computer
+)
+
+
+def require_rosbag2() -> None:
+    """Skip the tests of this module where rosbag2 is missing."""
+    if shutil.which("ros2") is None or find_spec("ros2bag") is None or find_spec("rosbag2_py") is None:
+        pytest.skip("rosbag2 is not installed", allow_module_level=True)
+
+
+def described_signals(namespace: str) -> Signals:
+    """Return the signals of the experiment in a namespace."""
+    return Signals.from_mapping(signals_mapping(namespace), "experiment")
+
+
+def signals_mapping(namespace: str) -> dict[str, dict[str, str]]:
+    """Return what a signals file says of the experiment's topics."""
+    mapping: dict[str, dict[str, str]] = {name: {"topic": f"{namespace}/{topic}"} for name, topic in TOPICS.items()}
+    mapping["current"] |= {"type": "sensor_msgs/msg/Temperature", "field": "temperature"}
+    return mapping
+
+
+class Experiment(Party):
+    """Publishes position, current and force, 1 kHz each, with stamps a millisecond apart."""
+
+    def __init__(self, namespace: str) -> None:
+        super().__init__("experiment", namespace)
+        self.topics = [f"{namespace}/{topic}" for topic in TOPICS.values()]
+        self._publishers = {
+            name: self.node.create_publisher(TYPES[name], topic, DEEP) for name, topic in TOPICS.items()
+        }
+        self.published: dict[str, dict[int, float]] = {name: {} for name in TOPICS}  # values by stamp [ns]
+
+    def meets(self, count: int) -> None:
+        """Wait until `count` recorders hear every topic."""
+        for name, publisher in self._publishers.items():
+            wait(lambda p=publisher: p.get_subscription_count() >= count, f"{count} recorders of {name}", 60.0)
+        time.sleep(0.5)  # matching is told to each side on its own
+
+    def run(self, duration_s: float) -> None:
+        """Publish for `duration_s`."""
+        start, start_ns = time.monotonic(), time.time_ns()
+        for k in range(round(duration_s * 1000)):
+            time.sleep(max(0.0, start + k * 1e-3 - time.monotonic()))
+            self._publish(start_ns + k * MS, k)
+        for publisher in self._publishers.values():
+            assert publisher.wait_for_all_acked(Duration(seconds=20.0))
+        time.sleep(0.5)  # the recorders take what they have received
+
+    def _publish(self, stamp_ns: int, k: int) -> None:
+        values = {"position": stroke(k * 1e-3), "current": 0.5 + 0.2 * np.sin(k * 0.01), "force": 10.0 + k}
+        messages = {
+            "position": JointState(name=["steering", JOINT], position=[1.0, values["position"]]),
+            "current": Temperature(temperature=values["current"]),
+            "force": WrenchStamped(),
+        }
+        messages["force"].wrench.force.z = values["force"]
+        for name, message in messages.items():
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+            self._publishers[name].publish(message)
+            self.published[name][stamp_ns] = values[name]
+
+
+class Recorder:
+    """`ros2 bag record` of some topics into the folder `path`."""
+
+    def __init__(self, path: Path, topics: Sequence[str], options: Iterable[str]) -> None:
+        self.path = path
+        profiles = path.with_suffix(".qos.yaml")
+        profiles.write_text("".join(f"{topic}: {KEEP_ALL}\n" for topic in topics))
+        words = ["ros2", "bag", "record", "-o", str(path), "--qos-profile-overrides-path", str(profiles)]
+        self._process = NodeProcess([*words, *options, *topics])
+
+    def ends(self, number: signal.Signals) -> None:
+        """End the recorder with a signal, and wait for its end."""
+        self._process.interrupt(number)
+        self.output = self._process.ended(30.0)[1]
+
+    def kill(self) -> None:
+        self._process.kill()
+
+
+def play(path: Path, *options: str) -> str:
+    """Play a bag to its end; return the output."""
+    words = ["ros2", "bag", "play", str(path), "--disable-keyboard-controls", *options]
+    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60.0).stdout
+
+
+def run_ces(*words: object) -> subprocess.CompletedProcess[str]:
+    """Run the program `ces` of this checkout."""
+    command = [sys.executable, "-m", "ces_cli.main", *map(str, words)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60.0)
+
+
+def assert_published(values: Mapping[int, float], stamps_ns: np.ndarray, recorded: np.ndarray) -> None:
+    """Fail unless the recorded samples are the first of the published ones."""
+    assert stamps_ns.tolist() == list(values)[: len(stamps_ns)]
+    np.testing.assert_array_equal(recorded, list(values.values())[: len(recorded)])

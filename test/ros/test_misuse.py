@@ -1,0 +1,121 @@
+"""Every service, parameter and topic of all four nodes misused, while samples run at 1 kHz.
+
+No node exits, the estimates go on, and each of them equals the offline replay.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+from damper_models import plain_damper
+from misuse import Misuser
+from node_process import ROOT, NodeProcess, ros_args
+from replay import offline
+from vehicle import JOINT, Vehicle, reliable_inputs, stamp_of, stroke, wait
+
+from ces_observer.model import Model
+from ces_observer.nodes.executors import EventsExecutor
+
+CURRENT_A = 0.5
+EXECUTORS = [
+    pytest.param("events", marks=pytest.mark.skipif(EventsExecutor is None, reason="this rclpy has no EventsExecutor")),
+    "single",
+]
+SIGNALS = {
+    "current.topic": "stamped_current",
+    "current.type": "sensor_msgs/msg/Temperature",
+    "current.field": "temperature",
+}
+
+
+def damper() -> Model:
+    """Return a model that has forgotten its past when it has warmed up: a restart changes no force by 1e-9."""
+    return plain_damper(warm_up_s=0.5, max_gap_s=5.0, max_current_age_s=60.0)
+
+
+@contextmanager
+def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, NodeProcess]]:
+    """Run all four nodes; the rig has topics of its own, so that the observer sees one source of samples only."""
+    model = folder / "model.json"
+    damper().save(model)
+    lossless = reliable_inputs(namespace, ["joint_states", "stamped_current"])
+    programs = {
+        "observer": (
+            "ces_observer.nodes.observer",
+            {"model": model, "max_age_s": 0.0, "model_topic": "models", "record_dir": folder / "bags"}
+            | {"executor": executor}
+            | SIGNALS
+            | lossless,
+        ),
+        "controller": (
+            "ces_observer.nodes.controller",
+            {"model": model, "model_topic": "models", "executor": executor, "feedback": "measured"},
+        ),
+        "rig": ("ces_rig.live.node", {"executor": executor}),
+        "identify": ("ces_cli.identify.node", {"bags": f"[{ROOT / 'bags' / 'noise'}]", "out": folder / "out.json"}),
+    }
+    rig = ["-r", "joint_states:=rig/joint_states", "-r", "measured_force:=rig/measured_force"]
+    started = {}
+    try:
+        for name, (module, parameters) in programs.items():
+            words = [*ros_args(namespace, parameters), *(rig if name == "rig" else [])]
+            started[name] = NodeProcess([sys.executable, "-m", module, *words])
+        yield started
+    finally:
+        for node in started.values():
+            node.kill()
+
+
+@contextmanager
+def driving(vehicle: Vehicle) -> Iterator[None]:
+    ends = threading.Event()
+    thread = threading.Thread(target=vehicle.drive, args=(3600.0,), kwargs={"current": None, "ends": ends})
+    thread.start()
+    try:
+        with vehicle.repeating(0.01, lambda: vehicle.publish_current(vehicle.driven[-1], CURRENT_A)):
+            yield
+    finally:
+        ends.set()
+        thread.join()
+
+
+@pytest.mark.parametrize("executor", EXECUTORS)
+def test_no_misuse_ends_a_node_or_changes_an_estimate(
+    vehicle: Vehicle, namespace: str, executor: str, tmp_path: Path
+) -> None:
+    names = ("observer", "controller", "rig", "identify")
+    with running(namespace, executor, tmp_path) as nodes, Misuser(namespace, names) as misuser:
+        vehicle.meets_node()
+        with driving(vehicle):
+            wait(lambda: len(vehicle.estimates) > 100, "the first estimates", 20.0)
+            for done in misuser.attack_all(damper().to_json()):
+                dead = {name: node.ended() for name, node in nodes.items() if not node.is_running()}
+                assert not dead, done
+                before = len(vehicle.estimates)
+                wait(lambda count=before: len(vehicle.estimates) > count + 10, f"estimates after {done}", 20.0)
+        last = vehicle.driven[-1]
+        wait(lambda: stamp_of(vehicle.estimates[-1]) == last, "the last estimate", 20.0)
+        assert all(node.is_running() for node in nodes.values())
+    compare(vehicle)
+
+
+def compare(vehicle: Vehicle) -> None:
+    """Each estimate equals that of an estimator that has had all samples in order."""
+    positions = [(stamp, stroke(stamp % 10**12 * 1e-9)) for stamp in vehicle.driven]
+    expected = offline(positions, [(0, CURRENT_A)], damper())
+    wrong = []
+    for message in vehicle.estimates:
+        assert list(message.name) == [JOINT]
+        heard = message.position[0], message.velocity[0], message.effort[0]
+        if heard != pytest.approx(expected[stamp_of(message)], rel=1e-9, abs=1e-9):
+            wrong.append((stamp_of(message), heard, expected[stamp_of(message)]))
+    assert not wrong, f"{len(wrong)} of {len(vehicle.estimates)} estimates, such as {wrong[:3]}"
+    assert len(vehicle.estimates) > 0.5 * len(vehicle.driven) > 1000
