@@ -50,11 +50,13 @@ public:
   }
 
   // Remove and return the next position whose wait is over; null if there is none. It is valid until the next `add`.
-  // `known` is the stamp up to which the current is known. A clock that was set back ends the wait, too.
+  // `known` is the stamp up to which the current is known. A clock that was set back ends the wait, too. A position that
+  // arrived before simulated time began, at 0, waits from now.
   const Position * pop_ready(std::optional<Nanoseconds> known, Nanoseconds now)
   {
     if (count_ == 0) {return nullptr;}
-    const auto & first = ring_[first_];
+    auto & first = ring_[first_];
+    if (first.arrival == 0) {first.arrival = now;}
     const bool is_known = known && *known >= first.stamp;
     if (!is_known && std::llabs(now - first.arrival) < wait_ && count_ <= MAX_POSITIONS) {return nullptr;}
     return pop();
