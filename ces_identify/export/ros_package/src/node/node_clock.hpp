@@ -16,8 +16,8 @@ namespace ces
 class NodeClock
 {
 public:
-  // `on_jump` is called with a line of text after each time jump. Simulated time is 0 until its first /clock message, which
-  // is no jump: samples may arrive before it.
+  // `on_jump` is called with a line of text after each time jump. Simulated time is 0 until its first /clock
+  // message, which is no jump: samples may arrive before it.
   NodeClock(rclcpp::Node & node, std::function<void(const std::string &)> on_jump)
   : clock_(node.get_clock()), on_jump_(std::move(on_jump)),
     wall_(read_clock(CLOCK_REALTIME), read_clock(CLOCK_MONOTONIC))
