@@ -120,8 +120,13 @@ def fuzzed(model, wait_s, seed):
             sequence.take_motion(stamp_ns, chance.gauss(0.0, 0.3), stamp_ns)
             sequence.take_position(stamp_ns, position, stamp_ns + MS)
         else:
-            act(sequence, chance, stamp_ns, position, stamp_ns + chance.choice((0, MS, -MS, 30 * MS, 10**9)))
+            act(sequence, chance, stamp_ns, position, now_near(chance, stamp_ns))
     return sequence.text
+
+
+def now_near(chance, stamp_ns):
+    """Return the node's time at a sample: near its stamp, far from it, or 0 as before simulated time begins."""
+    return 0 if chance.random() < 0.02 else stamp_ns + chance.choice((0, MS, -MS, 30 * MS, 10**9))
 
 
 def act(sequence, chance, stamp_ns, position, now_ns):

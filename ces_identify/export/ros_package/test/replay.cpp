@@ -1,17 +1,22 @@
 // Replays a stored sequence of samples to the observer and compares each result with the stored one.
 //
-// Usage: replay FILE. Lines: "settings WAIT_S MAX_AGE_S", "c STAMP CURRENT NOW", "m STAMP VALUE NOW", "p STAMP POSITION NOW",
-// "w" (watch), "r" (time jump), "s" (silence) with as many numbers, "d REASON: DETAIL", and the expected results: "e STAMP
-// FORCE HALF_WIDTH POSITION SPEED" for a force, "x CLAMPED REASON" for each position. It prints what differs, and ends with 0
-// if all is equal to 1e-9 and nothing was allocated with finite samples.
+// Usage: replay FILE. It prints what differs, and ends with 0 if all is equal to 1e-9 and nothing was allocated
+// with finite samples. The lines of the file:
+//   settings WAIT_S MAX_AGE_S
+//   c STAMP CURRENT NOW, m STAMP MOTION NOW, p STAMP POSITION NOW    samples, and the node's time at their arrival
+//   w 0 0 NOW, r 0 0 NOW, s 0 0 NOW                                  watch, time jump, silence
+//   d REASON: DETAIL                                                 the expected words at this moment
+//   e STAMP FORCE HALF_WIDTH POSITION SPEED                          the expected force, before the x of its position
+//   x CLAMPED REASON                                                 the expected count and reason after each position
 
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
-#include <iostream>
 #include <new>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -209,14 +214,19 @@ int feed(const Event & event, ces::Damper & damper, ces::Intake & intake)
   return 0;
 }
 
-void print_difference(std::size_t place, const Result & found, const Result & expected)
+void print_result(const char * name, const Result & result)
 {
   std::printf(
-    "result %zu at %lld: %s %.17g +- %.17g (%.17g, %.17g, %llu), expected at %lld: %s %.17g +- %.17g (%.17g, %.17g, %llu)\n",
-    place, static_cast<long long>(found.stamp), ces::text_of(found.reason), found.force, found.half_width, found.position,
-    found.speed, static_cast<unsigned long long>(found.clamped), static_cast<long long>(expected.stamp),
-    ces::text_of(expected.reason), expected.force, expected.half_width, expected.position, expected.speed,
-    static_cast<unsigned long long>(expected.clamped));
+    "  %s at %lld: %s, %.17g +- %.17g N, %.17g m, %.17g m/s, %llu clamped\n", name,
+    static_cast<long long>(result.stamp), ces::text_of(result.reason), result.force, result.half_width, result.position,
+    result.speed, static_cast<unsigned long long>(result.clamped));
+}
+
+void print_difference(std::size_t place, const Result & found, const Result & expected)
+{
+  std::printf("result %zu\n", place);
+  print_result("found", found);
+  print_result("expected", expected);
 }
 
 int compare(const std::vector<Result> & found, const std::vector<Result> & expected)

@@ -1,8 +1,10 @@
-// Stamps messages that have no stamp: time of sending and of arrival in, the arrival without the node's own delay out.
+// Stamps messages that have no stamp: time of sending and of arrival in, the arrival without the node's own delay
+// out.
 //
-// A message that waited in the node's queue, as in a stall, was sent earlier than it is read. The time of sending comes
-// from the publisher's clock, which may differ from the node's, so the least delay of the recent messages is taken as the
-// difference of the clocks with the delay of transport. A message's stamp is its time of sending plus this least delay.
+// A message that waited in the node's queue, as in a stall, was sent earlier than it is read. The time of sending
+// comes from the publisher's clock, which may differ from the node's, so the least delay of the recent messages is
+// taken as the difference of the clocks with the delay of transport. A message's stamp is its time of sending plus
+// this least delay.
 #ifndef CORE__ARRIVAL_CLOCK_HPP_
 #define CORE__ARRIVAL_CLOCK_HPP_
 

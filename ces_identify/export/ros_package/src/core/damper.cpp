@@ -63,7 +63,8 @@ Reason Damper::find_reason(std::optional<double> force, double position, double 
   if (!std::isfinite(current)) {return Reason::NO_CURRENT;}
   if (!std::isfinite(motion)) {return Reason::NO_MOTION;}
   if (!force) {return estimator_.reason();}
-  const bool finite = std::isfinite(*force) && std::isfinite(estimator_.position()) && std::isfinite(estimator_.speed());
+  const bool finite =
+    std::isfinite(*force) && std::isfinite(estimator_.position()) && std::isfinite(estimator_.speed());
   return finite ? Reason::OK : Reason::UNBOUNDED;
 }
 

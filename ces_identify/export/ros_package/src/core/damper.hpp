@@ -1,7 +1,7 @@
 // The observer of one damper: samples in; a force, or the reason why it is withheld, and counts for diagnostics out.
 //
-// It does not use ROS: stamps are integers, and the node's time is an argument. After construction, `step` and the `take`
-// functions allocate nothing for finite samples.
+// It does not use ROS: stamps are integers, and the node's time is an argument. After construction, `step` and the
+// `take` functions allocate nothing for finite samples.
 #ifndef CORE__DAMPER_HPP_
 #define CORE__DAMPER_HPP_
 
@@ -31,8 +31,9 @@ struct Tally
 class Damper
 {
 public:
-  // `max_age_s` is the largest difference between a position's stamp and the node's clock, in either direction, at which
-  // its force is returned; 0 switches the check off. `motion` is the signal that the model needs beside the position.
+  // `max_age_s` is the largest difference between a position's stamp and the node's clock, in either direction, at
+  // which its force is returned; 0 switches the check off. `motion` is the signal that the model needs beside the
+  // position.
   Damper(SignalHold current, SignalHold motion, double max_age_s);
 
   void set_max_age(double max_age_s) {max_age_ = to_ns(max_age_s);}

@@ -1,7 +1,7 @@
 // A queue that holds positions back until their current is known; they leave it in the order of arrival.
 //
-// Waiting for a current stamped no earlier than the position makes the force depend on the stamps alone, not on which of
-// the two queues was read first. Memory is allocated when a wait is set, not with the samples.
+// Waiting for a current stamped no earlier than the position makes the force depend on the stamps alone, not on
+// which of the two queues was read first. Memory is allocated when a wait is set, not with the samples.
 #ifndef CORE__POSITION_QUEUE_HPP_
 #define CORE__POSITION_QUEUE_HPP_
 
@@ -49,12 +49,14 @@ public:
     place.arrival = now;
   }
 
-  // Remove and return the next position whose wait is over; null if there is none. It is valid until the next `add`.
-  // `known` is the stamp up to which the current is known. A clock that was set back ends the wait, too.
+  // Remove and return the next position whose wait is over; null if there is none. It is valid until the next
+  // `add`. `known` is the stamp up to which the current is known. A clock that was set back ends the wait, too. A
+  // position that arrived before simulated time began, at 0, waits from now.
   const Position * pop_ready(std::optional<Nanoseconds> known, Nanoseconds now)
   {
     if (count_ == 0) {return nullptr;}
-    const auto & first = ring_[first_];
+    auto & first = ring_[first_];
+    if (first.arrival == 0) {first.arrival = now;}
     const bool is_known = known && *known >= first.stamp;
     if (!is_known && std::llabs(now - first.arrival) < wait_ && count_ <= MAX_POSITIONS) {return nullptr;}
     return pop();

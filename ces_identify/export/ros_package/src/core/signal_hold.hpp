@@ -1,7 +1,7 @@
 // The value of a signal at a position sample: the newest one stamped no later, if it is not too old.
 //
-// A history is kept because the signals come in separate queues, so that a current may arrive before a position that was
-// measured earlier. After construction nothing is allocated.
+// A history is kept because the signals come in separate queues, so that a current may arrive before a position
+// that was measured earlier. After construction nothing is allocated.
 #ifndef CORE__SIGNAL_HOLD_HPP_
 #define CORE__SIGNAL_HOLD_HPP_
 

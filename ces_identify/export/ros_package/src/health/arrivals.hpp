@@ -1,8 +1,8 @@
 // Arrival statistics of one input topic: rate, age, jitter and lost messages.
 //
-// Stamps and arrival times go in one by one, each `roll` closes a window of figures; memory does not grow. The period is
-// learnt from the stamps and followed. An interval from 0.5 to 1.5 periods is usual and takes a few additions;
-// `take_rare` handles all others.
+// Stamps and arrival times go in one by one, each `roll` closes a window of figures; memory does not grow. The
+// period is learnt from the stamps and followed. An interval from 0.5 to 1.5 periods is usual and takes a few
+// additions; `take_rare` handles all others.
 #ifndef HEALTH__ARRIVALS_HPP_
 #define HEALTH__ARRIVALS_HPP_
 
@@ -18,10 +18,10 @@
 namespace ces
 {
 
-// One window of a topic. Counts named `total_` are since the start, the others in the window. `dropped` is estimated from
-// gaps in the stamps; it is unknown for messages without stamps. Of these samples `lost` are known to have been lost, and
-// `overflowed` in the node's own queue; the source has not sent the others. Interruptions are stamps that ran back, or silences too
-// long to be lost messages.
+// One window of a topic. Counts named `total_` are since the start, the others in the window. `dropped` is
+// estimated from gaps in the stamps; it is unknown for messages without stamps. Of these samples `lost` are known
+// to have been lost, and `overflowed` in the node's own queue; the source has not sent the others. Interruptions
+// are stamps that ran back, or silences too long to be lost messages.
 struct ArrivalFigures
 {
   std::int64_t samples = 0, total_samples = 0;
@@ -70,7 +70,7 @@ public:
   const ArrivalFigures & figures() const {return figures_;}
 
 private:
-  static constexpr std::size_t LEARN = 11;  // intervals to learn the period, and unusual ones in a row to learn it again
+  static constexpr std::size_t LEARN = 11;  // intervals to learn the period, and unusual ones to learn it again
 
   struct Spread {double mean, jitter;};
 

@@ -29,7 +29,8 @@ std::string milliseconds(double seconds) {return format_number("%.3f", 1e3 * sec
 std::string describe_missing(const ArrivalFigures & figures)
 {
   if (figures.overflowed) {
-    return "missing, " + std::to_string(figures.overflowed) + " of them dropped by this node's queue: set input_depth higher";
+    return "missing, " + std::to_string(figures.overflowed) +
+           " of them dropped by this node's queue: set input_depth higher";
   }
   if (!figures.lost) {return "missing: lost on the way, or the source paused";}
   return *figures.lost ? "missing, " + std::to_string(*figures.lost) + " of them lost on the way" :
@@ -136,7 +137,8 @@ std::vector<std::string> Health::find_remarks() const
   const auto & figures = position.figures();
   const auto all = static_cast<double>(figures.samples + figures.dropped);
   if (figures.dropped && static_cast<double>(figures.dropped) >= DROPPED_WARN * all) {
-    remarks.push_back(percent(static_cast<double>(figures.dropped) / all) + " of the positions " + describe_missing(figures));
+    const auto share = static_cast<double>(figures.dropped) / all;
+    remarks.push_back(percent(share) + " of the positions " + describe_missing(figures));
   }
   return remarks;
 }

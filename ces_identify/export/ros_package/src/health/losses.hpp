@@ -1,8 +1,8 @@
 // What became of samples that are missing in the stamps: paused source, lost on the way, or lost in the node's queue.
 //
-// Where the middleware numbers the messages of a publisher, their numbers tell pauses from losses. Where it does not, only
-// one cause is certain: the node's own queue was full, if the first message after the gap had waited for as long as a full
-// queue takes.
+// Where the middleware numbers the messages of a publisher, their numbers tell pauses from losses. Where it does
+// not, only one cause is certain: the node's own queue was full, if the first message after the gap had waited for
+// as long as a full queue takes.
 #ifndef HEALTH__LOSSES_HPP_
 #define HEALTH__LOSSES_HPP_
 

@@ -72,8 +72,10 @@ bool is_name(const std::string & text)
          std::all_of(text.begin(), text.end(), is_word);
 }
 
-bool is_number(std::uint8_t type) {return type <= types::ROS_TYPE_INT64 && type != types::ROS_TYPE_LONG_DOUBLE &&
-         type != types::ROS_TYPE_WCHAR;}
+bool is_number(std::uint8_t type)
+{
+  return type <= types::ROS_TYPE_INT64 && type != types::ROS_TYPE_LONG_DOUBLE && type != types::ROS_TYPE_WCHAR;
+}
 
 template<typename T>
 double load(const void * number)
@@ -88,7 +90,8 @@ std::string describe_names(const MessageMember & member, const void * field)
 {
   std::string text;
   for (std::size_t k = 0; k < member.size_function(field); ++k) {
-    text += std::string(k ? ", " : "") + "'" + *static_cast<const std::string *>(member.get_const_function(field, k)) + "'";
+    const auto & name = *static_cast<const std::string *>(member.get_const_function(field, k));
+    text += std::string(k ? ", " : "") + "'" + name + "'";
   }
   return "[" + text + "]";
 }
@@ -161,7 +164,8 @@ std::optional<double> FieldReader::read(const void * message, std::string & erro
     if (!index) {return std::nullopt;}
     const auto count = count_elements(*step.member, at);
     if (*index >= count) {
-      error = "field '" + text_ + "': index " + std::to_string(*index) + " is outside an array of " + std::to_string(count);
+      error = "field '" + text_ + "': index " + std::to_string(*index) + " is outside an array of " +
+        std::to_string(count);
       return std::nullopt;
     }
     if (step.member->get_const_function == nullptr) {  // std::vector<bool>
@@ -215,7 +219,8 @@ std::optional<std::size_t> find_header(const MessageMembers & type)
   const auto * header = find_member(type, "header");
   if (header == nullptr || header->is_array_ || header->type_id_ != types::ROS_TYPE_MESSAGE) {return std::nullopt;}
   const auto & kind = members_of(*header);
-  const bool is_header = !std::strcmp(kind.message_namespace_, "std_msgs::msg") && !std::strcmp(kind.message_name_, "Header");
+  const bool is_header =
+    !std::strcmp(kind.message_namespace_, "std_msgs::msg") && !std::strcmp(kind.message_name_, "Header");
   return is_header ? std::optional<std::size_t>(header->offset_) : std::nullopt;
 }
 

@@ -9,7 +9,7 @@
 #include <rosidl_typesupport_introspection_cpp/message_introspection.hpp>
 #include <std_msgs/msg/header.hpp>
 
-#include "node/parameters.hpp"
+#include "node/signal_parameters.hpp"
 
 namespace ces
 {
@@ -23,7 +23,8 @@ public:
   // Raises UserError if messages of this type have no number at the signal's field.
   FieldReader(const SignalSettings & signal, const MessageMembers & type);
 
-  // The value [SI] in a message; nothing with `error` set if it lacks the joint or element. It allocates in that case only.
+  // The value [SI] in a message; nothing with `error` set if it lacks the joint or element. It allocates in that
+  // case only.
   std::optional<double> read(const void * message, std::string & error) const;
 
 private:

@@ -1,6 +1,5 @@
 #include "node/input_subscriptions.hpp"
 
-#include <new>
 #include <utility>
 
 #include <rclcpp/generic_subscription.hpp>
@@ -9,55 +8,11 @@
 
 #include "core/arrival_clock.hpp"
 #include "model/message_types.hpp"
+#include "node/message_memory.hpp"
 #include "node/user_error.hpp"
 
 namespace ces
 {
-namespace
-{
-
-// Memory of one message that is used again, so that its strings and arrays are allocated once.
-template<typename Message>
-class ReusedMessage : public rclcpp::message_memory_strategy::MessageMemoryStrategy<Message>
-{
-public:
-  std::shared_ptr<Message> borrow_message() override
-  {
-    if (message_.use_count() != 1) {message_ = std::make_shared<Message>();}
-    return message_;
-  }
-
-private:
-  std::shared_ptr<Message> message_;
-};
-
-// A message of a type that is known at run time only.
-class AnyMessage
-{
-public:
-  explicit AnyMessage(const MessageMembers & type)
-  : type_(type), memory_(::operator new(type.size_of_, std::align_val_t(alignof(std::max_align_t))))
-  {
-    type_.init_function(memory_, rosidl_runtime_cpp::MessageInitialization::ALL);
-  }
-
-  AnyMessage(const AnyMessage &) = delete;
-  AnyMessage & operator=(const AnyMessage &) = delete;
-
-  ~AnyMessage()
-  {
-    type_.fini_function(memory_);
-    ::operator delete(memory_, std::align_val_t(alignof(std::max_align_t)));
-  }
-
-  void * memory() {return memory_;}
-
-private:
-  const MessageMembers & type_;
-  void * memory_;
-};
-
-}  // namespace
 
 // One topic with the readers of its signals.
 class InputSubscriptions::Topic
@@ -201,7 +156,8 @@ void InputSubscriptions::create_subscription(const SignalSettings & signal, cons
   const auto * handle = rclcpp::get_message_typesupport_handle(signal.type, "rosidl_typesupport_cpp", *library);
   const auto message = std::make_shared<AnyMessage>(topic->members());
   const auto take = [topic = topic.get(), library, message, serialization = rclcpp::SerializationBase(handle),
-      on_failure = on_failure_](std::shared_ptr<const rclcpp::SerializedMessage> bytes, const rclcpp::MessageInfo & info) {
+      on_failure = on_failure_](
+    std::shared_ptr<const rclcpp::SerializedMessage> bytes, const rclcpp::MessageInfo & info) {
       try {
         serialization.deserialize_message(bytes.get(), message->memory());
       } catch (const std::exception & error) {

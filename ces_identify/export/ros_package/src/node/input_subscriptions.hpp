@@ -28,16 +28,16 @@ using OnError = std::function<void(const std::string &)>;
 class InputSubscriptions
 {
 public:
-  // Queues hold `depth` messages. `on_failure` is called with unexpected errors; no message can throw out of a callback.
+  // Queues hold `depth` messages. `on_failure` is called with unexpected errors; no message throws out of a callback.
   InputSubscriptions(rclcpp::Node & node, const NodeClock & clock, std::size_t depth, OnError on_failure);
   ~InputSubscriptions();
 
   // Forget the delays of messages, as after a time jump.
   void reset();
 
-  // Deliver each sample of `signal`, or the error that makes a message unreadable; return whether it is stamped.
-  // A sample without a stamp is stamped with its arrival (ArrivalClock). Signals in one message are delivered in the order of their
-  // subscriptions. Raises UserError if topic, type or field is wrong.
+  // Deliver each sample of `signal`, or the error that makes a message unreadable; return whether it is stamped. A
+  // sample without a stamp is stamped with its arrival (ArrivalClock). Signals in one message are delivered in the
+  // order of their subscriptions. Raises UserError if topic, type or field is wrong.
   bool subscribe(const SignalSettings & signal, Deliver deliver, OnError on_unreadable);
 
   // The losses on a subscribed signal's topic, as far as they are known.

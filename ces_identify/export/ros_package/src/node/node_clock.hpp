@@ -16,7 +16,8 @@ namespace ces
 class NodeClock
 {
 public:
-  // `on_jump` is called with a line of text after each time jump.
+  // `on_jump` is called with a line of text after each time jump. Simulated time is 0 until its first /clock
+  // message, which is no jump: samples may arrive before it.
   NodeClock(rclcpp::Node & node, std::function<void(const std::string &)> on_jump)
   : clock_(node.get_clock()), on_jump_(std::move(on_jump)),
     wall_(read_clock(CLOCK_REALTIME), read_clock(CLOCK_MONOTONIC))
@@ -52,7 +53,7 @@ private:
       on_jump_("simulated time was switched on");
     } else if (jump.clock_change == RCL_ROS_TIME_DEACTIVATED) {
       on_jump_("simulated time was switched off");
-    } else {
+    } else if (now() != jump.delta.nanoseconds) {
       on_jump_("simulated time jumped by " + format_number("%+.3f", to_s(jump.delta.nanoseconds)) + " s");
     }
   }

@@ -1,7 +1,8 @@
 // The observer node: piston position and valve current in, estimated damping force out on ~/estimate.
 //
-// The position samples drive it. A timer checks for silence and publishes /diagnostics, which name the reason for each
-// withheld force. The node resumes by itself. All its callbacks are in one mutually exclusive group, /clock included.
+// The position samples drive it. A timer checks for silence and publishes /diagnostics, which name the reason for
+// each withheld force. The node resumes by itself. All its callbacks are in one mutually exclusive group, /clock
+// included.
 #ifndef NODE__OBSERVER_NODE_HPP_
 #define NODE__OBSERVER_NODE_HPP_
 

@@ -2,26 +2,16 @@
 #ifndef NODE__PARAMETERS_HPP_
 #define NODE__PARAMETERS_HPP_
 
-#include <optional>
 #include <string>
 #include <vector>
 
 #include <rclcpp/node.hpp>
 
+#include "node/signal_parameters.hpp"
 #include "process/real_time.hpp"
 
 namespace ces
 {
-
-// A signal: where it is, and how it becomes a value in SI units; or its constant value.
-struct SignalSettings
-{
-  std::string name, topic, type, field;
-  double scale = 1.0, offset = 0.0;
-  std::optional<double> constant;
-
-  bool is_set() const {return constant || !topic.empty();}
-};
 
 struct Settings
 {

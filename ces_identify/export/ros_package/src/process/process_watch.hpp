@@ -19,8 +19,8 @@ public:
   explicit ProcessWatch(RealTimeOptions options)
   : options_(std::move(options)) {}
 
-  // Put the options in force, the first time, and count; call it in the executor, once a second. Returns a warning, empty
-  // if there is none. By the first call all threads of the executor and of DDS run.
+  // Put the options in force, the first time, and count; call it in the executor, once a second. Returns a warning,
+  // empty if there is none. By the first call all threads of the executor and of DDS run.
   std::string update()
   {
     std::string warning;

@@ -1,7 +1,8 @@
 // Real-time options of this process: SCHED_FIFO, processors and locked memory; what is not permitted is a warning.
 //
-// All threads of the process are set, those of DDS with it: its receiving thread must read a datagram before the kernel's
-// buffer is full, so it gets the next higher priority. Threads and processes that start later are ordinary ones.
+// All threads of the process are set, those of DDS with it: its receiving thread must read a datagram before the
+// kernel's buffer is full, so it gets the next higher priority. Threads and processes that start later are ordinary
+// ones.
 #ifndef PROCESS__REAL_TIME_HPP_
 #define PROCESS__REAL_TIME_HPP_
 
