@@ -125,13 +125,13 @@ def lossless_node(namespace: str) -> dict[str, str]:
 def play(path: Path, topics: Iterable[str], *options: str) -> None:
     """Play a bag to its end."""
     words = ["ros2", "bag", "play", str(path), "--disable-keyboard-controls", *keep_all(path, topics), *options]
-    subprocess.run(words, cwd=ROOT, capture_output=True, check=True, timeout=60.0)
+    subprocess.run(words, cwd=ROOT, capture_output=True, check=True, timeout=120.0)
 
 
 def run_ces(*words: object) -> subprocess.CompletedProcess[str]:
     """Run the program `ces` of this checkout."""
     command = [sys.executable, "-m", "ces_cli.main", *map(str, words)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60.0)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120.0)
 
 
 def assert_published(values: Mapping[int, float], stamps_ns: np.ndarray, recorded: np.ndarray) -> None:
