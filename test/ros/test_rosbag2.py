@@ -57,6 +57,7 @@ KILLED = {  # and the least share of the samples that must have been stored
     "killed zstd_fast": (("--storage-preset-profile", "zstd_fast"), 0.5),
     "killed by message": (BY_MESSAGE, 0.5),
     "killed split, by file": ((*BY_FILE, "--max-bag-duration", "1"), 0.4),
+    "killed sqlite": (SQLITE, 0.8),
     "killed sqlite resilient": ((*SQLITE, "--storage-preset-profile", "resilient"), 0.8),
 }
 
