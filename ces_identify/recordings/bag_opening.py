@@ -35,8 +35,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 def _open(path: Path, opened: ExitStack) -> Bag:
     if path.is_dir() and not (path / METADATA).exists():
-        if not list_data_files(path):
-            raise RecordingError(f"{path}: the folder has no {METADATA} and no .mcap or .db3 file; expected a bag")
+        _require_data(path)
         return opened.enter_context(open_interrupted_bag(path))
     try:
         reader = Reader(path)
@@ -47,6 +46,18 @@ def _open(path: Path, opened: ExitStack) -> Bag:
         raise _open_error(path, error) from None
     opened.callback(reader.close)
     return Bag(path, _stored_topics(reader.connections), tuple(_data_files(path, reader)))
+
+
+def _require_data(path: Path) -> None:
+    """Raise RecordingError if a folder without metadata has no data."""
+    if list_data_files(path):
+        return
+    if any(path.glob("*.mcap")):
+        raise RecordingError(
+            f"{path}: the recorder was killed before its first chunk was stored; nothing can be recovered: record again"
+            " (--storage-preset-profile fastwrite stores each message at once)"
+        )
+    raise RecordingError(f"{path}: the folder has no {METADATA} and no .mcap or .db3 file; expected a bag")
 
 
 def _open_reindexed(path: Path, opened: ExitStack) -> Bag | None:

@@ -14,9 +14,7 @@ import numpy as np
 from ces_identify.recordings.recording import Channel, Stamps
 
 MAX_LATE_NS = 100_000_000  # measured: 1 to 9 ms, 2 to 8 threads on two busy cores; a thread may miss several slices
-MIN_JUMP = (
-    4  # late samples in a row, and intervals by which they are late, from which a jump of the clock is looked for
-)
+MIN_JUMP = 4  # late samples in a row, and late by as many intervals: fewer may be chance
 MAX_DENSITY = 1.5  # of the samples where late ones belong, in that around them; a clock that jumps back makes it 2
 AROUND_NS = 500_000_000
 

@@ -25,9 +25,8 @@ from ces_observer.signals import Signals
 TOPICS = {"position": "joint_states", "current": "stamped_current", "force": "measured_force"}
 TYPES = {"position": JointState, "current": Temperature, "force": WrenchStamped}
 MS = 1_000_000
-KEEP_ALL = (
-    "{history: keep_all, reliability: reliable, durability: volatile}"  # the recorder loses nothing on a busy computer
-)
+LOSSLESS = {"reliability": "reliable", "history": "keep_all"}  # the recorder or player is slowed down instead
+KEEP_ALL = "{history: keep_all, reliability: reliable, durability: volatile}"
 
 
 def require_rosbag2() -> None:
@@ -94,9 +93,7 @@ class Recorder:
 
     def __init__(self, path: Path, topics: Sequence[str], options: Iterable[str]) -> None:
         self.path = path
-        profiles = path.with_suffix(".qos.yaml")
-        profiles.write_text("".join(f"{topic}: {KEEP_ALL}\n" for topic in topics))
-        words = ["ros2", "bag", "record", "-o", str(path), "--qos-profile-overrides-path", str(profiles)]
+        words = ["ros2", "bag", "record", "-o", str(path), *keep_all(path, topics)]
         self._process = NodeProcess([*words, *options, *topics])
 
     def ends(self, number: signal.Signals) -> None:
@@ -108,16 +105,33 @@ class Recorder:
         self._process.kill()
 
 
-def play(path: Path, *options: str) -> str:
-    """Play a bag to its end; return the output."""
-    words = ["ros2", "bag", "play", str(path), "--disable-keyboard-controls", *options]
-    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60.0).stdout
+def keep_all(path: Path, topics: Iterable[str]) -> tuple[str, str]:
+    """Return the options with which a recorder or player of the bag `path` loses nothing, on a busy computer either."""
+    profiles = path.with_suffix(".qos.yaml")
+    profiles.write_text("".join(f"{topic}: {KEEP_ALL}\n" for topic in topics))
+    return "--qos-profile-overrides-path", str(profiles)
+
+
+def lossless_node(namespace: str) -> dict[str, str]:
+    """Return parameters with which the observer loses none of the inputs that a player keeps all of."""
+    ends = [("joint_states", "subscription"), ("stamped_current", "subscription"), ("observer/estimate", "publisher")]
+    return {
+        f"qos_overrides.{namespace}/{topic}.{end}.{policy}": value
+        for topic, end in ends
+        for policy, value in LOSSLESS.items()
+    }
+
+
+def play(path: Path, topics: Iterable[str], *options: str) -> None:
+    """Play a bag to its end."""
+    words = ["ros2", "bag", "play", str(path), "--disable-keyboard-controls", *keep_all(path, topics), *options]
+    subprocess.run(words, cwd=ROOT, capture_output=True, check=True, timeout=120.0)
 
 
 def run_ces(*words: object) -> subprocess.CompletedProcess[str]:
     """Run the program `ces` of this checkout."""
     command = [sys.executable, "-m", "ces_cli.main", *map(str, words)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60.0)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120.0)
 
 
 def assert_published(values: Mapping[int, float], stamps_ns: np.ndarray, recorded: np.ndarray) -> None:

@@ -21,6 +21,7 @@ from bag_recorders import (
     Recorder,
     assert_published,
     described_signals,
+    lossless_node,
     play,
     require_rosbag2,
     run_ces,
@@ -28,7 +29,7 @@ from bag_recorders import (
 )
 from conftest import new_namespace
 from node_process import NodeProcess
-from vehicle import JOINT, Vehicle, reliable_inputs, stamp_of, wait
+from vehicle import JOINT, Vehicle, stamp_of, wait
 
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.checks import findings
@@ -56,6 +57,7 @@ KILLED = {  # and the least share of the samples that must have been stored
     "killed zstd_fast": (("--storage-preset-profile", "zstd_fast"), 0.5),
     "killed by message": (BY_MESSAGE, 0.5),
     "killed split, by file": ((*BY_FILE, "--max-bag-duration", "1"), 0.4),
+    "killed sqlite": (SQLITE, 0.8),
     "killed sqlite resilient": ((*SQLITE, "--storage-preset-profile", "resilient"), 0.8),
 }
 
@@ -143,7 +145,7 @@ def test_the_programs_read_them_all_alike(experiment: tuple[Experiment, dict[str
         assert min(channel["count"] for channel in recording["channels"].values()) > 0.4 * 1000 * SECONDS
 
 
-@pytest.mark.parametrize("options", [(), ("--rate", "10"), ("--clock", "100"), ("--clock", "1000", "--rate", "10")])
+@pytest.mark.parametrize("options", [(), ("--rate", "10"), ("--clock", "1000", "--rate", "10")])
 def test_playing_a_bag_equals_the_offline_replay(
     experiment: tuple[Experiment, dict[str, Recorder]], options: tuple[str, ...], model_path: Path, tmp_path: Path
 ) -> None:
@@ -159,13 +161,13 @@ def test_playing_a_bag_equals_the_offline_replay(
         "current.topic": "stamped_current",
         "current.type": "sensor_msgs/msg/Temperature",
         "current.field": "temperature",
-        **reliable_inputs(namespace, ["joint_states", "stamped_current"]),
+        **lossless_node(namespace),
     }
     node = NodeProcess.from_source(namespace, given)
     try:
         with Vehicle(namespace) as vehicle:
             vehicle.meets_node()
-            play(path, "--delay", "1", "--remap", f"/clock:={namespace}/clock", *options)
+            play(path, published.topics, "--delay", "1", "--remap", f"/clock:={namespace}/clock", *options)
             wait(lambda: len(vehicle.estimates) >= len(expected), f"{len(expected)} estimates", 30.0)
             vehicle.hears_value("jumps of time", "0, the last: none")
             heard = {stamp_of(m): (m.position[0], m.velocity[0], m.effort[0]) for m in vehicle.estimates}

@@ -137,6 +137,8 @@ def test_metadata_that_was_written_afterwards_must_count_what_is_there(tmp_path,
 
 
 def test_folder_without_anything_of_a_bag(tmp_path):
-    (tmp_path / "run_0.mcap").touch()
     with pytest.raises(RecordingError, match=r"the folder has no metadata\.yaml and no \.mcap or \.db3 file"):
+        read(tmp_path)
+    (tmp_path / "run_0.mcap").touch()
+    with pytest.raises(RecordingError, match=r"killed before its first chunk was stored; .* record again"):
         read(tmp_path)
