@@ -65,8 +65,8 @@ def describe_noise(found: Runs, options: argparse.Namespace, began: float) -> st
     runs = [run for several in found.values() for run in several]
     priority = f"SCHED_FIFO {runs[0].priority}" if runs[0].priority else "ordinary priority"
     return (
-        f"{options.rounds} rounds of {options.seconds:g} s each after {options.warm_up:g} s of warm-up: median over the "
-        f"rounds, in brackets their range. The generator, under {priority}, woke up "
+        f"{options.rounds} rounds of {options.seconds:g} s each after {options.warm_up:g} s of warm-up: median over "
+        f"the rounds, in brackets their range. The generator, under {priority}, woke up "
         f"{median_range(runs, 'late_p50_us').text()} µs late in the median and "
         f"{median_range(runs, 'late_p99_us').text()} µs at its p99. Load of the machine {began:.1f} before."
     )

@@ -32,13 +32,21 @@ def build_programs() -> Path:
 def build_twin(model: Path) -> Path:
     """Export `model` as a ROS package and build it; return its executable. Raises BuildError."""
     workspace = FOLDER / "twin"
-    source = workspace / "src" / TWIN
-    shutil.rmtree(source, ignore_errors=True)
-    source.parent.mkdir(parents=True, exist_ok=True)
-    _run([sys.executable, "-m", "ces_cli.main", "export", str(model), "--ros-package", str(source)])
+    written = workspace / "written" / TWIN  # beside src, where colcon would find it twice
+    shutil.rmtree(written, ignore_errors=True)
+    written.parent.mkdir(parents=True, exist_ok=True)
+    (written.parent / "COLCON_IGNORE").touch()
+    _run([sys.executable, "-m", "ces_cli.main", "export", str(model), "--ros-package", str(written)])
+    shutil.copytree(written, workspace / "src" / TWIN, copy_function=_copy_changed, dirs_exist_ok=True)
     flags = ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF"]
     _run(["colcon", "build", *flags], workspace)
     return workspace / "install" / TWIN / "lib" / TWIN / "observer"
+
+
+def _copy_changed(source: str, target: str) -> None:
+    """Copy a file unless it is the same, which would be compiled again."""
+    if not Path(target).exists() or Path(source).read_bytes() != Path(target).read_bytes():
+        shutil.copyfile(source, target)
 
 
 def _run(command: Sequence[str], folder: Path = ROOT) -> None:

@@ -25,7 +25,7 @@ OF_THE_NODE = (
         "input_depth",
         INPUT_DEPTH,
         "messages that wait in the queue of each input while the node stalls; at least the highest rate times the "
-        "longest stall. Full queues lose the oldest. Up to 0.5 kB of memory each, used only in a stall",
+        "longest stall. Full queues lose the oldest. About 0.3 kB of memory each, used only in a stall",
         lowest=1,
         highest=100_000,
     ),

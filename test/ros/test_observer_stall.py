@@ -1,0 +1,72 @@
+"""A node that stalls: what queued up meanwhile is estimated in order, each sample at its own stamp."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+
+import pytest
+from node_process import NodeProcess
+from replay import offline
+from vehicle import Vehicle, stamp_of, stroke, wait
+
+from ces_observer.nodes.executors import AUTO, SINGLE
+
+STALL_S = 0.6  # longer than a current without a stamp is held, 0.2 s
+CURRENT_A = 0.5
+
+
+def stall(node: NodeProcess, seconds: float = STALL_S) -> None:
+    """Stop the node's process for a while."""
+    node.interrupt(signal.SIGSTOP)
+    time.sleep(seconds)
+    node.interrupt(signal.SIGCONT)
+
+
+@pytest.mark.parametrize("executor", [AUTO, SINGLE])
+def test_every_sample_of_a_stall_is_estimated_late_but_right(
+    vehicle: Vehicle, start: Callable[..., NodeProcess], executor: str
+) -> None:
+    node = start(executor=executor, max_age_s=0.0)
+    vehicle.meets_node()
+    with vehicle.driving():
+        wait(lambda: len(vehicle.estimates) > 200, "estimates before the stall")
+        stall(node)
+        time.sleep(0.3)
+    wait(lambda: stamp_of(vehicle.estimates[-1]) == vehicle.driven[-1], "the last estimate", 30.0)
+    estimates = list(vehicle.estimates)
+    assert vehicle.stamps() == vehicle.driven[vehicle.driven.index(vehicle.stamps()[0]) :]
+    positions = [(stamp, stroke(stamp % 10**12 * 1e-9)) for stamp in vehicle.driven]
+    expected = offline(positions, [(0, CURRENT_A)])
+    worst = max(abs(expected[stamp_of(one)][2] - one.effort[0]) for one in estimates if stamp_of(one) in expected)
+    assert worst < 1e-3 * max(abs(one.effort[0]) for one in estimates)  # the node's first sample may be a later one
+
+
+def test_what_a_full_queue_loses_is_counted(vehicle: Vehicle, start: Callable[..., NodeProcess]) -> None:
+    node = start(input_depth=100)
+    vehicle.meets_node()
+    with vehicle.driving():
+        wait(lambda: len(vehicle.estimates) > 200, "estimates before the stall")
+        stall(node)
+        vehicle.hears("dropped by this node's queue: set input_depth higher", level=None)
+    lost = [v.value for s in vehicle.statuses for v in s.values if v.key == "position: dropped, in this node's queue"]
+    assert 300 <= int(lost[-1]) <= 600
+
+
+def test_options_in_force_are_in_the_diagnostics(vehicle: Vehicle, start: Callable[..., NodeProcess]) -> None:
+    start(cpu_affinity="[0]")
+    assert vehicle.hears_value("processors", "0") == "0"
+    assert vehicle.hears_value("memory locked", "no") == "no"
+
+
+def test_an_impossible_option_is_one_warning_and_the_node_runs(
+    vehicle: Vehicle, start: Callable[..., NodeProcess]
+) -> None:
+    node = start(cpu_affinity="[4000]")
+    vehicle.hears("no position samples arrive")
+    assert vehicle.hears_value("scheduling", "SCHED_") == "SCHED_OTHER"
+    node.interrupt()
+    status, output = node.ended()
+    assert status == 0
+    assert output.count("cpu_affinity 4000 is not possible") == 1
