@@ -20,7 +20,7 @@ F = NDArray[np.float64]
 
 INTERVAL_S = 1e-3  # [s] grid of all designed experiments
 HEADER = "time_s,stroke_m,current_A"
-FORMAT = ("%.4f", "%.8f", "%.5f")
+FORMAT = ("%.4f", "%.9f", "%.5f")
 
 
 @dataclass(frozen=True)

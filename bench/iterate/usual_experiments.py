@@ -1,4 +1,4 @@
-"""The experiments that `ces iterate` is compared with, and the recordings that judge: for any damper of the virtual rig.
+"""The experiments that `ces iterate` is compared with and the recordings that judge, for any damper of the virtual rig.
 
 The packaged descriptions are used as they are; their currents, 0.29 to 0.7 A, are mapped to the damper's own range.
 """

@@ -113,8 +113,9 @@ class Iterations:
         commands = step.read_commands()
         if commands is None:
             self.listener.begin(step.number, "designing the experiment")
-            commands = self._design(step.number)
-            step.write_commands(commands)
+            step.write_commands(self._design(step.number))
+            commands = step.read_commands()  # with the file's digits, as after an interruption
+            assert commands is not None
         if self.plan.experiments.kind == REPEATED:
             self._repeated = commands
         return self.plan.limits.require_within(commands)

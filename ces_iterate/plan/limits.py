@@ -16,7 +16,7 @@ from ces_rig.descriptions import REQUIRED, quantity
 
 F = NDArray[np.float64]
 
-TOLERANCE = 1e-6  # relative: rounding of the file's digits
+TOLERANCE = 1e-4  # relative, and in amperes: rounding of the file's digits
 
 
 @dataclass(frozen=True)
