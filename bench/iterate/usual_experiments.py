@@ -67,6 +67,12 @@ def judging_recordings(rig: VirtualRig, seed: int, run: Any) -> dict[str, Record
     }
 
 
+def kindred_commands(rig: VirtualRig, seed: int, duration_s: float) -> list[Commands]:
+    """Return experiments of the judging kinds, with other seeds than those that judge."""
+    names = ("road", "sine_4hz", "sine_12hz", "fm_binary")
+    return [packaged_commands(name, rig, 100 * seed + 80 + k, duration_s) for k, name in enumerate(names)]
+
+
 def limits_of(commands: Sequence[Commands], rig: VirtualRig) -> RigLimits:
     """Return the limits that these commands reach, with the sweep's highest frequency."""
     motions = [one.motion() for one in commands]
