@@ -36,7 +36,7 @@ from ces_identify.identification import identify
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures.auto import default_sizes
 from ces_identify.structures.registry import KITS
-from ces_iterate.commands import Commands
+from ces_iterate.commands import RigCommands
 from ces_iterate.design.designer import DesignTask, design_experiment
 from ces_iterate.design.features import draw_features
 from ces_iterate.design.information import Information
@@ -102,7 +102,7 @@ def compare(case: DesignCase) -> tuple[DesignCase, Costs, float]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
 
-        def record(commands: Commands) -> Recording:
+        def record(commands: RigCommands) -> Recording:
             return rig.run(commands, folder)
 
         usual = usual_commands(rig, case.seed, TOTAL_S, None)
@@ -141,7 +141,7 @@ def make_plan(limits: RigLimits, identify: IdentifyPlan, seed: int) -> Plan:
     return Plan("bench", Path(), limits, {}, seed, ExperimentPlan(duration_s=EXPERIMENT_S), stop, identify)
 
 
-def random_commands(limits: RigLimits, seed: int) -> list[Commands]:
+def random_commands(limits: RigLimits, seed: int) -> list[RigCommands]:
     """Return experiments drawn from the same family, without a choice."""
     features = draw_features(seed)
     targets = features.at(draw_pool(limits, seed).state)

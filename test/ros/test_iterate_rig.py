@@ -18,7 +18,7 @@ from party import Party
 from std_msgs.msg import Float64
 from vehicle import wait
 
-from ces_iterate.commands import INTERVAL_S, Commands
+from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.errors import IterateError
 from ces_iterate.live.topic_rig import TopicRig
 from ces_iterate.rigs.kinds import RosRigSettings
@@ -29,7 +29,7 @@ SAFE_A = 0.35
 DEVIATION_M, SILENCE_S = 0.03, 5.0  # a busy computer holds the rig up
 
 
-class Listener(Party):
+class SetPointListener(Party):
     """Hears the set points."""
 
     def __init__(self, namespace: str) -> None:
@@ -38,10 +38,10 @@ class Listener(Party):
         self.node.create_subscription(Float64, "valve_command", lambda m: self.currents.append(m.data), 1000)
 
 
-def make_commands() -> Commands:
+def make_commands() -> RigCommands:
     time_s = np.arange(round(2.0 / INTERVAL_S) + 1) * INTERVAL_S
     fade = np.minimum(1.0, np.minimum(time_s, 2.0 - time_s) / 0.4) ** 3
-    return Commands("experiment", 0.01 * fade * np.sin(2 * np.pi * 2.0 * time_s), np.where(time_s < 1.0, 0.3, 0.7))
+    return RigCommands("experiment", 0.01 * fade * np.sin(2 * np.pi * 2.0 * time_s), np.where(time_s < 1.0, 0.3, 0.7))
 
 
 def make_rig(namespace: str, **changes: object) -> TopicRig:
@@ -73,7 +73,7 @@ def namespace() -> Iterator[str]:
     parameters = {"drive": "set_points", "stamped_current": True, "noise": 0.1, "command_timeout_s": 2.0}
     process = NodeProcess([sys.executable, "-m", "ces_rig.live.node", *ros_args(name, parameters)])
     try:
-        with Listener(name) as listener:
+        with SetPointListener(name) as listener:
             wait(lambda: listener.node.count_subscribers(f"{name}/stroke_command") > 0, "the rig starts", START_S)
             yield name
     finally:
@@ -82,7 +82,7 @@ def namespace() -> Iterator[str]:
 
 def test_the_rig_does_what_was_asked_and_is_left_with_the_safe_current(namespace: str, tmp_path: Path) -> None:
     commands = make_commands()
-    with Listener(namespace) as listener:
+    with SetPointListener(namespace) as listener:
         recording = make_rig(namespace).run(commands, tmp_path)
         wait(lambda: len(listener.currents) > 5, "the last set points arrive")
         assert listener.currents[-1] == SAFE_A
@@ -97,7 +97,7 @@ def test_the_rig_does_what_was_asked_and_is_left_with_the_safe_current(namespace
 
 def test_a_rig_that_does_not_follow_is_broken_off_and_left_safe(namespace: str, tmp_path: Path) -> None:
     """Set points on a topic that nothing obeys: here the rig's strokes go to another subscriber."""
-    with Listener(namespace) as listener:
+    with SetPointListener(namespace) as listener:
         listener.node.create_subscription(Float64, "elsewhere", lambda message: None, 10)
         rig = make_rig(namespace, stroke_topic=f"{namespace}/elsewhere", deviation_m=0.004)
         with pytest.raises(IterateError, match="mm from its set points"):
@@ -120,7 +120,7 @@ def test_ctrl_c_stops_the_program_and_the_same_command_goes_on(namespace: str, t
         "identify: {structure: relaxation, starts: 1, threads: 1}\n"
     )
     command = [sys.executable, "-m", "ces_cli.main", "iterate", str(tmp_path / "plan.yaml")]
-    with Listener(namespace) as listener:
+    with SetPointListener(namespace) as listener:
         first = NodeProcess(command)
         wait((tmp_path / "plan" / "iteration_01" / "commands.csv").exists, "the design", 60.0)
         wait(lambda: max(listener.currents, default=0.0) > 0.65, "the experiment runs", 20.0)
