@@ -1,0 +1,142 @@
+"""Limits of a command, and the projection that keeps them: any command goes in, the nearest allowed one comes out.
+
+Stroke, speed and acceleration of a sampled command are its values and its first and second differences. All their
+bounds are linear, so the allowed commands are a convex set: projecting onto it never enlarges the distance between two
+commands, and a contraction stays one (Boyd, Vandenberghe 2004, section 8.1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from ces_iterate.stroke.errors import StrokeError
+from ces_rig.descriptions import quantity
+
+Array = NDArray[np.float64]
+
+MARGIN = 2e-3  # share of each limit kept free for the inexactness of the projection
+PASSES = 400  # of the projection's splitting
+NEAR = 1e-9  # relative rounding of a peak
+
+
+@dataclass(frozen=True)
+class StrokeLimits:
+    """What a command may do: position either side of mid-stroke, speed, acceleration."""
+
+    stroke_m: float = quantity(0.050, "m", "largest distance of the command from mid-stroke", 1e-4, 0.5)
+    speed_m_s: float = quantity(1.5, "m/s", "largest speed of the command", 1e-3, 20.0)
+    acceleration_m_s2: float = quantity(200.0, "m/s²", "largest acceleration of the command", 0.1, 5e3)
+
+    def require_allowed(self, command_m: Array, interval_s: float, what: str) -> None:
+        """Raise StrokeError naming the first limit that `command_m` (n,) breaks; `what` begins the message."""
+        for name, peak, limit in zip(NAMES, measure_peaks(command_m, interval_s), self.as_tuple(), strict=True):
+            if peak > limit * (1.0 + NEAR):
+                unit = name.rpartition(" ")[2]
+                text = f"{what}: its {name.partition(' ')[0]} reaches {peak:.4g} {unit}, the limit is {limit:g} {unit}"
+                raise StrokeError(f"{text}; choose a gentler stroke or, if the rig allows it, a wider limit")
+
+    def as_tuple(self) -> tuple[float, float, float]:
+        """Return stroke [m], speed [m/s] and acceleration [m/s²]."""
+        return self.stroke_m, self.speed_m_s, self.acceleration_m_s2
+
+
+NAMES = ("stroke m", "speed m/s", "acceleration m/s²")
+
+
+def measure_peaks(command_m: Array, interval_s: float) -> tuple[float, float, float]:
+    """Return the largest magnitudes of position [m], speed [m/s] and acceleration [m/s²] of a command (n,)."""
+    first, second = np.diff(command_m), np.diff(command_m, 2)
+    peaks = (np.abs(values).max(initial=0.0) for values in (command_m, first / interval_s, second / interval_s**2))
+    return tuple(map(float, peaks))  # type: ignore[return-value]
+
+
+def project_command(
+    wanted_m: Array, last_m: Array, interval_s: float, limits: StrokeLimits, step_m: float
+) -> tuple[Array, float]:
+    """Return the allowed command (n,) nearest to `wanted_m`, at most `step_m` from `last_m`, and the share changed.
+
+    `last_m` must be allowed. The nearest command is found by operator splitting (ADMM) to within MARGIN of the limits;
+    a blend with `last_m` then keeps them exactly, because the allowed commands are convex. The share is that of the
+    samples moved by more than 1 % of the largest move.
+    """
+    bounds = _bounds(last_m, interval_s, limits, step_m)
+    if _inside(wanted_m, bounds):
+        return wanted_m, 0.0
+    free = _bounds(last_m, interval_s, _shrink(limits, 1.0 - MARGIN), step_m)
+    near = _split(wanted_m, free)
+    command = last_m + _largest_share(last_m, near - last_m, bounds) * (near - last_m)
+    moved = np.abs(command - wanted_m)
+    return command, float(np.mean(moved > 0.01 * moved.max()))
+
+
+Bounds = tuple[tuple[Array, Array], ...]  # of the command and of its first and second difference: low and high
+
+
+def _bounds(last_m: Array, interval_s: float, limits: StrokeLimits, step_m: float) -> Bounds:
+    n, (stroke, speed, acceleration) = len(last_m), limits.as_tuple()
+    box = np.maximum(last_m - step_m, -stroke), np.minimum(last_m + step_m, stroke)
+    steps, bends = np.full(n - 1, speed * interval_s), np.full(n - 2, acceleration * interval_s**2)
+    return (box, (-steps, steps), (-bends, bends))
+
+
+def _shrink(limits: StrokeLimits, factor: float) -> StrokeLimits:
+    return StrokeLimits(*(factor * limit for limit in limits.as_tuple()))
+
+
+def _inside(command_m: Array, bounds: Bounds) -> bool:
+    rows = (command_m, np.diff(command_m), np.diff(command_m, 2))
+    return all(bool(((low <= r) & (r <= high)).all()) for r, (low, high) in zip(rows, bounds, strict=True))
+
+
+def _largest_share(start: Array, move: Array, bounds: Bounds) -> float:
+    """Return the largest factor up to 1 by which `move` may be added to the allowed `start`."""
+    share = 1.0
+    for order, (low, high) in enumerate(bounds):
+        at, change = np.diff(start, order), np.diff(move, order)
+        room = np.where(change > 0.0, high - at, at - low)
+        active = np.abs(change) > 0.0
+        share = min(share, float((np.maximum(room, 0.0)[active] / np.abs(change)[active]).min(initial=1.0)))
+    return share
+
+
+def _split(wanted: Array, bounds: Bounds) -> Array:
+    """Return argmin |u - wanted|² within the bounds, by ADMM; rows are scaled so that each difference has norm 1."""
+    scale = (1.0, 0.5, 0.25)
+    weights = (1.0, 30.0, 300.0)
+    factor = _factorise(len(wanted), scale, weights)
+    z = [np.clip(s * np.diff(wanted, k), s * bounds[k][0], s * bounds[k][1]) for k, s in enumerate(scale)]
+    dual = [np.zeros_like(part) for part in z]
+    u = wanted
+    for _ in range(PASSES):
+        right = wanted.copy()
+        for k, (s, w) in enumerate(zip(scale, weights, strict=True)):
+            right += w * s * _transpose(z[k] - dual[k], k)
+        u = cho_solve_banded((factor, True), right)
+        for k, s in enumerate(scale):
+            row = s * np.diff(u, k)
+            z[k] = np.clip(row + dual[k], s * bounds[k][0], s * bounds[k][1])
+            dual[k] += row - z[k]
+    return np.asarray(u)
+
+
+def _factorise(n: int, scale: tuple[float, ...], weights: tuple[float, ...]) -> Array:
+    """Return the banded Cholesky factor of I + sum of w s² D'D, lower form (3, n)."""
+    band = np.zeros((3, n))
+    band[0] = 1.0
+    for k, (s, w) in enumerate(zip(scale, weights, strict=True)):
+        stencil = np.array(([1.0], [-1.0, 1.0], [1.0, -2.0, 1.0])[k])
+        for i, a in enumerate(stencil):
+            for j, b in enumerate(stencil[: i + 1]):
+                band[i - j, j : n - k + j] += w * s * s * a * b
+    return np.asarray(cholesky_banded(band, lower=True))
+
+
+def _transpose(part: Array, order: int) -> Array:
+    """Return the transpose of the `order`-th difference applied to `part`."""
+    for _ in range(order):
+        part = -np.diff(part, prepend=0.0, append=0.0)
+    return part
