@@ -38,18 +38,29 @@ class CommandedRun:
 
 @dataclass(frozen=True)
 class MeasuredResponse:
-    """Response, relative standard deviation and coherence in bands, each (n,), by the bands' mean frequencies."""
+    """Response, relative standard deviation, coherence and width of bands, each (n,), by their mean frequencies."""
 
     frequency_Hz: Array
     response: ComplexArray
     spread: Array
     coherence: Array
+    width_Hz: Array
 
-    def radius(self, model: ActuatorModel, frequency_Hz: Array) -> Array:
-        """Return by how much the response may differ from `model` (95 %), relative to it; infinite beyond the bands."""
-        off = np.abs(self.response / model.response(self.frequency_Hz) - 1.0) + RADIUS * self.spread
-        inside = np.interp(frequency_Hz, self.frequency_Hz, off)
-        return np.where(frequency_Hz <= self.frequency_Hz[-1], inside, np.inf)
+    def covers(self, frequency_Hz: Array) -> NDArray[np.bool_]:
+        """Return where the response was measured, (n,)."""
+        nearest = np.abs(frequency_Hz[:, np.newaxis] - self.frequency_Hz).argmin(axis=1)
+        return np.abs(frequency_Hz - self.frequency_Hz[nearest]) <= self.width_Hz[nearest]
+
+    def ratio(self, model: ActuatorModel, frequency_Hz: Array) -> ComplexArray:
+        """Return measured over modelled response at the frequencies (n,), 1 where it was not measured."""
+        ratio = self.response / model.response(self.frequency_Hz)
+        parts = (np.interp(frequency_Hz, self.frequency_Hz, part) for part in (ratio.real, ratio.imag))
+        real, imaginary = parts
+        return np.where(self.covers(frequency_Hz), real + 1j * imaginary, 1.0)
+
+    def radius(self, frequency_Hz: Array) -> Array:
+        """Return the relative 95 % radius of the response at the frequencies (n,)."""
+        return RADIUS * np.interp(frequency_Hz, self.frequency_Hz, self.spread)
 
 
 def identify_actuator(runs: Sequence[CommandedRun], to_Hz: float) -> tuple[ActuatorModel, MeasuredResponse]:
@@ -61,7 +72,7 @@ def identify_actuator(runs: Sequence[CommandedRun], to_Hz: float) -> tuple[Actua
 
 
 def measure_response(runs: Sequence[CommandedRun], to_Hz: float, model: ActuatorModel) -> MeasuredResponse:
-    """Return the measured response, estimated relative to a known `model`; raises StrokeError."""
+    """Return the response measured relative to a given `model`; raises StrokeError if the runs do not show it."""
     return _estimate(runs, to_Hz, model)
 
 
@@ -71,17 +82,18 @@ def _estimate(runs: Sequence[CommandedRun], to_Hz: float, model: ActuatorModel) 
     order = np.argsort(frequency, kind="stable")
     frequency, reference, position = frequency[order], reference[order], position[order]
     rows = [
-        (frequency[part].mean(), *_ratio(reference[part], position[part]))
+        (frequency[part].mean(), *_ratio(reference[part], position[part]), np.ptp(frequency[part]))
         for part in _bands(frequency, max(1.0 / (len(r.command_m) * r.interval_s) for r in runs))
     ]
-    found = np.array([row for row in rows if row[3] >= MIN_COHERENCE], dtype=np.complex128).reshape(-1, 4)
+    found = np.array([row for row in rows if row[3] >= MIN_COHERENCE], dtype=np.complex128).reshape(-1, 5)
     if len(found) < MIN_BANDS:
         raise StrokeError(
             f"the actuator's response was found in {len(found)} bands of frequencies; expected at least {MIN_BANDS}: "
             "use a probe (probe: {duration_s: 10}), or give a model"
         )
     at = found[:, 0].real
-    return MeasuredResponse(at, found[:, 1] * model.response(at), found[:, 2].real, found[:, 3].real)
+    spread, coherence, width = found[:, 2:].real.T
+    return MeasuredResponse(at, found[:, 1] * model.response(at), spread, coherence, width)
 
 
 def _lines(run: CommandedRun, to_Hz: float, model: ActuatorModel) -> tuple[Array, ComplexArray, ComplexArray]:

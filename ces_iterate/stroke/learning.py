@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ces_iterate.stroke.actuator_model import ActuatorModel
 from ces_iterate.stroke.alignment import position_on_grid
 from ces_iterate.stroke.errors import StrokeError
-from ces_iterate.stroke.frequency_response import CommandedRun, MeasuredResponse, identify_actuator
+from ces_iterate.stroke.frequency_response import CommandedRun, MeasuredResponse, identify_actuator, measure_response
 from ces_iterate.stroke.learning_filter import LearningFilter, design_filter
 from ces_iterate.stroke.limits import StrokeLimits, measure_peaks, project_command
 from ces_iterate.stroke.probe import make_probe
@@ -43,7 +43,7 @@ class ProbeSettings:
     """The run that identifies the actuator before learning."""
 
     duration_s: float = quantity(10.0, "s", "duration; 0: no probe, the first runs of the stroke identify", 0.0, 600.0)
-    to_Hz: float = quantity(40.0, "Hz", "highest frequency", 2.0, 200.0)
+    to_Hz: float = quantity(60.0, "Hz", "highest frequency", 2.0, 200.0)
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,8 @@ class LearningSettings:
 
     max_iterations: int = quantity(8, "1", "most updates of the command", 1, 50)
     repeats: int = quantity(2, "1", "first runs of the wanted stroke, for the repeatability", 2, 10)
-    stop_at: float = quantity(1.1, "1", "error over repeatability at which learning stops", 1.0, 10.0)
+    stop_at: float = quantity(1.15, "1", "error over repeatability at which learning stops", 1.0, 10.0)
+    correct_model: bool = True  # use the response that the first runs show, where they do, instead of a given model's
     model_tolerance: float = quantity(0.3, "1", "share by which the model may be wrong", 0.0, 0.6)
     step_m: float = quantity(0.010, "m", "largest change of the command from run to run", 1e-6, 0.5)
 
@@ -251,10 +252,11 @@ def _run(rig: StrokeRig, goal: StrokeGoal, command_m: Array, number: int, kind: 
 def _identify(
     goal: StrokeGoal, probe: CommandedRun | None, first: Sequence[LearningRun]
 ) -> tuple[ActuatorModel, MeasuredResponse | None]:
-    if goal.model is not None:
-        return goal.model, None
     runs = [CommandedRun(run.command_m, run.position_m, goal.interval_s) for run in first]
-    return identify_actuator([*runs, probe] if probe else runs, goal.probe.to_Hz)
+    if goal.model is None:
+        return identify_actuator([*runs, probe] if probe else runs, goal.probe.to_Hz)
+    correct = goal.settings.correct_model
+    return goal.model, measure_response(runs, goal.probe.to_Hz, goal.model) if correct else None
 
 
 def _smoothing_edges(frequency: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
