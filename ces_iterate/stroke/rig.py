@@ -1,4 +1,4 @@
-"""The rig as the learner sees it: an experiment with a commanded stroke goes in, a recording comes out.
+"""The rig as the learner sees it: a commanded stroke goes in, a recording of the position comes out.
 
 `StoredRuns` keeps every recording in a folder. A run that is already there is read instead of repeated, so an
 interrupted learning continues where it stopped.
@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Callable
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,68 +25,62 @@ from ces_rig.drive.strokes import Common, Stroke
 
 Array = NDArray[np.float64]
 
+INTERVAL_S = 1e-3  # [s] grid of the commands
 MAX_CHANNELS = 20
 
 
 class StrokeRig(Protocol):
-    """Anything that runs an experiment: the virtual rig, or an adapter to a real one."""
+    """Anything that moves a damper by a commanded stroke: the virtual rig, or an adapter to a real one."""
 
-    def run(self, experiment: virtual.Experiment) -> Recording:
-        """Return the recording, with the channel `position` and, if the rig logs it, `command`."""
+    def run(self, command_m: Array, number: int) -> Recording:
+        """Return the recording of the command (n,), one sample every INTERVAL_S, in the run of this number.
+
+        Its channel `position` is the piston's; `command`, if the rig logs it, says when the command began.
+        """
 
 
-class VirtualRig:
-    """The virtual rig; its actuator is that of the experiment."""
+class VirtualStrokeRig:
+    """The virtual rig: an experiment with its current, damper, sensors and actuator, under other commands."""
 
-    def run(self, experiment: virtual.Experiment) -> Recording:
-        """Return the recording of position, current, force and command."""
-        sensors = replace(experiment.sensors, log_command=True)
-        return virtual.run(replace(experiment, sensors=sensors))
+    def __init__(self, experiment: virtual.Experiment) -> None:
+        if experiment.actuator is None:
+            raise StrokeError(
+                f"{experiment.settings.name}: has no actuator, so its stroke is exact; add 'actuator: {{}}' to the plan"
+            )
+        self._experiment = replace(experiment, sensors=replace(experiment.sensors, log_command=True))
+
+    def run(self, command_m: Array, number: int) -> Recording:
+        """Return the recording of position, current, force and command; every number has its own noise."""
+        time = np.arange(len(command_m)) * INTERVAL_S
+        stroke = Stroke(SampledStroke(time, command_m), Common(fade_s=0.0))
+        settings = replace(self._experiment.settings, duration_s=float(time[-1]), repeat=number)
+        return virtual.run(replace(self._experiment, stroke=stroke, settings=settings))
 
 
 class StoredRuns:
-    """A rig whose recordings are kept in `folder`, numbered; `on_run` is called before each run that is made."""
+    """A rig whose recordings are kept in `folder`; `plan` says what they depend on besides the command."""
 
-    def __init__(self, rig: StrokeRig, folder: Path, on_run: Callable[[int, bool], None] = lambda number, stored: None):
-        self._rig, self._folder, self._on_run, self._count = rig, folder, on_run, 0
+    def __init__(self, rig: StrokeRig, folder: Path, plan: str) -> None:
+        self._rig, self._folder, self._plan = rig, folder, plan
 
-    def run(self, experiment: virtual.Experiment) -> Recording:
-        """Return the stored recording of this run, or run the experiment and store it; raises StrokeError."""
-        number, path = self._count, self._folder / f"run_{self._count:02d}.npz"
-        self._count += 1
-        key = _fingerprint(experiment)
-        self._on_run(number, path.exists())
+    def run(self, command_m: Array, number: int) -> Recording:
+        """Return the stored recording of this run, or run the command and store it; raises StrokeError."""
+        path = self._folder / f"run_{number:02d}.npz"
+        key = sha256(self._plan.encode() + command_m.tobytes()).hexdigest()
         if path.exists():
             return _read_run(path, key)
-        recording = self._rig.run(experiment)
+        recording = self._rig.run(command_m, number)
         write_atomically(path, _pack(recording, key))
         return recording
 
 
-def with_command(experiment: virtual.Experiment, command_m: Array, interval_s: float, run: int) -> virtual.Experiment:
-    """Return the experiment with this command (n,) as its stroke, as its repetition number `run`."""
-    time = np.arange(len(command_m)) * interval_s
-    stroke = Stroke(SampledStroke(time, command_m), Common(fade_s=0.0))
-    settings = replace(experiment.settings, duration_s=float(time[-1]), repeat=run)
-    return replace(experiment, stroke=stroke, settings=settings)
-
-
-def _fingerprint(experiment: virtual.Experiment) -> str:
-    """Return a hash of what the rig is asked to do."""
-    shape = experiment.stroke.shape
-    if not isinstance(shape, SampledStroke):
-        raise TypeError("a stored run needs a sampled stroke")
-    parts = (experiment.settings, experiment.current, experiment.damper, experiment.sensors, experiment.actuator)
-    return sha256(repr(parts).encode() + shape.positions_m.tobytes()).hexdigest()
-
-
 def _pack(recording: Recording, key: str) -> bytes:
-    arrays: dict[str, Array] = {"key": np.array(key), "name": np.array(recording.name)}
+    arrays: dict[str, Any] = {"key": np.array(key), "name": np.array(recording.name)}
     for name, channel in recording.channels.items():
         arrays |= {f"{name}.stamps_ns": channel.stamps_ns, f"{name}.values": channel.values}
         arrays[f"{name}.unit"] = np.array(channel.unit)
     file = io.BytesIO()
-    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    np.savez_compressed(file, **arrays)
     return file.getvalue()
 
 
