@@ -49,6 +49,7 @@ setup(
         "*": ["py.typed"],
         "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js"],
         "ces_rig": ["**/*.yaml"],
+        "ces_iterate": ["**/*.j2", "**/*.css"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
     },
     data_files=[

@@ -129,7 +129,7 @@ def simulate_truth(experiment: Experiment) -> Truth:
 
 
 def _drive_damper(experiment: Experiment, time_s: Array, described_m: Array) -> tuple[SimulatedRun, Array, Array]:
-    """Return the damper's run on the described stroke (n,), the stroke made and the commanded current [A], each (n,)."""
+    """Return the run on the described stroke (n,), the stroke made and the commanded current [A], each (n,)."""
     settings, damper = experiment.settings, experiment.damper
     if experiment.actuator is not None:
         noise, current = _rng(settings.seed, "actuator", settings.repeat), _rng(settings.seed, "current")

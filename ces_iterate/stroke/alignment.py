@@ -29,7 +29,7 @@ def position_on_grid(recording: Recording, command_m: Array, interval_s: float) 
     time, values = _samples(recording.channel(POSITION), start)
     length = (len(command_m) - 1) * interval_s
     _require_complete(recording.name, time, length)
-    grid = np.arange(len(command_m)) * interval_s
+    grid = np.arange(len(command_m), dtype=np.float64) * interval_s
     return np.asarray(CubicSpline(time, values)(np.clip(grid, time[0], time[-1])))
 
 
@@ -38,7 +38,8 @@ def _samples(channel: Channel, start_ns: float) -> tuple[Array, Array]:
     good = np.isfinite(channel.values)
     stamps, first = np.unique(channel.stamps_ns[good], return_index=True)
     origin = int(stamps[0]) if len(stamps) else 0
-    return ((stamps - origin) + (origin - start_ns)) * 1e-9, channel.values[good][first]
+    time = ((stamps - origin).astype(np.float64) + (origin - start_ns)) * 1e-9
+    return time, channel.values[good][first]
 
 
 def _require_complete(name: str, time: Array, length: float) -> None:

@@ -49,7 +49,7 @@ class MeasuredResponse:
     def covers(self, frequency_Hz: Array) -> NDArray[np.bool_]:
         """Return where the response was measured, (n,)."""
         nearest = np.abs(frequency_Hz[:, np.newaxis] - self.frequency_Hz).argmin(axis=1)
-        return np.abs(frequency_Hz - self.frequency_Hz[nearest]) <= self.width_Hz[nearest]
+        return np.asarray(np.abs(frequency_Hz - self.frequency_Hz[nearest]) <= self.width_Hz[nearest])
 
     def ratio(self, model: ActuatorModel, frequency_Hz: Array) -> ComplexArray:
         """Return measured over modelled response at the frequencies (n,), 1 where it was not measured."""
@@ -98,7 +98,7 @@ def _estimate(runs: Sequence[CommandedRun], to_Hz: float, model: ActuatorModel) 
 
 def _lines(run: CommandedRun, to_Hz: float, model: ActuatorModel) -> tuple[Array, ComplexArray, ComplexArray]:
     """Return frequencies, modelled and measured spectrum of the position between FROM_HZ and `to_Hz`."""
-    frequency = np.fft.rfftfreq(len(run.command_m), run.interval_s)
+    frequency: Array = np.asarray(np.fft.rfftfreq(len(run.command_m), run.interval_s), dtype=np.float64)
     part = (frequency >= FROM_HZ) & (frequency <= to_Hz)
     spectra = (np.fft.rfft(values - values[0])[part] for values in (run.command_m, run.position_m))
     command, position = spectra

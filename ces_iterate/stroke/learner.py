@@ -33,7 +33,7 @@ class Learner:
         self.repeatability_m = find_repeatability(first)
         size = len(goal.wanted_m) + round(PAD_S / goal.interval_s)
         self._size = size + size % 2
-        self._frequency = np.fft.rfftfreq(self._size, goal.interval_s)
+        self._frequency: Array = np.asarray(np.fft.rfftfreq(self._size, goal.interval_s), dtype=np.float64)
         self._edges = _smoothing_edges(self._frequency)
         self._noise = self._noise_power(first)
         self._judge(first[self.best_index])

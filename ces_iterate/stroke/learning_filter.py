@@ -12,14 +12,14 @@ every run if
 (Bristow, Tharayil, Alleyne 2006, IEEE Control Systems 26(3), theorems 3 and 8; Norrlöf, Gunnarsson 2002). L = h / Ĝ
 has the phase of the inverse model, h and Q are real: filters without phase. The plants considered are G = Ĝ D with
 
-* D = factors of gain, bandwidth and delay, all three at once, by which a model may be wrong that is within the tolerance
-  of the plant's own values:                                         |1 - L G| <= max over D of |1 - h D|       (2)
+* D = factors of gain, bandwidth and delay, all three at once, by which a model may be wrong that is within the
+  tolerance of the plant's own values:                               |1 - L G| <= max over D of |1 - h D|       (2)
 * where the response was measured, Ĝ is that response, and D the disk of its 95 % radius and MEASURED_TOLERANCE (it
   depends a little on the amplitude):                                |1 - L G| <= |1 - h| + h radius            (3)
 
-The real h(f) minimises (2); where the response was measured it minimises (3) and keeps (2) at most MAX_CONTRACTION. Q is
-1 up to the learning bandwidth, which ends where (2) or (3) exceeds MAX_CONTRACTION, and 0 above. A smaller gain s h with
-0 < s <= 1 keeps (1), because |1 - s x| <= 1 - s + s |1 - x|.
+The real h(f) minimises (2); where the response was measured it minimises (3) and keeps (2) at most MAX_CONTRACTION.
+Q is 1 up to the learning bandwidth, which ends where (2) or (3) exceeds MAX_CONTRACTION, and 0 above. A smaller gain
+s h with 0 < s <= 1 keeps (1), because |1 - s x| <= 1 - s + s |1 - x|.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ MEASURED_TOLERANCE = 0.1  # of a measured response, for what its radius does not
 MAX_AMPLIFICATION = 8.0  # of the inverse model, over its value at rest
 TAPER = 0.8  # Q falls from 1 to 0 between this share of the learning bandwidth and the bandwidth itself
 MIN_BANDWIDTH_HZ = 1.0
-STEP_HZ = 0.1
-GAINS = np.linspace(0.0, 1.2, 61)  # h to choose from
+STEP_HZ = 0.25
+GAINS = np.linspace(0.0, 1.2, 241)  # h to choose from
 POINTS = 5  # factors of bandwidth and of delay in the family of plants
 
 

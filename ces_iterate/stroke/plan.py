@@ -76,7 +76,7 @@ def _find_experiment(name: str, folder: Path) -> Path:
 
 def _read_goal(content: Mapping[str, Any], experiment: Experiment, path: Path) -> StrokeGoal:
     settings = experiment.settings
-    time = np.arange(round(settings.duration_s / INTERVAL_S) + 1) * INTERVAL_S
+    time = np.arange(round(settings.duration_s / INTERVAL_S) + 1, dtype=np.float64) * INTERVAL_S
     wanted = experiment.stroke.samples(time, np.random.default_rng([settings.seed, STREAMS["stroke"]]))
     model = content.get("model")
     return StrokeGoal(

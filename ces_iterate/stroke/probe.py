@@ -23,7 +23,7 @@ def make_probe(duration_s: float, to_Hz: float, interval_s: float, limits: Strok
     speed is alike at all frequencies. It is scaled to the RMS speed of the wanted stroke, because the damper's force
     and so the actuator's answer depend on the speed, but to at most SHARE of the limits.
     """
-    time = np.arange(round(duration_s / interval_s) + 1) * interval_s
+    time = np.arange(round(duration_s / interval_s) + 1, dtype=np.float64) * interval_s
     lines = np.arange(round(FROM_HZ * duration_s), round(to_Hz * duration_s) + 1) / duration_s
     phases = np.random.default_rng(SEED).uniform(0.0, 2.0 * np.pi, len(lines))
     waves = np.cos(2.0 * np.pi * np.outer(time, lines) + phases) @ (1.0 / lines)
@@ -33,4 +33,4 @@ def make_probe(duration_s: float, to_Hz: float, interval_s: float, limits: Strok
     peaks = measure_peaks(shape, interval_s)
     allowed = min(SHARE * limit / peak for limit, peak in zip(room.as_tuple(), peaks, strict=True))
     alike = float(np.std(np.diff(like_m)) / np.std(np.diff(shape)))
-    return start + min(allowed, alike) * shape
+    return np.asarray(start + min(allowed, alike) * shape)

@@ -51,7 +51,7 @@ class VirtualStrokeRig:
 
     def run(self, command_m: Array, number: int) -> Recording:
         """Return the recording of position, current, force and command; every number has its own noise."""
-        time = np.arange(len(command_m)) * INTERVAL_S
+        time = np.arange(len(command_m), dtype=np.float64) * INTERVAL_S
         stroke = Stroke(SampledStroke(time, command_m), Common(fade_s=0.0))
         settings = replace(self._experiment.settings, duration_s=float(time[-1]), repeat=number)
         return virtual.run(replace(self._experiment, stroke=stroke, settings=settings))

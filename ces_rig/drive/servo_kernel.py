@@ -36,7 +36,7 @@ class ServoNumbers(NamedTuple):
 
 @njit(cache=True)
 def servo_step(s: ServoNumbers, m: Array, command: float, h: float) -> None:
-    """Advance the `motion` (MOTION_SIZE,) by `h` seconds under the damper's force in it; a hard end stops the piston."""
+    """Advance the `motion` (MOTION_SIZE,) by `h` seconds under the damper's force in it; hard ends stop the piston."""
     m[VALVE] += (command - m[VALVE]) * (1.0 - exp(-h / s.valve) if s.valve > 0.0 else 1.0)
     pull = s.omega**2 * (m[VALVE] - m[POSITION] - s.compliance * m[LOAD])
     push = pull - 2.0 * s.damping * s.omega * m[POSITION_SPEED]
