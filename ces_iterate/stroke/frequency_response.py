@@ -113,7 +113,7 @@ def _bands(frequency: Array, line_Hz: float) -> list[slice]:
         stop = int(np.searchsorted(frequency, frequency[start] + width))
         bands.append(slice(start, max(stop, start + 1)))
         start = bands[-1].stop
-    return bands
+    return [band for band in bands if band.stop - band.start >= MIN_LINES]
 
 
 def _ratio(reference: ComplexArray, position: ComplexArray) -> tuple[complex, float, float]:

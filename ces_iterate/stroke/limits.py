@@ -7,6 +7,7 @@ commands, and a contraction stays one (Boyd, Vandenberghe 2004, section 8.1).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,9 @@ from ces_rig.descriptions import quantity
 Array = NDArray[np.float64]
 
 MARGIN = 2e-3  # share of each limit kept free for the inexactness of the projection
-PASSES = 400  # of the projection's splitting
+PASSES, CHECK_EVERY, RESIDUAL = 2000, 25, 1e-4  # of the projection's splitting; relative residual at which it ends
+SCALES = (1.0, 0.5, 0.25)  # of the differences of order 0, 1 and 2: norm 1
+WEIGHTS, MIN_WEIGHT, RELAXATION = (10.0, 200.0, 2000.0), 1e-3, 1.6
 NEAR = 1e-9  # relative rounding of a peak
 
 
@@ -104,26 +107,66 @@ def _largest_share(start: Array, move: Array, bounds: Bounds) -> float:
 
 
 def _split(wanted: Array, bounds: Bounds) -> Array:
-    """Return argmin |u - wanted|² within the bounds, by ADMM; rows are scaled so that each difference has norm 1."""
-    scale = (1.0, 0.5, 0.25)
-    weights = (1.0, 30.0, 300.0)
-    factor = _factorise(len(wanted), scale, weights)
-    z = [np.clip(s * np.diff(wanted, k), s * bounds[k][0], s * bounds[k][1]) for k, s in enumerate(scale)]
-    dual = [np.zeros_like(part) for part in z]
-    u = wanted
-    for _ in range(PASSES):
-        right = wanted.copy()
-        for k, (s, w) in enumerate(zip(scale, weights, strict=True)):
-            right += w * s * _transpose(z[k] - dual[k], k)
-        u = cho_solve_banded((factor, True), right)
-        for k, s in enumerate(scale):
-            row = s * np.diff(u, k)
-            z[k] = np.clip(row + dual[k], s * bounds[k][0], s * bounds[k][1])
-            dual[k] += row - z[k]
-    return np.asarray(u)
+    """Return argmin |u - wanted|² within the bounds, by ADMM (Boyd et al. 2011, sections 3.4.1 and 5.2)."""
+    splitting = Splitting(wanted, bounds)
+    for n in range(1, PASSES + 1):
+        splitting.step()
+        if n % CHECK_EVERY == 0 and splitting.rebalance():
+            break
+    return splitting.command
 
 
-def _factorise(n: int, scale: tuple[float, ...], weights: tuple[float, ...]) -> Array:
+class Splitting:
+    """The state of the ADMM: the command, its limited differences `z`, and their multipliers.
+
+    The differences are scaled to norm 1; each order has its own weight, adapted to balance both residuals.
+    """
+
+    def __init__(self, wanted: Array, bounds: Bounds) -> None:
+        self._wanted = self.command = wanted
+        self._bounds = [(scale * low, scale * high) for scale, (low, high) in zip(SCALES, bounds, strict=True)]
+        self._weights = list(WEIGHTS)
+        self._z = [np.clip(row, *limits) for row, limits in zip(_rows(wanted), self._bounds, strict=True)]
+        self._last = self._z
+        self._multipliers = [np.zeros_like(part) for part in self._z]
+        self._factor = _factorise(len(wanted), SCALES, self._weights)
+
+    def step(self) -> None:
+        """Minimise for the command, project the differences, update the multipliers; over-relaxed."""
+        right = self._wanted.copy()
+        for k, weight in enumerate(self._weights):
+            right += SCALES[k] * _transpose(weight * self._z[k] - self._multipliers[k], k)
+        self.command = np.asarray(cho_solve_banded((self._factor, True), right))
+        self._last, self._z = self._z, list(self._z)
+        for k, row in enumerate(_rows(self.command)):
+            mixed = RELAXATION * row + (1.0 - RELAXATION) * self._last[k]
+            self._z[k] = np.clip(mixed + self._multipliers[k] / self._weights[k], *self._bounds[k])
+            self._multipliers[k] += self._weights[k] * (mixed - self._z[k])
+
+    def rebalance(self) -> bool:
+        """Adapt the weights; return whether both residuals of all orders are small."""
+        residuals = [self._residuals(k, row) for k, row in enumerate(_rows(self.command))]
+        for k, (primal, dual) in enumerate(residuals):
+            if primal > 0.0 and dual > 0.0:
+                change = min(max((primal / dual) ** 0.5, 0.1), 10.0)
+                self._weights[k] = max(self._weights[k] * (change if not 1 / 3 < change < 3.0 else 1.0), MIN_WEIGHT)
+        self._factor = _factorise(len(self._wanted), SCALES, self._weights)
+        return max(map(max, residuals)) < RESIDUAL
+
+    def _residuals(self, k: int, row: Array) -> tuple[float, float]:
+        """Return by how much the order's differences miss their copies, and by how much these still move; relative."""
+        if not self._multipliers[k].any():
+            return 0.0, 0.0
+        primal = np.linalg.norm(row - self._z[k]) / np.linalg.norm(row)
+        moved = np.linalg.norm(_transpose(self._weights[k] * (self._z[k] - self._last[k]), k))
+        return float(primal), float(moved / np.linalg.norm(_transpose(self._multipliers[k], k)))
+
+
+def _rows(command: Array) -> list[Array]:
+    return [scale * np.diff(command, k) for k, scale in enumerate(SCALES)]
+
+
+def _factorise(n: int, scale: Sequence[float], weights: Sequence[float]) -> Array:
     """Return the banded Cholesky factor of I + sum of w s² D'D, lower form (3, n)."""
     band = np.zeros((3, n))
     band[0] = 1.0

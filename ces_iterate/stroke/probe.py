@@ -24,9 +24,11 @@ def make_probe(duration_s: float, to_Hz: float, interval_s: float, limits: Strok
     and so the actuator's answer depend on the speed, but to at most SHARE of the limits.
     """
     time = np.arange(round(duration_s / interval_s) + 1, dtype=np.float64) * interval_s
-    lines = np.arange(round(FROM_HZ * duration_s), round(to_Hz * duration_s) + 1) / duration_s
-    phases = np.random.default_rng(SEED).uniform(0.0, 2.0 * np.pi, len(lines))
-    waves = np.cos(2.0 * np.pi * np.outer(time, lines) + phases) @ (1.0 / lines)
+    first, last = round(FROM_HZ * duration_s), round(to_Hz * duration_s)
+    lines = np.zeros(len(time) // 2 + 1, dtype=np.complex128)
+    phases = np.random.default_rng(SEED).uniform(0.0, 2.0 * np.pi, last + 1 - first)
+    lines[first : last + 1] = np.exp(1j * phases) / np.arange(first, last + 1)
+    waves = np.resize(np.fft.irfft(lines, len(time) - 1), len(time))
     shape = (waves - waves.mean()) * fade(time, FADE_S)
     start = float(like_m[0])
     room = StrokeLimits(limits.stroke_m - abs(start), limits.speed_m_s, limits.acceleration_m_s2)

@@ -67,7 +67,7 @@ def push(
     one, force, none = np.empty((3, 1)), np.empty(1), np.empty((0, hy.STATE_SIZE))
     for n in range(1, moves.shape[1]):
         for k in range(1, substeps + 1):
-            servo_step(s, motion, between(moves[0], n, k / substeps), h)
+            servo_step(s, motion, between(moves[0], n, (k - 0.5) / substeps), h)
             one[0, 0], one[1, 0] = motion[POSITION], motion[POSITION_SPEED]
             one[2, 0] = between(moves[1], n, k / substeps)
             hy.advance(c, state, one[0], one[1], one[2], h, 1, force, none)
