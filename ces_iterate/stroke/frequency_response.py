@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,10 @@ ComplexArray = NDArray[np.complex128]
 
 MIN_COHERENCE = 0.9
 MIN_BANDS = 4
+MIN_POWER = (
+    1e-6  # of a band's command, over the strongest band's: below, distortions of the strong ones may pass for it
+)
+MAX_RATIO = 4.0  # of a measured response to a model of which at most the tolerance may be wrong
 MIN_LINES = 4  # of a band
 RELATIVE_WIDTH = 0.06  # of a band
 FROM_HZ = 0.3
@@ -63,37 +68,70 @@ class MeasuredResponse:
         return RADIUS * np.interp(frequency_Hz, self.frequency_Hz, self.spread)
 
 
-def identify_actuator(runs: Sequence[CommandedRun], to_Hz: float) -> tuple[ActuatorModel, MeasuredResponse]:
+RunGroups = Sequence[Sequence[CommandedRun]]
+"""Runs in groups of one kind each; in every band of frequencies the group that shows the response best is used."""
+
+
+def identify_actuator(groups: RunGroups, to_Hz: float) -> tuple[ActuatorModel, MeasuredResponse]:
     """Return a model and the measured response up to `to_Hz`; raises StrokeError if the runs do not determine them."""
-    first = _estimate(runs, to_Hz, ActuatorModel(1.0, _find_delay(runs), 500.0, 0.7))
+    runs = [run for group in groups for run in group]
+    first = measure_response(groups, to_Hz, ActuatorModel(1.0, _find_delay(runs), 500.0, 0.7))
     rough = fit_model(first.frequency_Hz, first.response, first.spread)
-    measured = _estimate(runs, to_Hz, rough)
+    measured = measure_response(groups, to_Hz, rough)
     return fit_model(measured.frequency_Hz, measured.response, measured.spread), measured
 
 
-def measure_response(runs: Sequence[CommandedRun], to_Hz: float, model: ActuatorModel) -> MeasuredResponse:
+def measure_response(groups: RunGroups, to_Hz: float, model: ActuatorModel) -> MeasuredResponse:
     """Return the response measured relative to a given `model`; raises StrokeError if the runs do not show it."""
-    return _estimate(runs, to_Hz, model)
-
-
-def _estimate(runs: Sequence[CommandedRun], to_Hz: float, model: ActuatorModel) -> MeasuredResponse:
-    lines = [_lines(run, to_Hz, model) for run in runs]
-    frequency, reference, position = (np.concatenate(parts) for parts in zip(*lines, strict=True))
-    order = np.argsort(frequency, kind="stable")
-    frequency, reference, position = frequency[order], reference[order], position[order]
-    rows = [
-        (frequency[part].mean(), *_ratio(reference[part], position[part]), np.ptp(frequency[part]))
-        for part in _bands(frequency, max(1.0 / (len(r.command_m) * r.interval_s) for r in runs))
-    ]
-    found = np.array([row for row in rows if row[3] >= MIN_COHERENCE], dtype=np.complex128).reshape(-1, 5)
-    if len(found) < MIN_BANDS:
+    line_Hz = max(1.0 / (len(run.command_m) * run.interval_s) for group in groups for run in group)
+    bands = _band_edges(to_Hz, line_Hz)
+    rows = [row for group in groups if group for row in _estimate(group, bands, model)]
+    best: dict[int, BandEstimate] = {}
+    for row in sorted(rows, key=lambda row: -row.spread):
+        best[row.band] = row
+    if len(best) < MIN_BANDS:
         raise StrokeError(
-            f"the actuator's response was found in {len(found)} bands of frequencies; expected at least {MIN_BANDS}: "
+            f"the actuator's response was found in {len(best)} bands of frequencies; expected at least {MIN_BANDS}: "
             "use a probe (probe: {duration_s: 10}), or give a model"
         )
-    at = found[:, 0].real
-    spread, coherence, width = found[:, 2:].real.T
-    return MeasuredResponse(at, found[:, 1] * model.response(at), spread, coherence, width)
+    found = [best[band] for band in sorted(best)]
+    at, spread, coherence, width = np.array([(r.frequency_Hz, r.spread, r.coherence, r.width_Hz) for r in found]).T
+    ratio = np.array([row.ratio for row in found])
+    return MeasuredResponse(at, ratio * model.response(at), spread, coherence, width)
+
+
+class BandEstimate(NamedTuple):
+    """The least-squares ratio of measured to modelled position in one band, by its number."""
+
+    band: int
+    frequency_Hz: float
+    width_Hz: float
+    ratio: complex
+    spread: float
+    coherence: float
+    power: float  # of the command, mean over the lines
+
+    def is_plausible(self) -> bool:
+        """Return whether the ratio is coherent and no distortion of another frequency's motion."""
+        size = abs(self.ratio)
+        return self.coherence >= MIN_COHERENCE and np.isfinite(self.spread) and 1.0 / MAX_RATIO <= size <= MAX_RATIO
+
+
+def _estimate(runs: Sequence[CommandedRun], edges: Array, model: ActuatorModel) -> list[BandEstimate]:
+    """Return the plausible estimates of the bands between the `edges` (n + 1,) from the lines of all `runs`."""
+    lines = [_lines(run, float(edges[-1]), model) for run in runs]
+    frequency, reference, position = (np.concatenate(parts) for parts in zip(*lines, strict=True))
+    command = reference / model.response(frequency)
+    number = np.searchsorted(edges, frequency, side="right") - 1
+    rows = []
+    for band in range(len(edges) - 1):
+        part = number == band
+        if part.sum() >= MIN_LINES:
+            power = float(np.mean(np.abs(command[part]) ** 2))
+            where = band, float(frequency[part].mean()), float(np.diff(edges)[band])
+            rows.append(BandEstimate(*where, *_ratio(reference[part], position[part]), power))
+    least = MIN_POWER * max((row.power for row in rows), default=0.0)
+    return [row for row in rows if row.power > least and row.is_plausible()]
 
 
 def _lines(run: CommandedRun, to_Hz: float, model: ActuatorModel) -> tuple[Array, ComplexArray, ComplexArray]:
@@ -105,15 +143,12 @@ def _lines(run: CommandedRun, to_Hz: float, model: ActuatorModel) -> tuple[Array
     return frequency[part], model.response(frequency[part]) * command, position
 
 
-def _bands(frequency: Array, line_Hz: float) -> list[slice]:
-    """Return slices of rising frequencies, each at least MIN_LINES lines and RELATIVE_WIDTH wide."""
-    bands, start = [], 0
-    while start < len(frequency):
-        width = max(MIN_LINES * line_Hz, RELATIVE_WIDTH * frequency[start])
-        stop = int(np.searchsorted(frequency, frequency[start] + width))
-        bands.append(slice(start, max(stop, start + 1)))
-        start = bands[-1].stop
-    return [band for band in bands if band.stop - band.start >= MIN_LINES]
+def _band_edges(to_Hz: float, line_Hz: float) -> Array:
+    """Return rising frequencies from FROM_HZ to `to_Hz`, MIN_LINES lines and RELATIVE_WIDTH apart."""
+    edges = [FROM_HZ]
+    while edges[-1] < to_Hz:
+        edges.append(edges[-1] + max((MIN_LINES + 0.5) * line_Hz, RELATIVE_WIDTH * edges[-1]))
+    return np.array([*edges[:-1], to_Hz])
 
 
 def _ratio(reference: ComplexArray, position: ComplexArray) -> tuple[complex, float, float]:

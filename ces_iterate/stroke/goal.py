@@ -37,7 +37,7 @@ class LearningSettings:
     stop_at: float = quantity(1.15, "1", "error over repeatability at which learning stops", 1.0, 10.0)
     correct_model: bool = True  # use the response that the first runs show, where they do, instead of a given model's
     model_tolerance: float = quantity(0.3, "1", "share by which the model may be wrong", 0.0, 0.6)
-    step_m: float = quantity(0.010, "m", "largest change of the command from run to run", 1e-6, 0.5)
+    step_m: float = quantity(0.020, "m", "largest change of the command from run to run", 1e-6, 0.5)
 
 
 @dataclass(frozen=True)

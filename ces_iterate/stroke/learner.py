@@ -7,8 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_iterate.stroke.goal import CONVERGED, DIVERGED, STALLED, LearningRun, StrokeGoal, find_repeatability
-from ces_iterate.stroke.learning_filter import LearningFilter
+from ces_iterate.stroke.actuator_model import ActuatorModel
+from ces_iterate.stroke.frequency_response import (
+    CommandedRun,
+    MeasuredResponse,
+    identify_actuator,
+    measure_response,
+)
+from ces_iterate.stroke.goal import CONVERGED, DIVERGED, LEARNED, STALLED, LearningRun, StrokeGoal, find_repeatability
+from ces_iterate.stroke.learning_filter import design_filter
 from ces_iterate.stroke.limits import project_command
 
 Array = NDArray[np.float64]
@@ -24,10 +31,15 @@ MIN_SCALE = 1 / 16  # of the gain, below which learning stops
 
 
 class Learner:
-    """The state between runs: all runs so far, the best one and the present gain."""
+    """The state between runs: all runs so far, the best one, the present filter and gain."""
 
-    def __init__(self, goal: StrokeGoal, learning_filter: LearningFilter, first: Sequence[LearningRun]) -> None:
-        self.goal, self.filter, self.runs = goal, learning_filter, list(first)
+    def __init__(self, goal: StrokeGoal, probe: CommandedRun | None, first: Sequence[LearningRun]) -> None:
+        self.goal, self.runs = goal, list(first)
+        wanted = [CommandedRun(run.command_m, run.position_m, goal.interval_s) for run in first]
+        self._seen: list[Sequence[CommandedRun]] = [wanted, [probe] if probe else []]
+        self.model: ActuatorModel | None = goal.model
+        self.measured: MeasuredResponse | None = None
+        self._design()
         self.scale, self.stopped, self._idle = 1.0, "", 0
         self.best_index = min(range(len(first)), key=lambda n: first[n].error_m)
         self.repeatability_m = find_repeatability(first)
@@ -50,13 +62,17 @@ class Learner:
         change = self.scale * self._repeating_share(error) * self.filter.learning(self._frequency) * error
         learned = self._spectrum(run.command_m - goal.wanted_m) + change
         correction = np.fft.irfft(self.filter.robustness(self._frequency) * learned, self._size)
-        wanted = goal.wanted_m + correction[: len(goal.wanted_m)]
-        return project_command(wanted, run.command_m, goal.interval_s, goal.limits, goal.settings.step_m)
+        step = goal.wanted_m + correction[: len(goal.wanted_m)] - run.command_m
+        step *= min(1.0, goal.settings.step_m / max(float(np.abs(step).max()), 1e-300))
+        return project_command(run.command_m + step, run.command_m, goal.interval_s, goal.limits)
 
     def add(self, run: LearningRun) -> None:
         """Take the next run; if its error has grown, the gain is halved and learning continues from the best run."""
         best = self.best
         self.runs.append(run)
+        if best.kind == LEARNED:  # before, the motion and with it the damper's force changed too much
+            self._seen.append([self._find_change(best, run)])
+            self._design()
         if run.error_m > GROWTH * best.error_m + GROWTH_NOISE * self.repeatability_m:
             self.scale /= 2.0
             self._idle += 1
@@ -66,6 +82,25 @@ class Learner:
         if run.error_m < best.error_m:
             self.best_index = len(self.runs) - 1
         self._judge(self.best)
+
+    def _design(self) -> None:
+        """Measure the response from all runs so far and design the filter anew; a model is fitted once."""
+        goal = self.goal
+        if self.model is None:
+            self.model, self.measured = identify_actuator(self._seen, goal.probe.to_Hz)
+        elif goal.model is None or goal.settings.correct_model:
+            self.measured = measure_response(self._seen, goal.probe.to_Hz, self.model)
+        else:
+            self.measured = None
+        self.filter = design_filter(self.model, self.measured, goal.settings.model_tolerance, goal.probe.to_Hz)
+
+    def _find_change(self, best: LearningRun, run: LearningRun) -> CommandedRun:
+        """Return by what `run` differs from the run that it was learned from: without what repeats in the position.
+
+        The noise of that run is in both differences. Where it matters the update was small (`_repeating_share`), and
+        its ratio to the position's change implausibly large.
+        """
+        return CommandedRun(run.command_m - best.command_m, run.position_m - best.position_m, self.goal.interval_s)
 
     def _judge(self, best: LearningRun) -> None:
         if best.error_m <= self.goal.settings.stop_at * self.repeatability_m:

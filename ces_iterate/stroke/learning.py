@@ -6,24 +6,17 @@ that no learning removes. After each further run the error, weighted by how much
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_iterate.stroke.actuator_model import ActuatorModel
 from ces_iterate.stroke.alignment import position_on_grid
 from ces_iterate.stroke.errors import StrokeError
-from ces_iterate.stroke.frequency_response import (
-    CommandedRun,
-    MeasuredResponse,
-    identify_actuator,
-    measure_response,
-)
+from ces_iterate.stroke.frequency_response import CommandedRun
 from ces_iterate.stroke.goal import EXHAUSTED, FIRST, LEARNED, REPEATED, LearnedStroke, LearningRun, StrokeGoal
 from ces_iterate.stroke.learner import Learner
-from ces_iterate.stroke.learning_filter import design_filter
 from ces_iterate.stroke.probe import make_probe
 from ces_iterate.stroke.rig import StrokeRig
 
@@ -49,8 +42,7 @@ def learn_stroke(rig: StrokeRig, goal: StrokeGoal, on_run: OnRun = lambda run: N
     first = [run(goal.wanted_m, FIRST) for _ in range(goal.settings.repeats)]
     for one in first:
         on_run(one)
-    model, measured = _identify(goal, probe, first)
-    learner = Learner(goal, design_filter(model, measured, goal.settings.model_tolerance, goal.probe.to_Hz), first)
+    learner = Learner(goal, probe, first)
     while not learner.stopped and len(learner.runs) < len(first) + goal.settings.max_iterations:
         command, limited = learner.next_command()
         learner.add(replace(run(command, LEARNED), scale=learner.scale, limited=limited))
@@ -59,7 +51,7 @@ def learn_stroke(rig: StrokeRig, goal: StrokeGoal, on_run: OnRun = lambda run: N
     on_run(confirmation)
     runs, stopped = (*learner.runs, confirmation), learner.stopped or EXHAUSTED
     return LearnedStroke(
-        goal, runs, learner.best_index, stopped, learner.repeatability_m, learner.filter, measured, probe
+        goal, runs, learner.best_index, stopped, learner.repeatability_m, learner.filter, learner.measured, probe
     )
 
 
@@ -87,13 +79,3 @@ def _run(rig: StrokeRig, goal: StrokeGoal, command_m: Array, number: int, kind: 
     goal.limits.require_allowed(command_m, goal.interval_s, f"run {number}")
     position = position_on_grid(rig.run(command_m, number), command_m, goal.interval_s)
     return LearningRun(command_m, position, float(np.sqrt(np.mean((goal.wanted_m - position) ** 2))), kind)
-
-
-def _identify(
-    goal: StrokeGoal, probe: CommandedRun | None, first: Sequence[LearningRun]
-) -> tuple[ActuatorModel, MeasuredResponse | None]:
-    runs = [CommandedRun(run.command_m, run.position_m, goal.interval_s) for run in first]
-    if goal.model is None:
-        return identify_actuator([*runs, probe] if probe else runs, goal.probe.to_Hz)
-    correct = goal.settings.correct_model
-    return goal.model, measure_response(runs, goal.probe.to_Hz, goal.model) if correct else None

@@ -57,20 +57,17 @@ def measure_peaks(command_m: Array, interval_s: float) -> tuple[float, float, fl
     return tuple(map(float, peaks))  # type: ignore[return-value]
 
 
-def project_command(
-    wanted_m: Array, last_m: Array, interval_s: float, limits: StrokeLimits, step_m: float
-) -> tuple[Array, float]:
-    """Return the allowed command (n,) nearest to `wanted_m`, at most `step_m` from `last_m`, and the share changed.
+def project_command(wanted_m: Array, last_m: Array, interval_s: float, limits: StrokeLimits) -> tuple[Array, float]:
+    """Return the allowed command (n,) nearest to `wanted_m`, and the share of it that was changed.
 
     `last_m` must be allowed. The nearest command is found by operator splitting (ADMM) to within MARGIN of the limits;
     a blend with `last_m` then keeps them exactly, because the allowed commands are convex. The share is that of the
     samples moved by more than 1 % of the largest move.
     """
-    bounds = _bounds(last_m, interval_s, limits, step_m)
+    bounds = _bounds(len(last_m), interval_s, limits)
     if _inside(wanted_m, bounds):
         return wanted_m, 0.0
-    free = _bounds(last_m, interval_s, _shrink(limits, 1.0 - MARGIN), step_m)
-    near = _split(wanted_m, free)
+    near = _split(wanted_m, _bounds(len(last_m), interval_s, _shrink(limits, 1.0 - MARGIN)))
     command = last_m + _largest_share(last_m, near - last_m, bounds) * (near - last_m)
     moved = np.abs(command - wanted_m)
     return command, float(np.mean(moved > 0.01 * moved.max()))
@@ -79,11 +76,10 @@ def project_command(
 Bounds = tuple[tuple[Array, Array], ...]  # of the command and of its first and second difference: low and high
 
 
-def _bounds(last_m: Array, interval_s: float, limits: StrokeLimits, step_m: float) -> Bounds:
-    n, (stroke, speed, acceleration) = len(last_m), limits.as_tuple()
-    box = np.maximum(last_m - step_m, -stroke), np.minimum(last_m + step_m, stroke)
-    steps, bends = np.full(n - 1, speed * interval_s), np.full(n - 2, acceleration * interval_s**2)
-    return (box, (-steps, steps), (-bends, bends))
+def _bounds(n: int, interval_s: float, limits: StrokeLimits) -> Bounds:
+    sizes = (limit * interval_s**order for order, limit in enumerate(limits.as_tuple()))
+    rooms = [np.full(n - order, size) for order, size in enumerate(sizes)]
+    return tuple((-room, room) for room in rooms)
 
 
 def _shrink(limits: StrokeLimits, factor: float) -> StrokeLimits:

@@ -36,7 +36,7 @@ def probe_run(noise=20e-6):
 
 
 def test_planted_parameters_are_recovered_from_a_probe():
-    model, measured = identify_actuator([probe_run()], 60.0)
+    model, measured = identify_actuator([[probe_run()]], 60.0)
     at = np.linspace(0.5, 55.0, 100)
     assert np.abs(model.response(at) / TRUE.response(at) - 1.0).max() < 0.02
     assert model.gain == pytest.approx(0.95, abs=0.01)
@@ -48,7 +48,7 @@ def test_the_spread_is_that_of_the_estimate():
     for seed in range(8):
         command = make_probe(8.0, 60.0, INTERVAL, LIMITS, stroke())
         run = CommandedRun(command, respond(command, TRUE, 200e-6, seed), INTERVAL)
-        measured = measure_response([run], 60.0, TRUE)
+        measured = measure_response([[run]], 60.0, TRUE)
         off = np.abs(measured.response / TRUE.response(measured.frequency_Hz) - 1.0)
         errors.append(np.mean((off / measured.spread) ** 2))
     assert 0.7 < np.mean(errors) < 1.6
@@ -57,7 +57,7 @@ def test_the_spread_is_that_of_the_estimate():
 def test_the_first_runs_alone_show_the_response_where_the_stroke_has_content():
     command = stroke(cutoff=5.0)
     runs = [CommandedRun(command, respond(command, TRUE, seed=s), INTERVAL) for s in (1, 2)]
-    measured = measure_response(runs, 60.0, TRUE.scale(1.3, 0.7, 1.3))
+    measured = measure_response([runs], 60.0, TRUE.scale(1.3, 0.7, 1.3))
     inside = measured.frequency_Hz < 5.0
     off = np.abs(measured.response / TRUE.response(measured.frequency_Hz) - 1.0)
     assert inside.sum() > 5 and off[inside].max() < 0.03
@@ -70,7 +70,7 @@ def test_runs_without_content_are_refused():
     command = np.zeros(4000)
     run = CommandedRun(command, respond(command, TRUE), INTERVAL)
     with pytest.raises(StrokeError, match="was found in 0 bands of frequencies; expected at least 4: use a probe"):
-        measure_response([run], 60.0, TRUE)
+        measure_response([[run]], 60.0, TRUE)
 
 
 @pytest.mark.parametrize("model", [TRUE, ActuatorModel(1.2, 0.0, 12.0, 0.4, 0.0), ActuatorModel(1.0, 0.02, 8.0, 1.2)])
