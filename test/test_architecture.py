@@ -11,13 +11,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("ces_observer", "ces_identify", "ces_rig", "ces_gap", "ces_cli")
+PACKAGES = ("ces_observer", "ces_identify", "ces_rig", "ces_gap", "ces_iterate", "ces_cli")
 MAY_IMPORT = {
     "ces_observer": set(),
     "ces_identify": {"ces_observer"},
     "ces_rig": {"ces_observer", "ces_identify"},
     "ces_gap": {"ces_observer", "ces_identify"},
-    "ces_cli": {"ces_observer", "ces_identify", "ces_rig", "ces_gap"},
+    "ces_iterate": {"ces_observer", "ces_identify", "ces_rig"},
+    "ces_cli": {"ces_observer", "ces_identify", "ces_rig", "ces_gap", "ces_iterate"},
 }
 ROS = {
     "rclpy",
@@ -108,8 +109,9 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "nested_numbers": "descriptions",
         "dampers": "descriptions drive errors nested_numbers",
         "sensors": "descriptions",
+        "actuated": "dampers drive errors",
         "closed_loop": "dampers drive",
-        "experiment": "closed_loop dampers descriptions drive errors sensors",
+        "experiment": "actuated closed_loop dampers descriptions drive errors sensors",
         "simulation": "dampers errors experiment",
         "withheld": "dampers errors experiment",
         "blind": "dampers drive errors experiment sensors simulation withheld",
@@ -140,6 +142,9 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "witness",
         "api": "augmented baseline diagnosis intake pipeline progress report",
         "fleet": "augmented diagnosis effects intake pipeline",
+    },
+    "ces_iterate": {
+        "stroke": "",
     },
     "ces_cli": {
         "terminal": "",

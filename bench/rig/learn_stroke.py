@@ -1,7 +1,8 @@
 """How well `ces learn-stroke` does: strokes, dampers, actuators, seeds, and models that are 30 % wrong.
 
-`python -m bench.rig.learn_stroke [--out DIR] [--jobs N] [--only WORD]` prints the tables (synthetic data) and, with --out,
-writes learn_stroke.md and learn_stroke.csv there. Errors are those of a fresh run of the learned command, noise included.
+`python -m bench.rig.learn_stroke [--out DIR] [--jobs N] [--only WORD]` prints the tables (synthetic data) and, with
+--out, writes learn_stroke.md and learn_stroke.csv there. Errors are those of a fresh run of the learned command, noise
+included.
 """
 
 from __future__ import annotations
@@ -154,7 +155,7 @@ def true_response(actuator: ServoActuator | None) -> ActuatorModel:
 
 
 def make_steps(seed: int) -> np.ndarray:
-    """Return steps between random levels up to ±15 mm, each a raised-cosine ramp of 80 ms, that end where they begin."""
+    """Return steps between random levels up to ±15 mm, each a smooth ramp of 80 ms, that end where they begin."""
     levels = np.random.default_rng(seed).uniform(-0.015, 0.015, 9)
     levels[[0, -1]] = 0.0
     held = np.repeat(levels, round((len(TIME) - 1) / len(levels) + 1))[: len(TIME)]

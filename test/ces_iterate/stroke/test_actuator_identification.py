@@ -83,7 +83,7 @@ def test_a_fit_finds_the_response(model):
 def test_the_probe_keeps_away_from_the_limits():
     tight = StrokeLimits(0.004, 0.1, 8.0)
     peaks = measure_peaks(make_probe(6.0, 40.0, INTERVAL, tight, stroke()), INTERVAL)
-    shares = [peak / limit for peak, limit in zip(peaks, tight.as_tuple())]
+    shares = [peak / limit for peak, limit in zip(peaks, tight.as_tuple(), strict=True)]
     assert max(shares) == pytest.approx(SHARE, rel=1e-3)
     usual = make_probe(6.0, 40.0, INTERVAL, LIMITS, stroke())
     assert np.std(np.diff(usual)) == pytest.approx(np.std(np.diff(stroke())), rel=0.01)

@@ -18,7 +18,10 @@ def sine(amplitude, frequency):
 
 
 def assert_kept(command, limits=LIMITS):
-    assert all(peak <= limit * (1 + 1e-9) for peak, limit in zip(measure_peaks(command, INTERVAL), limits.as_tuple()))
+    assert all(
+        peak <= limit * (1 + 1e-9)
+        for peak, limit in zip(measure_peaks(command, INTERVAL), limits.as_tuple(), strict=True)
+    )
 
 
 def test_an_allowed_command_is_unchanged():
@@ -33,7 +36,7 @@ def test_every_limit_is_kept_and_the_command_stays_near(amplitude, frequency):
     command, changed = project_command(wanted, last, INTERVAL, LIMITS)
     assert_kept(command)
     assert 0.0 < changed <= 1.0
-    worst = max(peak / limit for peak, limit in zip(measure_peaks(wanted, INTERVAL), LIMITS.as_tuple()))
+    worst = max(peak / limit for peak, limit in zip(measure_peaks(wanted, INTERVAL), LIMITS.as_tuple(), strict=True))
     assert np.linalg.norm(command - wanted) <= 1.02 * np.linalg.norm(wanted / worst - wanted)  # the scaled command
 
 

@@ -11,7 +11,8 @@ from ces_iterate.stroke.learning_filter import MAX_CONTRACTION, design_filter, p
 MODEL = ActuatorModel(1.0, 0.004, 35.0, 0.8, 0.001)
 
 
-def measured(model, spread=0.01, frequencies=np.arange(0.5, 40.0, 0.5)):
+def measured(model, spread=0.01):
+    frequencies = np.arange(0.5, 40.0, 0.5)
     response = model.response(frequencies)
     full = np.full(len(frequencies), spread)
     return MeasuredResponse(frequencies, response, full, np.full_like(full, 0.999), np.full_like(full, 0.5))

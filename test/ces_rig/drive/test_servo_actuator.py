@@ -1,4 +1,4 @@
-"""The servo actuator: gain, delay and bandwidth as described, gives way to the force, keeps its limits, off by default."""
+"""The servo actuator: responds as described, gives way to the force, keeps its limits, is off by default."""
 
 from dataclasses import replace
 
