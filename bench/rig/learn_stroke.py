@@ -1,7 +1,7 @@
 """How well `ces learn-stroke` does: strokes, dampers, actuators, seeds, and models that are 30 % wrong.
 
-`python -m bench.rig.learn_stroke [--out DIR] [--jobs N] [--only WORD]` prints the tables (synthetic data) and, with
---out, writes learn_stroke.md and learn_stroke.csv there. Errors are those of a fresh run of the learned command, noise
+`python -m bench.rig.learn_stroke [--write] [--out DIR] [--jobs N] [--only WORD]` prints the tables (synthetic data);
+--write puts them into docs/learn-stroke.md, --out writes learn_stroke.csv. Errors are those of a fresh run of the learned command, noise
 included.
 """
 
@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.markdown import markdown
+from bench.markdown import markdown, replace_between
 from ces_iterate.stroke.actuator_model import ActuatorModel
 from ces_iterate.stroke.goal import LearnedStroke, LearningSettings, StrokeGoal, command_peaks
 from ces_iterate.stroke.learning import learn_stroke
@@ -86,6 +86,7 @@ class StrokeRow:
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--write", action="store_true", help="write the tables into docs/learn-stroke.md")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--only", default="", help="only ways to know the model that begin so")
     options = parser.parse_args(argv)
@@ -98,9 +99,10 @@ def main(argv: Sequence[str] | None = None) -> None:
             rows = list(pool.map(run_case, chosen))
     text = describe(rows, time.perf_counter() - start)
     print(text)
+    if options.write:
+        replace_between(Path("docs/learn-stroke.md"), "learn-stroke", text.rstrip())
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
-        (options.out / "learn_stroke.md").write_text(text)
         (options.out / "learn_stroke.csv").write_text(as_csv(rows))
 
 

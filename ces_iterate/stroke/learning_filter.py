@@ -37,7 +37,7 @@ from ces_iterate.stroke.frequency_response import MeasuredResponse
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-MAX_CONTRACTION = 0.95  # of the worst plant inside the learning bandwidth
+MAX_CONTRACTION = 0.98  # of the worst plant inside the learning bandwidth
 MEASURED_TOLERANCE = 0.1  # of a measured response, for what its radius does not know
 MAX_AMPLIFICATION = 8.0  # of the inverse model, over its value at rest
 TAPER = 0.9  # Q falls from 1 to 0 between this share of the learning bandwidth and the bandwidth itself
