@@ -135,7 +135,7 @@ def draw_learned_stroke(_: Damper) -> Any:
     condition.plot(f.frequency_Hz, f.share * f.bound_measured, color=_colour(0.5), label="as measured")
     condition.plot(f.frequency_Hz, f.share, color="#777777", linestyle="--", label="Q")
     condition.set(xlabel="frequency [Hz]", title="|Q(1 − LG)|", ylim=(0.0, 1.25))
-    condition.legend(loc="lower left")
+    condition.legend(loc="lower left", bbox_to_anchor=(0.0, 0.11), fontsize=8)
     return figure
 
 

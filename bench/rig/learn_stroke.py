@@ -1,8 +1,8 @@
 """How well `ces learn-stroke` does: strokes, dampers, actuators, seeds, and models that are 30 % wrong.
 
 `python -m bench.rig.learn_stroke [--write] [--out DIR] [--jobs N] [--only WORD]` prints the tables (synthetic data);
---write puts them into docs/learn-stroke.md, --out writes learn_stroke.csv. Errors are those of a fresh run of the learned command, noise
-included.
+--write puts them into docs/learn-stroke.md, --out writes learn_stroke.csv. Errors are those of a fresh run of the
+learned command, noise included.
 """
 
 from __future__ import annotations
