@@ -19,6 +19,7 @@ PROGRAMS = {  # module and summary by name
     "rig": ("rig.program", "run an experiment on the virtual rig and record it (synthetic data)"),
     "learn-stroke": ("rig.learn_stroke", "learn the command that makes the rig's piston follow a wanted stroke"),
     "identify": ("identify.program", "identify a force model from recordings"),
+    "iterate": ("iterate.program", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),

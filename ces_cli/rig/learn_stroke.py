@@ -17,7 +17,7 @@ from ces_iterate.stroke.learning import learn_stroke, require_learnable
 from ces_iterate.stroke.page import find_warnings, summary_sentence
 from ces_iterate.stroke.plan import load_plan
 from ces_iterate.stroke.result_files import COMMAND, EXPERIMENT, REPORT, RESULT, write_results
-from ces_iterate.stroke.rig import StoredRuns, VirtualStrokeRig
+from ces_iterate.stroke.rig import StoredRuns
 
 RUNS = "runs"
 
@@ -27,8 +27,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(argv)
     plan = load_plan(options.plan, options.seed)
     require_learnable(plan.goal)
-    rig = VirtualStrokeRig(plan.experiment)
-    runs = _open_folder(options)
+    runs = options.out / RUNS
+    rig = plan.open_rig(runs)
+    _open_folder(options)
     with terminal.err.status(f"learning {plan.experiment.settings.name}"):
         learned = learn_stroke(StoredRuns(rig, runs, plan.identity), plan.goal, _print_runs())
     facts = {"Plan": str(options.plan), "Date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"}
@@ -61,8 +62,8 @@ def _parser() -> terminal.Parser:
     return p
 
 
-def _open_folder(options: argparse.Namespace) -> Path:
-    """Return the folder of the runs; raises StrokeError if --out is not a folder."""
+def _open_folder(options: argparse.Namespace) -> None:
+    """Make the folder of the runs, empty with --overwrite; raises StrokeError if --out is not a folder."""
     runs: Path = options.out / RUNS
     try:
         runs.mkdir(parents=True, exist_ok=True)
@@ -71,7 +72,6 @@ def _open_folder(options: argparse.Namespace) -> Path:
     if options.overwrite:
         for path in runs.glob("run_*.npz"):
             path.unlink()
-    return runs
 
 
 def _print_runs() -> Callable[[LearningRun], None]:

@@ -1,7 +1,8 @@
 """The position of a recording on the grid of its command: stamped samples go in, uniform ones come out.
 
-Time 0 is the start of the command. A channel `command` (the stroke as commanded, on the recording's clock) tells when
-that was; without one it is the first position sample.
+Time 0 is the start of the command. A channel `command` (the stroke as commanded, on the recording's clock) shows when
+that was. Without one the position itself is laid over the command: the actuator's mean delay is then taken out of every
+run alike, and the piston makes the wanted stroke as much later.
 """
 
 from __future__ import annotations
@@ -54,9 +55,9 @@ def _require_complete(name: str, time: Array, length: float) -> None:
 
 def _find_start(recording: Recording, command_m: Array, interval_s: float) -> float:
     """Return the stamp [ns] at which the command began."""
-    if COMMAND not in recording.channels:
-        return float(recording.channel(POSITION).stamps_ns[0])
-    channel = recording.channel(COMMAND)
+    channel = recording.channel(COMMAND if COMMAND in recording.channels else POSITION)
+    if not np.isfinite(channel.values).any():
+        return 0.0
     first = float(channel.stamps_ns[0])
     time, values = _samples(channel, first)
     grid = np.arange(time[0], time[-1], interval_s)

@@ -106,7 +106,8 @@ def test_overwrite_starts_anew(tmp_path):
         ("{}", "'experiment' is None; expected a packaged name or a file"),
         ("experiment: nothing.yaml", "nothing.yaml: no such file or packaged experiment"),
         ("experiment: sine.yaml", "has no actuator, so its stroke is exact; add 'actuator: {}' to the plan"),
-        ("experiment: sine.yaml\nrig: 3", "unknown key 'rig'; known are description, experiment"),
+        ("experiment: sine.yaml\nseed: 3", "unknown key 'seed'; known are description, experiment"),
+        ("experiment: sine.yaml\nrig: 3", "rig is 3; expected a mapping with kind: one of virtual, folder, ros"),
         (
             PLAN.replace("stroke_m: 0.03", "stroke_m: 0.005"),
             "wanted stroke: its stroke reaches 0.009999 m, the limit is 0.005 m",

@@ -1,0 +1,71 @@
+"""`ces iterate`: a whole run from a plan file with its page; bad plans are one line and status 2."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from ces_cli.main import main
+from ces_iterate.plan.template import TEMPLATE
+from ces_rig.dampers.kinds import KINDS
+
+PLAN = {
+    "limits": {"stroke_m": 0.02, "speed_m_s": 0.7, "acceleration_m_s2": 60, "low_A": 0.2, "high_A": 1.6},
+    "rig": {"kind": "virtual", "damper": "damper.yaml"},
+    "experiments": {"duration_s": 3},
+    "stop": {"budget_s": 6},
+    "identify": {"structure": "polynomial", "terms": 4, "starts": 1, "threads": 1},
+}
+
+
+def test_a_plan_gives_a_model_and_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "damper.yaml").write_text(yaml.safe_dump(KINDS["monotube"].design.description()))
+    (tmp_path / "plan.yaml").write_text(yaml.safe_dump(PLAN))
+    assert main(["iterate", str(tmp_path / "plan.yaml")]) == 0
+    output = capsys.readouterr().out
+    assert "experiment_02: 3.0 s recorded (6.0 s in all); J " in output
+    assert "stopped: budget spent" in output
+    out = tmp_path / "plan"
+    assert {"model.json", "plan.yaml", "report.html", "iterations.jsonl"} <= {path.name for path in out.iterdir()}
+    page = ElementTree.parse(out / "report.html")
+    names = [e.text for e in page.iter("{http://www.w3.org/1999/xhtml}h3")]
+    assert names == ["experiment 02", "experiment 01"]
+    assert main(["iterate", str(tmp_path / "plan.yaml")]) == 0
+    assert "experiment_02" not in capsys.readouterr().out  # nothing was left to do
+
+
+def test_the_template_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["iterate", "--template"]) == 0
+    assert capsys.readouterr().out == TEMPLATE
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("limits: [1, 2]\nrig: {kind: virtual}\n", "'limits' is missing or not a mapping"),
+        (TEMPLATE.replace("kind: virtual", "kind: cloud"), "expected one of virtual, folder, ros"),
+        (TEMPLATE.replace("budget_s: 60", "budget_s: -3"), "budget_s is -3"),
+        (TEMPLATE.replace("validate: []", "validate: [missing]"), "missing"),
+        ("limits: {", "not valid YAML"),
+    ],
+)
+def test_a_bad_plan_is_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, part: str
+) -> None:
+    path = tmp_path / "plan.yaml"
+    path.write_text(text)
+    assert main(["iterate", str(path), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("ces iterate: error: ")
+    assert part in error
+    assert len(error.splitlines()) == 1
+
+
+def test_an_out_that_is_a_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "plan.yaml").write_text(TEMPLATE)
+    (tmp_path / "out").write_text("")
+    assert main(["iterate", str(tmp_path / "plan.yaml"), "--out", str(tmp_path / "out")]) == 2
+    assert "is not a folder" in capsys.readouterr().err

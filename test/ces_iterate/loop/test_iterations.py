@@ -1,0 +1,141 @@
+"""The loop: interrupted anywhere it goes on to the same results; costs are on data that no fit has seen."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from iterate_examples import LIMITS, BreakingRig, make_plan, monotube_rig, sine_commands
+
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.signals_file import load_signals
+from ces_iterate.commands import write_commands
+from ces_iterate.loop.identification import evaluate_fresh
+from ces_iterate.loop.iterate import Iterations
+from ces_iterate.loop.store import ROWS
+from ces_observer.errors import CesError
+from ces_observer.model import load_model
+
+
+def rows(out: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (out / ROWS).read_text().splitlines()]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("finished")
+    reason = Iterations(make_plan(out), monotube_rig(), out).run()
+    assert reason.startswith("budget spent: 6.0 of 6 s")
+    return out
+
+
+def test_every_iteration_is_kept(finished: Path) -> None:
+    for number in (1, 2):
+        folder = finished / f"iteration_{number:02d}"
+        assert {"commands.csv", "design.json", "recording", "model.json", "ensemble_1.json"} <= {
+            path.name for path in folder.iterdir()
+        }
+    first, second = rows(finished)
+    assert first["fresh_J"] is None
+    assert second["total_s"] == 6.0
+    assert second["coverage"] > first["coverage"]
+
+
+def test_the_fresh_cost_is_that_of_the_model_before(finished: Path) -> None:
+    iterations = Iterations(make_plan(finished), monotube_rig(), finished)
+    iterations.run()  # nothing is left to do
+    before = load_model(finished / "iteration_01" / "model.json")
+    cost = evaluate_fresh(before, iterations.done.recordings[1]).cost
+    assert rows(finished)[1]["fresh_J"] == pytest.approx(cost)
+    names = [one["recording"] for one in before.provenance["identification"]]
+    assert names == ["experiment_01"]
+
+
+@pytest.mark.parametrize("break_at", [1, 2])
+def test_an_interrupted_iteration_goes_on_to_the_same_results(finished: Path, tmp_path: Path, break_at: int) -> None:
+    plan, rig = make_plan(tmp_path), BreakingRig(break_at)
+    with pytest.raises(KeyboardInterrupt):
+        Iterations(plan, rig, tmp_path).run()
+    Iterations(plan, rig, tmp_path).run()
+    assert rig.runs == 3  # no finished run is repeated
+    assert rows(tmp_path) == rows(finished)
+
+
+def test_a_kill_between_recording_and_fit_repeats_only_the_fit(finished: Path, tmp_path: Path) -> None:
+    plan = make_plan(tmp_path)
+    Iterations(replace(plan, stop=replace(plan.stop, max_iterations=1)), monotube_rig(), tmp_path).run()
+    (tmp_path / ROWS).write_text("")
+    (tmp_path / "iteration_01" / "model.json").unlink()
+    rig = BreakingRig(0)
+    Iterations(plan, rig, tmp_path).run()
+    assert rig.runs == 1
+    assert rows(tmp_path) == rows(finished)
+
+
+def test_a_larger_budget_goes_on(finished: Path, tmp_path: Path) -> None:
+    plan = make_plan(tmp_path, stop={"budget_s": 3.0})
+    assert Iterations(plan, monotube_rig(), tmp_path).run().startswith("budget spent")
+    assert len(rows(tmp_path)) == 1
+    Iterations(make_plan(tmp_path), monotube_rig(), tmp_path).run()
+    assert rows(tmp_path) == rows(finished)
+
+
+def test_a_target_on_fresh_data_ends_it(tmp_path: Path) -> None:
+    plan = make_plan(tmp_path, stop={"budget_s": 60.0, "target_J": 99.0})
+    assert Iterations(plan, monotube_rig(), tmp_path).run().startswith("target reached")
+    assert len(rows(tmp_path)) == 2
+
+
+def test_given_recordings_are_identified_first_and_cost_nothing(tmp_path: Path) -> None:
+    recording = monotube_rig().run(sine_commands("given", 4.0), tmp_path)
+    write_bag(tmp_path / "bag", recording_topics(recording, load_signals()))
+    plan = make_plan(tmp_path, recordings=["bag"], validate=["bag"], stop={"budget_s": 3.0})
+    with pytest.warns(UserWarning, match="no header"):
+        Iterations(plan, monotube_rig(), tmp_path / "out").run()
+    zeroth, first = rows(tmp_path / "out")
+    assert (zeroth["number"], zeroth["total_s"], first["total_s"]) == (0, 0.0, 3.0)
+    assert first["fresh_J"] is not None
+    assert set(first["validation_J"]) == {"bag"}
+
+
+def test_a_repeated_experiment_improves_the_parameters_until_the_cost_stops_falling(tmp_path: Path) -> None:
+    write_commands(tmp_path / "mine.csv", sine_commands())
+    plan = make_plan(
+        tmp_path,
+        experiments={"kind": "repeated", "commands": "mine.csv"},
+        identify={"structure": "polynomial", "terms": 4, "starts": 1, "threads": 1, "time_s": 20},
+        stop={"budget_s": 60.0, "max_iterations": 6},
+    )
+    reason = Iterations(plan, monotube_rig(), tmp_path / "out").run()
+    assert reason.startswith("the cost has stopped falling")
+    models = [load_model(path) for path in sorted((tmp_path / "out").glob("iteration_*/model.json"))]
+    factors = [[term.factors for term in model.body.terms] for model in models]
+    assert all(one == factors[0] for one in factors)
+    assert all(model.certificate is not None for model in models)
+    strokes = [np.loadtxt(p, delimiter=",", skiprows=1) for p in sorted((tmp_path / "out").glob("*/commands.csv"))]
+    assert all(np.array_equal(one, strokes[0]) for one in strokes)
+
+
+def test_a_repeated_experiment_outside_the_limits_is_refused(tmp_path: Path) -> None:
+    write_commands(tmp_path / "mine.csv", sine_commands())
+    plan = make_plan(
+        tmp_path,
+        experiments={"kind": "repeated", "commands": "mine.csv"},
+        limits={**LIMITS, "stroke_m": 0.005},
+    )
+    with pytest.raises(CesError, match=r"mine: stroke 0.01 m exceeds"):
+        Iterations(plan, monotube_rig(), tmp_path / "out")
+
+
+def test_heat_is_carried_on_and_the_damper_rests(tmp_path: Path) -> None:
+    heat = {"power_W": 2.0, "memory_s": 5.0, "force_N": 10.0}
+    plan = make_plan(tmp_path, limits={**LIMITS, "heat": heat})
+    Iterations(plan, monotube_rig(), tmp_path).run()
+    first, second = rows(tmp_path)
+    assert first["rest_s"] == 0.0
+    assert first["load_W"] > 1.0
+    assert second["rest_s"] == pytest.approx(5.0 * np.log(first["load_W"]))

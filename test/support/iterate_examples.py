@@ -1,0 +1,75 @@
+"""Small plans, limits and rigs of the loop, with which a whole iteration takes seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ces_identify.recordings.recording import Recording
+from ces_iterate.commands import INTERVAL_S, Commands
+from ces_iterate.design.designer import DesignTask
+from ces_iterate.design.features import draw_features
+from ces_iterate.design.information import Information
+from ces_iterate.design.pool import Pool, draw_pool
+from ces_iterate.loop.heat import make_power_model
+from ces_iterate.plan.limits import HeatLimits, RigLimits
+from ces_iterate.plan.plan import Plan, parse_plan
+from ces_iterate.rigs.virtual import VirtualRig
+from ces_rig.dampers.kinds import KINDS
+
+LIMITS: Mapping[str, Any] = {
+    "stroke_m": 0.02, "speed_m_s": 0.7, "acceleration_m_s2": 60.0, "low_A": 0.2, "high_A": 1.6, "frequency_Hz": 12.0,
+}  # fmt: skip
+
+
+def make_limits(**changes: Any) -> RigLimits:
+    return RigLimits(**{**LIMITS, **changes})
+
+
+def make_plan(folder: Path, **sections: Any) -> Plan:
+    """Return a plan of two experiments of 3 s on a monotube damper, with a small search."""
+    content: dict[str, Any] = {
+        "limits": dict(LIMITS),
+        "rig": {"kind": "virtual"},
+        "experiments": {"duration_s": 3.0},
+        "stop": {"budget_s": 6.0},
+        "identify": {"structure": "polynomial", "terms": 4, "starts": 1, "threads": 1},
+    }
+    return parse_plan(content | sections, "plan.yaml", folder)
+
+
+def monotube_rig() -> VirtualRig:
+    return VirtualRig(KINDS["monotube"].design)
+
+
+def make_task(limits: RigLimits, seed: int = 1, load_W: float = 0.0) -> tuple[DesignTask, Pool]:
+    """Return the task of a first experiment, and the pool of its targets."""
+    pool, features = draw_pool(limits, seed), draw_features(seed)
+    targets = features.at(pool.state)
+    power = make_power_model(None, limits.heat)
+    nothing = Information.none(targets.shape[1])
+    return DesignTask(limits, features, nothing, targets, np.ones(len(targets)), power, load_W), pool
+
+
+def sine_commands(name: str = "sine", duration_s: float = 3.0) -> Commands:
+    time = np.arange(round(duration_s / INTERVAL_S) + 1) * INTERVAL_S
+    return Commands(name, 0.01 * np.sin(2 * np.pi * 3.0 * time) ** 3, 0.9 + 0.5 * np.sign(np.sin(9.0 * time)))
+
+
+class BreakingRig:
+    """The virtual rig, but Ctrl-C comes during the run of this number."""
+
+    def __init__(self, break_at: int) -> None:
+        self.rig, self.runs, self.break_at = monotube_rig(), 0, break_at
+
+    def run(self, commands: Commands, folder: Path) -> Recording:
+        self.runs += 1
+        if self.runs == self.break_at:
+            raise KeyboardInterrupt
+        return self.rig.run(commands, folder)
+
+
+HOT = HeatLimits(power_W=5.0, memory_s=20.0, force_N=300.0)
