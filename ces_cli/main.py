@@ -17,6 +17,7 @@ PROGRAMS = {  # module and summary by name
     "info": ("bags.info", "inspect recordings: signals, rates, gaps, ranges, coverage"),
     "import": ("bags.import_", "convert dyno logs (CSV, JSON, MAT) to bags"),
     "rig": ("rig.program", "run an experiment on the virtual rig and record it (synthetic data)"),
+    "learn-stroke": ("rig.learn_stroke", "learn the command that makes the rig's piston follow a wanted stroke"),
     "identify": ("identify.program", "identify a force model from recordings"),
     "iterate": ("iterate.program", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
@@ -33,7 +34,7 @@ ROS_ARGS = "--ros-args"
 
 
 def _usage() -> str:
-    rows = "\n".join(f"  {name:<10}{text}" for name, (_, text) in PROGRAMS.items())
+    rows = "\n".join(f"  {name:<14}{text}" for name, (_, text) in PROGRAMS.items())
     return (
         "usage: ces PROGRAM [OPTIONS]\n\n"
         "Identify models of a semi-active damper from rig recordings and run them as force observers.\n\n"

@@ -59,3 +59,4 @@ class Sensors:
     temperature: Sensor = field(default_factory=lambda: Sensor(noise=0.2, quantum=0.1, rate_Hz=10.0))
     current_source: str = choice("measured", "which current is logged", ("measured", "commanded"))
     log_temperature: bool = False
+    log_command: bool = False  # the stroke as commanded, channel `command`

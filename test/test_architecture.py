@@ -114,8 +114,9 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "nested_numbers": "descriptions",
         "dampers": "descriptions drive errors nested_numbers",
         "sensors": "descriptions",
+        "actuated": "dampers drive errors",
         "closed_loop": "dampers drive",
-        "experiment": "closed_loop dampers descriptions drive errors sensors",
+        "experiment": "actuated closed_loop dampers descriptions drive errors sensors",
         "simulation": "dampers errors experiment",
         "withheld": "dampers errors experiment",
         "blind": "dampers drive errors experiment sensors simulation withheld",
@@ -130,6 +131,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "live": "commands errors rigs",
         "loop": "commands design errors plan rigs",
         "report": "commands loop plan",
+        "stroke": "commands errors plan rigs",
     },
     "ces_gap": {
         "derivative": "",

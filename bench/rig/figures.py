@@ -6,6 +6,7 @@ python -m bench.rig.figures docs/img
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,14 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 from bench.rig.characteristic import current_step, cycle, rise_time, steady_force
+from ces_iterate.stroke.goal import StrokeGoal
+from ces_iterate.stroke.learning import learn_stroke
+from ces_iterate.stroke.limits import StrokeLimits
+from ces_iterate.stroke.rig import INTERVAL_S, VirtualStrokeRig
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.dampers.hydraulic.stepper import rest_force
-from ces_rig.experiment import Truth, load_experiment, packaged_experiments, simulate_truth
+from ces_rig.drive.servo_actuator import ServoActuator
+from ces_rig.experiment import STREAMS, Truth, load_experiment, packaged_experiments, simulate_truth
 
 CURRENTS = (0.29, 0.40, 0.50, 0.60, 0.70)  # [A] in the working range
 BEYOND = {0.20: ":", 1.00: "--", 1.60: "-."}  # [A] outside it
@@ -37,6 +43,7 @@ def main(folder: Path) -> None:
         "loops": draw_loops,
         "step": draw_current_steps,
         "experiments": draw_experiments,
+        "learned": draw_learned_stroke,
     }
     with plt.rc_context(STYLE):
         for name, make in makers.items():
@@ -96,6 +103,39 @@ def draw_experiments(_: Damper) -> Any:
         _second(column, name, simulate_truth(load_experiment(packaged_experiments()[name])))
     for axes, label in zip(grid[:, 0], ("stroke [mm]", "current [A]", "force [kN]"), strict=True):
         axes.set_ylabel(label)
+    return figure
+
+
+def draw_learned_stroke(_: Damper) -> Any:
+    """The packaged road on the default actuator: errors over the runs, tracking, and the condition of convergence."""
+    experiment = load_experiment(packaged_experiments()["road"])
+    time = np.arange(round(experiment.settings.duration_s / INTERVAL_S) + 1) * INTERVAL_S
+    wanted = experiment.stroke.samples(time, np.random.default_rng([experiment.settings.seed, STREAMS["stroke"]]))
+    rig = VirtualStrokeRig(replace(experiment, actuator=ServoActuator()))
+    learned = learn_stroke(rig, StrokeGoal(wanted, INTERVAL_S, StrokeLimits()))
+    figure, (runs, tracking, condition) = plt.subplots(1, 3, figsize=(11.0, 3.6))
+    error, floor = 1e6 * np.array([run.error_m for run in learned.runs]), 1e6 * learned.repeatability_m
+    runs.axhspan(floor / 2.0, 1.5 * floor, color="#cfe5df", label="to 1.5 × repeatability")
+    runs.semilogy(np.arange(1, len(error) + 1), error, "o-", color=_colour(0.5))
+    runs.set(xlabel="run", ylabel="RMS error [µm]", title="Error over the runs", ylim=(floor / 2.0, 2.0 * error.max()))
+    runs.legend()
+    part = slice(5_400, 6_001)
+    for values, colour, label in (
+        (wanted, "#bbbbbb", "wanted"),
+        (learned.first.position_m, _colour(0.35), "before"),
+        (learned.confirmation.position_m, "#d1570b", "after"),
+    ):
+        width = 5.0 if label == "wanted" else 1.4
+        tracking.plot(time[part], 1e3 * values[part], color=colour, label=label, linewidth=width)
+    tracking.set(xlabel="time [s]", ylabel="position [mm]", title="Tracking")
+    tracking.legend()
+    f = learned.learning_filter
+    condition.axhline(1.0, color="#888888", linewidth=0.8)
+    condition.plot(f.frequency_Hz, f.share * f.bound_in_tolerance, color="#d1570b", label="model 30 % wrong")
+    condition.plot(f.frequency_Hz, f.share * f.bound_measured, color=_colour(0.5), label="as measured")
+    condition.plot(f.frequency_Hz, f.share, color="#777777", linestyle="--", label="Q")
+    condition.set(xlabel="frequency [Hz]", title="|Q(1 − LG)|", ylim=(0.0, 1.25))
+    condition.legend(loc="lower left", bbox_to_anchor=(0.0, 0.11), fontsize=8)
     return figure
 
 

@@ -18,6 +18,7 @@ from scipy.signal import butter, sosfilt
 
 from ces_rig.descriptions import REQUIRED, build, choice, quantity
 from ces_rig.drive.quarter_vehicle import road_stroke
+from ces_rig.drive.stroke_file import StrokeFile
 from ces_rig.errors import RigError
 
 Array = NDArray[np.float64]
@@ -171,6 +172,7 @@ KINDS: Mapping[str, type[Any]] = {
     "road": RoadStroke,
     "frequency_modulated": FrequencyModulated,
     "triangle": Triangle,
+    "file": StrokeFile,
 }
 
 

@@ -15,11 +15,13 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from ces_rig.dampers.hydraulic import kernel as hy
+from ces_rig.drive.servo_kernel import LOAD, POSITION, POSITION_SPEED, ServoNumbers, servo_step
 from ces_rig.drive.vehicle_kernel import CURRENT, FORCE, STROKE, STROKE_SPEED, VehicleNumbers, between, roll
 
 Array = NDArray[np.float64]
 SIZE = len(hy.Coefficients._fields)
 VEHICLE = len(VehicleNumbers._fields)
+SERVO = len(ServoNumbers._fields)
 
 
 @njit(cache=True)
@@ -47,6 +49,31 @@ def ride(
             one[2, 0] = between(moves[CURRENT], n, k / substeps)
             hy.advance(c, state, one[0], one[1], one[2], h, 1, force, none)
             motion[FORCE] = force[0] - zero
+
+
+@njit(cache=True)
+def push(
+    numbers: Array, state: Array, servo: Array, motion: Array, moves: Array, interval: float, substeps: int,
+    out: Array, states: Array,
+) -> None:  # fmt: skip
+    """Move the damper by the servo actuator; the rows of `moves` (2, n + 1) are its input [m] and the current [A].
+
+    `out` (2, n) receives the stroke [m] and the force [N] minus the gas force at mid-stroke, `states` (n, STATE_SIZE)
+    the damper's states; `motion` changes in place.
+    """
+    c = hy.Coefficients(*to_fixed_tuple(numbers, SIZE))
+    s = ServoNumbers(*to_fixed_tuple(servo, SERVO))
+    h, zero = interval / substeps, gas_force(c)
+    one, force, none = np.empty((3, 1)), np.empty(1), np.empty((0, hy.STATE_SIZE))
+    for n in range(1, moves.shape[1]):
+        for k in range(1, substeps + 1):
+            servo_step(s, motion, between(moves[0], n, (k - 0.5) / substeps), h)
+            one[0, 0], one[1, 0] = motion[POSITION], motion[POSITION_SPEED]
+            one[2, 0] = between(moves[1], n, k / substeps)
+            hy.advance(c, state, one[0], one[1], one[2], h, 1, force, none)
+            motion[LOAD] = force[0] - zero
+        out[0, n - 1], out[1, n - 1] = motion[POSITION], motion[LOAD]
+        states[n - 1] = state
 
 
 @njit(cache=True)

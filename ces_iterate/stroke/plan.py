@@ -1,0 +1,115 @@
+"""The plan of a learning (YAML): the wanted stroke, the rig, its limits and how to learn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ces_identify.config_file import read_yaml_mapping
+from ces_iterate.plan.limits import RigLimits
+from ces_iterate.plan.plan import Plan
+from ces_iterate.rigs.kinds import RIGS, open_rig
+from ces_iterate.stroke.actuator_model import ActuatorModel
+from ces_iterate.stroke.commanded_rig import CommandedRig
+from ces_iterate.stroke.errors import StrokeError
+from ces_iterate.stroke.goal import LearningSettings, ProbeSettings, StrokeGoal
+from ces_iterate.stroke.limits import StrokeLimits
+from ces_iterate.stroke.rig import INTERVAL_S, StrokeRig, VirtualStrokeRig
+from ces_rig.descriptions import build
+from ces_rig.drive.servo_actuator import ServoActuator
+from ces_rig.errors import RigError
+from ces_rig.experiment import STREAMS, Experiment, find_experiment, load_experiment, packaged_experiments, with_seed
+
+KEYS = ("description", "experiment", "rig", "actuator", "limits", "probe", "learning", "model")
+VIRTUAL = "virtual"
+WHAT = "a plan of a stroke to learn"
+ROOM = 0.01  # of the limits, for peaks between the samples of a command, which its differences do not show
+
+
+@dataclass(frozen=True)
+class StrokePlan:
+    """A goal, and the experiment on the virtual rig that it belongs to, with the path of its file."""
+
+    goal: StrokeGoal
+    experiment: Experiment
+    experiment_path: Path
+    source: Path
+    rig: Mapping[str, Any]
+
+    @property
+    def identity(self) -> str:
+        """Everything besides the command that a run depends on, as text."""
+        e = self.experiment
+        return repr((e.settings, e.current, e.damper, e.sensors, e.actuator, dict(self.rig)))
+
+    def open_rig(self, folder: Path) -> StrokeRig:
+        """Return the rig of the plan, which may keep files in `folder`; raises CesError naming the key at fault."""
+        if self.rig.get("kind") == VIRTUAL:
+            return VirtualStrokeRig(self.experiment)
+        stroke, speed, acceleration = (limit * (1.0 + ROOM) for limit in self.goal.limits.as_tuple())
+        allowed = RigLimits(stroke, speed, acceleration, *self.current_range())
+        rig = open_rig(Plan(str(self.source), self.source.parent, allowed, self.rig))
+        return CommandedRig(rig, self.experiment, allowed, folder)
+
+    def current_range(self) -> tuple[float, float]:
+        """Return the lowest and highest current [A] that the damper of the experiment takes."""
+        valve = self.experiment.damper.ces_valve
+        return valve.allowed_low_A, valve.allowed_high_A
+
+
+def load_plan(path: Path, seed: int | None = None) -> StrokePlan:
+    """Return the plan in a YAML file, `seed` replacing its experiment's; raises StrokeError or RigError."""
+    content = read_yaml_mapping(path, WHAT, KEYS, StrokeError)
+    if not isinstance(content.get("experiment"), str):
+        raise StrokeError(f"{path}: 'experiment' is {content.get('experiment')!r}; expected a packaged name or a file")
+    file = _find_experiment(content["experiment"], path.parent)
+    experiment = load_experiment(file)
+    if "actuator" in content:
+        experiment = replace(experiment, actuator=build(ServoActuator, content["actuator"], f"{path}: actuator"))
+    experiment = experiment if seed is None else with_seed(experiment, seed)
+    rig = content.get("rig", {"kind": VIRTUAL})
+    if not isinstance(rig, Mapping) or rig.get("kind") not in RIGS:
+        raise StrokeError(f"{path}: rig is {rig!r}; expected a mapping with kind: one of {', '.join(RIGS)}")
+    return StrokePlan(_read_goal(content, experiment, path), experiment, file, path, rig)
+
+
+def write_learned_experiment(plan: StrokePlan, command_file: str) -> str:
+    """Return the YAML of an experiment that runs the learned command on the virtual rig."""
+    content = read_yaml_mapping(plan.experiment_path, "an experiment", error=RigError)
+    if isinstance(content.get("damper"), str):
+        content["damper"] = str((plan.experiment_path.parent / content["damper"]).resolve())
+    settings = plan.experiment.settings
+    content |= {
+        "description": f"learned command of {settings.name}",
+        "duration_s": float(plan.goal.interval_s * (len(plan.goal.wanted_m) - 1)),
+        "seed": settings.seed,
+        "stroke": {"kind": "file", "path": command_file, "fade_s": 0.0},
+    }
+    if plan.experiment.actuator is not None:
+        content["actuator"] = vars(plan.experiment.actuator)
+    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+
+
+def _find_experiment(name: str, folder: Path) -> Path:
+    """Return the file beside the plan, or the packaged experiment, of this name."""
+    return folder / name if name not in packaged_experiments() and (folder / name).is_file() else find_experiment(name)
+
+
+def _read_goal(content: Mapping[str, Any], experiment: Experiment, path: Path) -> StrokeGoal:
+    settings = experiment.settings
+    time = np.arange(round(settings.duration_s / INTERVAL_S) + 1, dtype=np.float64) * INTERVAL_S
+    wanted = experiment.stroke.samples(time, np.random.default_rng([settings.seed, STREAMS["stroke"]]))
+    model = content.get("model")
+    return StrokeGoal(
+        wanted,
+        INTERVAL_S,
+        build(StrokeLimits, content.get("limits", {}), f"{path}: limits"),
+        build(LearningSettings, content.get("learning", {}), f"{path}: learning"),
+        build(ProbeSettings, content.get("probe", {}), f"{path}: probe"),
+        None if model is None else build(ActuatorModel, model, f"{path}: model"),
+    )

@@ -1,0 +1,148 @@
+"""`ces learn-stroke`: from a plan to command, page and result; continues where it stopped; mistakes in one line."""
+
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from ces_cli.main import main
+from ces_rig.drive.stroke_file import read_stroke_file
+from ces_rig.experiment import load_experiment, simulate_truth
+
+EXPERIMENT = """\
+duration_s: 2.5
+stroke: {kind: sine, amplitude_m: 0.01, frequency_Hz: 4}
+current: {kind: constant, current_A: 0.5}
+"""
+PLAN = """\
+experiment: sine.yaml
+actuator: {compliance_m_N: 2.0e-7}
+limits: {stroke_m: 0.03, speed_m_s: 1.0, acceleration_m_s2: 60.0}
+probe: {duration_s: 3.0, to_Hz: 40.0}
+learning: {max_iterations: 3}
+"""
+
+
+def write_plan(folder, plan=PLAN, experiment=EXPERIMENT):
+    (folder / "sine.yaml").write_text(experiment)
+    (folder / "plan.yaml").write_text(plan)
+    return str(folder / "plan.yaml")
+
+
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("learned")
+    assert main(["learn-stroke", write_plan(folder), "--out", str(folder / "out")]) == 0
+    return folder
+
+
+def read_result(folder):
+    return json.loads((folder / "out" / "result.json").read_text())
+
+
+def test_the_result_says_what_was_reached(learned):
+    result = read_result(learned)
+    assert result["schema"] == "ces-learned-stroke/1"
+    assert result["confirmed_error_m"] < 0.1 * result["first_error_m"]
+    assert [run["kind"] for run in result["runs"]][:3] == ["first", "first", "learned"]
+    assert result["runs"][-1]["kind"] == "repeated" and result["iterations"] <= 3
+    assert 0.0 < result["filter"]["max_contraction"] < 1.0
+    assert all(row["highest"] <= row["limit"] for row in result["limits"].values())
+
+
+def test_the_page_is_well_formed_and_shows_all_figures(learned):
+    text = (learned / "out" / "report.html").read_text()
+    page = ElementTree.fromstring(text.removeprefix("<!DOCTYPE html>"))
+    names = {node.text for node in page.iter("{http://www.w3.org/2000/svg}title")}
+    assert names == {
+        "Error over the runs",
+        "Tracking before and after learning",
+        "Condition of convergence",
+        "Response of the actuator",
+    }
+    assert "nan" not in text.lower().replace("repeatability", "")
+
+
+def test_the_learned_experiment_runs_on_the_rig(learned):
+    truth = simulate_truth(load_experiment(learned / "out" / "learned.yaml"))
+    wanted = load_experiment(learned / "sine.yaml").stroke.samples(truth.time_s, np.random.default_rng(0))
+    assert np.sqrt(np.mean((truth.stroke_m - wanted) ** 2)) < 60e-6
+    _, command = read_stroke_file(learned / "out" / "command.csv")
+    assert np.abs(command - wanted[::2]).max() > 1e-3
+
+
+def test_an_interrupted_learning_continues_where_it_stopped(learned, tmp_path, capsys):
+    out = tmp_path / "out"
+    (out / "runs").mkdir(parents=True)
+    runs = sorted((learned / "out" / "runs").iterdir())
+    for path in runs[:3]:
+        (out / "runs" / path.name).write_bytes(path.read_bytes())
+    untouched = {path.name: path.stat().st_mtime_ns for path in (out / "runs").iterdir()}
+    assert main(["learn-stroke", str(learned / "plan.yaml"), "--out", str(out)]) == 0
+    assert {name: (out / "runs" / name).stat().st_mtime_ns for name in untouched} == untouched
+    assert json.loads((out / "result.json").read_text()) == read_result(learned)
+    assert (out / "command.csv").read_text() == (learned / "out" / "command.csv").read_text()
+    assert "The tracking error fell from" in capsys.readouterr().out
+
+
+def test_runs_of_another_plan_are_not_mixed_in(learned, capsys):
+    command = ["learn-stroke", str(learned / "plan.yaml"), "--out", str(learned / "out")]
+    assert main([*command, "--seed", "77"]) == 2
+    assert "run_00.npz: is a run of another plan or version; choose another --out" in capsys.readouterr().err
+
+
+def test_overwrite_starts_anew(tmp_path):
+    plan, out = write_plan(tmp_path), tmp_path / "out"
+    (out / "runs").mkdir(parents=True)
+    (out / "runs" / "run_00.npz").write_bytes(b"old")
+    assert main(["learn-stroke", plan, "--out", str(out), "--overwrite"]) == 0
+    assert (out / "runs" / "run_00.npz").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("plan", "says"),
+    [
+        ("{}", "'experiment' is None; expected a packaged name or a file"),
+        ("experiment: nothing.yaml", "nothing.yaml: no such file or packaged experiment"),
+        ("experiment: sine.yaml", "has no actuator, so its stroke is exact; add 'actuator: {}' to the plan"),
+        ("experiment: sine.yaml\nseed: 3", "unknown key 'seed'; known are description, experiment"),
+        ("experiment: sine.yaml\nrig: 3", "rig is 3; expected a mapping with kind: one of virtual, folder, ros"),
+        (
+            PLAN.replace("stroke_m: 0.03", "stroke_m: 0.005"),
+            "wanted stroke: its stroke reaches 0.009999 m, the limit is 0.005 m",
+        ),
+        (PLAN.replace("stroke_m: 0.03", "stroke_m: -1"), "limits: stroke_m is -1; expected a number from 0.0001 to"),
+        (PLAN.replace("max_iterations: 3", "max_iterations: none"), "learning: max_iterations is 'none'; expected"),
+        (PLAN + "model: {gain: 0}\n", "model: gain is 0; expected a number from 0.1 to 10"),
+        (PLAN.replace("duration_s: 3.0", "duration_s: nan"), "probe: duration_s is 'nan'; expected"),
+        ("- a list", "is not a mapping; expected a plan of a stroke to learn"),
+    ],
+)
+def test_mistakes_in_a_plan_are_one_line(tmp_path, capsys, plan, says):
+    out = tmp_path / "out"
+    assert main(["learn-stroke", write_plan(tmp_path, plan), "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert says in error and error.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_stroke_that_does_not_end_at_rest_is_refused(tmp_path, capsys):
+    moving = EXPERIMENT.replace("frequency_Hz: 4", "frequency_Hz: 4, fade_s: 0.0")
+    assert main(["learn-stroke", write_plan(tmp_path, experiment=moving), "--out", str(tmp_path / "out")]) == 2
+    assert "does not begin and end at rest in one place" in capsys.readouterr().err
+
+
+def test_a_file_in_place_of_the_folder_is_named(tmp_path, capsys):
+    out = tmp_path / "out"
+    out.write_text("")
+    assert main(["learn-stroke", write_plan(tmp_path), "--out", str(out)]) == 2
+    assert "out: is not a folder; choose another --out" in capsys.readouterr().err
+
+
+def test_a_broken_run_is_named(tmp_path, capsys):
+    out = tmp_path / "out"
+    (out / "runs").mkdir(parents=True)
+    (out / "runs" / "run_00.npz").write_bytes(b"no zip")
+    assert main(["learn-stroke", write_plan(tmp_path), "--out", str(out)]) == 2
+    assert "run_00.npz: cannot be read as a stored run" in capsys.readouterr().err

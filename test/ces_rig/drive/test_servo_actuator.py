@@ -1,0 +1,135 @@
+"""The servo actuator: responds as described, gives way to the force, keeps its limits, is off by default."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ces_rig.actuated import simulate_actuated
+from ces_rig.dampers.hydraulic.parameters import Damper
+from ces_rig.dampers.hydraulic.stepper import simulate
+from ces_rig.drive.currents import ConstantLevel
+from ces_rig.drive.servo_actuator import ServoActuator
+from ces_rig.drive.servo_kernel import MOTION_SIZE, POSITION, POSITION_SPEED, ServoNumbers, servo_step
+from ces_rig.errors import RigError
+from ces_rig.experiment import GRID_S, parse_experiment, run, simulate_truth, with_repeat, with_seed
+
+IDEAL = ServoActuator(disturbance_m=0.0, compliance_m_N=0.0)
+SINE = {"kind": "sine", "amplitude_m": 0.012, "frequency_Hz": 4.0}
+SHORT = {"duration_s": 1.5, "stroke": SINE, "current": {"kind": "constant", "current_A": 0.6}}
+
+
+def actuated(**actuator):
+    return parse_experiment({**SHORT, "actuator": actuator}, "e.yaml")
+
+
+def drive(servo, command, time):
+    noise = np.random.default_rng(1)
+    _, stroke, _ = simulate_actuated(Damper(), servo, time, command, ConstantLevel(0.3), noise, noise)
+    return stroke
+
+
+@pytest.mark.parametrize("frequency", [2.0, 10.0, 30.0])
+def test_the_response_is_that_of_its_transfer_function(frequency):
+    time = np.arange(4001) * GRID_S
+    command = 0.002 * np.sin(2 * np.pi * frequency * time)
+    stroke = drive(replace(IDEAL, gain=0.9), command, time)[2000:4000]
+    basis = np.exp(2j * np.pi * frequency * time[2000:4000])
+    found = 2 * np.mean(stroke * basis.conj()) / 0.002 * 1j
+    s = 2j * np.pi * frequency
+    w = 2 * np.pi * IDEAL.bandwidth_Hz
+    loop = (1 + IDEAL.valve_s * s) * (1 + 2 * IDEAL.damping * s / w + s**2 / w**2)
+    assert found == pytest.approx(0.9 * np.exp(-s * IDEAL.delay_s) / loop, abs=0.01)
+
+
+def test_half_the_step_changes_the_position_little():
+    numbers = ServoNumbers(*IDEAL.kernel_numbers())
+    positions = []
+    for step in (50e-6, 25e-6):
+        motion = np.zeros(MOTION_SIZE)
+        for n in range(round(0.2 / step)):
+            servo_step(numbers, motion, 0.01 * np.sin(2 * np.pi * 10 * n * step), step)
+        positions.append(motion[POSITION])
+    assert positions[0] == pytest.approx(positions[1], abs=2e-5)
+
+
+def test_the_damper_pushes_back_by_force_times_compliance():
+    stiff, soft = (simulate_truth(actuated(disturbance_m=0.0, compliance_m_N=c)) for c in (0.0, 2e-7))
+    difference = soft.stroke_m - stiff.stroke_m
+    slow = -2e-7 * stiff.force_N
+    assert np.abs(difference).max() > 3e-4
+    assert np.corrcoef(difference[500:], slow[500:])[0, 1] > 0.9
+    assert np.ptp(difference) == pytest.approx(np.ptp(slow), rel=0.3)
+
+
+def test_no_command_breaks_the_limits_of_the_actuator():
+    servo = replace(IDEAL, stroke_m=0.01, speed_m_s=0.3, acceleration_m_s2=20.0)
+    numbers, motion = ServoNumbers(*servo.kernel_numbers()), np.zeros(MOTION_SIZE)
+    random, step = np.random.default_rng(3), 50e-6
+    speeds, positions = [0.0], []
+    for _ in range(400):
+        command = random.uniform(-0.05, 0.05)
+        for _ in range(100):
+            servo_step(numbers, motion, command, step)
+            speeds.append(motion[POSITION_SPEED])
+            positions.append(motion[POSITION])
+    assert np.abs(positions).max() == 0.01
+    assert np.abs(speeds).max() <= 0.3
+    free = np.abs(positions[1:]) < 0.01
+    assert np.abs(np.diff(speeds[1:]))[free].max() <= 20.0 * step * (1 + 1e-9)
+
+
+def test_repetitions_differ_by_the_disturbance_and_seeds_by_more():
+    one = parse_experiment({**SHORT, "duration_s": 6.0, "actuator": {"compliance_m_N": 0.0}}, "e")
+    first, again, other = (simulate_truth(e) for e in (one, with_repeat(one, 1), with_repeat(one, 2)))
+    for difference in (again.stroke_m - first.stroke_m, other.stroke_m - again.stroke_m):
+        assert np.std(difference) / 2**0.5 == pytest.approx(20e-6, rel=0.35)
+    assert np.array_equal(simulate_truth(with_repeat(one, 1)).stroke_m, again.stroke_m)
+
+
+def test_a_repetition_has_other_noise_and_the_same_stroke_and_current():
+    noisy = {"stroke": {"kind": "noise", "peak_to_peak_m": 0.02}, "current": {"kind": "filtered_noise"}}
+    one = parse_experiment({**SHORT, **noisy}, "e")
+    truth, again = simulate_truth(one), simulate_truth(with_repeat(one, 3))
+    assert np.array_equal(truth.stroke_m, again.stroke_m)
+    assert np.array_equal(truth.commanded_A, again.commanded_A)
+    assert not np.array_equal(run(one).channel("position").values, run(with_repeat(one, 3)).channel("position").values)
+    assert not np.array_equal(truth.stroke_m, simulate_truth(with_seed(one, 9)).stroke_m)
+
+
+def test_without_an_actuator_the_stroke_is_exact():
+    truth = simulate_truth(parse_experiment(SHORT, "e"))
+    assert np.array_equal(truth.stroke_m, truth.command_m)
+    plain = simulate(Damper(), GRID_S, truth.stroke_m, truth.commanded_A)
+    assert np.array_equal(truth.force_N + 0.0, plain.force_N - (plain.force_N - truth.force_N)[0])
+
+
+def test_a_controller_answers_the_stroke_that_the_piston_made():
+    reg1 = {**SHORT, "current": {"kind": "reg1"}}
+    exact = simulate_truth(parse_experiment(reg1, "e"))
+    late = simulate_truth(parse_experiment({**reg1, "actuator": {"disturbance_m": 0.0, "compliance_m_N": 0.0}}, "e"))
+    shift = round(0.0118 / GRID_S)  # delay, valve and loop at 4 Hz
+    assert np.abs(late.commanded_A[shift:] - exact.commanded_A[:-shift])[1000:].mean() < 0.01
+    assert np.abs(late.commanded_A - exact.commanded_A)[1000:].mean() > 0.02
+
+
+def test_the_command_is_logged_on_demand():
+    recording = run(parse_experiment({**SHORT, "actuator": {}, "sensors": {"log_command": True}}, "e"))
+    command, position = recording.channel("command"), recording.channel("position")
+    assert command.values.max() == pytest.approx(0.012, abs=1e-4)
+    assert np.abs(position.values[:1400] - command.values[:1400]).max() > 1e-3
+    assert "command" not in run(actuated()).channels
+
+
+@pytest.mark.parametrize(
+    ("actuator", "says"),
+    [
+        ({"bandwidth": 3.0}, "e.yaml: actuator: unknown key 'bandwidth'; known are gain"),
+        ({"delay_s": -1.0}, "e.yaml: actuator: delay_s is -1.0; expected a number from 0 to 0.2 s"),
+        (None, "e.yaml: actuator: expected a mapping"),
+        ({"stroke_m": 0.08}, r"actuator: stroke_m is 0\.08; the damper's ends are at ±0\.06 m"),
+    ],
+)
+def test_mistakes_in_an_actuator_are_one_line(actuator, says):
+    with pytest.raises(RigError, match=says):
+        run(parse_experiment({**SHORT, "actuator": actuator}, "e.yaml"))
