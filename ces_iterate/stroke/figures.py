@@ -88,7 +88,9 @@ def draw_robustness(learned: LearnedStroke) -> Markup:
         line(p, f.frequency_Hz, f.share * f.bound_measured, "again"),
         line(p, f.frequency_Hz, f.share * f.bound_in_tolerance, "after"),
         legend(
-            p.x.stop + 8, 16, (("after", f"{f.tolerance:.0%} wrong"), *measured, ("before", "exact"), ("filter", "Q"))
+            p.x.stop + 8,
+            16,
+            (("after", f"{100.0 * f.tolerance:.0f} % wrong"), *measured, ("before", "exact"), ("filter", "Q")),
         ),
     ]
     text = (

@@ -41,14 +41,15 @@ def summary_sentence(learned: LearnedStroke) -> str:
     )
     return (
         f"The tracking error fell from {first:.0f} to {last:.0f} µm RMS in {learned.iterations} iterations: "
-        f"{last / first:.1%} of the first error, {last / floor:.2f} times the repeatability ({floor:.0f} µm)."
+        f"{100.0 * last / first:.1f} % of the first error, {last / floor:.2f} times the repeatability ({floor:.0f} µm)."
     )
 
 
 def describe_condition(learned: LearnedStroke) -> str:
     """Return the condition of convergence, and for which plants it holds."""
     f = learned.learning_filter
-    plants = f"for an actuator of which the model is wrong by {f.tolerance:.0%} in gain, bandwidth and delay at once"
+    wrong = f"{100.0 * f.tolerance:.0f} % in gain, bandwidth and delay at once"
+    plants = f"for an actuator of which the model is wrong by {wrong}"
     measured = "" if learned.measured is None else ", and within the uncertainty of the measured response"
     return (
         f"|Q(1 − LG)| < 1 holds at all frequencies {plants}{measured}: at most {f.contraction.max():.2f} "
