@@ -24,7 +24,7 @@ FORMAT = ("%.4f", "%.9f", "%.5f")
 
 
 @dataclass(frozen=True)
-class Commands:
+class RigCommands:
     """Stroke [m] and current [A], each (n,), every `INTERVAL_S` from time 0; `name` is that of the recording.
 
     `seed` is for rigs that draw random numbers of their own, such as the noise of the virtual rig's sensors. Before
@@ -67,12 +67,12 @@ class Commands:
         held = np.floor(time / INTERVAL_S + 1e-6).astype(int)
         return np.asarray(CubicSpline(self.time_s, self.stroke_m)(time)), self.current_A[held]
 
-    def repeat(self, name: str, seed: int, rest_s: float) -> Commands:
+    def repeat(self, name: str, seed: int, rest_s: float) -> RigCommands:
         """Return the same stroke and current under another name and seed, after another rest."""
         return replace(self, name=name, seed=seed, rest_s=rest_s)
 
 
-def write_commands(path: Path, commands: Commands) -> None:
+def write_commands(path: Path, commands: RigCommands) -> None:
     """Write a CSV file with the columns of `HEADER`; it is complete or not there at all."""
     text = io.StringIO()
     rows = np.column_stack([commands.time_s, commands.stroke_m, commands.current_A])
@@ -80,7 +80,7 @@ def write_commands(path: Path, commands: Commands) -> None:
     write_atomically(path, text.getvalue())
 
 
-def read_commands(path: Path, seed: int = 1) -> Commands:
+def read_commands(path: Path, seed: int = 1) -> RigCommands:
     """Return the commands of a CSV file; raises IterateError naming the file and what is wrong."""
     try:
         with path.open(encoding="utf-8") as file:
@@ -94,4 +94,4 @@ def read_commands(path: Path, seed: int = 1) -> Commands:
         raise IterateError(f"{path}: the first line is '{header[:60]}'; expected {HEADER}")
     if np.abs(rows[:, 0] - np.arange(len(rows)) * INTERVAL_S).max() > 0.1 * INTERVAL_S:
         raise IterateError(f"{path}: times are not every {INTERVAL_S:g} s from 0; resample the experiment")
-    return Commands(path.stem, rows[:, 1], rows[:, 2], seed)
+    return RigCommands(path.stem, rows[:, 1], rows[:, 2], seed)

@@ -4,8 +4,9 @@ Usage: python -m bench.iterate.designed [--seeds N] [--structures NAME...] [--da
 [--dry]. The table goes between the markers in docs/iterate.md.
 
 Each model is identified from 60 s in all by the same options, and judged by its cost J on recordings that it never saw.
-Beside the two, two more show what the gain comes from: noise and sweep with a current that does not follow the stroke,
-and random experiments from the same family of motions and currents, without a design.
+Beside the two, three more show where the gain comes from and where it ends: noise and sweep with a current that does
+not follow the stroke, random experiments from the same family of motions and currents, and recordings of the judging
+kinds themselves with other seeds (road, both sines, FM, 15 s each).
 """
 
 from __future__ import annotations
@@ -15,34 +16,44 @@ import os
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
 
-from bench.iterate.usual_experiments import HELD, judging_recordings, limits_of, make_rig, usual_commands
+from bench.iterate.usual_experiments import (
+    HELD,
+    judging_recordings,
+    kindred_commands,
+    limits_of,
+    make_rig,
+    usual_commands,
+)
 from bench.markdown import between, markdown, replace_between
 from bench.measurement import machine, print_note, verdict
+from ces_identify.identification import identify
 from ces_identify.recordings.recording import Recording
-from ces_iterate.commands import Commands
+from ces_identify.structures.auto import default_sizes
+from ces_identify.structures.registry import KITS
+from ces_iterate.commands import RigCommands
 from ces_iterate.design.designer import DesignTask, design_experiment
 from ces_iterate.design.features import draw_features
 from ces_iterate.design.information import Information
 from ces_iterate.design.pool import draw_pool
 from ces_iterate.loop.heat import make_power_model
-from ces_iterate.loop.identification import evaluate_fresh, identify_all
+from ces_iterate.loop.identification import evaluate_fresh
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.plan.limits import RigLimits
 from ces_iterate.plan.plan import ExperimentPlan, IdentifyPlan, Plan, StopRules
+from ces_observer.model import Model
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "iterate.md"
 NAME = "designed"
 TOTAL_S, EXPERIMENT_S = 60.0, 15.0
 TARGET = 0.75
-WAYS = ("noise + sweep", "free current", "random", "designed")
+WAYS = ("noise + sweep", "free current", "random", "judges' kinds", "designed")
 IDENTIFY = {
-    "relaxation": IdentifyPlan("relaxation", time_s=60.0, starts=1, threads=1),
     "chambers": IdentifyPlan("chambers", time_s=60.0, starts=1, threads=1),
     "polynomial": IdentifyPlan("polynomial", time_s=60.0, starts=2, terms=20, threads=1),
 }
@@ -91,7 +102,7 @@ def compare(case: DesignCase) -> tuple[DesignCase, Costs, float]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
 
-        def record(commands: Commands) -> Recording:
+        def record(commands: RigCommands) -> Recording:
             return rig.run(commands, folder)
 
         usual = usual_commands(rig, case.seed, TOTAL_S, None)
@@ -101,9 +112,10 @@ def compare(case: DesignCase) -> tuple[DesignCase, Costs, float]:
             "noise + sweep": usual,
             "free current": usual_commands(rig, case.seed, TOTAL_S, HELD),
             "random": random_commands(limits, case.seed),
+            "judges' kinds": kindred_commands(rig, case.seed, EXPERIMENT_S),
         }
         models = {
-            way: identify_all([record(one) for one in commands], plan, case.seed, lambda result: None).model
+            way: identify_quickly([record(one) for one in commands], plan, case.seed)
             for way, commands in experiments.items()
         }
         iterations = Iterations(make_plan(limits, plan, case.seed), rig, folder / "iterate")
@@ -117,13 +129,19 @@ def compare(case: DesignCase) -> tuple[DesignCase, Costs, float]:
     return case, costs, time.perf_counter() - began
 
 
+def identify_quickly(recordings: Sequence[Recording], plan: IdentifyPlan, seed: int) -> Model:
+    """Return the model that an iteration would identify, without its band and ensemble."""
+    fitter = KITS[plan.structure].fitter(default_sizes())
+    return identify(recordings, (), replace(plan.options(seed), band=False), fitter=fitter).model
+
+
 def make_plan(limits: RigLimits, identify: IdentifyPlan, seed: int) -> Plan:
     """Return the plan of the designed experiments."""
     stop = StopRules(budget_s=TOTAL_S)
     return Plan("bench", Path(), limits, {}, seed, ExperimentPlan(duration_s=EXPERIMENT_S), stop, identify)
 
 
-def random_commands(limits: RigLimits, seed: int) -> list[Commands]:
+def random_commands(limits: RigLimits, seed: int) -> list[RigCommands]:
     """Return experiments drawn from the same family, without a choice."""
     features = draw_features(seed)
     targets = features.at(draw_pool(limits, seed).state)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ces_identify.recordings.recording import Recording
-from ces_iterate.commands import INTERVAL_S, Commands
+from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.plan.limits import RigLimits
 from ces_iterate.rigs.virtual import VirtualRig
 from ces_rig.dampers.kinds import KINDS
@@ -39,7 +39,7 @@ def make_rig(kind: str) -> VirtualRig:
 
 def packaged_commands(
     name: str, rig: VirtualRig, seed: int, duration_s: float | None = None, current: Mapping[str, Any] | None = None
-) -> Commands:
+) -> RigCommands:
     """Return a packaged experiment with another seed, and if given with another length and current."""
     experiment = load_experiment(find_experiment(name))
     time = np.arange(round((duration_s or experiment.settings.duration_s) / INTERVAL_S) + 1) * INTERVAL_S
@@ -48,10 +48,10 @@ def packaged_commands(
     assert not isinstance(kind, Reg1)
     share = (kind.samples(time, stroke, np.random.default_rng([seed, 1])) - LOW) / (HIGH - LOW)
     low, high = rig.model.current_A
-    return Commands(name, stroke, low + (high - low) * share, seed)
+    return RigCommands(name, stroke, low + (high - low) * share, seed)
 
 
-def usual_commands(rig: VirtualRig, seed: int, total_s: float, current: Mapping[str, Any] | None) -> list[Commands]:
+def usual_commands(rig: VirtualRig, seed: int, total_s: float, current: Mapping[str, Any] | None) -> list[RigCommands]:
     """Return noise and sweep of the same length, `total_s` together."""
     return [
         packaged_commands(name, rig, 100 * seed + k, 0.5 * total_s, current)
@@ -67,7 +67,13 @@ def judging_recordings(rig: VirtualRig, seed: int, run: Any) -> dict[str, Record
     }
 
 
-def limits_of(commands: Sequence[Commands], rig: VirtualRig) -> RigLimits:
+def kindred_commands(rig: VirtualRig, seed: int, duration_s: float) -> list[RigCommands]:
+    """Return experiments of the judging kinds, with other seeds than those that judge."""
+    names = ("road", "sine_4hz", "sine_12hz", "fm_binary")
+    return [packaged_commands(name, rig, 100 * seed + 80 + k, duration_s) for k, name in enumerate(names)]
+
+
+def limits_of(commands: Sequence[RigCommands], rig: VirtualRig) -> RigLimits:
     """Return the limits that these commands reach, with the sweep's highest frequency."""
     motions = [one.motion() for one in commands]
     low, high = rig.model.current_A

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from ces_cli.terminal import terminal
 from ces_iterate.errors import IterateError
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.store import MODEL, PLAN, REPORT, keep_plan
-from ces_iterate.plan.plan import load_plan
+from ces_iterate.plan.plan import Plan, load_plan
 from ces_iterate.plan.template import TEMPLATE
 from ces_iterate.rigs.kinds import open_rig
+from ces_iterate.rigs.rig import RigAdapter
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,12 +52,22 @@ def _iterate(options: argparse.Namespace) -> None:
         raise IterateError(f"{out}: is not a folder; choose another --out")
     rig = open_rig(plan)
     with IterateProgress(plan.stop.budget_s) as progress:
-        iterations = Iterations(plan, rig, out, progress)
+        iterations = _open_iterations(plan, rig, out, progress)
         progress.after_iteration = lambda: _write_results(iterations)
         reason = iterations.run(lambda: keep_plan(out, options.plan.read_text(encoding="utf-8")))
     _write_results(iterations)
     print(f"stopped: {reason}")
     print(f"model:  {out / MODEL}\nreport: {out / REPORT}\nplan:   {out / PLAN}")
+
+
+def _open_iterations(plan: Plan, rig: RigAdapter, out: Path, progress: IterateProgress) -> Iterations:
+    """Return the iteration; what is to be known about the plan's recordings is printed, one line each."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        iterations = Iterations(plan, rig, out, progress)
+    for warning in caught:
+        terminal.print_warning(str(warning.message))
+    return iterations
 
 
 def _write_results(iterations: Iterations) -> None:

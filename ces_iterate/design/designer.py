@@ -15,7 +15,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from ces_iterate.commands import INTERVAL_S, Commands
+from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.design.currents import draw_current
 from ces_iterate.design.features import Features, scaled_state
 from ces_iterate.design.information import EVERY_S, Information
@@ -82,7 +82,7 @@ class _Judged:
 
 def design_experiment(
     task: DesignTask, name: str, duration_s: float, seed: int, candidates: int = CANDIDATES
-) -> Commands:
+) -> RigCommands:
     """Return the commands of an experiment that keeps all limits; raises IterateError if no candidate keeps them.
 
     Each slot takes the best of so many `candidates`; with 1 it is a random experiment within the limits.
@@ -100,7 +100,7 @@ def design_experiment(
         chosen.append(best.part)
     stroke = np.concatenate([[centre], *(part.slot for part in chosen)])
     current = np.concatenate([chosen[0].current_A[:1], *(part.current_A for part in chosen)])
-    return task.limits.require_within(_settle(Commands(name, stroke, current, seed), task.limits))
+    return task.limits.require_within(_settle(RigCommands(name, stroke, current, seed), task.limits))
 
 
 def _best_part(
@@ -123,7 +123,7 @@ def _best_part(
     return replace(best, information=before.information.add(rows))
 
 
-def rows_of(commands: Commands, limits: RigLimits, features: Features) -> F:
+def rows_of(commands: RigCommands, limits: RigLimits, features: Features) -> F:
     """Return the features (n, COUNT) of an experiment, one row every `EVERY_S`."""
     return _rows(commands.stroke_m, commands.current_A, limits, features)
 
@@ -171,7 +171,7 @@ def _blend() -> F:
     return np.asarray(u**3 * (10.0 + u * (6.0 * u - 15.0)))
 
 
-def _settle(commands: Commands, limits: RigLimits) -> Commands:
+def _settle(commands: RigCommands, limits: RigLimits) -> RigCommands:
     """Return the commands, scaled a little towards the centre if the spline's peaks leave the limits."""
     time = commands.time_s
     spline = CubicSpline(time, commands.stroke_m - limits.centre_m)
@@ -182,4 +182,4 @@ def _settle(commands: Commands, limits: RigLimits) -> Commands:
         1.0,
     )
     stroke = limits.centre_m + (commands.stroke_m - limits.centre_m) / share
-    return Commands(commands.name, stroke, commands.current_A, commands.seed)
+    return RigCommands(commands.name, stroke, commands.current_A, commands.seed)

@@ -2,9 +2,9 @@
 
 The state is what decides the force: stroke, speed, current, and the recent past as the distance of speed and current
 from their own low-passes (the same five that the band of a model uses). A Gaussian process over that state stands for
-any model: its posterior variance says where the force is still unknown, whatever structure is fitted later. Its kernel
-is approximated by random Fourier features (Rahimi and Recht, NIPS 2007), so that what many experiments have shown is
-one matrix of fixed size.
+any model: its posterior variance says where the force is still unknown, whatever structure is fitted later (Liu, Kiss,
+Tóth and Schoukens, IEEE Control Systems Letters 9, 2025). Its kernel is approximated by random Fourier features (Rahimi
+and Recht, NIPS 2007), so that what many experiments have shown is one matrix of fixed size.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import simulate_series
-from ces_iterate.commands import INTERVAL_S, Commands
+from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.design.pool import Pool
 from ces_observer.model import Model
 
@@ -66,7 +66,7 @@ def ask_models(model: Model, ensemble: Sequence[Model], pool: Pool) -> Knowledge
     return Knowledge(_relative(spread, scale), _relative(widths / BAND_LEVEL, scale))
 
 
-def series_of(commands: Commands, rate_Hz: float) -> Series:
+def series_of(commands: RigCommands, rate_Hz: float) -> Series:
     """Return the commands as a prepared series without noise and force, as a model of this rate would see them."""
     time = np.arange(int(commands.duration_s * rate_Hz) + 1) / rate_Hz
     spline = CubicSpline(commands.time_s, commands.stroke_m)

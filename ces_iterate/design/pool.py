@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ces_identify.numerics.arrays import F, I
-from ces_iterate.commands import INTERVAL_S, Commands
+from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.design.currents import draw_current
 from ces_iterate.design.features import scaled_state
 from ces_iterate.design.motions import draw_motion
@@ -27,7 +27,7 @@ PER_MOTION = 24  # states
 class Pool:
     """`motions`, the `ticks` (m,) of each that are targets, and the targets' `state` (motions * m, 5)."""
 
-    motions: tuple[Commands, ...]
+    motions: tuple[RigCommands, ...]
     ticks: I
     state: F
     speed_m_s: F
@@ -45,7 +45,7 @@ def draw_pool(limits: RigLimits, seed: int) -> Pool:
     count = round(LENGTH_S / INTERVAL_S) + 1
     ticks = np.linspace(LEAD_S / INTERVAL_S, count - 1, PER_MOTION).astype(np.int64)
     motions = tuple(
-        Commands(f"pool {k}", limits.centre_m + draw_motion(limits, count, rng), draw_current(limits, count, rng))
+        RigCommands(f"pool {k}", limits.centre_m + draw_motion(limits, count, rng), draw_current(limits, count, rng))
         for k in range(MOTIONS)
     )
     speeds = [motion.motion()[0] for motion in motions]

@@ -8,7 +8,7 @@ from scipy.signal import savgol_filter
 
 from ces_identify.preparation.series import hold_current
 from ces_identify.recordings.recording import Recording
-from ces_iterate.commands import INTERVAL_S, Commands
+from ces_iterate.commands import INTERVAL_S, RigCommands
 
 F = NDArray[np.float64]
 
@@ -16,7 +16,7 @@ SMOOTHING = 21  # grid points of the quadratic smoothing of the stroke
 MAX_AGE_S = 1.0  # of a current that is held
 
 
-def recorded_commands(recording: Recording) -> Commands:
+def recorded_commands(recording: Recording) -> RigCommands:
     """Return the smoothed stroke and the held current of a recording; gaps are bridged by straight lines."""
     position = recording.channel("position")
     good = np.isfinite(position.values)
@@ -27,7 +27,7 @@ def recorded_commands(recording: Recording) -> Commands:
     current = hold_current(recording, grid, MAX_AGE_S)
     known = np.isfinite(current)
     filled = np.interp(time, time[known], current[known]) if known.any() else np.zeros(len(time))
-    return Commands(recording.name, savgol_filter(stroke, SMOOTHING, polyorder=2), filled)
+    return RigCommands(recording.name, savgol_filter(stroke, SMOOTHING, polyorder=2), filled)
 
 
 def dissipated_W(force_N: F, speed_m_s: F) -> F:

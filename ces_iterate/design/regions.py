@@ -18,7 +18,7 @@ HISTORY = {"change of speed": "speed against its last 20 ms", "change of current
 
 
 @dataclass(frozen=True)
-class Region:
+class StateRegion:
     """A range of one axis, in `unit`, with its unknown share of the force relative to the mean of all targets."""
 
     axis: str
@@ -33,7 +33,7 @@ class Region:
         return asdict(self)
 
 
-def least_known(pool: Pool, unknown: F, variance: F) -> list[Region]:
+def least_known(pool: Pool, unknown: F, variance: F) -> list[StateRegion]:
     """Return the least known range of each axis.
 
     `unknown` (targets,) is the relative variance that the design lowers, `variance` (targets,) that of the features.
@@ -45,11 +45,11 @@ def least_known(pool: Pool, unknown: F, variance: F) -> list[Region]:
     return [_worst(name, unit, values, unknown, variance) for name, (unit, values) in axes.items()]
 
 
-def _worst(axis: str, unit: str, values: F, unknown: F, variance: F) -> Region:
+def _worst(axis: str, unit: str, values: F, unknown: F, variance: F) -> StateRegion:
     edges = np.quantile(values, np.linspace(0.0, 1.0, PARTS + 1))
     part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, PARTS - 1)
     means = np.array([unknown[part == k].mean() if (part == k).any() else 0.0 for k in range(PARTS)])
     worst = int(np.argmax(means))
     relative = float(means[worst] / max(float(unknown.mean()), 1e-300))
     known = float(np.mean(variance[part == worst] <= KNOWN_VARIANCE))
-    return Region(axis, unit, float(edges[worst]), float(edges[worst + 1]), relative, known)
+    return StateRegion(axis, unit, float(edges[worst]), float(edges[worst + 1]), relative, known)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_iterate.commands import Commands
+from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
 from ces_iterate.rigs.kinds import RosRigSettings
 
@@ -27,7 +27,7 @@ class SetPoints:
     rate_hz: float
 
     @staticmethod
-    def of_run(commands: Commands, rate_hz: float) -> SetPoints:
+    def of_run(commands: RigCommands, rate_hz: float) -> SetPoints:
         """Return the set points of an experiment."""
         stroke, current = commands.at(1.0 / rate_hz)
         return SetPoints(stroke, current, rate_hz)

@@ -24,7 +24,7 @@ from std_msgs.msg import Float64
 
 from ces_identify.recordings.checks import require_usable
 from ces_identify.recordings.recording import Channel, Recording
-from ces_iterate.commands import Commands
+from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
 from ces_iterate.live.set_points import RunWatch, SetPoints
 from ces_iterate.rigs.kinds import RosRigSettings
@@ -44,7 +44,7 @@ class TopicRig:
     def __init__(self, settings: RosRigSettings, signals: Signals) -> None:
         self._settings, self._signals = settings, signals
 
-    def run(self, commands: Commands, folder: Path) -> Recording:
+    def run(self, commands: RigCommands, folder: Path) -> Recording:
         """Run the commands and return the recording; raises IterateError if the rig is silent or does not follow."""
         with _spinning_node() as node:
             return _Run(node, self._settings, self._signals, commands).record()
@@ -53,7 +53,7 @@ class TopicRig:
 class _Run:
     """One run on a spinning node."""
 
-    def __init__(self, node: Node, settings: RosRigSettings, signals: Signals, commands: Commands) -> None:
+    def __init__(self, node: Node, settings: RosRigSettings, signals: Signals, commands: RigCommands) -> None:
         self._node, self._settings, self._commands = node, settings, commands
         self._heard: dict[str, list[tuple[int, float]]] = {}
         self._newest: tuple[float, float] | None = None

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.simulations.simulate import simulate_series
-from ces_iterate.commands import INTERVAL_S, Commands
+from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.design.designer import PowerModel
 from ces_iterate.design.knowledge import series_of
 from ces_iterate.design.recorded import dissipated_W
@@ -26,7 +26,7 @@ def make_power_model(model: Model | None, heat: HeatLimits) -> PowerModel:
 
     def simulated(stroke_m: F, current_A: F) -> F:
         assert model is not None
-        series = series_of(Commands("candidate", stroke_m, current_A), model.sampling.rate_Hz)
+        series = series_of(RigCommands("candidate", stroke_m, current_A), model.sampling.rate_Hz)
         power = dissipated_W(simulate_series(model, series).force, series.speed)
         power = np.where(np.isfinite(power), power, heat.force_N * np.abs(series.speed))
         return np.asarray(np.interp(np.arange(len(stroke_m)) * INTERVAL_S, series.time_s, power))

@@ -24,12 +24,14 @@ from ces_identify.structures.auto import default_sizes, select_fitter
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.registry import KITS
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
+from ces_iterate.loop.interruption import interruptible
 from ces_iterate.plan.plan import IdentifyPlan
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
 
 REFIT_STEPS = 20
+INTERRUPTED = "interrupted"  # why a start of a search ended
 REFITTED = "parameters of the model before, improved"
 
 
@@ -56,7 +58,7 @@ def identify_all(
 ) -> Identified:
     """Identify a model on all recordings; with `previous`, improve its parameters only, if its structure allows that.
 
-    Raises CesError if the recordings contradict each other or hold too little.
+    Raises CesError if the recordings contradict each other or hold too little; Ctrl-C leaves no model.
     """
     require_consistent(recordings)
     options, fitter = plan.options(seed), _fitter(plan)
@@ -64,7 +66,10 @@ def identify_all(
         kept = previous.sampling
         bandwidth = kept.bandwidth_Hz if kept.order == 3 else None
         options, fitter = replace(options, rate_Hz=kept.rate_Hz, bandwidth_Hz=bandwidth), refitter(previous)
-    crossed = cross_fit(recordings, options, listener, fitter)
+    with interruptible():
+        crossed = cross_fit(recordings, options, listener, fitter)
+    if any(one.ended == INTERRUPTED for one in crossed.result.search_results):
+        raise KeyboardInterrupt  # a search with a handler of its own for Ctrl-C ends early instead
     return Identified(crossed.result, tuple({id(part.model): part.model for part in crossed.parts}.values()))
 
 

@@ -12,7 +12,7 @@ from ces_identify.jobs.row_log import append_row, open_rows, read_rows
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
-from ces_iterate.commands import INTERVAL_S, Commands, read_commands
+from ces_iterate.commands import INTERVAL_S, RigCommands, read_commands
 from ces_iterate.design.designer import DesignTask, design_experiment, rows_of
 from ces_iterate.design.features import Features, draw_features
 from ces_iterate.design.information import Information
@@ -26,7 +26,7 @@ from ces_iterate.loop.progress import IterateListener, SilentListener
 from ces_iterate.loop.stopping import find_stop
 from ces_iterate.loop.store import MODEL, NEED, ROWS, Iteration, Step
 from ces_iterate.plan.plan import REPEATED, Plan
-from ces_iterate.rigs.rig import Rig
+from ces_iterate.rigs.rig import RigAdapter
 from ces_observer.model import Model
 
 SEEDS = 10_000  # the seeds of two plans are this far apart
@@ -55,7 +55,7 @@ class Progressed:
 class Iterations:
     """An iteration of `plan` on `rig` in the folder `out`; raises CesError for files that cannot be used."""
 
-    def __init__(self, plan: Plan, rig: Rig, out: Path, listener: IterateListener | None = None) -> None:
+    def __init__(self, plan: Plan, rig: RigAdapter, out: Path, listener: IterateListener | None = None) -> None:
         self.plan, self.rig, self.out = plan, rig, out
         self.listener = listener or SilentListener()
         self.pool: Pool = draw_pool(plan.limits, plan.seed)
@@ -108,7 +108,7 @@ class Iterations:
         identified = self._identify([*self.given, *self.done.recordings])
         return self._keep(step, identified, self._describe(commands, recording) | {"fresh_J": fresh})
 
-    def _find_commands(self, step: Step) -> Commands:
+    def _find_commands(self, step: Step) -> RigCommands:
         """Return the step's experiment, designed if it is new; raises IterateError if it leaves the limits."""
         commands = step.read_commands()
         if commands is None:
@@ -120,7 +120,7 @@ class Iterations:
             self._repeated = commands
         return self.plan.limits.require_within(commands)
 
-    def _find_recording(self, step: Step, commands: Commands) -> Recording:
+    def _find_recording(self, step: Step, commands: RigCommands) -> Recording:
         """Return the step's recording, from the rig if it is new."""
         if not step.has_recording():
             rest = f" after a rest of {commands.rest_s:.0f} s" if commands.rest_s else ""
@@ -128,7 +128,7 @@ class Iterations:
             step.write_recording(self.rig.run(commands, step.folder))
         return step.read_recording(commands.name)
 
-    def _design(self, number: int) -> Commands:
+    def _design(self, number: int) -> RigCommands:
         """Return the next experiment, with the rest that the damper needs before it."""
         rest, load = plan_rest(self.plan.limits.heat, self.done.load_W)
         seed, name = self.plan.seed * SEEDS + number, f"experiment_{number:02d}"
@@ -156,7 +156,7 @@ class Iterations:
         facts = {"name": "given", "recorded_s": 0.0, "total_s": 0.0, "rest_s": 0.0, "load_W": 0.0, "fresh_J": None}
         return self._keep(Step.open(self.out, 0), self._identify(self.given), facts)
 
-    def _describe(self, commands: Commands, recording: Recording) -> dict[str, object]:
+    def _describe(self, commands: RigCommands, recording: Recording) -> dict[str, object]:
         heat = self.plan.limits.heat
         cooled = self.done.load_W * float(np.exp(-commands.rest_s / heat.memory_s))
         return {
@@ -193,7 +193,7 @@ class Iterations:
     def _read(self, text: str) -> Recording:
         return read_recording(self.plan.path(text), load_signals(), NEED)
 
-    def _read_repeated(self) -> Commands | None:
+    def _read_repeated(self) -> RigCommands | None:
         """Return the experiment to repeat, if the plan names it."""
         given = self.plan.experiments.commands
         return self.plan.limits.require_within(read_commands(self.plan.path(given))) if given else None

@@ -21,7 +21,7 @@ from ces_identify.recordings.bag_reader import RecordingWarning, read_recording
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
-from ces_iterate.commands import Commands, read_commands, write_commands
+from ces_iterate.commands import RigCommands, read_commands, write_commands
 from ces_iterate.errors import IterateError
 from ces_observer.json_checks import write_atomically
 from ces_observer.model import Model, load_model
@@ -87,7 +87,7 @@ class Step:
             raise IterateError(f"{folder}: cannot be made: {error.strerror}; choose another --out") from None
         return Step(folder, number)
 
-    def read_commands(self) -> Commands | None:
+    def read_commands(self) -> RigCommands | None:
         """Return the experiment, None if it is not designed yet."""
         path = self.folder / "commands.csv"
         if not path.exists():
@@ -95,7 +95,7 @@ class Step:
         facts = json.loads((self.folder / "design.json").read_text(encoding="utf-8"))
         return read_commands(path).repeat(facts["name"], facts["seed"], facts["rest_s"])
 
-    def write_commands(self, commands: Commands) -> None:
+    def write_commands(self, commands: RigCommands) -> None:
         """Keep an experiment."""
         facts = {"name": commands.name, "seed": commands.seed, "rest_s": commands.rest_s}
         write_atomically(self.folder / "design.json", json.dumps(facts, indent=1) + "\n")

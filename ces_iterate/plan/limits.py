@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from ces_iterate.commands import Commands
+from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
 from ces_rig.descriptions import REQUIRED, quantity
 
@@ -61,7 +61,7 @@ class RigLimits:
         if self.high_A < self.low_A:
             raise IterateError(f"limits: high_A {self.high_A:g} is below low_A {self.low_A:g}; exchange them")
 
-    def excess(self, commands: Commands) -> Iterator[str]:
+    def excess(self, commands: RigCommands) -> Iterator[str]:
         """Yield a phrase for each limit that the commands do not keep; heat is checked by the loop."""
         speed, acceleration = commands.motion()
         peaks = {
@@ -76,7 +76,7 @@ class RigLimits:
         if low < self.low_A - TOLERANCE or high > self.high_A + TOLERANCE:
             yield f"current {low:.4g} to {high:.4g} A leaves {self.low_A:g} to {self.high_A:g} A"
 
-    def require_within(self, commands: Commands) -> Commands:
+    def require_within(self, commands: RigCommands) -> RigCommands:
         """Return the commands; raises IterateError if they leave the limits. Every rig gets only what passed here."""
         found = "; ".join(self.excess(commands))
         if found:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ces_identify.report.drawing import Panel, axes, label, legend, panel, svg
 from ces_identify.report.marks import dots, line
-from ces_iterate.commands import Commands
+from ces_iterate.commands import RigCommands
 from ces_iterate.loop.store import Iteration
 
 F = NDArray[np.float64]
@@ -55,7 +55,7 @@ def coverage_chart(ident: str, history: Sequence[Iteration]) -> Markup:
     return svg(ident, SIZE, "What is known over the iterations", f"Covered: {shares['c1'][1][-1]:.0f} %.", parts)
 
 
-def commands_figure(ident: str, commands: Commands) -> Markup:
+def commands_figure(ident: str, commands: RigCommands) -> Markup:
     """Return stroke and current of an experiment over time."""
     time, span = commands.time_s, (0.0, commands.duration_s)
     stroke, current = 1e3 * commands.stroke_m, commands.current_A

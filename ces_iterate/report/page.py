@@ -10,7 +10,7 @@ from ces_identify.report.grid import make_grid
 from ces_identify.report.maps import coverage_map, error_map
 from ces_identify.report.shell import page_template, replace_unencodable
 from ces_identify.validation.evaluate import Evaluation
-from ces_iterate.commands import Commands
+from ces_iterate.commands import RigCommands
 from ces_iterate.loop.identification import evaluate_fresh
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.store import Iteration, Step
@@ -73,7 +73,7 @@ def facts(plan: Plan, model: Model) -> dict[str, str]:
     }
 
 
-def _experiment(number: int, one: Iteration, commands: Commands, limits: RigLimits) -> dict[str, Any]:
+def _experiment(number: int, one: Iteration, commands: RigCommands, limits: RigLimits) -> dict[str, Any]:
     speed, acceleration = commands.motion()
     return {
         "name": one.name,

@@ -17,7 +17,7 @@ from ces_identify.recordings.checks import require_usable
 from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.log_mapping import DynoMapping
 from ces_identify.recordings.recording import Recording
-from ces_iterate.commands import Commands
+from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
 from ces_observer.errors import CesError
 from ces_observer.json_checks import write_atomically
@@ -46,7 +46,7 @@ class FolderRig:
     note: Callable[[str], None] = field(default=_print_note)
     sleep: Callable[[float], None] = field(default=time.sleep)
 
-    def run(self, commands: Commands, folder: Path) -> Recording:
+    def run(self, commands: RigCommands, folder: Path) -> Recording:
         """Return the recording that the operator put into `folder`/log; waits until it is there."""
         drop = folder / DROP
         drop.mkdir(exist_ok=True)
@@ -69,7 +69,7 @@ class FolderRig:
                     self.note(f"not used: {error}")
             self.sleep(self.poll_s)
 
-    def _read(self, path: Path, commands: Commands) -> Recording:
+    def _read(self, path: Path, commands: RigCommands) -> Recording:
         if path.is_dir() or path.suffix == ".mcap":
             recording = read_recording(path, self.signals, NEED)
         elif self.mapping is not None:
@@ -84,7 +84,7 @@ class FolderRig:
         return recording
 
 
-def instructions(commands: Commands, drop: Path, mapped: bool) -> str:
+def instructions(commands: RigCommands, drop: Path, mapped: bool) -> str:
     """Return what the operator is to do."""
     what = "the dyno's log, or a rosbag2 folder," if mapped else "the rosbag2 folder (or .mcap file)"
     rest = f"1. Let the damper rest for {commands.rest_s:.0f} s, so that it cools down.\n" if commands.rest_s else ""

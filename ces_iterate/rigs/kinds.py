@@ -12,7 +12,7 @@ from ces_identify.recordings.signals_file import load_signals
 from ces_iterate.errors import IterateError
 from ces_iterate.plan.plan import Plan
 from ces_iterate.rigs.folder import FolderRig
-from ces_iterate.rigs.rig import Rig
+from ces_iterate.rigs.rig import RigAdapter
 from ces_iterate.rigs.virtual import VirtualRig
 from ces_rig.descriptions import build, quantity
 from ces_rig.drive.strokes import take_kind
@@ -50,7 +50,7 @@ class RosRigSettings:
     silence_s: float = quantity(0.5, "s", "time without a position at which a run is broken off", 0.01, 60.0)
 
 
-def _open_virtual(plan: Plan, settings: Any, where: str) -> Rig:
+def _open_virtual(plan: Plan, settings: Any, where: str) -> RigAdapter:
     given = build(_VirtualSettings, settings, where)
     rig = VirtualRig.load(plan.path(given.damper) if given.damper else None)
     low, high = rig.model.allowed_A
@@ -61,31 +61,31 @@ def _open_virtual(plan: Plan, settings: Any, where: str) -> Rig:
     return rig
 
 
-def _open_folder(plan: Plan, settings: Any, where: str) -> Rig:
+def _open_folder(plan: Plan, settings: Any, where: str) -> RigAdapter:
     given = build(_FolderSettings, settings, where)
     mapping = load_dyno_mapping(plan.path(given.mapping)) if given.mapping else None
     return FolderRig(mapping, load_signals(plan.path(given.signals) if given.signals else None), given.poll_s)
 
 
-def _open_ros(plan: Plan, settings: Any, where: str) -> Rig:
+def _open_ros(plan: Plan, settings: Any, where: str) -> RigAdapter:
     given = build(RosRigSettings, settings, where)
     signals = load_signals(plan.path(given.signals) if given.signals else None)
     try:
         node_module = import_module(TOPIC_RIG)
     except ModuleNotFoundError as error:
         raise IterateError(f"{where}: kind is ros, but {error.name} is missing; source ROS 2 first") from None
-    rig: Rig = node_module.TopicRig(given, signals)
+    rig: RigAdapter = node_module.TopicRig(given, signals)
     return rig
 
 
-RIGS: Mapping[str, Callable[[Plan, Any, str], Rig]] = {
+RIGS: Mapping[str, Callable[[Plan, Any, str], RigAdapter]] = {
     "virtual": _open_virtual,
     "folder": _open_folder,
     "ros": _open_ros,
 }
 
 
-def open_rig(plan: Plan) -> Rig:
+def open_rig(plan: Plan) -> RigAdapter:
     """Return the plan's rig; raises a CesError that names the key at fault."""
     where = f"{plan.source}: rig"
     kind, settings = take_kind(plan.rig, RIGS, where)

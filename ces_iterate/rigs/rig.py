@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Protocol
 
 from ces_identify.recordings.recording import Recording
-from ces_iterate.commands import Commands
+from ces_iterate.commands import RigCommands
 
 
-class Rig(Protocol):
+class RigAdapter(Protocol):
     """A rig. A new kind is a module beside this file and an entry in `kinds.RIGS`."""
 
-    def run(self, commands: Commands, folder: Path) -> Recording:
+    def run(self, commands: RigCommands, folder: Path) -> Recording:
         """Run the commands and return what was recorded: at least position, current and force.
 
         `folder` is that of the iteration, for files that the rig needs; it exists. An interrupted run may be started

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ces_identify.recordings.recording import Recording
-from ces_iterate.commands import Commands
+from ces_iterate.commands import RigCommands
 from ces_rig.dampers.hydraulic.effects import Hydraulic
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.dampers.kinds import DamperModel
@@ -32,7 +32,7 @@ class VirtualRig:
         description = load_description(path)
         return VirtualRig(description.model, description.sensors)
 
-    def run(self, commands: Commands, folder: Path) -> Recording:
+    def run(self, commands: RigCommands, folder: Path) -> Recording:
         """Return the recording; the sensors' noise depends on the commands' seed."""
         stroke, current = commands.at(GRID_S)
         force, coil, temperature = self.model.run(GRID_S, stroke, current)

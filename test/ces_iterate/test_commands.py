@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from iterate_examples import sine_commands
 
-from ces_iterate.commands import HEADER, Commands, read_commands, write_commands
+from ces_iterate.commands import HEADER, RigCommands, read_commands, write_commands
 from ces_iterate.errors import IterateError
 
 
@@ -40,7 +40,7 @@ def test_a_wrong_file_is_refused(tmp_path: Path, text: str, part: str) -> None:
 
 def test_the_stroke_between_grid_points_is_a_cubic_and_the_current_is_held() -> None:
     time = np.arange(101) * 1e-3
-    commands = Commands("c", 0.01 * time**3, np.where(time < 0.05, 0.3, 0.7))
+    commands = RigCommands("c", 0.01 * time**3, np.where(time < 0.05, 0.3, 0.7))
     stroke, current = commands.at(0.5e-3)
     fine = np.arange(201) * 0.5e-3
     assert np.abs(stroke - 0.01 * fine**3).max() < 1e-12

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ces_identify.recordings.recording import Recording
-from ces_iterate.commands import INTERVAL_S, Commands
+from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.design.designer import DesignTask
 from ces_iterate.design.features import draw_features
 from ces_iterate.design.information import Information
@@ -54,9 +54,9 @@ def make_task(limits: RigLimits, seed: int = 1, load_W: float = 0.0) -> tuple[De
     return DesignTask(limits, features, nothing, targets, np.ones(len(targets)), power, load_W), pool
 
 
-def sine_commands(name: str = "sine", duration_s: float = 3.0) -> Commands:
+def sine_commands(name: str = "sine", duration_s: float = 3.0) -> RigCommands:
     time = np.arange(round(duration_s / INTERVAL_S) + 1) * INTERVAL_S
-    return Commands(name, 0.01 * np.sin(2 * np.pi * 3.0 * time) ** 3, 0.9 + 0.5 * np.sign(np.sin(9.0 * time)))
+    return RigCommands(name, 0.01 * np.sin(2 * np.pi * 3.0 * time) ** 3, 0.9 + 0.5 * np.sign(np.sin(9.0 * time)))
 
 
 class BreakingRig:
@@ -65,7 +65,7 @@ class BreakingRig:
     def __init__(self, break_at: int) -> None:
         self.rig, self.runs, self.break_at = monotube_rig(), 0, break_at
 
-    def run(self, commands: Commands, folder: Path) -> Recording:
+    def run(self, commands: RigCommands, folder: Path) -> Recording:
         self.runs += 1
         if self.runs == self.break_at:
             raise KeyboardInterrupt

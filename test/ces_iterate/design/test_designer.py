@@ -9,7 +9,7 @@ import pytest
 from iterate_examples import HOT, make_limits, make_task
 from scipy.signal import welch
 
-from ces_iterate.commands import INTERVAL_S, Commands
+from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.design.designer import DesignTask, design_experiment, rows_of
 from ces_iterate.errors import IterateError
 from ces_iterate.plan.limits import RigLimits
@@ -24,7 +24,7 @@ BOXES = [
 ]
 
 
-def design(task: DesignTask, seed: int = 1, duration_s: float = 6.0, candidates: int = 30) -> Commands:
+def design(task: DesignTask, seed: int = 1, duration_s: float = 6.0, candidates: int = 30) -> RigCommands:
     return design_experiment(task, "designed", duration_s, seed, candidates)
 
 
@@ -57,7 +57,7 @@ def test_the_actuator_can_follow_the_spectrum(highest_Hz: float) -> None:
 def test_a_designed_experiment_teaches_more_than_random_ones() -> None:
     task, _ = make_task(make_limits())
 
-    def left(commands: Commands) -> float:
+    def left(commands: RigCommands) -> float:
         information = task.information.add(rows_of(commands, task.limits, task.features))
         return float(information.variance(task.targets).mean())
 

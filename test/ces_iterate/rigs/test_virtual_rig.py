@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from iterate_examples import LIMITS, make_plan, monotube_rig, sine_commands
 
-from ces_iterate.commands import Commands
+from ces_iterate.commands import RigCommands
 from ces_iterate.rigs.kinds import open_rig
 from ces_iterate.rigs.virtual import VirtualRig
 from ces_observer.errors import CesError
@@ -25,7 +25,7 @@ def test_it_records_what_ces_rig_records(tmp_path: Path) -> None:
         "sine",
     )
     time = np.arange(2001) * 1e-3
-    commands = Commands("experiment", experiment.stroke.samples(time, np.random.default_rng(0)), np.full(2001, 0.5))
+    commands = RigCommands("experiment", experiment.stroke.samples(time, np.random.default_rng(0)), np.full(2001, 0.5))
     mine, theirs = VirtualRig().run(commands, tmp_path).channels, run(experiment).channels
     for name in ("position", "current", "force"):
         assert np.array_equal(mine[name].stamps_ns, theirs[name].stamps_ns)
