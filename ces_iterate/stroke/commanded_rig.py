@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.recordings.recording import Recording
-from ces_iterate.commands import INTERVAL_S, Commands, write_commands
+from ces_iterate.commands import INTERVAL_S, RigCommands, write_commands
 from ces_iterate.plan.limits import RigLimits
-from ces_iterate.rigs.rig import Rig
+from ces_iterate.rigs.rig import RigAdapter
 from ces_iterate.stroke.errors import StrokeError
 from ces_rig.drive.reg1 import Reg1
 from ces_rig.experiment import STREAMS, Experiment
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 class CommandedRig:
     """Runs commands with the current of an experiment; every run has a folder of its own in `folder`."""
 
-    def __init__(self, rig: Rig, experiment: Experiment, limits: RigLimits, folder: Path) -> None:
+    def __init__(self, rig: RigAdapter, experiment: Experiment, limits: RigLimits, folder: Path) -> None:
         if isinstance(experiment.current, Reg1):
             raise StrokeError(
                 f"{experiment.settings.name}: reg1 answers a measured force; choose another kind of current"
@@ -37,7 +37,7 @@ class CommandedRig:
         write_commands(folder / "commands.csv", commands)
         return self._rig.run(commands, folder)
 
-    def _commands(self, command_m: Array, number: int) -> Commands:
+    def _commands(self, command_m: Array, number: int) -> RigCommands:
         time = np.arange(len(command_m), dtype=np.float64) * INTERVAL_S
         current = self._current.samples(time, command_m, np.random.default_rng([self._seed, STREAMS["current"]]))
-        return Commands(f"{self._name.replace('/', '_')}_{number:02d}", command_m, current, number)
+        return RigCommands(f"{self._name.replace('/', '_')}_{number:02d}", command_m, current, number)
