@@ -9,7 +9,7 @@ import numpy as np
 from ces_identify.report.shell import page_template, replace_unencodable
 from ces_identify.typesetting import three_figures
 from ces_iterate.stroke.figures import describe_kind, draw_response, draw_robustness, draw_runs, draw_tracking
-from ces_iterate.stroke.goal import CONVERGED, DIVERGED, LearnedStroke, command_peaks
+from ces_iterate.stroke.goal import CONVERGED, DIVERGED, LEARNED, LearnedStroke, command_peaks
 from ces_iterate.stroke.learning_filter import MAX_CONTRACTION
 
 MATERIAL_SHARE = 0.25  # of the squared error: what lies above the learning bandwidth is then worth a warning
@@ -114,7 +114,7 @@ def _response_note(learned: LearnedStroke) -> str:
 def _run_row(learned: LearnedStroke, number: int) -> tuple[str, ...]:
     run = learned.runs[number]
     ratio = three_figures(run.error_m / learned.repeatability_m)
-    gain = f"{run.scale:g}" if run.kind == "learned" else ""
+    gain = f"{run.scale:g}" if run.kind == LEARNED else ""
     limited = f"{100.0 * run.limited:.1f}" if run.limited else ""
     return str(number + 1), describe_kind(run), three_figures(1e6 * run.error_m), ratio, gain, limited
 
