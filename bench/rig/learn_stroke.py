@@ -191,7 +191,7 @@ def describe(rows: Sequence[StrokeRow]) -> str:
         "gives way more (22 Hz, damping 0.6, delay 6 ms, valve 3 ms, 0.3 µm/N). Every case has a seed of its own. "
         f"Targets: error at most {MAX_SHARE} of the first *and* at most {MAX_RATIO} times the repeatability. "
         "*Bound*: largest |Q(1 − LG)| for all plants considered; *true*: for the actuator that the rig has (without "
-        "damper); *above bandwidth*: what repeats of the error above the learning bandwidth.\n"
+        "damper).\n"
     ]
     for model in dict.fromkeys(row.case.model for row in rows):
         some = [row for row in rows if row.case.model == model]
@@ -200,8 +200,8 @@ def describe(rows: Sequence[StrokeRow]) -> str:
 
 
 HEAD = (
-    "stroke", "cases", "first", "learned", "over first", "over repeatability", "iterations", "both targets",
-    "outside limits", "bound", "true", "above bandwidth",
+    "stroke", "first", "learned", "over first", "over repeatability", "iterations", "both targets", "outside limits",
+    "bound", "true",
 )  # fmt: skip
 
 
@@ -213,7 +213,6 @@ def summary(rows: Sequence[StrokeRow]) -> list[Sequence[str]]:
         met = sum(s <= MAX_SHARE and q <= MAX_RATIO for s, q in zip(share, ratio, strict=True))
         lines.append([
             stroke,
-            str(len(some)),
             _pair([r.first for r in some], "{:.0f}"),
             _pair([r.last for r in some], "{:.0f}"),
             _pair(share, "{:.3f}"),
@@ -223,7 +222,6 @@ def summary(rows: Sequence[StrokeRow]) -> list[Sequence[str]]:
             str(sum(r.outside for r in some)),
             f"{max(r.bound for r in some):.2f}",
             f"{max(r.true for r in some):.2f}",
-            _pair([r.above for r in some], "{:.0f}"),
         ])  # fmt: skip
     return lines
 

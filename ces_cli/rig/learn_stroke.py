@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -70,8 +71,8 @@ def _open_folder(options: argparse.Namespace) -> None:
     except (FileExistsError, NotADirectoryError):
         raise StrokeError(f"{options.out}: is not a folder; choose another --out") from None
     if options.overwrite:
-        for path in runs.glob("run_*.npz"):
-            path.unlink()
+        for path in runs.glob("run_[0-9][0-9]*"):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def _print_runs() -> Callable[[LearningRun], None]:

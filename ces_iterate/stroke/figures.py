@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ces_identify.report.drawing import Panel, around_zero, axes, label, legend, panel, span_of, svg
 from ces_identify.report.marks import dots, line
-from ces_iterate.stroke.goal import LearnedStroke, LearningRun
+from ces_iterate.stroke.goal import FIRST, LEARNED, REPEATED, LearnedStroke, LearningRun
 from ces_iterate.stroke.learning_filter import MAX_CONTRACTION
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ def draw_runs(learned: LearnedStroke) -> Markup:
     number = np.arange(1, len(error) + 1, dtype=np.float64)
     low, high = math.log10(min(floor, error.min()) / 1.6), math.log10(error.max() * 1.6)
     p = panel((0.5, len(error) + 0.5), (low, high), (52, 46, 376, 350))
-    first = sum(run.kind == "first" for run in learned.runs)
+    first = sum(run.kind == FIRST for run in learned.runs)
     learning = slice(max(first - 1, 0), len(error) - 1)
     parts = [
         p.rect(p.x.low, p.x.high, "repeats", low, math.log10(BEST_BAND * floor)),
@@ -88,7 +88,9 @@ def draw_robustness(learned: LearnedStroke) -> Markup:
         line(p, f.frequency_Hz, f.share * f.bound_measured, "again"),
         line(p, f.frequency_Hz, f.share * f.bound_in_tolerance, "after"),
         legend(
-            p.x.stop + 8, 16, (("after", f"{f.tolerance:.0%} wrong"), *measured, ("before", "exact"), ("filter", "Q"))
+            p.x.stop + 8,
+            16,
+            (("after", f"{100.0 * f.tolerance:.0f} % wrong"), *measured, ("before", "exact"), ("filter", "Q")),
         ),
     ]
     text = (
@@ -145,4 +147,4 @@ def _log_axis(p: Panel, name: str) -> str:
 
 def describe_kind(run: LearningRun) -> str:
     """Return what a run was, for tables."""
-    return {"first": "wanted stroke", "learned": "learned command", "repeated": "learned command, repeated"}[run.kind]
+    return {FIRST: "wanted stroke", LEARNED: "learned command", REPEATED: "learned command, repeated"}[run.kind]

@@ -30,7 +30,7 @@ PATIENCE = 2  # runs without progress before stopping
 MIN_SCALE = 1 / 16  # of the gain, below which learning stops
 
 
-class Learner:
+class StrokeLearner:
     """The state between runs: all runs so far, the best one, the present filter and gain."""
 
     def __init__(self, goal: StrokeGoal, probe: CommandedRun | None, first: Sequence[LearningRun]) -> None:

@@ -16,7 +16,7 @@ from ces_iterate.stroke.alignment import position_on_grid
 from ces_iterate.stroke.errors import StrokeError
 from ces_iterate.stroke.frequency_response import CommandedRun
 from ces_iterate.stroke.goal import EXHAUSTED, FIRST, LEARNED, REPEATED, LearnedStroke, LearningRun, StrokeGoal
-from ces_iterate.stroke.learner import Learner
+from ces_iterate.stroke.learner import StrokeLearner
 from ces_iterate.stroke.probe import make_probe
 from ces_iterate.stroke.rig import StrokeRig
 
@@ -42,7 +42,7 @@ def learn_stroke(rig: StrokeRig, goal: StrokeGoal, on_run: OnRun = lambda run: N
     first = [run(goal.wanted_m, FIRST) for _ in range(goal.settings.repeats)]
     for one in first:
         on_run(one)
-    learner = Learner(goal, probe, first)
+    learner = StrokeLearner(goal, probe, first)
     while not learner.stopped and len(learner.runs) < len(first) + goal.settings.max_iterations:
         command, limited = learner.next_command()
         learner.add(replace(run(command, LEARNED), scale=learner.scale, limited=limited))

@@ -104,7 +104,7 @@ def _largest_share(start: Array, move: Array, bounds: Bounds) -> float:
 
 def _split(wanted: Array, bounds: Bounds) -> Array:
     """Return argmin |u - wanted|² within the bounds, by ADMM (Boyd et al. 2011, sections 3.4.1 and 5.2)."""
-    splitting = Splitting(wanted, bounds)
+    splitting = _Splitting(wanted, bounds)
     for n in range(1, PASSES + 1):
         splitting.step()
         if n % CHECK_EVERY == 0 and splitting.rebalance():
@@ -112,7 +112,7 @@ def _split(wanted: Array, bounds: Bounds) -> Array:
     return splitting.command
 
 
-class Splitting:
+class _Splitting:
     """The state of the ADMM: the command, its limited differences `z`, and their multipliers.
 
     The differences are scaled to norm 1; each order has its own weight, adapted to balance both residuals.

@@ -9,7 +9,7 @@ import numpy as np
 from ces_identify.report.shell import page_template, replace_unencodable
 from ces_identify.typesetting import three_figures
 from ces_iterate.stroke.figures import describe_kind, draw_response, draw_robustness, draw_runs, draw_tracking
-from ces_iterate.stroke.goal import CONVERGED, DIVERGED, LearnedStroke, command_peaks
+from ces_iterate.stroke.goal import CONVERGED, DIVERGED, LEARNED, LearnedStroke, command_peaks
 from ces_iterate.stroke.learning_filter import MAX_CONTRACTION
 
 MATERIAL_SHARE = 0.25  # of the squared error: what lies above the learning bandwidth is then worth a warning
@@ -41,14 +41,15 @@ def summary_sentence(learned: LearnedStroke) -> str:
     )
     return (
         f"The tracking error fell from {first:.0f} to {last:.0f} µm RMS in {learned.iterations} iterations: "
-        f"{last / first:.1%} of the first error, {last / floor:.2f} times the repeatability ({floor:.0f} µm)."
+        f"{100.0 * last / first:.1f} % of the first error, {last / floor:.2f} times the repeatability ({floor:.0f} µm)."
     )
 
 
 def describe_condition(learned: LearnedStroke) -> str:
     """Return the condition of convergence, and for which plants it holds."""
     f = learned.learning_filter
-    plants = f"for an actuator of which the model is wrong by {f.tolerance:.0%} in gain, bandwidth and delay at once"
+    wrong = f"{100.0 * f.tolerance:.0f} % in gain, bandwidth and delay at once"
+    plants = f"for an actuator of which the model is wrong by {wrong}"
     measured = "" if learned.measured is None else ", and within the uncertainty of the measured response"
     return (
         f"|Q(1 − LG)| < 1 holds at all frequencies {plants}{measured}: at most {f.contraction.max():.2f} "
@@ -113,7 +114,7 @@ def _response_note(learned: LearnedStroke) -> str:
 def _run_row(learned: LearnedStroke, number: int) -> tuple[str, ...]:
     run = learned.runs[number]
     ratio = three_figures(run.error_m / learned.repeatability_m)
-    gain = f"{run.scale:g}" if run.kind == "learned" else ""
+    gain = f"{run.scale:g}" if run.kind == LEARNED else ""
     limited = f"{100.0 * run.limited:.1f}" if run.limited else ""
     return str(number + 1), describe_kind(run), three_figures(1e6 * run.error_m), ratio, gain, limited
 

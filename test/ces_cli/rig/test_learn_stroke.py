@@ -94,10 +94,11 @@ def test_runs_of_another_plan_are_not_mixed_in(learned, capsys):
 
 def test_overwrite_starts_anew(tmp_path):
     plan, out = write_plan(tmp_path), tmp_path / "out"
-    (out / "runs").mkdir(parents=True)
+    (out / "runs" / "run_01" / "log").mkdir(parents=True)
     (out / "runs" / "run_00.npz").write_bytes(b"old")
     assert main(["learn-stroke", plan, "--out", str(out), "--overwrite"]) == 0
     assert (out / "runs" / "run_00.npz").stat().st_size > 1000
+    assert not (out / "runs" / "run_01").exists()
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def experiment(**current):
     return parse_experiment({"duration_s": 2.5, "stroke": stroke, "current": current, "actuator": slow}, "e.yaml")
 
 
-class Operator:
+class BagOperator:
     """Runs each experiment on the virtual rig and drops its bag, whose clock starts somewhere else every time."""
 
     def __init__(self, folder: Path) -> None:
@@ -48,7 +48,7 @@ class Operator:
 
 
 def test_a_stroke_is_learned_on_a_dyno_behind_a_folder(tmp_path):
-    operator = Operator(tmp_path)
+    operator = BagOperator(tmp_path)
     folder_rig = FolderRig(None, load_signals(None), 0.01, note=lambda text: None, sleep=operator.sleep)
     rig = CommandedRig(folder_rig, experiment(), LIMITS, tmp_path)
     wanted = experiment().stroke.samples(TIME, np.random.default_rng(0))
@@ -62,12 +62,12 @@ def test_a_stroke_is_learned_on_a_dyno_behind_a_folder(tmp_path):
 def test_the_current_is_that_of_the_experiment(tmp_path):
     seen = []
 
-    class Listener:
+    class CommandListener:
         def run(self, commands, folder):
             seen.append(commands)
             return Recording("r", {})
 
-    CommandedRig(Listener(), experiment(kind="steps", levels_A=[0.3, 0.6], hold_s=0.5), LIMITS, tmp_path).run(
+    CommandedRig(CommandListener(), experiment(kind="steps", levels_A=[0.3, 0.6], hold_s=0.5), LIMITS, tmp_path).run(
         0.01 * np.sin(TIME), 4
     )
     assert seen[0].current_A[[0, 600, 1100]] == pytest.approx([0.3, 0.6, 0.3])

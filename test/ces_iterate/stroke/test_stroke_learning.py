@@ -17,7 +17,7 @@ from ces_iterate.stroke.goal import (
     StrokeGoal,
     find_repeatability,
 )
-from ces_iterate.stroke.learner import Learner
+from ces_iterate.stroke.learner import StrokeLearner
 from ces_iterate.stroke.learning import learn_stroke
 from ces_iterate.stroke.limits import StrokeLimits, measure_peaks
 from ces_iterate.stroke.rig import INTERVAL_S, VirtualStrokeRig
@@ -108,7 +108,7 @@ def test_a_growing_error_goes_back_and_lowers_the_gain_until_it_stops():
     _, wanted = rig_and_wanted()
     goal = StrokeGoal(wanted, INTERVAL_S, StrokeLimits(), LearningSettings(correct_model=False), model=ACTUATOR)
     short = 0.95 * wanted
-    learner = Learner(goal, None, [LearningRun(wanted, short + noise(n), 1e-3, FIRST) for n in range(2)])
+    learner = StrokeLearner(goal, None, [LearningRun(wanted, short + noise(n), 1e-3, FIRST) for n in range(2)])
     scales = []
     while not learner.stopped:
         command, _ = learner.next_command()
@@ -125,7 +125,7 @@ def test_noise_is_not_learned():
     settings = LearningSettings(stop_at=1.0, correct_model=False)
     goal = StrokeGoal(wanted, INTERVAL_S, StrokeLimits(), settings, model=ACTUATOR)
     runs = [LearningRun(wanted, wanted + noise(n), 30e-6, FIRST) for n in range(2)]
-    command, _ = Learner(goal, None, runs).next_command()
+    command, _ = StrokeLearner(goal, None, runs).next_command()
     assert 0.0 < np.std(command - wanted) < 0.25 * np.std(noise(0))
 
 
