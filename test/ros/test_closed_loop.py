@@ -79,7 +79,7 @@ class Ears(Party):
         for status in message.status:
             if status.name.startswith(f"{self.namespace}/"):
                 self.told.append(status.message)
-                self.models |= {status.name: v.value for v in status.values if v.key == "model sha256"}
+                self.models.update((status.name, v.value) for v in status.values if v.key == "model sha256")
 
 
 @pytest.fixture
