@@ -91,6 +91,9 @@ class RunningCost:
         self._evaluate(sum(second.pairs for second in self._seconds))
 
     def _evaluate(self, pairs: int) -> None:
+        if not pairs:
+            self.J, self.spread_N = None, 0.0
+            return
         mean = sum(second.force for second in self._seconds) / pairs
         variance = sum(second.force2 for second in self._seconds) / pairs - mean * mean
         self.spread_N = sqrt(max(0.0, variance))

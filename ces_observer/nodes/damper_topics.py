@@ -45,6 +45,10 @@ class DamperTopics:
         self.health = Health(self.damper, {}, name=settings.name)
         self._node, self._clock = node, clock
         self._on_change, self._on_first_force = node.guard.wrap(on_change), on_first_force
+        # Guarded apart: an error in what only describes the estimates must not withhold them.
+        self._note_current = node.guard.wrap(self._add_current)
+        self._note_position = node.guard.wrap(self._add_position)
+        self._note_estimate = node.guard.wrap(self._add_estimate)
         self.health.stillness.warn_s = settings.values["still_warn_s"]
         self._positions = PositionQueue(0.0)
         self._wait_for_current(settings.values["wait_for_current_s"])
@@ -126,7 +130,8 @@ class DamperTopics:
             inputs, "position", self._on_position, damper.count_unreadable_position
         )
         if self.settings.values["compare_force"]:
-            health.force = self._subscribe_signal(inputs, "force", self._on_measured_force, _ignore)
+            take = self._node.guard.wrap(self._on_measured_force)
+            health.force = self._subscribe_signal(inputs, "force", take, _ignore)
 
     def _subscribe_signal(
         self, inputs: InputSubscriptions, name: str, deliver: Deliver, unreadable: Callable[[str], None]
@@ -144,7 +149,7 @@ class DamperTopics:
 
     def _on_current(self, stamp_ns: int, current_A: float, frame: bytes, now_ns: int) -> None:
         del frame
-        self.health.current.take(stamp_ns, now_ns)
+        self._note_current(stamp_ns, now_ns)
         self.damper.take_current(stamp_ns, current_A)
         if self._positions.is_waiting:
             self._release_positions(now_ns)
@@ -156,8 +161,7 @@ class DamperTopics:
             self._release_positions(now_ns)
 
     def _on_position(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
-        self.health.position.take(stamp_ns, now_ns)
-        self.health.stillness.take(stamp_ns, position_m)
+        self._note_position(stamp_ns, position_m, now_ns)
         if self._positions.is_waiting:
             self._positions.add(stamp_ns, position_m, frame, now_ns)
             self._release_positions(now_ns)
@@ -189,18 +193,30 @@ class DamperTopics:
         damper = self.damper
         force = damper.step(stamp_ns, position_m, now_ns)
         if force is not None:
-            raw = self._publish(stamp_ns, frame, damper.position, damper.speed, force)
-            health, sent_ns = self.health, self._clock.now()
-            health.latency.take(sent_ns - stamp_ns)
-            if self.on_estimate is not None:
-                self.on_estimate(sent_ns, raw)
-            if health.cost is not None:
-                health.cost.add_estimate(stamp_ns, force)
+            self._note_estimate(stamp_ns, force, self._publish(stamp_ns, frame, damper.position, damper.speed, force))
             half_width = damper.half_width()
             if half_width is not None:
                 self._publish_band(stamp_ns, frame, force - half_width, force + half_width)
         if damper.reason != self._reported_reason:
             self._report_change()
+
+    def _add_current(self, stamp_ns: int, now_ns: int) -> None:
+        """Add a current to health."""
+        self.health.current.take(stamp_ns, now_ns)
+
+    def _add_position(self, stamp_ns: int, position_m: float, now_ns: int) -> None:
+        """Add a position to health."""
+        self.health.position.take(stamp_ns, now_ns)
+        self.health.stillness.take(stamp_ns, position_m)
+
+    def _add_estimate(self, stamp_ns: int, force_N: float, raw: bytes) -> None:
+        """Add a published estimate to health and black box."""
+        health, sent_ns = self.health, self._clock.now()
+        health.latency.take(sent_ns - stamp_ns)
+        if self.on_estimate is not None:
+            self.on_estimate(sent_ns, raw)
+        if health.cost is not None:
+            health.cost.add_estimate(stamp_ns, force_N)
 
     def _report_change(self) -> None:
         if self.damper.reason != self._reported_reason:

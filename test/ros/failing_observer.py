@@ -14,6 +14,7 @@ from rclpy.service import Service
 
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.health.health import Health
+from ces_observer.health.latencies import Latencies
 from ces_observer.nodes import model_changes, observer
 from ces_observer.nodes.diagnostics_output import DiagnosticsOutput
 from ces_observer.nodes.model_reload import ModelReload
@@ -60,6 +61,7 @@ def main() -> int:
     fail_half_way()
     fail_each(DiagnosticsOutput, "publish", 3, lambda: OSError(28, "planted in the diagnostics"))
     fail_each(Health, "roll", 2, lambda: RecursionError("planted in a timer"))
+    fail_each(Latencies, "take", 3, lambda: ValueError("planted in the health"))
     fail_each(Service, "send_response", 2, lambda: RuntimeError("planted in rclpy"))
     model_changes.ModelReload = hang  # type: ignore[assignment,misc]
     observer.find_refusal = refuse

@@ -21,7 +21,7 @@ from test_misuse import CURRENT_A, EXECUTORS, compare, damper
 from vehicle import Vehicle, reliable_inputs, wait
 
 PROGRAM = Path(__file__).parent / "failing_observer.py"
-PLANTED = ("the estimator", "the diagnostics", "a timer", "the check of parameters", "rclpy")
+PLANTED = ("the estimator", "the diagnostics", "a timer", "the health", "the check of parameters", "rclpy")
 
 
 @contextmanager

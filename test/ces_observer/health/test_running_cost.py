@@ -107,6 +107,15 @@ def test_few_pairs_are_not_judged() -> None:
     assert cost.J is None
 
 
+def test_simulated_time_may_begin_at_one_second() -> None:
+    """The first second that ends is then one without any pair."""
+    cost = RunningCost()
+    for tick in range(1000, 3500):
+        cost.add_estimate(tick * MS, 100.0 * (tick % 7))
+        cost.add_measured(tick * MS, 100.0 * (tick % 7))
+    assert cost.J == 0.0
+
+
 def test_gaps_between_estimates_are_not_bridged() -> None:
     cost = RunningCost(max_gap_s=0.05)
     cost.add_measured(START - MS, 1.0)
