@@ -159,9 +159,10 @@ def faulty_currents(count: int) -> Samples:
     return held + [(stamp + 30 * S, value) for stamp, value in held[-80:]]
 
 
-def test_faulty_samples_give_the_same_estimates_and_reasons(start_pair: Callable[..., Pair]) -> None:
+@pytest.mark.parametrize("executor", ["events", "single"])
+def test_faulty_samples_give_the_same_estimates_and_reasons(start_pair: Callable[..., Pair], executor: str) -> None:
     positions = faulty_positions(3000)
-    pair = start_pair(max_age_s=0.0, wait_for_current_s=10.0, **STAMPED_CURRENT)
+    pair = start_pair(executor=executor, max_age_s=0.0, wait_for_current_s=10.0, **STAMPED_CURRENT)
     events: list[tuple[int, Callable[..., None], tuple[int, float]]] = [
         *((stamp, pair.vehicle.publish_current, (stamp, value)) for stamp, value in faulty_currents(3000)),
         *((stamp, pair.vehicle.publish_position, (stamp, value)) for stamp, value in positions),
@@ -274,9 +275,11 @@ def test_a_wrong_parameter_ends_the_program_with_one_line(
 
 
 def test_live_parameters_are_checked_and_applied(vehicle: Vehicle, namespace: str, package: CppPackage) -> None:
-    node = package.start(namespace, "observer", {"current.constant": 0.5})
+    node = package.start(namespace, "observer", {"current.constant": 0.5, "cpu_affinity": "[0]", "lock_memory": True})
     try:
         vehicle.meets_node()
+        assert vehicle.hears_value("processors", "0") == "0"
+        assert vehicle.hears_value("memory locked", "") in ("yes", "no")
         refused = vehicle.sets("max_age_s", 4000.0)
         assert (refused.successful, refused.reason) == (
             False,
