@@ -49,6 +49,7 @@ setup(
         "*": ["py.typed"],
         "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js", "**/*.hpp", "**/*.cpp"],
         "ces_rig": ["**/*.yaml"],
+        "ces_iterate": ["**/*.j2"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
     },
     data_files=[

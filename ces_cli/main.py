@@ -18,6 +18,7 @@ PROGRAMS = {  # module and summary by name
     "import": ("bags.import_", "convert dyno logs (CSV, JSON, MAT) to bags"),
     "rig": ("rig.program", "run an experiment on the virtual rig and record it (synthetic data)"),
     "identify": ("identify.program", "identify a force model from recordings"),
+    "iterate": ("iterate.program", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),

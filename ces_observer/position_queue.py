@@ -36,11 +36,15 @@ class PositionQueue:
     def pop_ready(self, current_ns: int | None, now_ns: int) -> Iterator[tuple[int, float, bytes]]:
         """Remove and yield the positions whose wait is over; `current_ns` is the newest current's stamp.
 
-        A clock that was set back ends the wait, too.
+        A clock that was set back ends the wait, too. A position that arrived before simulated time began, at 0, waits
+        from now.
         """
         queue, wait_ns = self._queue, self._wait_ns
         while queue:
             stamp_ns, position_m, frame, arrived_ns = queue[0]
+            if not arrived_ns:
+                arrived_ns = now_ns
+                queue[0] = (stamp_ns, position_m, frame, now_ns)
             known = current_ns is not None and current_ns >= stamp_ns
             if not known and abs(now_ns - arrived_ns) < wait_ns and len(queue) <= MAX_POSITIONS:
                 return

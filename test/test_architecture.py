@@ -11,13 +11,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("ces_observer", "ces_identify", "ces_rig", "ces_gap", "ces_cli")
+PACKAGES = ("ces_observer", "ces_identify", "ces_rig", "ces_iterate", "ces_gap", "ces_cli")
 MAY_IMPORT = {
     "ces_observer": set(),
     "ces_identify": {"ces_observer"},
     "ces_rig": {"ces_observer", "ces_identify"},
     "ces_gap": {"ces_observer", "ces_identify"},
-    "ces_cli": {"ces_observer", "ces_identify", "ces_rig", "ces_gap"},
+    "ces_iterate": {"ces_observer", "ces_identify", "ces_rig"},
+    "ces_cli": {"ces_observer", "ces_identify", "ces_rig", "ces_iterate", "ces_gap"},
 }
 ROS = {
     "rclpy",
@@ -49,6 +50,7 @@ NODE_MODULES = {
     "ces_observer.nodes.controller_model",
     "ces_observer.nodes.controller_parameters",
     "ces_observer.nodes.controller_topics",
+    "ces_iterate.live.topic_rig",
     "ces_rig.live.node",
     "ces_rig.live.patched_message",
     "ces_rig.live.topics",
@@ -119,6 +121,16 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "blind": "dampers drive errors experiment sensors simulation withheld",
         "live": "dampers descriptions drive errors experiment nested_numbers sensors withheld",
     },
+    "ces_iterate": {
+        "errors": "",
+        "commands": "errors",
+        "plan": "commands errors",
+        "design": "commands errors plan",
+        "rigs": "commands errors plan",
+        "live": "commands errors rigs",
+        "loop": "commands design errors plan rigs",
+        "report": "commands loop plan",
+    },
     "ces_gap": {
         "derivative": "",
         "errors": "",
@@ -152,6 +164,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "campaign": "terminal",
         "diagnose": "terminal",
         "identify": "campaign terminal",
+        "iterate": "terminal",
         "main": "terminal",
         "rig": "terminal",
         "ros_program": "main",

@@ -21,7 +21,10 @@ CHANGES = {
 
 
 class NodeClock:
-    """`now()` is the node's time [ns]; `on_jump` is called with a line of text after each time jump."""
+    """`now()` is the node's time [ns]; `on_jump` is called with a line of text after each time jump.
+
+    Simulated time is 0 until its first /clock message, which is no jump: samples may arrive before it.
+    """
 
     def __init__(self, node: GuardedNode, on_jump: Callable[[str], None]) -> None:
         self._clock = node.get_clock()
@@ -50,5 +53,7 @@ class NodeClock:
 
     def _on_ros_jump(self, jump: TimeJump) -> None:
         self._choose_clock()
+        if jump.clock_change not in CHANGES and self.now() == jump.delta.nanoseconds:
+            return
         seconds = jump.delta.nanoseconds * 1e-9
         self._on_jump(CHANGES.get(jump.clock_change, f"simulated time jumped by {seconds:+.3f} s"))

@@ -23,7 +23,7 @@ from ces_rig.drive import vehicle_kernel as qv
 from ces_rig.errors import RigError
 from ces_rig.live.node_table import OF_THE_NODE, OF_THE_RIG, RigNodeSettings, read_settings
 from ces_rig.live.pace import Pace
-from ces_rig.live.rig import LIVE, VEHICLE, LiveRig, RigSettings
+from ces_rig.live.rig import LIVE, SET_POINTS, VEHICLE, LiveRig, RigSettings
 from ces_rig.live.topics import RigTopics
 
 SECOND_NS = 1_000_000_000
@@ -58,6 +58,8 @@ class Rig(TableNode):
             keep_all=self._free,
         )
         self._diagnostics = DiagnosticsOutput(self)
+        if settings.drive == SET_POINTS:
+            self._topics.listen_to_strokes(self._rig.follower.set_stroke)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self._sample_s, self._blows, self._refused, self._commanded = monotonic(), 0, 0, False

@@ -20,10 +20,11 @@ from ces_rig.live.plant import LivePlant
 from ces_rig.live.road import LiveRoad
 from ces_rig.live.script import Actuator, Loop, Script, make_experiment_loop, make_loop, make_rest_loop
 from ces_rig.live.sensing import LiveSensors
+from ces_rig.live.set_points import Follower
 from ces_rig.live.vehicle import Vehicle, as_kernel_numbers
 from ces_rig.nested_numbers import replace_numbers
 
-SCRIPT, EXPERIMENT, VEHICLE = "script", "experiment", "vehicle"
+SCRIPT, EXPERIMENT, VEHICLE, SET_POINTS = "script", "experiment", "vehicle", "set_points"
 ROAD_STREAM = 6  # beside ces_rig.experiment.STREAMS
 
 
@@ -31,7 +32,7 @@ ROAD_STREAM = 6  # beside ces_rig.experiment.STREAMS
 class RigSettings:
     """The settings of a live rig."""
 
-    drive: str = choice(SCRIPT, "what moves the damper", (SCRIPT, EXPERIMENT, VEHICLE))
+    drive: str = choice(SCRIPT, "what moves the damper", (SCRIPT, EXPERIMENT, VEHICLE, SET_POINTS))
     experiment: str = field(
         default="sine_4hz", metadata={"unit": "", "what": "experiment whose stroke is repeated: packaged name or file"}
     )
@@ -49,6 +50,7 @@ class RigSettings:
     dropout: float = quantity(0.0, "1", "probability that a sample is lost", 0.0, 0.9)
     safe_current_A: float = quantity(0.4, "A", "current without a command", 0.0, 10.0)
     command_timeout_s: float = quantity(0.1, "s", "age at which a command expires; 0: never", 0.0, 60.0)
+    follow_hz: float = quantity(60.0, "Hz", "set points: bandwidth of the actuator", 1.0, 500.0)
     script: Script = field(default_factory=Script)
     vehicle: Vehicle = field(default_factory=Vehicle)
 
@@ -82,6 +84,7 @@ class LiveRig:
         self._numbers = as_kernel_numbers(settings.vehicle, self.damper.model.reach_m)
         rng = np.random.default_rng([settings.seed, ROAD_STREAM])
         self._road = LiveRoad(settings.vehicle.road_class, settings.vehicle.speed_m_s, self._interval_s, rng)
+        self.follower = Follower(settings.follow_hz, self.damper.model.reach_m, self._interval_s)
         self._actuator = self._make_actuator(settings, experiment)
         self.ticks = 0
         self._plant.settle(*self._actuator.start, self.command.at(0.0))
@@ -104,7 +107,8 @@ class LiveRig:
         if self.settings.drive == VEHICLE:
             self._plant.ride(self._numbers, motion, self._road.heights(self._count), current)
         else:
-            stroke, speed = self._actuator.moves(self._count)
+            source = self.follower if self.settings.drive == SET_POINTS else self._actuator
+            stroke, speed = source.moves(self._count)
             self._plant.drive(stroke, speed, current)
             motion[qv.STROKE], motion[qv.FORCE] = stroke[-1], self._plant.force_N
         return self._sample(current, (motion[qv.BODY_SPEED] - before) / self.period_s)

@@ -68,6 +68,16 @@ class RigTopics:
         if sample.position_m is not None:
             self._position.publish(sec, nanosec, sample.position_m)
 
+    def listen_to_strokes(self, on_stroke: Callable[[float], None]) -> None:
+        """Subscribe to the set points of the stroke [m]."""
+        self._strokes = self._node.create_subscription(
+            Float64,
+            "stroke_command",
+            lambda message: on_stroke(message.data),
+            QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT),
+            qos_overriding_options=_overridable(),
+        )
+
     def is_commanded(self) -> bool:
         """Return whether any node publishes commands."""
         return bool(self._commands.get_publisher_count() > 0)

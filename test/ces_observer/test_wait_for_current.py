@@ -35,6 +35,14 @@ def test_the_wait_ends_after_its_time() -> None:
     assert let_go(queue, 0, 22) == [2]
 
 
+def test_a_position_before_the_beginning_of_simulated_time_waits_from_then_on() -> None:
+    queue = PositionQueue(0.02)
+    queue.add(5000 * MS, 0.0, b"", 0)
+    assert let_go(queue, None, 5001) == []
+    assert let_go(queue, None, 5020) == []
+    assert let_go(queue, None, 5021) == [5000]
+
+
 def test_a_clock_set_back_ends_the_wait() -> None:
     assert let_go(held(100, 101), 0, 50) == [100, 101]
 

@@ -30,7 +30,10 @@ NODES = {
     "controller": [
         ("ces_observer.nodes.controller", {**SIMULATED, "feedback": "measured", "model_topic": "identify/model"})
     ],
-    "rig": [("ces_rig.live.node", {**SIMULATED, "drive": "vehicle", "publish_clock": True})],
+    "rig": [
+        ("ces_rig.live.node", {**SIMULATED, "drive": "vehicle", "publish_clock": True}),
+        ("ces_rig.live.node", {"drive": "set_points"}),
+    ],
     "identify": [("ces_cli.identify.node", {**SIMULATED, "bags": f"[{ROOT / 'bags' / 'noise'}]", "seconds": 60.0})],
 }
 

@@ -7,6 +7,7 @@ import zipfile
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 
 from bench.physical_examples import make_chambers, make_model, make_relaxation, make_valve
 from ces_cli.main import main
@@ -143,3 +144,64 @@ def test_an_unstable_model_needs_an_option_for_an_fmu(tmp_path, capsys):
     assert export(*words, "--allow-uncertified") == 0
     with zipfile.ZipFile(tmp_path / "m.fmu") as archive:
         assert "STABILITY NOT PROVED" in archive.read("modelDescription.xml").decode()
+
+
+# ------------------------------------------------------------------------------------------------- a ROS 2 package
+
+
+def test_a_package_is_named_by_its_folder_and_has_the_signals(tmp_path, capsys):
+    signals = tmp_path / "signals.yaml"
+    signals.write_text(
+        "position: {topic: rod, type: sensor_msgs/msg/LaserEcho, field: 'echoes[3]', scale: 0.001}\n"
+        "current: {constant: 0.25}\n"
+    )
+    folder = tmp_path / "Front-Damper"
+    assert export(model_file(tmp_path / "m.json"), "--ros-package", folder, "--signals", signals) == 0
+    assert (
+        "package front_damper, component front_damper::Observer, program observer, 3 terms" in capsys.readouterr().out
+    )
+    assert "<name>front_damper</name>" in (folder / "package.xml").read_text()
+    assert "#include <sensor_msgs/msg/laser_echo.hpp>" in (folder / "src/model/message_types.hpp").read_text()
+    parameters = yaml.safe_load((folder / "config/observer.yaml").read_text())["/**"]["ros__parameters"]
+    assert parameters["current"] == {"constant": 0.25}
+    assert (parameters["position"]["topic"], parameters["position"]["scale"]) == ("rod", 0.001)
+    ElementTree.parse(folder / "package.xml")
+    compile((folder / "launch/observer.launch.py").read_text(), "observer.launch.py", "exec")
+    assert not [path for path in folder.rglob("*") if "{{" in path.name or path.suffix == ".j2"]
+    assert not [path for path in folder.rglob("*") if path.is_file() and "{%" in path.read_text()]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["Front-Damper", "m.json", "signals.yaml"]
+
+
+def test_the_same_model_gives_the_same_package(tmp_path):
+    path = model_file(tmp_path / "m.json")
+    for parent in ("a", "b"):
+        (tmp_path / parent).mkdir()
+        assert export(path, "--ros-package", tmp_path / parent / "damper") == 0
+    one, other = ({p.relative_to(tmp_path / k): p.read_bytes() for p in (tmp_path / k).rglob("*.*")} for k in "ab")
+    assert one == other
+    assert len(one) > 40
+
+
+@pytest.mark.parametrize(
+    ("folder", "more", "message"),
+    [
+        ("taken", (), "taken: exists; name a new folder"),
+        ("missing/damper", (), "missing/damper: cannot be written"),
+        ("damper", ("--name", "Damper 1"), "package 'Damper 1': expected lower-case letters"),
+        ("class", (), "package 'class': expected lower-case letters, digits and _, and no word of C++"),
+        ("damper", ("--format", "c"), "--format, --sources-only: do not apply to --ros-package"),
+    ],
+)
+def test_a_package_that_cannot_be_written(tmp_path, capsys, folder, more, message):
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "own.txt").touch()
+    assert message in error_line(capsys, model_file(tmp_path / "m.json"), "--ros-package", tmp_path / folder, *more)
+
+
+def test_a_package_needs_a_measured_position(tmp_path, capsys):
+    (tmp_path / "signals.yaml").write_text("position: {constant: 0.0}\n")
+    words = (model_file(tmp_path / "m.json"), "--ros-package", tmp_path / "damper", "--signals")
+    assert "signal 'position' is constant" in error_line(capsys, *words, tmp_path / "signals.yaml")
+    assert "--signals: applies to --ros-package only" in error_line(
+        capsys, tmp_path / "m.json", "--out", tmp_path / "m.c", "--signals", tmp_path / "signals.yaml"
+    )

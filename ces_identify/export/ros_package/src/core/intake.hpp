@@ -79,6 +79,13 @@ public:
     damper_.reset();
   }
 
+  // Begin anew after a failure, which may have left the estimator half changed.
+  void restart()
+  {
+    positions_.clear();
+    damper_.reset();
+  }
+
 private:
   // The stamp up to which all measured signals that the model needs are known; nothing: unknown.
   std::optional<Nanoseconds> newest_known() const

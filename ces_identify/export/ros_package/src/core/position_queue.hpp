@@ -70,6 +70,8 @@ public:
     return &first;
   }
 
+  void clear() {count_ = 0;}
+
 private:
   static constexpr std::size_t MAX_POSITIONS = 10'000;  // several seconds at 1 kHz; beyond it the oldest is released
   static constexpr std::size_t FRAME_LENGTH = 64;

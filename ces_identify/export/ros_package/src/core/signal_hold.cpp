@@ -7,7 +7,7 @@ namespace ces
 namespace
 {
 
-constexpr std::size_t HISTORY = 4096;  // more than a subscription's queue holds, so that a burst loses none
+constexpr std::size_t HISTORY = 8192;  // more than a subscription's queue holds, so that a burst loses none
 constexpr Nanoseconds JUMP = SECOND;  // a value stamped this much before the newest one shows a clock set back
 
 }  // namespace

@@ -40,6 +40,12 @@ void Arrivals::roll(double elapsed_s)
   next.has_dropped = stamped_;
   next.dropped = stamped_ ? std::max(std::int64_t(0), dropped - figures_.total_dropped) : 0;
   next.total_dropped = stamped_ ? dropped : 0;
+  if (losses_ != nullptr) {
+    next.total_lost = losses_->lost();
+    if (next.total_lost) {next.lost = *next.total_lost - figures_.total_lost.value_or(0);}
+    next.total_overflowed = losses_->overflowed();
+    next.overflowed = next.total_overflowed - figures_.total_overflowed;
+  }
   next.total_out_of_order = late_;
   next.total_duplicates = duplicates_;
   next.total_interruptions = interruptions_;
@@ -62,9 +68,10 @@ Arrivals::Spread Arrivals::find_spread() const
 }
 
 // Count a message whose stamp is not about one period after the newest.
-void Arrivals::take_rare(Nanoseconds stamp, Nanoseconds step)
+void Arrivals::take_rare(Nanoseconds stamp, Nanoseconds step, Nanoseconds now)
 {
   ++rare_;
+  const auto waited = now - now_ - step;  // longer than the message before it
   if (usual_ + rare_ == 1) {
     newest_ = stamp;
   } else if (step == 0) {
@@ -73,7 +80,9 @@ void Arrivals::take_rare(Nanoseconds stamp, Nanoseconds step)
     ++late_;
   } else {
     newest_ = stamp;
-    if (step > 0 && step <= std::max(SILENCE, SILENCE_PERIODS * period_)) {
+    const auto missing = period_ ? count_periods(step, static_cast<double>(period_)) - 1 : 0;
+    const bool overflowed = losses_ != nullptr && losses_->take_gap(missing, waited, period_);
+    if (overflowed || (step > 0 && step <= std::max(SILENCE, SILENCE_PERIODS * period_))) {
       longest_ = std::max(longest_, step);
       take_unusual(step);
     } else {

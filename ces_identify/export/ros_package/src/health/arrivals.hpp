@@ -10,14 +10,17 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 
 #include "core/numbers.hpp"
+#include "health/losses.hpp"
 
 namespace ces
 {
 
 // One window of a topic. Counts named `total_` are since the start, the others in the window. `dropped` is estimated from
-// gaps in the stamps; it is unknown for messages without stamps. Interruptions are stamps that ran back, or silences too
+// gaps in the stamps; it is unknown for messages without stamps. Of these samples `lost` are known to have been lost, and
+// `overflowed` in the node's own queue; the source has not sent the others. Interruptions are stamps that ran back, or silences too
 // long to be lost messages.
 struct ArrivalFigures
 {
@@ -26,17 +29,20 @@ struct ArrivalFigures
   std::int64_t burst = 0;  // largest number of messages, each within a quarter of the period after the one before
   bool has_dropped = false;
   std::int64_t dropped = 0, total_dropped = 0;
+  std::optional<std::int64_t> lost, total_lost;
+  std::int64_t overflowed = 0, total_overflowed = 0;
   std::int64_t total_out_of_order = 0, total_duplicates = 0, total_interruptions = 0;
 };
 
 class Arrivals
 {
 public:
-  // Without stamps in the messages, `take` gets their arrival twice.
-  void set_stamped(bool stamped)
+  // `losses` are those of the topic; without stamps in the messages, `take` gets their arrival instead.
+  void set_topic(bool stamped, Losses & losses)
   {
     stamped_ = stamped;
     figures_.has_dropped = stamped;
+    losses_ = &losses;
   }
 
   // Count a message stamped `stamp` that arrived at `now` of the node's clock.
@@ -48,7 +54,7 @@ public:
     if (short_ < step && step < long_) {
       take_usual(stamp, step);
     } else {
-      take_rare(stamp, step);
+      take_rare(stamp, step, now);
     }
     if (now - now_ < close_) {
       ++run_;
@@ -84,7 +90,7 @@ private:
     run_ = 0;
   }
 
-  void take_rare(Nanoseconds stamp, Nanoseconds step);
+  void take_rare(Nanoseconds stamp, Nanoseconds step, Nanoseconds now);
   void take_unusual(Nanoseconds step);
   void count_pending();
   void learn(Nanoseconds step);
@@ -92,6 +98,7 @@ private:
   Spread find_spread() const;
 
   bool stamped_ = true;
+  Losses * losses_ = nullptr;
   Nanoseconds newest_ = 0, now_ = 0, period_ = 0, short_ = 0, long_ = 0, close_ = 0;
   double age_sum_ = 0.0;
   Nanoseconds longest_ = 0, max_age_ = std::numeric_limits<Nanoseconds>::min();

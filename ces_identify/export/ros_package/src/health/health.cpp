@@ -25,6 +25,30 @@ std::string percent(double share) {return format_number("%.1f%%", 100.0 * share)
 
 std::string milliseconds(double seconds) {return format_number("%.3f", 1e3 * seconds);}
 
+// What became of the samples that are missing in a window, as the end of a sentence.
+std::string describe_missing(const ArrivalFigures & figures)
+{
+  if (figures.overflowed) {
+    return "missing, " + std::to_string(figures.overflowed) + " of them dropped by this node's queue: set input_depth higher";
+  }
+  if (!figures.lost) {return "missing: lost on the way, or the source paused";}
+  return *figures.lost ? "missing, " + std::to_string(*figures.lost) + " of them lost on the way" :
+         "missing: the source paused";
+}
+
+// What became of the samples that are missing in an input's stamps, as far as that is known.
+void add_missing(Values & values, const std::string & name, const ArrivalFigures & figures)
+{
+  const auto describe = [&figures](std::int64_t count) {
+      return figures.total_lost ? std::to_string(std::max(std::int64_t(0), count)) :
+             "unknown: the middleware does not number the messages";
+    };
+  const auto lost = figures.total_lost.value_or(0);
+  values.emplace_back(name + ": dropped, in this node's queue", std::to_string(figures.total_overflowed));
+  values.emplace_back(name + ": dropped, lost on the way", describe(lost - figures.total_overflowed));
+  values.emplace_back(name + ": dropped, not sent", describe(figures.total_dropped - lost));
+}
+
 const char * describe_outside()
 {
   return Model::EXTRAPOLATES ? "of the forces extrapolated to inputs" : "of the forces from clamped inputs,";
@@ -112,7 +136,7 @@ std::vector<std::string> Health::find_remarks() const
   const auto & figures = position.figures();
   const auto all = static_cast<double>(figures.samples + figures.dropped);
   if (figures.dropped && static_cast<double>(figures.dropped) >= DROPPED_WARN * all) {
-    remarks.push_back(percent(static_cast<double>(figures.dropped) / all) + " of the positions lost on the way");
+    remarks.push_back(percent(static_cast<double>(figures.dropped) / all) + " of the positions " + describe_missing(figures));
   }
   return remarks;
 }
@@ -177,7 +201,10 @@ void Health::add_arrivals(Values & values, const std::string & name, const Arriv
   values.emplace_back(name + ": jitter [ms]", milliseconds(figures.jitter_s));
   values.emplace_back(name + ": longest interval [ms]", milliseconds(figures.longest_s));
   values.emplace_back(name + ": longest burst", std::to_string(figures.burst));
-  if (figures.has_dropped) {values.emplace_back(name + ": dropped", std::to_string(figures.total_dropped));}
+  if (figures.has_dropped) {
+    values.emplace_back(name + ": dropped", std::to_string(figures.total_dropped));
+    add_missing(values, name, figures);
+  }
   values.emplace_back(name + ": out of order", std::to_string(figures.total_out_of_order));
   values.emplace_back(name + ": duplicates", std::to_string(figures.total_duplicates));
   values.emplace_back(name + ": interruptions", std::to_string(figures.total_interruptions));

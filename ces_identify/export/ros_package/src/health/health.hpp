@@ -26,6 +26,14 @@ struct Status
   Level level = Level::OK;
   std::string message;
   Values values;
+
+  // Make it a warning with `remark` added to its message; an empty remark changes nothing.
+  void add_remark(const std::string & remark)
+  {
+    if (remark.empty()) {return;}
+    level = level == Level::OK ? Level::WARN : level;
+    message += "; " + remark;
+  }
 };
 
 // Rates, shares and latencies are of the last window that `roll` closed. Times are those of the node's clock.

@@ -14,6 +14,7 @@
 #include <rcpputils/shared_library.hpp>
 
 #include "core/numbers.hpp"
+#include "health/losses.hpp"
 #include "node/field_reader.hpp"
 #include "node/node_clock.hpp"
 
@@ -27,14 +28,20 @@ using OnError = std::function<void(const std::string &)>;
 class InputSubscriptions
 {
 public:
-  // `on_error` is called with unexpected errors; no message can throw out of a callback.
-  InputSubscriptions(rclcpp::Node & node, const NodeClock & clock, OnError on_error);
+  // Queues hold `depth` messages. `on_failure` is called with unexpected errors; no message can throw out of a callback.
+  InputSubscriptions(rclcpp::Node & node, const NodeClock & clock, std::size_t depth, OnError on_failure);
   ~InputSubscriptions();
 
+  // Forget the delays of messages, as after a time jump.
+  void reset();
+
   // Deliver each sample of `signal`, or the error that makes a message unreadable; return whether it is stamped.
-  // A sample without a stamp is stamped on arrival. Signals in one message are delivered in the order of their
+  // A sample without a stamp is stamped with its arrival (ArrivalClock). Signals in one message are delivered in the order of their
   // subscriptions. Raises UserError if topic, type or field is wrong.
   bool subscribe(const SignalSettings & signal, Deliver deliver, OnError on_unreadable);
+
+  // The losses on a subscribed signal's topic, as far as they are known.
+  Losses & losses_of(const SignalSettings & signal);
 
 private:
   class Topic;
@@ -44,7 +51,8 @@ private:
 
   rclcpp::Node & node_;
   const NodeClock & clock_;
-  OnError on_error_;
+  std::size_t depth_;
+  OnError on_failure_;
   std::vector<std::shared_ptr<Topic>> topics_;
 };
 

@@ -31,11 +31,13 @@ public:
 
   Nanoseconds now() const {return clock_->now().nanoseconds();}
 
+  bool is_simulated() const {return clock_->ros_time_is_active();}
+
   // Check whether the wall clock was set: rcl reports only jumps of simulated time.
   void watch()
   {
     const auto jump = wall_.measure_jump(read_clock(CLOCK_REALTIME), read_clock(CLOCK_MONOTONIC));
-    if (jump != 0 && !clock_->ros_time_is_active()) {
+    if (jump != 0 && !is_simulated()) {
       on_jump_("the wall clock was set by " + format_number("%+.3f", to_s(jump)) + " s");
     }
   }

@@ -36,7 +36,8 @@ ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
   estimate_(*this, "~/estimate", settings_.joint),
   band_(*this, "~/estimate_band", settings_.joint),
   diagnostics_(*this, settings_.joint),
-  inputs_(*this, clock_, [this](const std::string & what) {on_error(what);})
+  inputs_(*this, clock_, settings_.input_depth, [this](const std::string & what) {on_failure(what);}),
+  process_(settings_.real_time)
 {
   apply_live_settings();
   on_set_ = add_on_set_parameters_callback(
@@ -64,7 +65,7 @@ void ObserverNode::subscribe()
         intake_.take_current(stamp, current_A, now);
       },
       [this](const std::string & error) {damper_.count_unreadable_current(error);});
-    health_.current.set_stamped(stamped);
+    health_.current.set_topic(stamped, inputs_.losses_of(settings_.current));
   }
   if (settings_.motion.is_set()) {
     subscribe_signal(
@@ -82,7 +83,7 @@ void ObserverNode::subscribe()
       intake_.take_position(stamp, position_m, frame, now);
     },
     [this](const std::string & error) {damper_.count_unreadable_position(error);});
-  health_.position.set_stamped(stamped);
+  health_.position.set_topic(stamped, inputs_.losses_of(settings_.position));
 }
 
 bool ObserverNode::subscribe_signal(const SignalSettings & signal, Deliver deliver, OnError on_unreadable)
@@ -90,7 +91,7 @@ bool ObserverNode::subscribe_signal(const SignalSettings & signal, Deliver deliv
   const bool stamped = inputs_.subscribe(signal, std::move(deliver), std::move(on_unreadable));
   if (!stamped) {
     RCLCPP_WARN(
-      get_logger(), "signal '%s': %s has no header; samples are stamped on arrival", signal.name.c_str(),
+      get_logger(), "signal '%s': %s has no header; samples are stamped with their arrival", signal.name.c_str(),
       signal.type.c_str());
   }
   return stamped;
@@ -110,6 +111,7 @@ void ObserverNode::on_time_jump(const std::string & what)
     ++jumps_;
     jump_ = what;
     RCLCPP_WARN(get_logger(), "%s: the estimates restart", what.c_str());
+    inputs_.reset();
     intake_.reset(clock_.now());
     report_change();
   } catch (const std::exception & error) {  // rcl calls this in the middle of setting its clock
@@ -125,6 +127,18 @@ void ObserverNode::on_error(const std::string & what) noexcept
     failure_ = what;
   } catch (...) {
     failure_.clear();
+  }
+}
+
+// Begin anew after a failure in a sample's way, which may have left the estimator half changed.
+void ObserverNode::on_failure(const std::string & what) noexcept
+{
+  on_error(what);
+  try {
+    intake_.restart();
+    report_change();
+  } catch (const std::exception & error) {
+    on_error(error.what());
   }
 }
 
@@ -158,12 +172,19 @@ void ObserverNode::poll()
     report_change();
   }
   if (now - rolled_ >= DIAGNOSTICS) {
-    health_.roll(to_s(now - rolled_), load_.measure());
+    roll(now - rolled_);
     rolled_ = now;
     publish_status();
   } else if (is_pending_) {
     publish_status();
   }
+}
+
+void ObserverNode::roll(Nanoseconds elapsed)
+{
+  const auto warning = process_.update();
+  if (!warning.empty()) {RCLCPP_WARN(get_logger(), "%s", warning.c_str());}
+  health_.roll(to_s(elapsed), load_.measure());
 }
 
 // Report a new reason at once, or by the watch timer if the last report was just now.
@@ -181,15 +202,15 @@ void ObserverNode::publish_status()
   reported_ = read_clock(CLOCK_MONOTONIC);
   is_pending_ = false;
   auto status = health_.report(find_detail());
-  const auto failures = std::to_string(failures_) + ", the last: " + failure_;
+  status.add_remark(process_.find_remark());
   if (failures_ > reported_failures_) {
-    status.level = std::max(status.level, Level::WARN);
-    status.message += "; " + std::to_string(failures_) + " unexpected errors, the last: " + failure_;
+    status.add_remark(std::to_string(failures_) + " unexpected errors, the last: " + failure_);
   }
   status.values.emplace_back("model", "compiled in");
   status.values.emplace_back("model sha256", Model::DIGEST);
+  status.values.insert(status.values.end(), process_.values().begin(), process_.values().end());
   status.values.emplace_back("jumps of time", std::to_string(jumps_) + ", the last: " + jump_);
-  status.values.emplace_back("unexpected errors", failures);
+  status.values.emplace_back("unexpected errors", std::to_string(failures_) + ", the last: " + failure_);
   diagnostics_.publish(damper_.reason(), status);
   reported_failures_ = failures_;
 }

@@ -18,6 +18,7 @@
 #include "node/input_subscriptions.hpp"
 #include "node/node_clock.hpp"
 #include "node/parameters.hpp"
+#include "process/process_watch.hpp"
 
 namespace ces
 {
@@ -39,6 +40,8 @@ private:
   void on_processed() override {report_change();}
   void on_time_jump(const std::string & what);
   void on_error(const std::string & what) noexcept;
+  void on_failure(const std::string & what) noexcept;
+  void roll(Nanoseconds elapsed);
 
   void apply_live_settings();
   void watch();
@@ -57,6 +60,7 @@ private:
   BandOutput band_;
   DiagnosticsOutput diagnostics_;
   InputSubscriptions inputs_;
+  ProcessWatch process_;
   LoadMeter load_;
   Reason reported_reason_ = Reason::SILENT;
   std::uint64_t watched_samples_ = 0;

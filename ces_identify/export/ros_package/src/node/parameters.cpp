@@ -17,6 +17,8 @@ namespace
 
 struct NumberSpec {const char * name; double value, lowest, highest; const char * meaning;};
 
+struct WholeSpec {const char * name; int64_t value, lowest, highest; const char * meaning;};
+
 constexpr std::array<NumberSpec, 3> LIVE{{
   {"max_age_s", 0.5, 0.0, 3600.0,
     "largest difference between a position's stamp and the clock at which its force is published [s]; 0: any"},
@@ -25,6 +27,13 @@ constexpr std::array<NumberSpec, 3> LIVE{{
   {"still_warn_s", 1.0, 0.0, 3600.0,
     "time without any change of position after which a warning is given: vehicle at rest, or stuck sensor [s]; "
     "0: never"}}};
+constexpr WholeSpec INPUT_DEPTH{
+  "input_depth", 5000, 1, 100'000,
+  "messages that wait in the queue of each input while the node stalls; at least the highest rate times the longest "
+  "stall. Full queues lose the oldest"};
+constexpr WholeSpec PRIORITY{
+  "realtime_priority", 0, 0, MAX_PRIORITY,
+  "priority of the node under SCHED_FIFO, that of its DDS threads is one higher; 0: ordinary scheduling"};
 constexpr double LARGEST = 1e30;  // scale, offset or constant: beyond any unit, and far from overflow
 constexpr std::size_t LONGEST = 255;  // characters of a topic, type or field path
 const std::set<std::string> OF_ROS{"use_sim_time", "start_type_description_service"};
@@ -61,6 +70,47 @@ double check_number(const NumberSpec & spec, const rclcpp::ParameterValue & valu
       where + "; expected " + format_number("%g", spec.lowest) + " to " + format_number("%g", spec.highest));
   }
   return *number;
+}
+
+int64_t declare_whole(rclcpp::Node & node, const WholeSpec & spec)
+{
+  const auto value = node.declare_parameter(spec.name, rclcpp::ParameterValue(spec.value), describe(spec.meaning));
+  const auto where = std::string("parameter '") + spec.name + "' is " + quote(value);
+  if (value.get_type() != rclcpp::PARAMETER_INTEGER) {throw UserError(where + "; expected a whole number");}
+  const auto number = value.get<int64_t>();
+  if (number < spec.lowest || number > spec.highest) {
+    throw UserError(where + "; expected " + std::to_string(spec.lowest) + " to " + std::to_string(spec.highest));
+  }
+  return number;
+}
+
+std::vector<std::size_t> declare_processors(rclcpp::Node & node)
+{
+  const auto value = node.declare_parameter(
+    "cpu_affinity", rclcpp::ParameterValue(std::vector<int64_t>{-1}),
+    describe("processors that the node may use, such as [2, 3]; [-1]: all"));
+  const bool is_list = value.get_type() == rclcpp::PARAMETER_INTEGER_ARRAY;
+  const auto numbers = is_list ? value.get<std::vector<int64_t>>() : std::vector<int64_t>{};
+  if (numbers == std::vector<int64_t>{-1}) {return {};}
+  const auto is_processor = [](int64_t number) {return 0 <= number && number < static_cast<int64_t>(MAX_PROCESSORS);};
+  if (numbers.empty() || !std::all_of(numbers.begin(), numbers.end(), is_processor)) {
+    throw UserError("parameter 'cpu_affinity' is " + quote(value) + "; expected numbers of processors such as [2, 3]");
+  }
+  return {numbers.begin(), numbers.end()};
+}
+
+RealTimeOptions declare_real_time(rclcpp::Node & node)
+{
+  RealTimeOptions options;
+  options.priority = static_cast<int>(declare_whole(node, PRIORITY));
+  options.processors = declare_processors(node);
+  const auto lock = node.declare_parameter(
+    "lock_memory", rclcpp::ParameterValue(false), describe("keep the node's memory from being swapped out"));
+  if (lock.get_type() != rclcpp::PARAMETER_BOOL) {
+    throw UserError("parameter 'lock_memory' is " + quote(lock) + "; expected a truth value (true or false)");
+  }
+  options.lock_memory = lock.get<bool>();
+  return options;
 }
 
 std::string declare_text(
@@ -195,6 +245,8 @@ Settings declare_settings(rclcpp::Node & node)
   if (settings.executor != "auto" && settings.executor != "single" && settings.executor != "events") {
     throw UserError("parameter 'executor' is '" + settings.executor + "'; expected one of auto, events, single");
   }
+  settings.input_depth = static_cast<std::size_t>(declare_whole(node, INPUT_DEPTH));
+  settings.real_time = declare_real_time(node);
   settings.joint = declare_text(
     node, "name", "", "joint name in the estimate; empty: the one in position.field, else 'damper'");
   settings.position = declare_signal(node, POSITION);

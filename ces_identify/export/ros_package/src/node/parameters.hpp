@@ -8,6 +8,8 @@
 
 #include <rclcpp/node.hpp>
 
+#include "process/real_time.hpp"
+
 namespace ces
 {
 
@@ -25,6 +27,8 @@ struct Settings
 {
   std::string joint, executor;
   SignalSettings position, current, motion;
+  std::size_t input_depth = 0;
+  RealTimeOptions real_time;
 };
 
 // The parameters that can change while the node runs.

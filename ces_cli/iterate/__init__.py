@@ -1,0 +1,1 @@
+"""`ces iterate`: experiments on the rig in the loop."""

@@ -1,0 +1,66 @@
+"""`ces iterate`: designs experiments inside a rig's limits, has them run, and identifies a model, until it is good."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from ces_cli.iterate.progress import IterateProgress
+from ces_cli.terminal import terminal
+from ces_iterate.errors import IterateError
+from ces_iterate.loop.iterate import Iterations
+from ces_iterate.loop.store import MODEL, PLAN, REPORT, keep_plan
+from ces_iterate.plan.plan import load_plan
+from ces_iterate.plan.template import TEMPLATE
+from ces_iterate.rigs.kinds import open_rig
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit status."""
+    parser = _parser()
+    options = parser.parse_args(argv)
+    if options.template:
+        print(TEMPLATE, end="")
+        return 0
+    if options.plan is None:
+        parser.error("expected PLAN (or --template)")
+    _iterate(options)
+    return 0
+
+
+def _parser() -> terminal.Parser:
+    p = terminal.parser(
+        "iterate",
+        "Design an experiment inside a rig's limits, run it, score the model on it, identify anew, and so on, until a "
+        "target or a budget is reached. Ctrl-C stops at any point; the same command goes on.",
+        "ces iterate plan.yaml --out rear_damper",
+    )
+    p.add_argument("plan", nargs="?", type=Path, metavar="PLAN", help="the plan (YAML)")
+    text = "folder of all experiments, recordings and models (default: the plan's name without .yaml)"
+    p.add_argument("--out", type=Path, metavar="DIR", help=text)
+    p.add_argument("--template", action="store_true", help="print a plan with every key explained and exit")
+    return p
+
+
+def _iterate(options: argparse.Namespace) -> None:
+    plan = load_plan(options.plan)
+    out = options.out if options.out is not None else options.plan.with_suffix("")
+    if out.exists() and not out.is_dir():
+        raise IterateError(f"{out}: is not a folder; choose another --out")
+    rig = open_rig(plan)
+    with IterateProgress(plan.stop.budget_s) as progress:
+        iterations = Iterations(plan, rig, out, progress)
+        progress.after_iteration = lambda: _write_results(iterations)
+        reason = iterations.run(lambda: keep_plan(out, options.plan.read_text(encoding="utf-8")))
+    _write_results(iterations)
+    print(f"stopped: {reason}")
+    print(f"model:  {out / MODEL}\nreport: {out / REPORT}\nplan:   {out / PLAN}")
+
+
+def _write_results(iterations: Iterations) -> None:
+    from ces_iterate.report.page import write_page
+
+    if iterations.done.model is not None:
+        iterations.done.model.save(iterations.out / MODEL)
+        write_page(iterations.out / REPORT, iterations)

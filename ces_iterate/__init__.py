@@ -1,0 +1,1 @@
+"""Experiments on the rig in the loop: designed, run, identified, repeated."""

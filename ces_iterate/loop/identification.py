@@ -1,0 +1,118 @@
+"""The model of an iteration: identified from all recordings, with models fitted without each of them.
+
+In repeated experiments the model of the iteration before keeps its terms, and only its parameters improve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ces_identify.cross_fit import cross_fit
+from ces_identify.identification import IdentificationResult
+from ces_identify.numerics.arrays import F
+from ces_identify.polynomial.free_run_fit import fit_free_run
+from ces_identify.polynomial.problem import Problem, assemble_problem
+from ces_identify.polynomial.search_limits import Listener, SearchResult
+from ces_identify.preparation.series import Series, prepare
+from ces_identify.recordings.consistency import require_consistent
+from ces_identify.recordings.recording import Recording
+from ces_identify.structures.auto import default_sizes, select_fitter
+from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
+from ces_identify.structures.registry import KITS
+from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
+from ces_iterate.plan.plan import IdentifyPlan
+from ces_observer.model import Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Term
+
+REFIT_STEPS = 20
+REFITTED = "parameters of the model before, improved"
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A model with its evaluations on the recordings, and the models that have not seen all of them."""
+
+    result: IdentificationResult
+    ensemble: tuple[Model, ...]
+
+    @property
+    def model(self) -> Model:
+        """The model of all recordings."""
+        return self.result.model
+
+    @property
+    def fit_J(self) -> float:
+        """Cost J [%] on all recordings together."""
+        return pooled_cost(self.result.evaluations)
+
+
+def identify_all(
+    recordings: Sequence[Recording], plan: IdentifyPlan, seed: int, listener: Listener, previous: Model | None = None
+) -> Identified:
+    """Identify a model on all recordings; with `previous`, improve its parameters only, if its structure allows that.
+
+    Raises CesError if the recordings contradict each other or hold too little.
+    """
+    require_consistent(recordings)
+    options, fitter = plan.options(seed), _fitter(plan)
+    if previous is not None and isinstance(previous.body, Polynomial):
+        kept = previous.sampling
+        bandwidth = kept.bandwidth_Hz if kept.order == 3 else None
+        options, fitter = replace(options, rate_Hz=kept.rate_Hz, bandwidth_Hz=bandwidth), refitter(previous)
+    crossed = cross_fit(recordings, options, listener, fitter)
+    return Identified(crossed.result, tuple({id(part.model): part.model for part in crossed.parts}.values()))
+
+
+def evaluate_fresh(model: Model, recording: Recording) -> Evaluation:
+    """Return the free run of a model on a recording that it has not seen."""
+    return evaluate(model, [prepare(recording, model.sampling)], VALIDATION)[0]
+
+
+def pooled_cost(evaluations: Sequence[Evaluation]) -> float:
+    """Return the cost J [%] of several recordings together, each about its own mean force."""
+    error = sum(float(np.sum(e.error**2)) for e in evaluations)
+    forces = [e.series.force[e.series.scored] for e in evaluations]
+    return 100.0 * float(np.sqrt(error / sum(float(np.sum((f - f.mean()) ** 2)) for f in forces)))
+
+
+def refitter(previous: Model) -> Fitter:
+    """Return a fitter that improves the coefficients of the polynomial `previous` on new data and keeps its terms."""
+
+    def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
+        problem = assemble_problem(series, _terms(previous), options.certify, options.weighting)
+        old = Model(sampling, previous.body, problem.envelope, problem.force_envelope)
+        better = _improve(problem, old, np.ones(len(problem.everything)))
+        model = better if better is not None and better.is_stable() else old
+        coefficients = np.array([term.coefficient for term in _terms(model)])
+        cost = problem.selection_cost(np.arange(len(coefficients)), coefficients)
+        result = SearchResult(np.arange(len(coefficients)), coefficients, cost, options.limits.seed, 1, "improved")
+        listener(result)
+        certified = replace(model, certificate=model.certify().to_mapping())
+        return Fitted(certified, [result], {"method": REFITTED}, partial(_improve, problem, certified))
+
+    return fit
+
+
+def _improve(problem: Problem, model: Model, weights: F) -> Model | None:
+    """Return the model with coefficients fitted to the weighted ticks; None if its free run diverges."""
+    terms = _terms(model)
+    start = np.array([term.coefficient for term in terms])
+    fit = fit_free_run(problem, np.arange(len(terms)), start, weights * problem.everything, REFIT_STEPS)
+    changed = [replace(t, coefficient=float(c)) for t, c in zip(terms, fit.coefficients, strict=True)]
+    return replace(model, body=Polynomial(tuple(changed))) if np.isfinite(fit.error) else None
+
+
+def _terms(model: Model) -> tuple[Term, ...]:
+    assert isinstance(model.body, Polynomial)
+    return model.body.terms
+
+
+def _fitter(plan: IdentifyPlan) -> Fitter:
+    """Return the structure's fitter; the costs of other structures, which `ces identify` adds, are left out."""
+    sizes = default_sizes()
+    return KITS[plan.structure].fitter(sizes) if plan.structure in KITS else select_fitter(plan.structure, sizes)

@@ -1,0 +1,208 @@
+"""The loop: design an experiment, run it, score the model on it, identify anew, until a rule of the plan says stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ces_identify.jobs.row_log import append_row, open_rows, read_rows
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.recording import Recording
+from ces_identify.recordings.signals_file import load_signals
+from ces_iterate.commands import INTERVAL_S, Commands, read_commands
+from ces_iterate.design.designer import DesignTask, design_experiment, rows_of
+from ces_iterate.design.features import Features, draw_features
+from ces_iterate.design.information import Information
+from ces_iterate.design.knowledge import Knowledge, ask_models, nothing_known
+from ces_iterate.design.pool import Pool, draw_pool
+from ces_iterate.design.recorded import recorded_commands, recorded_power
+from ces_iterate.design.regions import least_known
+from ces_iterate.loop.heat import make_power_model, plan_rest
+from ces_iterate.loop.identification import Identified, evaluate_fresh, identify_all
+from ces_iterate.loop.progress import IterateListener, SilentListener
+from ces_iterate.loop.stopping import find_stop
+from ces_iterate.loop.store import MODEL, NEED, ROWS, Iteration, Step
+from ces_iterate.plan.plan import REPEATED, Plan
+from ces_iterate.rigs.rig import Rig
+from ces_observer.model import Model
+
+SEEDS = 10_000  # the seeds of two plans are this far apart
+
+
+@dataclass
+class Progressed:
+    """What the iterations so far have left: their lines, recordings, and the newest model with its ensemble."""
+
+    history: list[Iteration] = field(default_factory=list)
+    recordings: list[Recording] = field(default_factory=list)
+    model: Model | None = None
+    ensemble: Sequence[Model] = ()
+
+    @property
+    def recorded_s(self) -> float:
+        """Seconds that the rig recorded."""
+        return self.history[-1].total_s if self.history else 0.0
+
+    @property
+    def load_W(self) -> float:
+        """Heat load after the last experiment [W]."""
+        return self.history[-1].load_W if self.history else 0.0
+
+
+class Iterations:
+    """An iteration of `plan` on `rig` in the folder `out`; raises CesError for files that cannot be used."""
+
+    def __init__(self, plan: Plan, rig: Rig, out: Path, listener: IterateListener | None = None) -> None:
+        self.plan, self.rig, self.out = plan, rig, out
+        self.listener = listener or SilentListener()
+        self.pool: Pool = draw_pool(plan.limits, plan.seed)
+        self.features: Features = draw_features(plan.seed)
+        self.targets = self.features.at(self.pool.state)
+        self.given = [self._read(text) for text in plan.recordings]
+        self.validation = [self._read(text) for text in plan.validate]
+        self._repeated = self._read_repeated()
+        self.done = Progressed()
+
+    def run(self, when_open: Callable[[], None] = lambda: None) -> str:
+        """Go on from where the folder is until a rule says stop; returns why it stopped. Raises CesError.
+
+        `when_open` is called once the folder is locked against a second run.
+        """
+        with open_rows(self.out / ROWS) as file:
+            when_open()
+            rows = read_rows(file, self.out / ROWS, "an iteration")
+            self._restore([Iteration.from_row(row, self.out / ROWS) for row in rows.values()])
+            if self.given and not self.done.history:
+                append_row(file, self._identify_given().to_row())
+            while not (reason := find_stop(self.plan, self.done.history, self._next_s())):
+                append_row(file, self._iterate().to_row())
+            return reason
+
+    def knowledge(self) -> Knowledge:
+        """Return what the newest models do not know."""
+        done = self.done
+        return ask_models(done.model, done.ensemble, self.pool) if done.model else nothing_known(self.pool)
+
+    def information(self) -> Information:
+        """Return what all recordings say about the states within the limits."""
+        information = Information.none(self.targets.shape[1])
+        for recording in (*self.given, *self.done.recordings):
+            information = information.add(rows_of(recorded_commands(recording), self.plan.limits, self.features))
+        return information
+
+    def _next_s(self) -> float:
+        return self._repeated.duration_s if self._repeated else self.plan.experiments.duration_s
+
+    def _iterate(self) -> Iteration:
+        """Do what the next iteration still lacks, and return its line."""
+        step = Step.open(self.out, self.done.history[-1].number + 1 if self.done.history else 1)
+        commands = self._find_commands(step)
+        recording = self._find_recording(step, commands)
+        model = self.done.model
+        fresh = evaluate_fresh(model, recording).cost if model is not None else None
+        self.listener.begin(step.number, "identifying from all recordings")
+        self.done.recordings.append(recording)
+        identified = self._identify([*self.given, *self.done.recordings])
+        return self._keep(step, identified, self._describe(commands, recording) | {"fresh_J": fresh})
+
+    def _find_commands(self, step: Step) -> Commands:
+        """Return the step's experiment, designed if it is new; raises IterateError if it leaves the limits."""
+        commands = step.read_commands()
+        if commands is None:
+            self.listener.begin(step.number, "designing the experiment")
+            commands = self._design(step.number)
+            step.write_commands(commands)
+        if self.plan.experiments.kind == REPEATED:
+            self._repeated = commands
+        return self.plan.limits.require_within(commands)
+
+    def _find_recording(self, step: Step, commands: Commands) -> Recording:
+        """Return the step's recording, from the rig if it is new."""
+        if not step.has_recording():
+            rest = f" after a rest of {commands.rest_s:.0f} s" if commands.rest_s else ""
+            self.listener.begin(step.number, f"running {commands.duration_s:.1f} s on the rig{rest}")
+            step.write_recording(self.rig.run(commands, step.folder))
+        return step.read_recording(commands.name)
+
+    def _design(self, number: int) -> Commands:
+        """Return the next experiment, with the rest that the damper needs before it."""
+        rest, load = plan_rest(self.plan.limits.heat, self.done.load_W)
+        seed, name = self.plan.seed * SEEDS + number, f"experiment_{number:02d}"
+        if self._repeated:
+            return self._repeated.repeat(name, seed, rest)
+        task = DesignTask(
+            self.plan.limits,
+            self.features,
+            self.information(),
+            self.targets,
+            self.knowledge().weights(),
+            make_power_model(self.done.model, self.plan.limits.heat),
+            load,
+        )
+        return design_experiment(task, name, self.plan.experiments.duration_s, seed).repeat(name, seed, rest)
+
+    def _identify(self, recordings: Sequence[Recording]) -> Identified:
+        plan = self.plan
+        previous = self.done.model if plan.experiments.kind == REPEATED else None
+        return identify_all(recordings, plan.identify, plan.seed, self.listener.listen_search, previous)
+
+    def _identify_given(self) -> Iteration:
+        """Identify the recordings that exist already, as iteration 0."""
+        self.listener.begin(0, "identifying the given recordings")
+        facts = {"name": "given", "recorded_s": 0.0, "total_s": 0.0, "rest_s": 0.0, "load_W": 0.0, "fresh_J": None}
+        return self._keep(Step.open(self.out, 0), self._identify(self.given), facts)
+
+    def _describe(self, commands: Commands, recording: Recording) -> dict[str, object]:
+        heat = self.plan.limits.heat
+        cooled = self.done.load_W * float(np.exp(-commands.rest_s / heat.memory_s))
+        return {
+            "name": commands.name,
+            "recorded_s": commands.duration_s,
+            "total_s": self.done.recorded_s + commands.duration_s,
+            "rest_s": commands.rest_s,
+            "load_W": float(heat.load_after(cooled, recorded_power(recording), INTERVAL_S)[-1]),
+        }
+
+    def _keep(self, step: Step, identified: Identified, facts: dict[str, object]) -> Iteration:
+        """Keep the models, and return the iteration's line."""
+        step.write_models(identified.model, identified.ensemble)
+        done = self.done
+        done.model, done.ensemble = step.read_models()
+        knowledge, information = self.knowledge(), self.information()
+        variance = information.variance(self.targets)
+        regions = least_known(self.pool, knowledge.weights() * variance, variance)
+        iteration = Iteration(
+            number=step.number,
+            fit_J=identified.fit_J,
+            validation_J={r.name: evaluate_fresh(done.model, r).cost for r in self.validation},
+            coverage=information.coverage(self.targets),
+            disagreement=float(np.sqrt(np.mean(knowledge.disagreement**2))),
+            band=float(np.sqrt(np.mean(knowledge.band**2))),
+            regions=[region.to_mapping() for region in regions],
+            model=str((step.folder / MODEL).relative_to(self.out)),
+            **facts,  # type: ignore[arg-type]
+        )
+        done.history.append(iteration)
+        self.listener.finish(iteration)
+        return iteration
+
+    def _read(self, text: str) -> Recording:
+        return read_recording(self.plan.path(text), load_signals(), NEED)
+
+    def _read_repeated(self) -> Commands | None:
+        """Return the experiment to repeat, if the plan names it."""
+        given = self.plan.experiments.commands
+        return self.plan.limits.require_within(read_commands(self.plan.path(given))) if given else None
+
+    def _restore(self, history: list[Iteration]) -> None:
+        """Read again what finished iterations have left."""
+        steps = [(one, Step.open(self.out, one.number)) for one in history]
+        recordings = [step.read_recording(one.name) for one, step in steps if one.number > 0]
+        self.done = Progressed(history, recordings)
+        if steps:
+            self.done.model, self.done.ensemble = steps[-1][1].read_models()
+        if self.plan.experiments.kind == REPEATED and recordings:
+            self._repeated = steps[-1][1].read_commands()

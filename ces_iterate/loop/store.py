@@ -1,0 +1,134 @@
+"""The folder of an iteration: every experiment, recording and model is kept; a killed run goes on where it was.
+
+Each step ends with one rename, and what exists is not done again:
+
+    iteration_03/commands.csv    the experiment, with design.json
+    iteration_03/recording/      what the rig recorded (rosbag2)
+    iteration_03/model.json      identified from all recordings up to this one, with ensemble_1.json ...
+    iterations.jsonl             one line for each finished iteration
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ces_identify.recordings.bag_reader import RecordingWarning, read_recording
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.recording import Recording
+from ces_identify.recordings.signals_file import load_signals
+from ces_iterate.commands import Commands, read_commands, write_commands
+from ces_iterate.errors import IterateError
+from ces_observer.json_checks import write_atomically
+from ces_observer.model import Model, load_model
+
+ROWS = "iterations.jsonl"
+RECORDING = "recording"
+MODEL, REPORT, PLAN = "model.json", "report.html", "plan.yaml"
+NEED = ("position", "current", "force")
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """A finished iteration, as its line in `iterations.jsonl`.
+
+    `fresh_J` is the cost [%] of the previous model on this recording, None for the first; `fit_J` that of the new model
+    on all recordings together, `validation_J` those on the plan's validation recordings. `coverage` is the share of the
+    states within the limits that the recordings show; `disagreement` and `band` are relative errors to expect there
+    (RMS), and `regions` what is least known.
+    """
+
+    number: int
+    name: str
+    recorded_s: float
+    total_s: float
+    rest_s: float
+    load_W: float
+    fresh_J: float | None
+    fit_J: float
+    validation_J: dict[str, float]
+    coverage: float
+    disagreement: float
+    band: float
+    regions: list[dict[str, Any]]
+    model: str
+
+    def to_row(self) -> dict[str, Any]:
+        """Return the line's content."""
+        return {"key": str(self.number), **asdict(self)}
+
+    @staticmethod
+    def from_row(row: dict[str, Any], where: Path) -> Iteration:
+        """Return the iteration of a line; raises IterateError if it is not one."""
+        try:
+            return Iteration(**{key: value for key, value in row.items() if key != "key"})
+        except TypeError:
+            raise IterateError(f"{where}: a line is not from this version; start with another --out") from None
+
+
+@dataclass(frozen=True)
+class Step:
+    """The files of one iteration."""
+
+    folder: Path
+    number: int
+
+    @staticmethod
+    def open(root: Path, number: int) -> Step:
+        """Return the step, its folder made if needed; raises IterateError if that fails."""
+        folder = root / f"iteration_{number:02d}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise IterateError(f"{folder}: cannot be made: {error.strerror}; choose another --out") from None
+        return Step(folder, number)
+
+    def read_commands(self) -> Commands | None:
+        """Return the experiment, None if it is not designed yet."""
+        path = self.folder / "commands.csv"
+        if not path.exists():
+            return None
+        facts = json.loads((self.folder / "design.json").read_text(encoding="utf-8"))
+        return read_commands(path).repeat(facts["name"], facts["seed"], facts["rest_s"])
+
+    def write_commands(self, commands: Commands) -> None:
+        """Keep an experiment."""
+        facts = {"name": commands.name, "seed": commands.seed, "rest_s": commands.rest_s}
+        write_atomically(self.folder / "design.json", json.dumps(facts, indent=1) + "\n")
+        write_commands(self.folder / "commands.csv", commands)
+
+    def has_recording(self) -> bool:
+        """Return whether the rig has recorded."""
+        return (self.folder / RECORDING).exists()
+
+    def read_recording(self, name: str) -> Recording:
+        """Return the recording under the experiment's name; raises CesError if it is damaged."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RecordingWarning)  # of log times: this bag was written with exact ones
+            return replace(read_recording(self.folder / RECORDING, load_signals(), NEED), name=name)
+
+    def write_recording(self, recording: Recording) -> None:
+        """Keep a recording, with the topics of the packaged signals file."""
+        write_bag(self.folder / RECORDING, recording_topics(recording, load_signals()))
+
+    def write_models(self, model: Model, ensemble: Sequence[Model]) -> None:
+        """Keep a model and its ensemble; the model last, so that with it the ensemble is complete."""
+        for old in self.folder.glob("ensemble_*.json"):
+            old.unlink()
+        for k, one in enumerate(ensemble, 1):
+            one.save(self.folder / f"ensemble_{k}.json")
+        model.save(self.folder / MODEL)
+
+    def read_models(self) -> tuple[Model, list[Model]]:
+        """Return the model and its ensemble."""
+        ensemble = [load_model(path) for path in sorted(self.folder.glob("ensemble_*.json"))]
+        return load_model(self.folder / MODEL), ensemble
+
+
+def keep_plan(root: Path, text: str) -> None:
+    """Keep the plan's text beside the results."""
+    write_atomically(root / PLAN, text)

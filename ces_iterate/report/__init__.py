@@ -1,0 +1,1 @@
+"""The report of an iteration: one HTML page with cost, coverage and every experiment."""
