@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -115,6 +116,7 @@ def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
         parser.error(f"{options.model}: no such model file; pass one from `ces identify` with --model")
     options.model = options.model.resolve()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # ends the nodes, too
     return options
 
 

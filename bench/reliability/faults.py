@@ -86,7 +86,14 @@ PROCESSES = (
         seconds=(0.5, 2.0),
         restarts=True,
     ),
-    Fault("observer stalls, then a burst", RESTART, BOUNDED, action="stop observer", seconds=(0.5, 2.0), restarts=True),
+    Fault(
+        "observer stalls, then a burst",
+        (OFF_CLOCK, *RESTART),
+        BOUNDED,
+        action="stop observer",
+        seconds=(0.7, 2.0),  # longer than max_age_s: after a shorter stall no force is withheld
+        restarts=True,
+    ),
     Fault(
         "publisher killed, another started",
         (SILENT,),

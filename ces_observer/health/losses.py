@@ -1,6 +1,6 @@
 """What became of samples that are missing in the stamps: paused source, lost on the way, or lost in the node's queue.
 
-A gap in the stamps alone does not tell a source that paused from messages that were lost. Where the middleware numbers
+A gap in the stamps alone does not show whether the source paused or messages were lost. Where the middleware numbers
 the messages of a publisher, their numbers do. Where it does not, as with Cyclone DDS, only one cause is certain: the
 node's own queue was full, if the first message after the gap had waited for as long as a full queue takes.
 """

@@ -1,4 +1,4 @@
-"""Paused source, loss on the way and a full queue are told apart where the middleware shows them."""
+"""A paused source, a loss on the way and a full queue are distinguished where the middleware shows them."""
 
 from __future__ import annotations
 
