@@ -54,7 +54,7 @@ def _iterate(options: argparse.Namespace) -> None:
     with IterateProgress(plan.stop.budget_s) as progress:
         iterations = _open_iterations(plan, rig, out, progress)
         progress.after_iteration = lambda: _write_results(iterations)
-        reason = iterations.run(lambda: keep_plan(out, options.plan.read_text(encoding="utf-8")))
+        reason = iterations.run(lambda: keep_plan(out, plan, options.plan.read_text(encoding="utf-8")))
     _write_results(iterations)
     print(f"stopped: {reason}")
     print(f"model:  {out / MODEL}\nreport: {out / REPORT}\nplan:   {out / PLAN}")

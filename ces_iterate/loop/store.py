@@ -23,11 +23,13 @@ from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_iterate.commands import RigCommands, read_commands, write_commands
 from ces_iterate.errors import IterateError
+from ces_iterate.plan.plan import Plan, load_plan
 from ces_observer.json_checks import write_atomically
 from ces_observer.model import Model, load_model
 
 ROWS = "iterations.jsonl"
 RECORDING = "recording"
+SAME = ("rig", "seed", "recordings", "experiments")  # of a plan that goes on
 MODEL, REPORT, PLAN = "model.json", "report.html", "plan.yaml"
 NEED = ("position", "current", "force")
 
@@ -129,6 +131,12 @@ class Step:
         return load_model(self.folder / MODEL), ensemble
 
 
-def keep_plan(root: Path, text: str) -> None:
-    """Keep the plan's text beside the results."""
-    write_atomically(root / PLAN, text)
+def keep_plan(root: Path, plan: Plan, text: str) -> None:
+    """Keep the plan's text beside the results; raises IterateError if these began with another rig, seed or purpose."""
+    kept = root / PLAN
+    if kept.exists():
+        before = load_plan(kept)
+        for key in SAME:
+            if getattr(before, key) != getattr(plan, key):
+                raise IterateError(f"{root}: began with another '{key}' ({PLAN} there); choose another --out")
+    write_atomically(kept, text)

@@ -35,6 +35,9 @@ def test_a_plan_gives_a_model_and_a_page(tmp_path: Path, capsys: pytest.CaptureF
     assert names == ["experiment 02", "experiment 01"]
     assert main(["iterate", str(tmp_path / "plan.yaml")]) == 0
     assert "experiment_02" not in capsys.readouterr().out  # nothing was left to do
+    (tmp_path / "plan.yaml").write_text(yaml.safe_dump(PLAN | {"seed": 7}))
+    assert main(["iterate", str(tmp_path / "plan.yaml")]) == 2
+    assert "began with another 'seed'" in capsys.readouterr().err
 
 
 def test_the_template_is_printed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -55,9 +55,8 @@ def test_the_fresh_cost_is_that_of_the_model_before(finished: Path) -> None:
     assert names == ["experiment_01"]
 
 
-@pytest.mark.parametrize("break_at", [1, 2])
-def test_an_interrupted_iteration_goes_on_to_the_same_results(finished: Path, tmp_path: Path, break_at: int) -> None:
-    plan, rig = make_plan(tmp_path), BreakingRig(break_at)
+def test_an_interrupted_iteration_goes_on_to_the_same_results(finished: Path, tmp_path: Path) -> None:
+    plan, rig = make_plan(tmp_path), BreakingRig(break_at=2)
     with pytest.raises(KeyboardInterrupt):
         Iterations(plan, rig, tmp_path).run()
     Iterations(plan, rig, tmp_path).run()

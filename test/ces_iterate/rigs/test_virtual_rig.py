@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -57,3 +58,9 @@ def test_a_rig_that_cannot_do_it_is_refused_in_one_line(tmp_path: Path, limits: 
     with pytest.raises(CesError, match=part) as error:
         open_rig(plan)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.skipif(find_spec("rclpy") is not None, reason="ROS 2 is sourced")
+def test_a_rig_behind_topics_needs_ros(tmp_path: Path) -> None:
+    with pytest.raises(CesError, match="rclpy is missing; source ROS 2 first"):
+        open_rig(make_plan(tmp_path, rig={"kind": "ros"}))
