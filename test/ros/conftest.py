@@ -26,8 +26,8 @@ NUMBERS = count()
 
 
 def new_namespace() -> str:
-    """Return a namespace that no other test has, so that no message of another one is heard."""
-    return f"/test{next(NUMBERS)}"
+    """Return a namespace that no other test has, of no other run either: two may share a domain."""
+    return f"/test{os.getpid()}_{next(NUMBERS)}"
 
 
 @pytest.fixture
