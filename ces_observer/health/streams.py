@@ -65,6 +65,7 @@ class Arrivals:
         self._stamped = stamped
         self._losses = losses or Losses(MAX_DEPTH)
         self._newest_ns = self._now_ns = self._period_ns = 0
+        self._usual_age_ns = 0  # until the first window is closed, as if both clocks were the same
         self._age_sum_ns = self._longest_ns = self._max_run = 0
         self._max_age_ns = MIN_AGE_NS
         self._usual = self._rare = self._run = self._pending = self._streak = 0
@@ -128,6 +129,9 @@ class Arrivals:
             total_duplicates=self._duplicates,
             total_interruptions=self._interruptions,
         )
+        if samples:
+            ages = [figures.mean_age_s for figures in (before, self.figures) if figures.samples]
+            self._usual_age_ns = round(min(ages) * 1e9)  # a window with a stall is none of usual ages
         if self._period_ns:
             self._set_period(self._period_ns + mean_ns)
         self._before += samples
@@ -151,7 +155,7 @@ class Arrivals:
         """Count a message whose stamp is not about one period after the newest."""
         self._rare += 1
         period_ns = self._period_ns
-        waited_ns = now_ns - self._now_ns - step_ns  # longer than the message before it
+        waited_ns = now_ns - stamp_ns - self._usual_age_ns
         if self._usual + self._rare == 1:
             self._newest_ns = stamp_ns
         elif step_ns == 0:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
+from damper_models import plain_damper
 from node_process import NodeProcess
 from replay import offline
 from vehicle import Vehicle, stamp_of, stroke, wait
 
 from ces_observer.nodes.executors import AUTO, SINGLE
 
-STALL_S = 0.6  # longer than a current without a stamp is held, 0.2 s
+MAX_CURRENT_AGE_S = 0.6  # in case this test's own publisher is held up by other work
+STALL_S = 1.0  # longer than that
 CURRENT_A = 0.5
 
 
@@ -26,9 +29,11 @@ def stall(node: NodeProcess, seconds: float = STALL_S) -> None:
 
 @pytest.mark.parametrize("executor", [AUTO, SINGLE])
 def test_every_sample_of_a_stall_is_estimated_late_but_right(
-    vehicle: Vehicle, start: Callable[..., NodeProcess], executor: str
+    vehicle: Vehicle, start: Callable[..., NodeProcess], tmp_path: Path, executor: str
 ) -> None:
-    node = start(executor=executor, max_age_s=0.0)
+    model, path = plain_damper(max_gap_s=0.3, max_current_age_s=MAX_CURRENT_AGE_S), tmp_path / "model.json"
+    model.save(path)
+    node = start(executor=executor, max_age_s=0.0, model=path)
     vehicle.meets_node()
     with vehicle.driving():
         wait(lambda: len(vehicle.estimates) > 200, "estimates before the stall")
@@ -38,7 +43,7 @@ def test_every_sample_of_a_stall_is_estimated_late_but_right(
     estimates = list(vehicle.estimates)
     assert vehicle.stamps() == vehicle.driven[vehicle.driven.index(vehicle.stamps()[0]) :]
     positions = [(stamp, stroke(stamp % 10**12 * 1e-9)) for stamp in vehicle.driven]
-    expected = offline(positions, [(0, CURRENT_A)])
+    expected = offline(positions, [(0, CURRENT_A)], model)
     worst = max(abs(expected[stamp_of(one)][2] - one.effort[0]) for one in estimates if stamp_of(one) in expected)
     assert worst < 1e-3 * max(abs(one.effort[0]) for one in estimates)  # the node's first sample may be a later one
 
@@ -51,7 +56,7 @@ def test_what_a_full_queue_loses_is_counted(vehicle: Vehicle, start: Callable[..
         stall(node)
         vehicle.hears("dropped by this node's queue: set input_depth higher", level=None)
     lost = [v.value for s in vehicle.statuses for v in s.values if v.key == "position: dropped, in this node's queue"]
-    assert 300 <= int(lost[-1]) <= 600
+    assert 300 <= int(lost[-1]) <= 1500
 
 
 def test_options_in_force_are_in_the_diagnostics(vehicle: Vehicle, start: Callable[..., NodeProcess]) -> None:

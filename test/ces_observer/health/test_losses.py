@@ -75,6 +75,19 @@ def test_an_overflow_that_takes_seconds_is_no_interruption() -> None:
     assert figures.total_overflowed == pytest.approx(2500)
 
 
+def test_a_queue_that_overflows_while_it_is_read_is_known_on_clocks_that_differ() -> None:
+    arrivals, ahead = Arrivals(losses=Losses(100)), 3600 * 1000 * MS
+    for tick in range(1000):
+        arrivals.take(START + tick * MS + ahead, START + tick * MS)
+    arrivals.roll(1.0)
+    for tick in (1000, *range(1400, 1500)):  # read one after the other, after a stall of half a second
+        arrivals.take(START + tick * MS + ahead, START + 1500 * MS)
+    for tick in range(1500, 1600):
+        arrivals.take(START + tick * MS + ahead, START + tick * MS)
+    figures = arrivals.roll(1.0)
+    assert (figures.dropped, figures.overflowed) == (399, 399)
+
+
 def test_numbers_of_several_publishers_cannot_be_used() -> None:
     losses = Losses(1000)
     usable = [losses.take_number(k // 2 + 10**6 * (k % 2)) for k in range(4 * MAX_SWITCHES)]

@@ -49,6 +49,10 @@ void Arrivals::roll(double elapsed_s)
   next.total_out_of_order = late_;
   next.total_duplicates = duplicates_;
   next.total_interruptions = interruptions_;
+  if (samples) {  // a window with a stall is none of usual ages
+    const auto age = figures_.samples ? std::min(figures_.mean_age_s, next.mean_age_s) : next.mean_age_s;
+    usual_age_ = static_cast<Nanoseconds>(age * 1e9);
+  }
   figures_ = next;
   if (period_ != 0) {set_period(static_cast<double>(period_) + spread.mean);}
   before_ = total;
@@ -71,7 +75,7 @@ Arrivals::Spread Arrivals::find_spread() const
 void Arrivals::take_rare(Nanoseconds stamp, Nanoseconds step, Nanoseconds now)
 {
   ++rare_;
-  const auto waited = now - now_ - step;  // longer than the message before it
+  const auto waited = now - stamp - usual_age_;
   if (usual_ + rare_ == 1) {
     newest_ = stamp;
   } else if (step == 0) {

@@ -100,6 +100,7 @@ private:
   bool stamped_ = true;
   Losses * losses_ = nullptr;
   Nanoseconds newest_ = 0, now_ = 0, period_ = 0, short_ = 0, long_ = 0, close_ = 0;
+  Nanoseconds usual_age_ = 0;  // until the first window is closed, as if both clocks were the same
   double age_sum_ = 0.0;
   Nanoseconds longest_ = 0, max_age_ = std::numeric_limits<Nanoseconds>::min();
   std::int64_t run_ = 0, max_run_ = 0, usual_ = 0, rare_ = 0, pending_ = 0, streak_ = 0, streak_at_ = 0;
