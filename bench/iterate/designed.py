@@ -23,7 +23,7 @@ import numpy as np
 from joblib import Parallel, delayed, parallel_config
 
 from bench.iterate.usual_experiments import (
-    HELD,
+    FREE,
     judging_recordings,
     kindred_commands,
     limits_of,
@@ -112,7 +112,7 @@ def compare(case: DesignCase) -> tuple[DesignCase, Costs, float]:
         experiments = {WAYS[0]: usual}
         if case.seed <= EXPLAINED_SEEDS:
             experiments |= {
-                "free current": usual_commands(rig, case.seed, TOTAL_S, HELD),
+                "free current": usual_commands(rig, case.seed, TOTAL_S, FREE),
                 "random": random_commands(limits, case.seed),
                 "judges' kinds": kindred_commands(rig, case.seed, EXPERIMENT_S),
             }
@@ -168,7 +168,8 @@ def format_table(results: Mapping[DesignCase, Costs]) -> str:
             rows += [row for row, _ in table]
             ratios += [(structure, damper, ratio) for _, ratio in table]
         parts.append(f"Structure `{structure}`:\n\n{markdown(rows)}")
-    summary = [_summary(ratios, s) for s in dict.fromkeys(structure for structure, _, _ in ratios)]
+    seeds = len({case.seed for case in results})
+    summary = [_summary(ratios, s, seeds) for s in dict.fromkeys(structure for structure, _, _ in ratios)]
     return "\n\n".join([*summary, *parts, machine()])
 
 
@@ -178,7 +179,7 @@ def _row(damper: str, name: str, some: Sequence[Costs]) -> tuple[list[str], floa
     return [damper, name, *(f"{value:.2f}" for value in medians), f"{ratio:.2f}"], ratio
 
 
-def _summary(ratios: Sequence[tuple[str, str, float]], structure: str) -> str:
+def _summary(ratios: Sequence[tuple[str, str, float]], structure: str, seeds: int) -> str:
     mine = [(damper, ratio) for one, damper, ratio in ratios if one == structure]
     median = float(np.median([ratio for _, ratio in mine]))
     each = ", ".join(
@@ -186,7 +187,7 @@ def _summary(ratios: Sequence[tuple[str, str, float]], structure: str) -> str:
     )
     worse = sum(ratio > 1.0 for _, ratio in mine)
     return (
-        f"`{structure}`: {median:.2f} times the cost, median over {len(mine)} rows ({each}); target {TARGET}: "
+        f"`{structure}`: {median:.2f} times the cost, median over {len(mine)} rows of {seeds} seeds ({each}); target {TARGET}: "
         f"{verdict(median, TARGET)}. Higher than noise + sweep in {worse} rows."
     )
 
