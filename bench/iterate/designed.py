@@ -187,8 +187,8 @@ def _summary(ratios: Sequence[tuple[str, str, float]], structure: str, seeds: in
     )
     worse = sum(ratio > 1.0 for _, ratio in mine)
     return (
-        f"`{structure}`: {median:.2f} times the cost, median over {len(mine)} rows of {seeds} seeds ({each}); target {TARGET}: "
-        f"{verdict(median, TARGET)}. Higher than noise + sweep in {worse} rows."
+        f"`{structure}`: {median:.2f} times the cost, median over {len(mine)} rows of {seeds} seeds ({each}); "
+        f"target {TARGET}: {verdict(median, TARGET)}. Higher than noise + sweep in {worse} rows."
     )
 
 
