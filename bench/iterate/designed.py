@@ -23,7 +23,8 @@ import numpy as np
 from joblib import Parallel, delayed, parallel_config
 
 from bench.iterate.usual_experiments import (
-    HELD,
+    FREE,
+    PACKAGED,
     judging_recordings,
     kindred_commands,
     limits_of,
@@ -112,7 +113,7 @@ def compare(case: DesignCase) -> tuple[DesignCase, Costs, float]:
         experiments = {WAYS[0]: usual}
         if case.seed <= EXPLAINED_SEEDS:
             experiments |= {
-                "free current": usual_commands(rig, case.seed, TOTAL_S, HELD),
+                "free current": usual_commands(rig, case.seed, TOTAL_S, FREE),
                 "random": random_commands(limits, case.seed),
                 "judges' kinds": kindred_commands(rig, case.seed, EXPERIMENT_S),
             }
@@ -157,7 +158,8 @@ def random_commands(limits: RigLimits, seed: int) -> list[RigCommands]:
 
 def format_table(results: Mapping[DesignCase, Costs]) -> str:
     """Return medians over the seeds for each damper, structure and recording, and the verdict."""
-    parts, ratios = [], []
+    parts: list[str] = []
+    ratios: list[tuple[str, str, bool, float]] = []
     for structure in dict.fromkeys(case.structure for case in results):
         rows = [["damper", "stroke, current", *(f"{way} J %" for way in WAYS), "designed / noise + sweep"]]
         for damper in dict.fromkeys(case.damper for case in results):
@@ -166,9 +168,10 @@ def format_table(results: Mapping[DesignCase, Costs]) -> str:
                 continue
             table = [_row(damper, name, some) for name in some[0][WAYS[0]]]
             rows += [row for row, _ in table]
-            ratios += [(structure, damper, ratio) for _, ratio in table]
+            ratios += [(structure, damper, PACKAGED in row[1], ratio) for row, ratio in table]
         parts.append(f"Structure `{structure}`:\n\n{markdown(rows)}")
-    summary = [_summary(ratios, s) for s in dict.fromkeys(structure for structure, _, _ in ratios)]
+    seeds = len({case.seed for case in results})
+    summary = [_summary(ratios, s, seeds) for s in dict.fromkeys(structure for structure, *_ in ratios)]
     return "\n\n".join([*summary, *parts, machine()])
 
 
@@ -178,16 +181,16 @@ def _row(damper: str, name: str, some: Sequence[Costs]) -> tuple[list[str], floa
     return [damper, name, *(f"{value:.2f}" for value in medians), f"{ratio:.2f}"], ratio
 
 
-def _summary(ratios: Sequence[tuple[str, str, float]], structure: str) -> str:
-    mine = [(damper, ratio) for one, damper, ratio in ratios if one == structure]
-    median = float(np.median([ratio for _, ratio in mine]))
-    each = ", ".join(
-        f"{damper} {np.median([r for d, r in mine if d == damper]):.2f}" for damper in dict.fromkeys(d for d, _ in mine)
-    )
-    worse = sum(ratio > 1.0 for _, ratio in mine)
+def _summary(ratios: Sequence[tuple[str, str, bool, float]], structure: str, seeds: int) -> str:
+    mine = [(damper, packaged, ratio) for one, damper, packaged, ratio in ratios if one == structure]
+    median = float(np.median([ratio for *_, ratio in mine]))
+    parts = {damper: [ratio for d, _, ratio in mine if d == damper] for damper in dict.fromkeys(d for d, *_ in mine)}
+    parts |= {"packaged currents only": [ratio for _, packaged, ratio in mine if packaged]}
+    each = ", ".join(f"{name} {np.median(some):.2f}" for name, some in parts.items())
+    worse = sum(ratio > 1.0 for *_, ratio in mine)
     return (
-        f"`{structure}`: {median:.2f} times the cost, median over {len(mine)} rows ({each}); target {TARGET}: "
-        f"{verdict(median, TARGET)}. Higher than noise + sweep in {worse} rows."
+        f"`{structure}`, {seeds} seeds: {median:.2f} times the cost, median over {len(mine)} rows ({each}); "
+        f"target {TARGET}: {verdict(median, TARGET)}. Higher than noise + sweep in {worse} rows."
     )
 
 

@@ -22,7 +22,7 @@ from ces_rig.experiment import find_experiment, load_experiment
 
 PACKAGED = "as packaged"
 BINARY, STEPS = {"kind": "binary"}, {"kind": "steps", "levels_A": [0.29, 0.495, 0.70, 0.3925, 0.5975], "hold_s": 1.0}
-HELD = {"kind": "binary", "shortest_s": 0.03, "mean_s": 0.3}
+FREE = {"kind": "filtered_noise"}
 JUDGES: Sequence[tuple[str, str, Mapping[str, Any] | None]] = (
     ("road", PACKAGED, None), ("road", "binary", BINARY), ("road", "steps", STEPS),
     ("sine_4hz", PACKAGED, None), ("sine_4hz", "binary", BINARY), ("sine_4hz", "steps", STEPS),
