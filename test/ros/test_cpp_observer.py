@@ -247,6 +247,20 @@ def test_the_package_builds_without_a_warning_and_passes_its_own_test(package: C
     assert "100% tests passed" in package.replay()
 
 
+def test_malformed_messages_do_not_end_it(start_pair: Callable[..., Pair]) -> None:
+    pair = start_pair(**STAMPED_CURRENT)
+    chance = random.Random(3)
+    for topic in (pair.vehicle.position, pair.vehicle.stamped_current):
+        for length in (*range(40), 1000, 70_000):
+            topic.publish(b"\x00\x01\x00\x00" + chance.randbytes(length))
+    with (
+        pair.vehicle.driving(),
+        pair.vehicle.repeating(0.01, lambda: pair.vehicle.publish_current(time.time_ns(), 0.5)),
+    ):
+        for name in NODES:
+            wait(lambda name=name: len(pair.estimates[name]) > 100, f"estimates of {name}")
+
+
 def test_two_signals_may_share_a_message(start_pair: Callable[..., Pair]) -> None:
     shared = {"current.topic": "joint_states", "current.type": "sensor_msgs/msg/JointState"}
     pair = start_pair(**shared, **{"current.field": "position[steering]", "current.scale": 0.5})

@@ -47,9 +47,10 @@ ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
       result.successful = result.reason.empty();
       return result;
     });
-  post_set_ = add_post_set_parameters_callback([this](const std::vector<rclcpp::Parameter> &) {apply_live_settings();});
+  post_set_ = add_post_set_parameters_callback(
+    [this](const std::vector<rclcpp::Parameter> &) {guard([this] {apply_live_settings();});});
   watched_ = rolled_ = reported_ = read_clock(CLOCK_MONOTONIC);
-  timer_ = create_wall_timer(WATCH_PERIOD, [this] {watch();});
+  timer_ = create_wall_timer(WATCH_PERIOD, [this] {guard([this] {watch();});});
   subscribe();
   RCLCPP_INFO(get_logger(), "%s: %s, compiled in, SHA-256 %.12s", settings_.joint.c_str(), Model::SIZE, Model::DIGEST);
 }
@@ -107,16 +108,14 @@ void ObserverNode::on_force(Nanoseconds stamp, const std::string & frame, double
 // Restart after a time jump.
 void ObserverNode::on_time_jump(const std::string & what)
 {
-  try {
-    ++jumps_;
-    jump_ = what;
-    RCLCPP_WARN(get_logger(), "%s: the estimates restart", what.c_str());
-    inputs_.reset();
-    intake_.reset(clock_.now());
-    report_change();
-  } catch (const std::exception & error) {  // rcl calls this in the middle of setting its clock
-    on_error(error.what());
-  }
+  guard([this, &what] {  // rcl calls this in the middle of setting its clock
+      ++jumps_;
+      jump_ = what;
+      RCLCPP_WARN(get_logger(), "%s: the estimates restart", what.c_str());
+      inputs_.reset();
+      intake_.reset(clock_.now());
+      report_change();
+    });
 }
 
 // Count an unexpected error for the next diagnostics; no message may end the node.
@@ -134,12 +133,10 @@ void ObserverNode::on_error(const std::string & what) noexcept
 void ObserverNode::on_failure(const std::string & what) noexcept
 {
   on_error(what);
-  try {
-    intake_.restart();
-    report_change();
-  } catch (const std::exception & error) {
-    on_error(error.what());
-  }
+  guard([this] {
+      intake_.restart();
+      report_change();
+    });
 }
 
 void ObserverNode::apply_live_settings()
@@ -151,15 +148,6 @@ void ObserverNode::apply_live_settings()
 }
 
 void ObserverNode::watch()
-{
-  try {
-    poll();
-  } catch (const std::exception & error) {  // the next call may succeed; the samples need the node
-    on_error(error.what());
-  }
-}
-
-void ObserverNode::poll()
 {
   const auto now = read_clock(CLOCK_MONOTONIC), elapsed = now - watched_;
   watched_ = now;

@@ -44,9 +44,19 @@ private:
   void on_failure(const std::string & what) noexcept;
   void roll(Nanoseconds elapsed);
 
+  // Run a step; count its failure.
+  template<typename Step>
+  void guard(const Step & step) noexcept
+  {
+    try {
+      step();
+    } catch (const std::exception & error) {
+      on_error(error.what());
+    }
+  }
+
   void apply_live_settings();
   void watch();
-  void poll();
   void report_change();
   void publish_status();
   std::string find_detail();
