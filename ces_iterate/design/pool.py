@@ -34,10 +34,6 @@ class Pool:
     current_A: F
     stroke_m: F
 
-    def at_ticks(self, values: list[F]) -> F:
-        """Return one array of the targets from arrays on the motions' grids."""
-        return np.concatenate([v[self.ticks] for v in values])
-
 
 def draw_pool(limits: RigLimits, seed: int) -> Pool:
     """Return the pool that belongs to a seed."""

@@ -7,6 +7,7 @@ import shutil
 import struct
 import subprocess
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -163,14 +164,7 @@ BANDED = replace(make(*PLAIN), band=BAND)
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
     """Return the compiled library of a model of MODELS, by its name."""
-    ready = {}
-
-    def find(name):
-        if name not in ready:
-            ready[name] = compile_c(tmp_path_factory.mktemp("model"), MODELS[name])
-        return ready[name]
-
-    return find
+    return cache(lambda name: compile_c(tmp_path_factory.mktemp("model"), MODELS[name]))
 
 
 @needs_compiler

@@ -3,6 +3,7 @@
 import math
 import shutil
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -45,14 +46,7 @@ MODELS = {
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
     """Return the compiled library of a model of MODELS, by its name."""
-    ready = {}
-
-    def find(name):
-        if name not in ready:
-            ready[name] = compile_c(tmp_path_factory.mktemp("model"), MODELS[name])
-        return ready[name]
-
-    return find
+    return cache(lambda name: compile_c(tmp_path_factory.mktemp("model"), MODELS[name]))
 
 
 @needs_compiler
