@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +18,7 @@ from ces_observer.signals import Signal, Signals
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError; writes no bag unless all files can be read."""
-    parser = _parser()
+    parser = make_parser()
     options = parser.parse_args(argv)
     if options.template:
         print(TEMPLATE, end="")
@@ -36,7 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     parser = terminal.parser(
         "import",
         "Convert dyno logs to bags. The mapping file says which columns hold time, position, current and force, and "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import warnings
@@ -40,7 +39,7 @@ class BagReport:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError, after the report if a bag cannot be used."""
-    options = _parser().parse_args(argv)
+    options = make_parser().parse_args(argv)
     if options.picture:
         require_picture_name(options.picture)
     signals = terminal.load_described_signals(options)
@@ -57,7 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     parser = terminal.parser(
         "info",
         "Inspect recordings: signals, rate, jitter, gaps, ranges in SI units, faults, and the distribution of time "

@@ -26,7 +26,7 @@ KEYS = ("position", "velocity", "effort")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = _parser().parse_args(argv)
+    options = make_parser().parse_args(argv)
     signals = terminal.load_described_signals(options)
     model = load_model(options.model)
     recording = terminal.read_one(options.bag, signals)
@@ -87,7 +87,8 @@ def _joint_states(topic: str, rows: NDArray[np.float64], columns: Mapping[str, i
     return TopicData(topic, TYPE, rows[:, 0].astype(np.int64), values)
 
 
-def _parser() -> terminal.Parser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     p = terminal.parser(
         "replay",
         "Run the estimator over a recording as the observer node would, and write its inputs and estimates to a bag "

@@ -17,7 +17,7 @@ from ces_observer.json_checks import write_atomically
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = _parser().parse_args(argv)
+    options = make_parser().parse_args(argv)
     signals = terminal.load_described_signals(options)
     simulation = open_simulation(options.sim)
     recording = terminal.read_one(options.bag, signals)
@@ -40,7 +40,8 @@ def _bounds(simulation: Simulation, recording: Recording) -> dict[str, F]:
     return dict(zip(("lower_N", "upper_N"), sample_bounds(simulation.model, recording), strict=True))
 
 
-def _parser() -> terminal.Parser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     p = terminal.parser(
         "simulate",
         "Run a simulation with the position and current of a recording and write time_s,force_N, one row for each "

@@ -21,12 +21,13 @@ ces blind make --out cases_1 --seed 1 --cases 100
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = _parser().parse_args(argv)
+    options = make_parser().parse_args(argv)
     status: int = options.program(options)
     return status
 
 
-def _parser() -> terminal.Parser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     p = terminal.parser(
         "blind",
         "Test the diagnosis on plants of the virtual rig with an effect that the simulation lacks: 'make' "

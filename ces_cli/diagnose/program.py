@@ -23,7 +23,7 @@ OPTIONAL_FILES = ("next_experiment.yaml", "next_experiment.csv")  # not every di
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = _parser().parse_args(argv)
+    options = make_parser().parse_args(argv)
     if options.each is not None:
         from ces_cli.diagnose.fleet import run_fleet
 
@@ -82,7 +82,8 @@ def _make_folder(folder: Path) -> None:
         raise CesError(f"{folder}: cannot be written; choose another folder")
 
 
-def _parser() -> terminal.Parser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     p = terminal.parser(
         "diagnose",
         "Find where a simulation differs from recordings of the real damper, which missing effect is the cause, and "

@@ -26,7 +26,7 @@ FORMATS = {"c": "C99, with its header beside it", "fmu": "FMI 2.0 co-simulation"
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = _parser().parse_args(argv)
+    options = make_parser().parse_args(argv)
     _require_fitting_options(options)
     certificate = _export_package(options) if options.ros_package else _export_file(options)
     _print_certificate(certificate)
@@ -115,7 +115,8 @@ def _print_certificate(certificate: Certificate) -> None:
     print(f"stable: {summarize(certificate.to_mapping())} (proved); {certificate.force_claim}")
 
 
-def _parser() -> terminal.Parser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     p = terminal.parser(
         "export",
         "Write a model as one self-contained C99 file with its header, as an FMU for co-simulation (FMI 2.0) that "

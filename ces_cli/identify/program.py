@@ -32,7 +32,7 @@ from ces_observer.proof.certificate import summarize
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    arguments = parser()
+    arguments = make_parser()
     options = arguments.parse_args(argv)
     if options.show_candidates:
         print(built_in_rules(options.method), end="")
@@ -105,7 +105,7 @@ def _print_certificate(model: Model) -> None:
     )
 
 
-def parser() -> terminal.Parser:
+def make_parser() -> terminal.Parser:
     """Return the argument parser."""
     p = terminal.parser(
         "identify",

@@ -27,7 +27,7 @@ WORST_CELLS = 3
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = _parser().parse_intermixed_args(argv)  # bags may follow options
+    options = make_parser().parse_intermixed_args(argv)  # bags may follow options
     if options.picture is not None:
         require_picture_name(options.picture)
     model, weighting = load_model(options.model), parse_weighting(options.weight)
@@ -94,7 +94,8 @@ def _read_identified_shares(provenance: Mapping[str, Any]) -> dict[str, tuple[fl
     return shares
 
 
-def _parser() -> terminal.Parser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     p = terminal.parser(
         "validate",
         "Evaluate a model by the cost J of its free run on recordings with a measured force, with the interval of J, "

@@ -21,7 +21,7 @@ from types import TracebackType
 from typing import Any
 
 from ces_cli.identify.identification import prepare_identification, write_report_page
-from ces_cli.identify.program import parser
+from ces_cli.identify.program import make_parser
 from ces_cli.identify.progress import READING, SEARCHING, WRITING
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import BestResults
@@ -130,7 +130,7 @@ def _options(words: list[str]) -> argparse.Namespace:
     message = io.StringIO()
     try:
         with redirect_stderr(message):
-            return parser().parse_args(words)
+            return make_parser().parse_args(words)
     except SystemExit:
         text = message.getvalue().strip().removeprefix("ces identify: error: ").partition("; see ")[0]
         raise CesError(text.replace("argument --", "parameter ", 1)) from None

@@ -20,7 +20,7 @@ from ces_iterate.rigs.rig import RigAdapter
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    parser = _parser()
+    parser = make_parser()
     options = parser.parse_args(argv)
     if options.template:
         print(TEMPLATE, end="")
@@ -31,7 +31,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> terminal.Parser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     p = terminal.parser(
         "iterate",
         "Design an experiment inside a rig's limits, run it, score the model on it, identify anew, and so on, until a "

@@ -25,7 +25,7 @@ RUNS = "runs"
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = _parser().parse_args(argv)
+    options = make_parser().parse_args(argv)
     plan = load_plan(options.plan, options.seed)
     require_learnable(plan.goal)
     runs = options.out / RUNS
@@ -43,7 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> terminal.Parser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     p = terminal.parser(
         "learn-stroke",
         "Learn, run by run, the command that makes the rig's piston follow a wanted stroke in spite of its actuator "

@@ -14,7 +14,7 @@ from ces_rig.experiment import Experiment, find_experiment, load_experiment, pac
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    parser = _parser()
+    parser = make_parser()
     options = parser.parse_args(argv)
     if options.list:
         return _list()
@@ -25,7 +25,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _parser() -> terminal.Parser:
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
     p = terminal.parser(
         "rig",
         "Run an experiment on the virtual dyno rig and write a bag with position, current and force (synthetic data).",

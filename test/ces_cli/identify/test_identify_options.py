@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, build_command_line
-from ces_cli.identify.program import parser
+from ces_cli.identify.program import make_parser
 from ces_observer.errors import CesError
 from ces_observer.nodes.parameter_table import NO_WORDS
 
@@ -19,11 +19,11 @@ LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "picture", "show_cand
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 RANGED = [p for p in PARAMETERS if p.lowest is not None]
-ACTIONS = {action.dest: action for action in parser()._actions}
+ACTIONS = {action.dest: action for action in make_parser()._actions}
 
 
 def options(**values):
-    return vars(parser().parse_args(build_command_line({**DEFAULTS, "bags": ["one"], **values})))
+    return vars(make_parser().parse_args(build_command_line({**DEFAULTS, "bags": ["one"], **values})))
 
 
 def test_every_option_is_a_parameter_or_left_out_on_purpose():
@@ -32,7 +32,7 @@ def test_every_option_is_a_parameter_or_left_out_on_purpose():
 
 
 def test_defaults_are_the_programs():
-    assert options() == vars(parser().parse_args(["one"]))
+    assert options() == vars(make_parser().parse_args(["one"]))
     for name, default in DEFAULTS.items():
         if ACTIONS[name].default not in (None, [], os.cpu_count()):
             assert str(default) == str(ACTIONS[name].default) or name == "rules", name

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from planted import RATE_HZ, SAMPLING, WIDE, planted
 
 from ces_cli.identify.certificate_check import verify_certificate
-from ces_cli.identify.program import parser
+from ces_cli.identify.program import make_parser
 from ces_cli.identify.structures import select_identify_function
 from ces_identify import structures as offline
 from ces_identify.polynomial.search_limits import SearchResult
@@ -178,8 +178,8 @@ def test_the_controller_can_invert_it():
 
 def test_it_is_identified_by_its_name_and_reported(tmp_path):
     words = shlex.split("--structure dashpot --percent 50")
-    assert parser().parse_args(["bag"]).structure == "polynomial"
-    identify = select_identify_function(parser().parse_args(["bag", *words]))
+    assert make_parser().parse_args(["bag"]).structure == "polynomial"
+    identify = select_identify_function(make_parser().parse_args(["bag", *words]))
     found = identify([planted(model(), 1)], [planted(model(), 2)], IdentifyOptions(rate_Hz=RATE_HZ, bandwidth_Hz=40.0))
     assert found.model.body.viscosity == pytest.approx(400.0, rel=0.05)
     assert found.model.certificate["viscosity_Ns_m"] == found.model.body.viscosity
