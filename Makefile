@@ -36,7 +36,7 @@ lint: $(VENV)/.installed-dev
 	$(RUN)/mypy
 
 suite: $(VENV)/.installed-dev
-	$(RUN)/python -m pytest --ignore=test/ros -n auto --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --ignore=test/ros -n auto --dist loadfile
 
 test-ros:
 	@test/ros/run

@@ -31,6 +31,7 @@ PROGRAMS = {  # module and summary by name
     "blind": ("blind.program", "create, run and score blind tests of the diagnosis (synthetic data)"),
 }
 ROS_ARGS = "--ros-args"
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # the environment's own values win
 
 
 def _usage() -> str:
@@ -66,6 +67,8 @@ def _run(name: str, words: Sequence[str]) -> int:
         print(f"ces {name}: error: {text}", file=sys.stderr)
         return 2
     _quit_at_ctrl_c()
+    for variable in BLAS_THREADS:
+        os.environ.setdefault(variable, "1")  # matrices are small here; waiting threads cost ten times the time if busy
     from ces_cli.terminal.terminal import run
 
     return run(name, import_module(f"ces_cli.{PROGRAMS[name][0]}").main, words)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,14 @@ from ces_identify.polynomial.search_limits import SearchResult
 from ces_iterate.loop.interruption import interruptible
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.progress import SilentListener
+
+
+@pytest.fixture(autouse=True)
+def _heard() -> Iterator[None]:
+    """Hear Ctrl-C also where the tests themselves run in the background, which ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def test_a_caught_interrupt_comes_again_after_the_block() -> None:
