@@ -157,9 +157,10 @@ def _encode(values: F, wide: bool) -> dict[str, Any]:
     finite = np.isfinite(values)
     if not finite.any():
         return {"n": n, "even": [None, 0.0]}
-    step = (values[-1] - values[0]) / max(n - 1, 1) if finite.all() else np.nan
-    if n < 2 or np.allclose(values, values[0] + step * np.arange(n), rtol=0.0, atol=1e-6 * abs(step)):
-        return {"n": n, "even": [float(values[0]), float(step)]}
+    if finite.all():
+        step = float(values[-1] - values[0]) / max(n - 1, 1)
+        if np.abs(values - values[0] - step * np.arange(n)).max() <= 1e-6 * abs(step):
+            return {"n": n, "even": [float(values[0]), step]}
     steps, kind = (2**32 - 2, "<u4") if wide else (STEPS, "<u2")
     low, high = float(values[finite].min()), float(values[finite].max())
     unit = (high - low) / steps or 1.0
@@ -174,9 +175,9 @@ def _encode(values: F, wide: bool) -> dict[str, Any]:
 
 
 def _spans(mark: PlotShade) -> list[list[float]]:
-    """Return the ranges of x where the mask is true."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], mark.mask, [False]]).astype(np.int8)))
-    return [[float(mark.x[a]), float(mark.x[b - 1])] for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    """Return the ranges of x of a shade; what is closer than the finest pixel is one."""
+    room = float(np.ptp(mark.x)) / MAX_POINTS if len(mark.x) else 0.0
+    return [[float(a), float(b)] for a, b in mark.spans(room)]
 
 
 def _as_text(content: dict[str, Any]) -> str:
