@@ -39,6 +39,7 @@ from ces_observer.model import Model
 
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 SHOWN_ABOVE = (ERRORS, "structure", "structures")  # of the provenance's selection
+MAX_DRAWN = 12  # recordings with charts, so that the page stays below 3 MB
 WORST_CELLS = 6  # rows in the table of errors
 
 
@@ -58,7 +59,8 @@ def write_report(
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
     held_out = select_role(ordered, VALIDATION)
     shown = held_out or ordered
-    points = share_points(sum(map(count_lines, ordered)))
+    drawn = _find_drawn(ordered)
+    points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     table = model_table(model, shown, VALIDATION if held_out else IDENTIFICATION)
     page = page_template("report.html.j2").render(
         title=title,
@@ -74,7 +76,8 @@ def write_report(
         pooled=pooled_row(held_out),
         structures=structure_rows(model),
         advice=structure_advice(model),
-        recordings=[_recording(i, e, model, points) for i, e in enumerate(ordered)],
+        recordings=[_recording(i, ordered[i], model, points) for i in drawn],
+        drawn=drawn,
         most_dots=MAX_DOTS,
         table=table,
         charts=[
@@ -91,6 +94,12 @@ def write_report(
     write_atomically(path, replace_unencodable(page))
 
 
+def _find_drawn(evaluations: Sequence[Evaluation]) -> list[int]:
+    """Return the numbers of the recordings with charts: of many, those with the highest costs."""
+    worst = sorted(range(len(evaluations)), key=lambda i: -evaluations[i].cost)[:MAX_DRAWN]
+    return sorted(worst)
+
+
 def _describe_model(model: Model) -> str:
     kind = model.structure.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
     return f"{kind}, {model.size}, {model.sampling.rate_Hz:g} Hz"
@@ -99,6 +108,7 @@ def _describe_model(model: Model) -> str:
 def _recording(number: int, evaluation: Evaluation, model: Model, max_points: int) -> dict[str, Any]:
     window, tests = choose_window(evaluation), residual_tests(evaluation)
     return {
+        "number": number,
         "correlations": correlation_figure(f"rc{number}", tests, evaluation.name) if tests else None,
         "verdicts": verdicts(tests) if tests else (),
         "window": window,

@@ -288,6 +288,15 @@ def test_twelve_long_recordings_stay_small(tmp_path: Path) -> None:
     assert len(cost_cells(root)) == 12 + 1  # all together
 
 
+def test_of_many_recordings_the_worst_have_charts(tmp_path: Path, both: list[Evaluation]) -> None:
+    many = [replace(both[n % 2], name=f"r{n}", cost=20.0 - n) for n in range(15)]
+    _, root = page(tmp_path, many)
+    drawn = [words(next(a.iter(f"{XHTML}h3"))) for a in root.iter(f"{XHTML}article")]
+    assert {text.split()[0] for text in drawn} == {f"r{n}" for n in range(12)}
+    assert len(cost_cells(root)) == 15 + 1  # all together
+    assert "The 12 recordings with the highest J of 15." in words(section(root, "recordings"))
+
+
 def test_grey_marks_what_is_outside_the_envelope(tmp_path: Path, both: list[Evaluation]) -> None:
     narrow = model(envelope=replace(WIDE, speed_m_s=(-3.0, 0.1)))
     outside, _ = page(tmp_path, evaluate(narrow, [both[1].series], VALIDATION), narrow)
