@@ -6,14 +6,16 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from types import FrameType
 from typing import NoReturn
 
 from ces_observer import __version__
 
-PROGRAMS = {  # module and summary by name
+ProgramTable = Mapping[str, tuple[str, str]]
+
+PROGRAMS: ProgramTable = {  # module and summary by name
     "info": ("bags.info", "inspect recordings: signals, rates, gaps, ranges, coverage"),
     "import": ("bags.import_", "convert dyno logs (CSV, JSON, MAT) to bags"),
     "rig": ("rig.program", "run an experiment on the virtual rig and record it (synthetic data)"),
@@ -29,6 +31,8 @@ PROGRAMS = {  # module and summary by name
         "find where a simulation differs from reality and which missing effect is the cause",
     ),
     "blind": ("blind.program", "create, run and score blind tests of the diagnosis (synthetic data)"),
+    "schema": ("discovery.schema", "print the JSON Schema of a kind of YAML file, for editors"),
+    "completion": ("discovery.completion", "print a script that completes programs and options in a shell"),
 }
 ROS_ARGS = "--ros-args"
 
