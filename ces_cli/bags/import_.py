@@ -13,6 +13,7 @@ from ces_identify.recordings.checks import findings, mean_rate
 from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.log_mapping import TEMPLATE, load_dyno_mapping
 from ces_identify.recordings.recording import Recording
+from ces_identify.schema_files import schema_line
 from ces_observer.errors import RecordingError
 from ces_observer.signals import Signal, Signals
 
@@ -22,7 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = make_parser()
     options = parser.parse_args(argv)
     if options.template:
-        print(TEMPLATE, end="")
+        print(schema_line("import") + TEMPLATE, end="")
         return 0
     if not options.files or options.mapping is None or options.out is None:
         parser.error("expected FILE, --mapping and --out (or --template)")

@@ -25,6 +25,7 @@ from ces_identify.folds import split_folds
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.regressors import built_in_rules
 from ces_identify.preparation.weighting import parse_weighting
+from ces_identify.schema_files import schema_line
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import advise
 from ces_identify.validation.usage import RULE
@@ -37,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = make_parser()
     options = arguments.parse_args(argv)
     if options.show_candidates:
-        print(built_in_rules(options.method), end="")
+        print(schema_line("candidates") + built_in_rules(options.method), end="")
         return 0
     if options.campaign is not None or options.dask is not None or options.jobs is not None:
         return run_campaign(options, arguments)

@@ -10,6 +10,7 @@ from pathlib import Path
 from ces_cli.iterate.progress import IterateProgress
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document
+from ces_identify.schema_files import schema_line
 from ces_iterate.errors import IterateError
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.store import MODEL, PLAN, REPORT, keep_plan
@@ -24,7 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = make_parser()
     options = parser.parse_args(argv)
     if options.template:
-        print(TEMPLATE, end="")
+        print(schema_line("iterate") + TEMPLATE, end="")
         return 0
     if options.plan is None:
         parser.error("expected PLAN (or --template)")

@@ -32,8 +32,8 @@ OPEN_LAG: Schema = {"anyOf": [{"const": AUTO}, SETTING["time_constant_s"]]}
 
 def candidates_schema() -> Schema:
     """Return the schema; keys besides the signals are names of constructed inputs, which `constructed` defines."""
-    rule = {"$ref": RULE}
-    properties = {
+    rule: Schema = {"$ref": RULE}
+    properties: dict[str, Schema] = {
         "force": {"$ref": FORCE_RULE},
         **{signal: rule for signal in SIGNALS if signal != "force"},
         "constructed": {"type": "object", "additionalProperties": _construction()},

@@ -151,4 +151,4 @@ def _of_type(hint: Any, meta: Mapping[str, Any]) -> Schema:
 
 
 def _first_sentence(text: str) -> str:
-    return text.split("\n\n")[0].split("; raises")[0].replace("\n    ", " ").strip()
+    return text.split("\n\n", maxsplit=1)[0].split("; raises", maxsplit=1)[0].replace("\n    ", " ").strip()
