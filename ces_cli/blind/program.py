@@ -37,12 +37,22 @@ def make_parser() -> terminal.Parser:
         EXAMPLE,
     )
     parts = p.add_subparsers(metavar="make|run|score", required=True)
-    _add_make_options(parts.add_parser("make", help="draw cases, write their recordings and seal the answers"))
-    _add_run_options(
-        parts.add_parser("run", help="diagnose every case from its recordings; repeat to continue an interrupted run")
-    )
-    _add_score_options(parts.add_parser("score", help="open the seal and compare"))
+    make, run, score = (line.strip() for line in EXAMPLE.splitlines())
+    _add_make_options(_add_part(parts, "make", "draw cases, write their recordings and seal the answers", make))
+    text = "diagnose every case from its recordings; repeat to continue an interrupted run"
+    _add_run_options(_add_part(parts, "run", text, run))
+    _add_score_options(_add_part(parts, "score", "open the seal and compare", score))
     return p
+
+
+def _add_part(
+    parts: argparse._SubParsersAction[terminal.Parser], name: str, about: str, example: str
+) -> argparse.ArgumentParser:
+    """Add a subprogram with its own description and example."""
+    form = argparse.RawDescriptionHelpFormatter
+    return parts.add_parser(
+        name, help=about, description=f"{about.capitalize()}.", epilog=f"example:\n  {example}", formatter_class=form
+    )
 
 
 def _add_make_options(p: argparse.ArgumentParser) -> None:

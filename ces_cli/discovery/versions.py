@@ -90,10 +90,10 @@ def _lines(versions: Mapping[str, object]) -> Iterator[str]:
     packages = _as_mapping(versions["packages"])
     if not packages:
         yield "packages      unknown: ces_observer runs from its source folder and is not installed"
-    yield from (f"{name:<14}{version or 'absent'}" for name, version in packages.items())
+    yield from (f"{name:<13} {version or 'absent'}" for name, version in packages.items())
     for extra, names in _as_mapping(versions["extras"]).items():
         for name, version in _as_mapping(names).items():
-            yield f"{name:<14}{version or f'absent (optional: pip install ces_observer[{extra}])'}"
+            yield f"{name:<13} {version or f'absent (optional: pip install ces_observer[{extra}])'}"
 
 
 def _describe_ros(versions: Mapping[str, object]) -> str:
