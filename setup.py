@@ -47,7 +47,16 @@ setup(
     packages=find_packages(include=["ces_*"]),
     package_data={
         "*": ["py.typed"],
-        "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js", "**/*.hpp", "**/*.cpp"],
+        "ces_identify": [
+            "**/*.yaml",
+            "**/*.j2",
+            "**/*.html",
+            "**/*.css",
+            "**/*.js",
+            "**/*.hpp",
+            "**/*.cpp",
+            "**/*.json",
+        ],
         "ces_cli": ["**/*.j2", "**/*.css"],
         "ces_rig": ["**/*.yaml"],
         "ces_iterate": ["**/*.j2", "**/*.css"],
@@ -59,6 +68,7 @@ setup(
         files("launch", "*.launch.py"),
         files("config", "*.yaml", "*.json", "*.xml"),
         files("config/models", "*.*"),
+        files("ces_identify/schemas", "*.json"),  # where the first lines of config/*.yaml look for them
         files("config/thesis", "*.yaml"),
         *security(),
     ],
@@ -74,6 +84,7 @@ setup(
         "mcap>=1.1",  # with lz4 and zstandard
         "zstandard>=0.15",
         "joblib>=1.3",
+        "shtab>=1.13",  # ces completion
     ],
     extras_require={
         "bench": ["joblib>=1.4", "sysidentpy>=0.9", "fastcan>=0.6", "anfis-toolbox>=0.2"],  # the peers in bench/

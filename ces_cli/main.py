@@ -6,14 +6,15 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from importlib import import_module
 from types import FrameType
 from typing import NoReturn
 
-from ces_observer import __version__
+ProgramTable = Mapping[str, tuple[str, str]]
 
-PROGRAMS = {  # module and summary by name
+PROGRAMS: ProgramTable = {  # module and summary by name
     "info": ("bags.info", "inspect recordings: signals, rates, gaps, ranges, coverage"),
     "import": ("bags.import_", "convert dyno logs (CSV, JSON, MAT) to bags"),
     "rig": ("rig.program", "run an experiment on the virtual rig and record it (synthetic data)"),
@@ -29,6 +30,8 @@ PROGRAMS = {  # module and summary by name
         "find where a simulation differs from reality and which missing effect is the cause",
     ),
     "blind": ("blind.program", "create, run and score blind tests of the diagnosis (synthetic data)"),
+    "schema": ("discovery.schema", "print the JSON Schema of a kind of YAML file, for editors"),
+    "completion": ("discovery.completion", "print a script that completes programs and options in a shell"),
 }
 ROS_ARGS = "--ros-args"
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # the environment's own values win
@@ -40,8 +43,8 @@ def _usage() -> str:
         "usage: ces PROGRAM [OPTIONS]\n\n"
         "Identify models of a semi-active damper from rig recordings and run them as force observers.\n\n"
         f"programs:\n{rows}\n\n"
-        "options:\n  -h, --help     show this help\n  --version      show the version\n\n"
-        "`ces PROGRAM --help` lists a program's options. With ROS 2 sourced, `ros2 run ces_observer PROGRAM` runs the\n"
+        "options:\n  -h, --help     show this help\n  --version      show the versions in use, with --json as JSON\n\n"
+        "`ces help PROGRAM` lists a program's options. With ROS 2 sourced, `ros2 run ces_observer PROGRAM` runs the\n"
         "same programs. The nodes are `observer`, `controller`, `rig`, and `identify` with --ros-args.\n"
     )
 
@@ -49,29 +52,36 @@ def _usage() -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `ces`; returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    if not words or words[0] in ("-h", "--help", "help"):
+    if words and words[0] == "help":
+        words = [*words[1:2], "--help"]  # `ces help NAME` is `ces NAME --help`
+    if not words or words[0] in ("-h", "--help"):
         print(_usage(), end="")
         return 0
     if words[0] == "--version":
-        print(f"ces_observer {__version__}")
-        return 0
+        return _run_program("--version", "discovery.versions", words[1:])
     return _run(words[0], words[1:])
 
 
 def _run(name: str, words: Sequence[str]) -> int:
     if name not in PROGRAMS:
-        print(f"ces: error: unknown program '{name}'; expected one of {', '.join(PROGRAMS)}", file=sys.stderr)
+        near = get_close_matches(name, PROGRAMS, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else f"; expected one of {', '.join(PROGRAMS)}"
+        print(f"ces: error: unknown program '{name}'{hint}", file=sys.stderr)
         return 2
     if ROS_ARGS in words:
         text = f"{ROS_ARGS} is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer identify' or '... rig'"
         print(f"ces {name}: error: {text}", file=sys.stderr)
         return 2
+    return _run_program(name, PROGRAMS[name][0], words)
+
+
+def _run_program(name: str, module: str, words: Sequence[str]) -> int:
     _quit_at_ctrl_c()
     for variable in BLAS_THREADS:
         os.environ.setdefault(variable, "1")  # matrices are small here; waiting threads cost ten times the time if busy
     from ces_cli.terminal.terminal import run
 
-    return run(name, import_module(f"ces_cli.{PROGRAMS[name][0]}").main, words)
+    return run(name, import_module(f"ces_cli.{module}").main, words)
 
 
 def _quit_at_ctrl_c() -> None:

@@ -6,6 +6,7 @@ what was expected.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,15 @@ MAX_BYTES = 65_536
 MAX_DEPTH = 20
 # PyYAML's errors at scalars that do not match their tag: its own, and those of the conversions.
 UNREADABLE = (yaml.YAMLError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError)
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads 1e-3 as a number, as ROS 2 and YAML 1.2 do; PyYAML itself wants 1.0e-3."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+\Z"), list("-+.0123456789")
+)
 
 
 def read_yaml_mapping(
@@ -81,7 +91,7 @@ def _read_text(path: Path, what: str, error: type[CesError]) -> str:
 def _parse_tree(text: str, source: str, what: str, error: type[CesError]) -> yaml.MappingNode:
     try:
         _refuse_growth(text, source, error)
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        root = yaml.compose(text, Loader=_Loader)
     except yaml.MarkedYAMLError as reason:
         line = f":{reason.problem_mark.line + 1}" if reason.problem_mark else ""
         raise error(f"{source}{line}: not valid YAML: {reason.problem or reason.context}") from None

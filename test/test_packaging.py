@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -76,6 +77,17 @@ def test_share_gets_parameters_layouts_launch_files_and_policies() -> None:
     share = Path("share/ces_observer")
     shared = {file for folder, found in given for file in found if folder == share / file.parent}
     there = {path.relative_to(ROOT) for folder in ("config", "launch") for path in (ROOT / folder).rglob("*.*")}
-    assert shared - {Path("package.xml")} == {
+    assert {path for path in shared if path.parts[0] in ("config", "launch")} == {
         path for path in there if path.suffix != ".pyc" and "import" not in path.parts
     }
+
+
+def test_shared_files_find_their_schemas() -> None:
+    """Beside the parameter files in share/ces_observer, at the path that their first lines name."""
+    given = [(folder, found) for folder, found in arguments("")["data_files"]]  # type: ignore[attr-defined]
+    there = {Path(folder) / Path(file).name for folder, found in given for file in found}
+    for folder, found in given:
+        for file in (file for file in found if file.endswith(".yaml")):
+            first = (ROOT / file).read_text(encoding="utf-8").partition("\n")[0]
+            schema = os.path.normpath(Path(folder) / first.partition("$schema=")[2])
+            assert Path(schema) in there and schema.endswith(".json"), file

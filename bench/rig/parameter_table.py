@@ -14,9 +14,10 @@ from typing import Any
 from ces_rig.dampers.hydraulic.parameters import Damper
 
 HEADER = """\
+# yaml-language-server: $schema=../../../ces_identify/schemas/damper.json
 # The virtual rig's damper with its default parameters. Copy, keep what you change, and name the copy in an experiment:
 #   damper: my_damper.yaml
-# or write the changed values into the experiment itself:  damper: {seal: {coulomb_N: 60.0}}
+# or write the changed values into the experiment itself:  damper: {seal: {coulomb_N: 40.0}}
 # Units are in brackets, then the accepted range. Pressures are absolute; areas include the discharge coefficient.
 """
 

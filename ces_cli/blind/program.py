@@ -12,6 +12,7 @@ from ces_cli.blind import run as blind_run
 from ces_cli.blind import score as blind_score
 from ces_cli.blind.mode import MAX_REFERENCES, RUN, SIMULATIONS
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json
 
 EXAMPLE = """\
 ces blind make --out cases_1 --seed 1 --cases 100
@@ -36,12 +37,22 @@ def make_parser() -> terminal.Parser:
         EXAMPLE,
     )
     parts = p.add_subparsers(metavar="make|run|score", required=True)
-    _add_make_options(parts.add_parser("make", help="draw cases, write their recordings and seal the answers"))
-    _add_run_options(
-        parts.add_parser("run", help="diagnose every case from its recordings; repeat to continue an interrupted run")
-    )
-    _add_score_options(parts.add_parser("score", help="open the seal and compare"))
+    make, run, score = (line.strip() for line in EXAMPLE.splitlines())
+    _add_make_options(_add_part(parts, "make", "draw cases, write their recordings and seal the answers", make))
+    text = "diagnose every case from its recordings; repeat to continue an interrupted run"
+    _add_run_options(_add_part(parts, "run", text, run))
+    _add_score_options(_add_part(parts, "score", "open the seal and compare", score))
     return p
+
+
+def _add_part(
+    parts: argparse._SubParsersAction[terminal.Parser], name: str, about: str, example: str
+) -> argparse.ArgumentParser:
+    """Add a subprogram with its own description and example."""
+    form = argparse.RawDescriptionHelpFormatter
+    return parts.add_parser(
+        name, help=about, description=f"{about.capitalize()}.", epilog=f"example:\n  {example}", formatter_class=form
+    )
 
 
 def _add_make_options(p: argparse.ArgumentParser) -> None:
@@ -57,6 +68,7 @@ def _add_make_options(p: argparse.ArgumentParser) -> None:
     text = "length of a recording (default 10)"
     p.add_argument("--seconds", type=number(2.0, 600.0), default=10.0, metavar="S", help=text)
     _add_jobs(p)
+    add_json(p)
     p.set_defaults(program=blind_make.make)
 
 
@@ -70,6 +82,7 @@ def _add_run_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("--references", nargs="+", type=int, choices=counts, default=(2,), metavar="N", help=text)
     p.add_argument("--limit", type=terminal.integer_between(1, 100_000), metavar="K", help="only the first K cases")
     _add_jobs(p)
+    add_json(p)
     p.set_defaults(program=blind_run.run)
 
 
@@ -79,6 +92,7 @@ def _add_score_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("results", type=Path, nargs="+", metavar="RESULTS", help=text)
     p.add_argument("--out", type=Path, metavar="REPORT.md", help="also write the tables to this file")
     p.add_argument("--rows", type=Path, metavar="CASES.csv", help="also write one line for each case")
+    add_json(p)
     p.set_defaults(program=blind_score.score)
 
 

@@ -13,16 +13,19 @@ from ces_cli.campaign.program import add_campaign, run_campaign
 from ces_cli.identify.distillation import print_teacher
 from ces_cli.identify.folds import add_folds, with_folds
 from ces_cli.identify.identification import AUTO, prepare_identification, write_report_page
+from ces_cli.identify.json_facts import identification_facts
 from ces_cli.identify.structures import add_candidates, add_structure
 from ces_cli.terminal import terminal
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
+from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.tables import cost_table, print_band, print_missing
 from ces_identify.folds import split_folds
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.regressors import built_in_rules
 from ces_identify.preparation.weighting import parse_weighting
+from ces_identify.schema_files import schema_line
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import advise
 from ces_identify.validation.usage import RULE
@@ -35,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = make_parser()
     options = arguments.parse_args(argv)
     if options.show_candidates:
-        print(built_in_rules(options.method), end="")
+        print(schema_line("candidates") + built_in_rules(options.method), end="")
         return 0
     if options.campaign is not None or options.dask is not None or options.jobs is not None:
         return run_campaign(options, arguments)
@@ -44,11 +47,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     work = prepare_identification(options)
     if options.folds:
         split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
-    result = work.run(SearchProgress)
-    if options.folds:
-        result = with_folds(result, options, work.bags, work.how)
-        result.model.save(options.out)
-    _print_result(result, options, argv)
+    result, folds = work.run(SearchProgress), None
+    with without_text(options.json):
+        if options.folds:
+            result, folds = with_folds(result, options, work.bags, work.how)
+            result.model.save(options.out)
+        _print_result(result, options, argv)
+    if options.json:
+        print_document("identify", identification_facts(result, folds, work, options))
     return 0
 
 
@@ -151,4 +157,5 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--differentiator", choices=(AUTO, *DIFFERENTIATORS), default=AUTO, help=text)
     add_folds(p)
     add_campaign(p)
+    add_json(p)
     return p

@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 
 from ces_gap.trace import F
+from ces_identify.schema_files import schema_line
 
 
 @dataclass(frozen=True)
@@ -35,5 +36,7 @@ def experiment_files(experiment: NextExperiment) -> dict[str, str]:
     columns = np.stack([experiment.time_s, experiment.position_m, experiment.current_A], axis=1)
     np.savetxt(table, columns, fmt=("%.3f", "%.7f", "%.4f"), delimiter=",", header=header, comments="")
     purpose = " ".join(experiment.purpose.split())
-    recipe = f"# {purpose}\n" + yaml.safe_dump(experiment.recipe, sort_keys=False, allow_unicode=True)
+    recipe = f"{schema_line('experiment')}# {purpose}\n" + yaml.safe_dump(
+        experiment.recipe, sort_keys=False, allow_unicode=True
+    )
     return {"next_experiment.csv": table.getvalue(), "next_experiment.yaml": recipe}

@@ -96,7 +96,7 @@ def parse_plan(content: Mapping[str, Any], source: str, folder: Path) -> Plan:
     sections: dict[str, Any] = {
         key: _build(section, content[key], f"{source}: {key}") for key, section in SECTIONS.items() if key in content
     }
-    simple = _build(_Simple, {key: content[key] for key in SIMPLE if key in content}, source)
+    simple = _build(SimpleSettings, {key: content[key] for key in SIMPLE if key in content}, source)
     plan = Plan(source, folder, rig=content["rig"], **sections, **{key: getattr(simple, key) for key in SIMPLE})
     if plan.experiments.commands and plan.experiments.kind != REPEATED:
         raise IterateError(f"{source}: experiments: 'commands' needs kind: {REPEATED}; remove it or repeat it")
@@ -104,7 +104,7 @@ def parse_plan(content: Mapping[str, Any], source: str, folder: Path) -> Plan:
 
 
 @dataclass(frozen=True)
-class _Simple:
+class SimpleSettings:
     """The values of a plan that are in no section."""
 
     seed: int = quantity(1, "1", "seed of all random numbers", 0, 2**31)

@@ -21,14 +21,14 @@ TOPIC_RIG = "ces_iterate.live.topic_rig"  # imported where it is needed only: it
 
 
 @dataclass(frozen=True)
-class _VirtualSettings:
+class VirtualRigSettings:
     """Settings of the virtual rig."""
 
     damper: str = ""
 
 
 @dataclass(frozen=True)
-class _FolderSettings:
+class FolderRigSettings:
     """Settings of a rig that an operator runs."""
 
     mapping: str = ""
@@ -51,7 +51,7 @@ class RosRigSettings:
 
 
 def _open_virtual(plan: Plan, settings: Any, where: str) -> RigAdapter:
-    given = build(_VirtualSettings, settings, where)
+    given = build(VirtualRigSettings, settings, where)
     rig = VirtualRig.load(plan.path(given.damper) if given.damper else None)
     low, high = rig.model.allowed_A
     if plan.limits.low_A < low or plan.limits.high_A > high:
@@ -62,7 +62,7 @@ def _open_virtual(plan: Plan, settings: Any, where: str) -> RigAdapter:
 
 
 def _open_folder(plan: Plan, settings: Any, where: str) -> RigAdapter:
-    given = build(_FolderSettings, settings, where)
+    given = build(FolderRigSettings, settings, where)
     mapping = load_dyno_mapping(plan.path(given.mapping)) if given.mapping else None
     return FolderRig(mapping, load_signals(plan.path(given.signals) if given.signals else None), given.poll_s)
 
@@ -78,6 +78,11 @@ def _open_ros(plan: Plan, settings: Any, where: str) -> RigAdapter:
     return rig
 
 
+RIG_SETTINGS: Mapping[str, type[Any]] = {
+    "virtual": VirtualRigSettings,
+    "folder": FolderRigSettings,
+    "ros": RosRigSettings,
+}
 RIGS: Mapping[str, Callable[[Plan, Any, str], RigAdapter]] = {
     "virtual": _open_virtual,
     "folder": _open_folder,

@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 from ces_identify.config_file import read_yaml_mapping
+from ces_identify.schema_files import schema_line
 from ces_iterate.plan.limits import RigLimits
 from ces_iterate.plan.plan import Plan
 from ces_iterate.rigs.kinds import RIGS, open_rig
@@ -92,7 +93,7 @@ def write_learned_experiment(plan: StrokePlan, command_file: str) -> str:
     }
     if plan.experiment.actuator is not None:
         content["actuator"] = vars(plan.experiment.actuator)
-    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+    return schema_line("experiment") + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
 def _find_experiment(name: str, folder: Path) -> Path:

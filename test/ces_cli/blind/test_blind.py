@@ -98,6 +98,11 @@ def test_perfect_scores_for_right_answers(cases, tmp_path, capsys):
     assert got["abs(claimed − true shrink), median"] == "0.000"
     assert got["ECE of the first candidate"] == got["Brier score"] == "0.000"
     assert "not met" not in printed
+    assert main(["score", str(cases), str(results), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    shares = {row["figure"]: row["value"] for row in document["modes"]["run_2"]["all"]}
+    assert document["schema"] == "ces-blind-score/1"
+    assert [shares[name] for name in full] == [1.0] * 5 and shares["Brier score"] == pytest.approx(0.0)
 
 
 def test_zero_scores_for_wrong_answers(cases, tmp_path, capsys):
@@ -122,7 +127,10 @@ def test_the_diagnosis_itself(cases, tmp_path, capsys, monkeypatch):
     assert {path.name for path in made.iterdir()} == {GAP, AUGMENTED, DECISION, REPLAY, ROW, MODEL}
     assert json.loads((made / GAP).read_text())["simulation"].endswith(MODEL)
     before = (made / ROW).stat().st_mtime_ns
-    assert main(words) == 0
+    capsys.readouterr()
+    assert main([*words, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["diagnoses"], [row["case"] for row in document["failed"]]) == (2, ["identified_0, case 0001"])
     assert (made / ROW).stat().st_mtime_ns == before
     (blind / "cases" / "seal.sha256").write_text("another")
     assert run_program("blind", main, words) == 2

@@ -107,6 +107,16 @@ def test_a_complete_run_computes_nothing(work, capsys, monkeypatch):
     assert "identified on both" in capsys.readouterr().out
 
 
+def test_the_document_has_the_rows_of_the_results(work, capsys):
+    assert ces("identify", "--campaign", work / "campaign.yaml", "--out", work / "whole", "--json") == 0
+    document, (rows, _) = json.loads(capsys.readouterr().out), results_of(work / "whole")
+    assert document["schema"] == "ces-campaign/1" and document["planned"] == CELLS
+    assert {cell["key"]: cell["costs"] for cell in document["cells"]} == {k: r["costs"] for k, r in rows.items()}
+    marked = {cell["key"] for cell in document["cells"] if cell["mark"] == "recommended"}
+    assert {Path(path).stem for path in document["recommended"].values()} == marked
+    assert all(Path(path).is_file() for path in document["recommended"].values())
+
+
 def test_a_killed_run_continues_with_the_same_results(work, capsys):
     folder = work / "killed"
     run = start_run(work, "killed")

@@ -163,6 +163,15 @@ def test_the_result_is_printed_and_written(quick, capsys):
     )
 
 
+def test_the_document_is_the_diagnosis_with_all_digits(quick, capsys):
+    words = ("--real", "fleet/blue", "--reference", "reference", "--out", "document", "--json")
+    assert ces("diagnose", "--sim", SIM, *words) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "ces-diagnose/1" and document["folder"] == "document"
+    gap = document["diagnosis"]["gap"]["rms_N"]
+    assert gap == pytest.approx(90.0, abs=1.0) and gap != round(gap, 6)
+
+
 def test_files_of_an_earlier_run_are_removed(quick):
     (quick / "stale").mkdir()
     for name in ("next_experiment.yaml", "next_experiment.csv", "mine.txt"):
@@ -301,7 +310,10 @@ def test_a_fleet_has_a_row_for_each_vehicle(quick, capsys):
     assert all(f'href="{row["folder"]}/report.html"' in page for row in rows.values())
     assert all((quick / "fleet_gap" / row["folder"] / "report.html").is_file() for row in rows.values())
     lines = (quick / "fleet_gap" / "fleet.jsonl").read_bytes()
-    assert ces(*words) == 0  # all results exist
+    assert ces(*words, "--json") == 0  # all results exist
+    document = json.loads(capsys.readouterr().out)
+    assert [row["name"] for row in document["diagnoses"]] == list(rows)
+    assert [row["gap_N"] for row in document["diagnoses"]] == [float(row["gap_N"]) for row in rows.values()]
     assert (quick / "fleet_gap" / "fleet.jsonl").read_bytes() == lines
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,6 +10,7 @@ import pytest
 import yaml
 
 from ces_cli.main import main
+from ces_identify.schema_files import schema_line
 from ces_iterate.plan.template import TEMPLATE
 from ces_rig.dampers.kinds import KINDS
 
@@ -35,6 +37,11 @@ def test_a_plan_gives_a_model_and_a_page(tmp_path: Path, capsys: pytest.CaptureF
     assert names == ["experiment 02", "experiment 01"]
     assert main(["iterate", str(tmp_path / "plan.yaml")]) == 0
     assert "experiment_02" not in capsys.readouterr().out  # nothing was left to do
+    assert main(["iterate", str(tmp_path / "plan.yaml"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["schema"], document["stopped"]) == ("ces-iterate/1", "budget spent")
+    second = document["iterations"][1]
+    assert f"J {second['fresh_J']:.2f} % on it before it was used, {second['fit_J']:.2f} % after the fit" in output
     (tmp_path / "plan.yaml").write_text(yaml.safe_dump(PLAN | {"seed": 7}))
     assert main(["iterate", str(tmp_path / "plan.yaml")]) == 2
     assert "began with another 'seed'" in capsys.readouterr().err
@@ -42,7 +49,7 @@ def test_a_plan_gives_a_model_and_a_page(tmp_path: Path, capsys: pytest.CaptureF
 
 def test_the_template_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["iterate", "--template"]) == 0
-    assert capsys.readouterr().out == TEMPLATE
+    assert capsys.readouterr().out == schema_line("iterate") + TEMPLATE
 
 
 @pytest.mark.parametrize(

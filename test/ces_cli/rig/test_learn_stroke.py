@@ -86,6 +86,15 @@ def test_an_interrupted_learning_continues_where_it_stopped(learned, tmp_path, c
     assert "The tracking error fell from" in capsys.readouterr().out
 
 
+def test_the_document_is_that_of_the_result_file(learned, capsys):
+    assert main(["learn-stroke", str(learned / "plan.yaml"), "--out", str(learned / "out"), "--json"]) == 0
+    printed = capsys.readouterr()
+    document, result = json.loads(printed.out), read_result(learned)
+    assert document.pop("schema") == "ces-learn-stroke/1" and result.pop("schema")
+    assert {key: document[key] for key in result} == result
+    assert printed.err.count("µm RMS") == len(result["runs"])
+
+
 def test_runs_of_another_plan_are_not_mixed_in(learned, capsys):
     command = ["learn-stroke", str(learned / "plan.yaml"), "--out", str(learned / "out")]
     assert main([*command, "--seed", "77"]) == 2

@@ -1,0 +1,36 @@
+"""The JSON Schemas of the YAML files, as installed: their paths, and the line by which a file names its schema.
+
+Editors with a YAML language server (VS Code, Neovim, ...) read that line, complete keys, and underline mistakes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+
+ABOUT: Mapping[str, str] = {
+    "signals": "Signals file: topic and field of each signal (--signals)",
+    "import": "Mapping of a log's columns to signals (ces import --mapping)",
+    "candidates": "Candidate rules for the terms of a polynomial (ces identify --candidates)",
+    "campaign": "Campaign of identifications (ces identify --campaign)",
+    "experiment": "Experiment on the virtual rig (ces rig)",
+    "damper": "Damper of the virtual rig, also a simulation (--sim)",
+    "iterate": "Plan of an iteration (ces iterate)",
+    "learn-stroke": "Plan of a stroke to learn (ces learn-stroke)",
+    "observer": "Parameters of the node observer",
+    "controller": "Parameters of the node controller",
+    "rig-node": "Parameters of the node rig",
+    "identify-node": "Parameters of the node identify",
+}
+KEYWORD = "# yaml-language-server: $schema="
+
+
+def path_of_schema(name: str) -> Path:
+    """Return the file of a schema in this installation."""
+    return Path(str(files("ces_identify"))) / "schemas" / f"{name}.json"
+
+
+def schema_line(name: str) -> str:
+    """Return the first line of a YAML file that names its schema by an absolute path."""
+    return f"{KEYWORD}{path_of_schema(name)}\n"
