@@ -13,6 +13,7 @@ from typing import Any
 from rich.table import Table
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import add_bags, find_bags
 from ces_cli.terminal.coverage_picture import require_picture_name, save_picture, terminal_picture
 from ces_identify.recordings.bag_reader import list_topics, read_recording
 from ces_identify.recordings.bag_storage import Topic
@@ -43,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.picture:
         require_picture_name(options.picture)
     signals = terminal.load_described_signals(options)
-    reports = [_inspect_bag(path, signals) for path in options.bags]
+    reports = [_inspect_bag(path, signals) for path in find_bags(options.bags)]
     covered = coverage([report.recording for report in reports])
     if options.json:
         print(json.dumps(_as_json(reports, covered), indent=1, allow_nan=False))
@@ -64,7 +65,7 @@ def make_parser() -> terminal.Parser:
         "over speed and current. The exit status is 2 if a recording cannot be used.",
         "ces info bags/sweep bags/noise --picture coverage.png",
     )
-    parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="rosbag2 folder, or .mcap or .db3 file")
+    add_bags(parser, "recordings")
     terminal.add_signals(parser)
     text = "draw the coverage of all bags (.png, .svg or .pdf)"
     parser.add_argument("--picture", type=Path, metavar="FILE", help=text)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import find_bag
 from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.recording import Recording
@@ -20,9 +21,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(argv)
     signals = terminal.load_described_signals(options)
     simulation = open_simulation(options.sim)
-    recording = terminal.read_one(options.bag, signals)
+    path = find_bag(options.bag)
+    recording = terminal.read_one(path, signals)
     with terminal.err.status(f"simulating {recording.name}"):
-        columns = {"force_N": simulation.force(with_predictions(simulation, options.bag, recording, signals))}
+        columns = {"force_N": simulation.force(with_predictions(simulation, path, recording, signals))}
         if options.band:
             columns |= _bounds(simulation, recording)
     stamps = recording.channel("position").stamps_ns
@@ -48,7 +50,7 @@ def make_parser() -> terminal.Parser:
         "position sample (nan where the simulation returns no force, such as while an estimator warms up).",
         "ces simulate --sim model.json bags/road --out road.csv",
     )
-    p.add_argument("bag", type=Path, metavar="BAG")
+    p.add_argument("bag", metavar="BAG", help="recording: a bag, or a folder or glob that names one")
     p.add_argument("--sim", required=True, metavar="SIM", help=HELP)
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="FILE.csv")

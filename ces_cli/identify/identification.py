@@ -13,6 +13,7 @@ from typing import Protocol
 from ces_cli.identify.distillation import with_teacher
 from ces_cli.identify.structures import candidate_rules, select_identify_function
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import find_bags
 from ces_cli.terminal.simulations import open_simulation, with_teacher_force
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.search_limits import Limits, SearchResult
@@ -65,8 +66,9 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     _require_writable(options.out, options.report, options.picture)
     rules = candidate_rules(options)
     weighting = parse_weighting(options.weight)
-    measured = _read_recordings(options)
-    bags, validation = (_apply_teacher(options, paths, measured) for paths in (options.bags, options.validate))
+    paths = [find_bags(words, repeated=True) for words in (options.bags, options.validate)]
+    measured = _read_recordings(options, [*paths[0], *paths[1]])
+    bags, validation = (_apply_teacher(options, some, measured) for some in paths)
     for finding in require_consistent([*bags, *validation]):
         terminal.print_warning(finding.text)
     split = options.split if options.split is not None else 1.0 if validation else 0.75
@@ -100,9 +102,9 @@ def write_report_page(result: IdentificationResult, options: argparse.Namespace,
     write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
 
 
-def _read_recordings(options: argparse.Namespace) -> dict[Path, Recording]:
+def _read_recordings(options: argparse.Namespace, paths: Sequence[Path]) -> dict[Path, Recording]:
     """Return the recordings as logged; with a teacher, the force may be missing."""
-    paths, signals = [*options.bags, *options.validate], terminal.load_described_signals(options)
+    signals = terminal.load_described_signals(options)
     need = terminal.FORCE if options.teacher is None else terminal.FORCE[:2]
     return {path: terminal.read_one(path, signals, need) for path in paths}
 

@@ -15,6 +15,7 @@ from ces_cli.identify.folds import add_folds, with_folds
 from ces_cli.identify.identification import AUTO, prepare_identification, write_report_page
 from ces_cli.identify.structures import add_candidates, add_structure
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import add_bags
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.progress import SearchProgress
@@ -114,9 +115,8 @@ def make_parser() -> terminal.Parser:
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
     )
     number, whole = terminal.number_between, terminal.integer_between
-    p.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings with a measured force")
-    text = "recordings for validation only"
-    p.add_argument("--validate", nargs="+", type=Path, default=[], metavar="BAG", help=text)
+    add_bags(p, "recordings with a measured force", nargs="*")
+    add_bags(p, "recordings for validation only", "--validate")
     terminal.add_signals(p)
     add_structure(p)
     p.add_argument("--out", type=Path, default=Path("model.json"), metavar="FILE", help="default: model.json")

@@ -11,6 +11,7 @@ from typing import Any
 
 from ces_cli.identify.certificate_check import verify_certificate
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import add_bags, find_bags
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.tables import cost_table, print_band
@@ -55,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _evaluations(model: Model, options: argparse.Namespace) -> list[Evaluation]:
     signals = terminal.load_described_signals(options)
-    recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in options.bags]
+    recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(options.bags)]
     shares = _read_identified_shares(model.provenance)
     evaluations = []
     for recording in recordings:
@@ -105,7 +106,7 @@ def make_parser() -> terminal.Parser:
         "  ces validate model.json --certificate",
     )
     p.add_argument("model", type=Path, metavar="MODEL.json")
-    p.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings with a measured force")
+    add_bags(p, "recordings with a measured force", nargs="*")
     terminal.add_signals(p)
     terminal.add_part(p)
     terminal.add_weight(p, "also show J with W times the weight for ticks in this region")

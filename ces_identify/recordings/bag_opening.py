@@ -13,6 +13,7 @@ from rosbags.rosbag2 import Reader
 
 from ces_identify.recordings import mcap_records
 from ces_identify.recordings.bag_storage import Bag, DataFile
+from ces_identify.recordings.foreign_files import explain_import, is_foreign
 from ces_identify.recordings.interrupted_bag import list_data_files, open_interrupted_bag
 from ces_identify.recordings.stored_topic import StoredTopic
 from ces_observer.errors import RecordingError
@@ -29,6 +30,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
     """
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder; expected a rosbag2 folder or an .mcap file")
+    if is_foreign(path):
+        raise RecordingError(f"{path}: {explain_import(path)}")
     with ExitStack() as opened:
         yield _open(path, opened)
 
