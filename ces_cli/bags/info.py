@@ -15,6 +15,7 @@ from rich.table import Table
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import add_bags, find_bags
 from ces_cli.terminal.coverage_picture import require_picture_name, save_picture, terminal_picture
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_identify.recordings.bag_reader import list_topics, read_recording
 from ces_identify.recordings.bag_storage import Topic
 from ces_identify.recordings.channel_stats import ChannelStats, channel_stats
@@ -43,8 +44,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(argv)
     if options.picture:
         require_picture_name(options.picture)
+    paths = find_bags(options.bags)
+    require_outputs(options.overwrite, {"--picture": options.picture}, inputs=[*paths, options.signals])
     signals = terminal.load_described_signals(options)
-    reports = [_inspect_bag(path, signals) for path in find_bags(options.bags)]
+    reports = [_inspect_bag(path, signals) for path in paths]
     covered = coverage([report.recording for report in reports])
     if options.json:
         print(json.dumps(_as_json(reports, covered), indent=1, allow_nan=False))
@@ -69,6 +72,7 @@ def make_parser() -> terminal.Parser:
     terminal.add_signals(parser)
     text = "draw the coverage of all bags (.png, .svg or .pdf)"
     parser.add_argument("--picture", type=Path, metavar="FILE", help=text)
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print JSON for other programs instead of tables")
     return parser
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import find_bag
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_identify.preparation.series import hold_current, hold_motion
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Recording
@@ -28,9 +29,11 @@ KEYS = ("position", "velocity", "effort")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
+    path = find_bag(options.bag)
+    require_outputs(options.overwrite, bags={"--out": options.out}, inputs=[options.model, path, options.signals])
     signals = terminal.load_described_signals(options)
     model = load_model(options.model)
-    recording = terminal.read_one(find_bag(options.bag), signals)
+    recording = terminal.read_one(path, signals)
     with terminal.err.status(f"replaying {recording.name}"):
         rows, reasons = _replay(model, recording)
         estimates = [_estimate_topic(rows, signals), *([] if model.band is None else [_band_topic(rows, signals)])]
@@ -101,5 +104,5 @@ def make_parser() -> terminal.Parser:
     p.add_argument("bag", metavar="BAG", help="recording: a bag, or a folder or glob that names one")
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="BAG2", help="bag folder to write")
-    p.add_argument("--overwrite", action="store_true", help="replace BAG2 if it exists")
+    add_overwrite(p)
     return p

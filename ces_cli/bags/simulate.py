@@ -7,7 +7,8 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import find_bag
-from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
+from ces_cli.terminal.simulations import HELP, find_file, open_simulation, with_predictions
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulate import sample_bounds
@@ -19,9 +20,11 @@ from ces_observer.json_checks import write_atomically
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
+    path = find_bag(options.bag)
+    inputs = [path, options.signals, find_file(options.sim)]
+    require_outputs(options.overwrite, {"--out": options.out}, inputs=inputs)
     signals = terminal.load_described_signals(options)
     simulation = open_simulation(options.sim)
-    path = find_bag(options.bag)
     recording = terminal.read_one(path, signals)
     with terminal.err.status(f"simulating {recording.name}"):
         columns = {"force_N": simulation.force(with_predictions(simulation, path, recording, signals))}
@@ -54,5 +57,6 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--sim", required=True, metavar="SIM", help=HELP)
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
+    add_overwrite(p)
     p.add_argument("--band", action="store_true", help="add columns lower_N,upper_N: the bounds of the model's band")
     return p

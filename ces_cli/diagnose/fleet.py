@@ -13,7 +13,8 @@ from ces_cli.diagnose.fleet_tables import describe_diagnosis, fleet_table, write
 from ces_cli.diagnose.inputs import build_diagnose_options, read_with_predictions, require_one_source, take_simulation
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import FleetUnit, find_bags, find_fleet_units
-from ces_cli.terminal.many_jobs import report_failures, require_one_place, run_jobs
+from ces_cli.terminal.many_jobs import report_failures, run_jobs
+from ces_cli.terminal.outputs import require_folder
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress
 from ces_cli.terminal.simulations import open_simulation, with_predictions
 from ces_gap.fleet.request import DiagnosisJob, DiagnosisRequest, job_of
@@ -37,10 +38,8 @@ REQUEST = "request"  # key of the object that all tasks share
 
 def run_fleet(options: argparse.Namespace) -> int:
     """Diagnose every unit of --real; returns the exit status."""
-    if options.held_out:
-        raise CesError("--held-out has no effect with --each: a part of each recording or vehicle is held out")
-    require_one_place(options)
     require_one_source(options)
+    require_folder(options.out)
     signals = terminal.load_described_signals(options)
     units = find_fleet_units(options.real, options.each)
     with open_results(options.out / RESULTS, "a fleet") as results:

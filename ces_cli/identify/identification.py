@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -14,7 +13,8 @@ from ces_cli.identify.distillation import with_teacher
 from ces_cli.identify.structures import candidate_rules, select_identify_function
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import find_bags
-from ces_cli.terminal.simulations import open_simulation, with_teacher_force
+from ces_cli.terminal.outputs import require_outputs
+from ces_cli.terminal.simulations import find_file, open_simulation, with_teacher_force
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
@@ -63,10 +63,12 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     """Read and check all files that `options` name, before the long search; raises CesError."""
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
-    _require_writable(options.out, options.report, options.picture)
+    paths = [find_bags(words, repeated=True) for words in (options.bags, options.validate)]
+    outputs = {"--out": options.out, "--report": options.report, "--picture": options.picture}
+    inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
+    require_outputs(options.overwrite, outputs, inputs=inputs)
     rules = candidate_rules(options)
     weighting = parse_weighting(options.weight)
-    paths = [find_bags(words, repeated=True) for words in (options.bags, options.validate)]
     measured = _read_recordings(options, [*paths[0], *paths[1]])
     bags, validation = (_apply_teacher(options, some, measured) for some in paths)
     for finding in require_consistent([*bags, *validation]):
@@ -117,10 +119,3 @@ def _apply_teacher(
         return [measured[path] for path in paths]
     teacher, signals = open_simulation(options.teacher), terminal.load_described_signals(options)
     return [with_teacher_force(teacher, path, measured[path], signals) for path in paths]
-
-
-def _require_writable(*paths: Path | None) -> None:
-    """Raise CesError before the long search if its results cannot be written."""
-    for path in paths:
-        if path is not None and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
-            raise CesError(f"{path}: the folder does not exist or cannot be written; choose another")

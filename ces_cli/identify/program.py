@@ -9,15 +9,16 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ces_cli.campaign.program import add_campaign, run_campaign
+from ces_cli.campaign.program import CAMPAIGN_RULES, add_campaign, run_campaign
 from ces_cli.identify.distillation import print_teacher
 from ces_cli.identify.folds import add_folds, with_folds
 from ces_cli.identify.identification import AUTO, prepare_identification, write_report_page
-from ces_cli.identify.structures import add_candidates, add_structure
+from ces_cli.identify.structures import STRUCTURE_RULES, add_candidates, add_structure
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import add_bags
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
+from ces_cli.terminal.outputs import add_overwrite
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.tables import cost_table, print_band
 from ces_identify.folds import split_folds
@@ -38,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.show_candidates:
         print(built_in_rules(options.method), end="")
         return 0
-    if options.campaign is not None or options.dask is not None or options.jobs is not None:
+    if options.campaign is not None:
         return run_campaign(options, arguments)
     if options.picture is not None:
         require_picture_name(options.picture)
@@ -121,6 +122,7 @@ def make_parser() -> terminal.Parser:
     add_structure(p)
     p.add_argument("--out", type=Path, default=Path("model.json"), metavar="FILE", help="default: model.json")
     terminal.add_report_and_picture(p)
+    add_overwrite(p)
     text = "first share of each BAG to identify on; the rest is for validation (default 0.75; 1 with --validate)"
     p.add_argument("--split", type=number(0.05, 1.0), metavar="SHARE", help=text)
     p.add_argument("--teacher", metavar="SIM", help="learn this simulation's force instead of the measured force")
@@ -150,4 +152,5 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--differentiator", choices=(AUTO, *DIFFERENTIATORS), default=AUTO, help=text)
     add_folds(p)
     add_campaign(p)
+    p.rules = (*CAMPAIGN_RULES, *STRUCTURE_RULES)
     return p

@@ -14,6 +14,8 @@ from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import add_bags, find_bags
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
+from ces_cli.terminal.option_rules import OptionRule
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_cli.terminal.tables import cost_table, print_band
 from ces_identify.preparation.series import prepare
 from ces_identify.preparation.weighting import Weighting, parse_weighting
@@ -31,6 +33,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_intermixed_args(argv)  # bags may follow options
     if options.picture is not None:
         require_picture_name(options.picture)
+    paths = find_bags(options.bags)
+    outputs = {"--report": options.report, "--picture": options.picture}
+    require_outputs(options.overwrite, outputs, inputs=[options.model, *paths, options.signals])
     model, weighting = load_model(options.model), parse_weighting(options.weight)
     if options.certificate and (status := verify_certificate(model, str(options.model))):
         return status
@@ -38,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.certificate:
             return 0
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
-    evaluations = _evaluations(model, options)
+    evaluations = _evaluations(model, paths, options)
     weighting = weighting.with_common_stroke([e.series for e in evaluations])
     terminal.out.print(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
     print_band(model, evaluations)
@@ -54,9 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _evaluations(model: Model, options: argparse.Namespace) -> list[Evaluation]:
+def _evaluations(model: Model, paths: Sequence[Path], options: argparse.Namespace) -> list[Evaluation]:
     signals = terminal.load_described_signals(options)
-    recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(options.bags)]
+    recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in paths]
     shares = _read_identified_shares(model.provenance)
     evaluations = []
     for recording in recordings:
@@ -113,4 +118,12 @@ def make_parser() -> terminal.Parser:
     text = "prove the model stable again and compare with the file; exit status 1 if it cannot be proved"
     p.add_argument("--certificate", action="store_true", help=text)
     terminal.add_report_and_picture(p)
+    add_overwrite(p)
+    p.rules = (
+        OptionRule(
+            "report picture part weight signals overwrite",
+            lambda options: bool(options.bags),
+            "applies to recordings; name them: ces validate MODEL.json BAG...",
+        ),
+    )
     return p

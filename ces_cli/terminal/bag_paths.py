@@ -29,8 +29,7 @@ class FleetUnit:
 
 def add_bags(to: argparse.ArgumentParser, text: str, name: str = "bags", nargs: str = "+") -> None:
     """Add the positional argument or option `name` for recordings; `find_bags` returns what its words name."""
-    default = {"default": []} if name.startswith("-") else {}
-    to.add_argument(name, nargs=nargs, metavar="BAG", help=f"{text}: bags, folders of bags, or globs", **default)
+    to.add_argument(name, nargs=nargs, default=[], metavar="BAG", help=f"{text}: bags, folders of bags, or globs")
 
 
 def find_bags(words: Sequence[str], repeated: bool = False) -> list[Path]:

@@ -85,8 +85,9 @@ def write_bag(
 ) -> None:
     """Write a bag folder with these topics, in time order; `notes` become the bag's custom metadata.
 
-    The order within a topic is kept even if its stamps run backwards. Raises RecordingError if `path` exists and is not
-    a bag to overwrite, or if the folder cannot be written; SignalsError if a type or field path cannot be written.
+    The order within a topic is kept even if its stamps run backwards. Raises RecordingError if `path` holds
+    anything but a bag to overwrite, or if the folder cannot be written; SignalsError if a type or field path cannot be
+    written.
     """
     _require_free(path, overwrite)
     try:
@@ -100,10 +101,10 @@ def write_bag(
 
 
 def _require_free(path: Path, overwrite: bool) -> None:
-    if not path.exists():
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return
     if not overwrite:
-        raise RecordingError(f"{path}: exists already; choose another name or allow it to be overwritten")
+        raise RecordingError(f"{path}: exists; choose another name, or replace it with --overwrite (overwrite=True)")
     if not (path / "metadata.yaml").exists():
         raise RecordingError(f"{path}: exists and is not a bag, so it is not overwritten; choose another name")
 
