@@ -24,7 +24,11 @@ OPTIONAL_FILES = ("next_experiment.yaml", "next_experiment.csv")  # not every di
 
 RULES = (
     only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
-    never_with("sim", "identify", "--identify takes a model of the references as simulation; give one of them"),
+    never_with(
+        "sim",
+        "identify",
+        "does not apply with --identify, which takes a model of the references as simulation; remove one",
+    ),
     only_with("jobs dask", "each", "applies to fleets; add --each recording or --each vehicle"),
     never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
     never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),

@@ -46,7 +46,7 @@ def require_applicable(given: Mapping[str, str], options: argparse.Namespace, ru
     for rule in rules:
         wrong = [text for name, text in given.items() if rule.concerns(name)]
         if wrong and not rule.applies(options):
-            raise CesError(f"{', '.join(wrong)}: {rule.reason.format(**vars(options))}")
+            raise CesError(f"{', '.join(wrong)} {rule.reason.format(**vars(options))}")
 
 
 def find_given(parser: argparse.ArgumentParser, words: Sequence[str], options: argparse.Namespace) -> dict[str, str]:

@@ -192,7 +192,7 @@ def test_ctrl_c_leaves_nothing_half_written(work, tmp_path, capsys, monkeypatch,
 def test_ctrl_c_leaves_an_old_file_as_it_was(work, tmp_path, capsys, monkeypatch):
     (tmp_path / "m.json").write_text("old")
     monkeypatch.setattr(Path, "replace", interrupt)
-    run_and_get_line(capsys, 130, *identify(work, "one"), "--out", tmp_path / "m.json")
+    run_and_get_line(capsys, 130, *identify(work, "one"), "--out", tmp_path / "m.json", "--overwrite")
     assert (tmp_path / "m.json").read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -274,7 +274,7 @@ def test_a_full_disk_keeps_the_old_model(work, tmp_path, capsys, monkeypatch):
 
     (tmp_path / "m.json").write_text("old")
     monkeypatch.setattr("ces_observer.json_checks.os.fsync", full)
-    line = run_and_get_line(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json")
+    line = run_and_get_line(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json", "--overwrite")
     assert line.endswith("m.json: cannot be written: No space left on device; choose a writable folder")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("m.json", "old")]
 

@@ -91,7 +91,7 @@ def test_picture_of_unknown_kind_or_in_no_folder(tmp_path, capsys):
     )
     status, lines = outcome(capsys, run, "--picture", tmp_path / "none" / "x.png")
     assert status == 2
-    assert "No such file or directory" in lines[-1]
+    assert "none does not exist; make it first, or choose another" in lines[-1]
 
 
 BAD = {
