@@ -15,7 +15,7 @@ from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import find_bags
 from ces_cli.terminal.outputs import require_outputs
 from ces_cli.terminal.simulations import find_file, open_simulation, with_teacher_force
-from ces_identify.identification import IdentificationResult
+from ces_identify.identification import IdentificationResult, count_starts
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.recordings.consistency import require_consistent
@@ -98,10 +98,17 @@ def write_report_page(result: IdentificationResult, options: argparse.Namespace,
     trials = sum(f.trials for f in result.search_results)
     facts = {
         "command": command,
-        "selection": f"{len(result.search_results)} starts, best seed {best.seed}, {trials} trials",
+        "selection": f"{describe_starts(result, options)}, {trials} trials",
         "end of search": best.ended,
     }
     write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
+
+
+def describe_starts(result: IdentificationResult, options: argparse.Namespace) -> str:
+    """Return which start was best, and how many starts led to a model."""
+    seed = result.search_results[0].seed
+    count = count_starts(result.search_results)
+    return f"best: start {seed - options.seed + 1} of {options.starts} (seed {seed}); {count} led to a model"
 
 
 def _read_recordings(options: argparse.Namespace, paths: Sequence[Path]) -> dict[Path, Recording]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from ces_cli.campaign.program import CAMPAIGN_RULES, add_campaign, run_campaign
 from ces_cli.identify.distillation import print_teacher
 from ces_cli.identify.folds import add_folds, with_folds
-from ces_cli.identify.identification import AUTO, prepare_identification, write_report_page
+from ces_cli.identify.identification import AUTO, describe_starts, prepare_identification, write_report_page
 from ces_cli.identify.structures import STRUCTURE_RULES, add_candidates, add_structure
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import add_bags
@@ -60,7 +60,7 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace, arg
     terminal.out.print(cost_table(result.evaluations, result.model.size, weighting))
     print_teacher(result)
     print(RULE)
-    print(f"best of {len(result.search_results)} starts: seed {best.seed}; stopped: {best.ended}")
+    print(f"{describe_starts(result, options)}; stopped: {best.ended}")
     if not any(e.role == "validation" for e in result.evaluations):
         terminal.print_warning(
             "no validation data: these costs show the fit, not how well the model predicts other recordings"
