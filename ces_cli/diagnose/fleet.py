@@ -19,7 +19,7 @@ from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress
 from ces_cli.terminal.simulations import open_simulation, with_predictions
 from ces_gap.fleet.request import DiagnosisJob, DiagnosisRequest, job_of
 from ces_gap.fleet.unit_result import diagnose_unit
-from ces_gap.pipeline import diagnose
+from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.report.result_files import result_files
 from ces_identify.jobs.job import DONE, FAILED
 from ces_identify.jobs.results_folder import ResultsFolder, open_results
@@ -42,8 +42,11 @@ def run_fleet(options: argparse.Namespace) -> int:
     require_folder(options.out)
     signals = terminal.load_described_signals(options)
     units = find_fleet_units(options.real, options.each)
+    given = None if options.identify else open_simulation(options.sim)
+    reference = tuple(read_with_predictions(given, path, signals) for path in find_bags(options.reference))
+    how = build_diagnose_options(options, threads=1)
     with open_results(options.out / RESULTS, "a fleet") as results:
-        request = _build_request(options, signals)
+        request = _build_request(given, reference, how, options)
         jobs, unread = _plan_jobs(units, request, signals, options.out)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
         finished = _compute(results, missing, request, signals, options, len(units))
@@ -52,10 +55,9 @@ def run_fleet(options: argparse.Namespace) -> int:
     return report_failures(rows, len(units), finished, "diagnoses", lambda row: str(row["name"]))
 
 
-def _build_request(options: argparse.Namespace, signals: Signals) -> DiagnosisRequest:
-    given = None if options.identify else open_simulation(options.sim)
-    reference = tuple(read_with_predictions(given, path, signals) for path in find_bags(options.reference))
-    how = build_diagnose_options(options, threads=1)
+def _build_request(
+    given: Simulation | None, reference: tuple[Recording, ...], how: DiagnoseOptions, options: argparse.Namespace
+) -> DiagnosisRequest:
     with DiagnoseProgress() as progress:
         simulation, spec = take_simulation(given, reference, options, os.cpu_count() or 1, progress.listen)
     return DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)

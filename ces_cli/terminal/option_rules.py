@@ -15,7 +15,7 @@ ALL = "*"
 
 @dataclass(frozen=True)
 class OptionRule:
-    """The options `names` apply only if `applies` holds; else `reason` is the error.
+    """The options `names` apply only if `applies` holds; else the error is the option followed by `reason`.
 
     `names` are the options' attributes in words, `*` is all options that are not in `but`. In `reason`, {name} is the
     value of an option.
@@ -44,9 +44,9 @@ def never_with(names: str, other: str, reason: str, but: str = "") -> OptionRule
 def require_applicable(given: Mapping[str, str], options: argparse.Namespace, rules: Sequence[OptionRule]) -> None:
     """Raise CesError for the first rule that options break; `given` maps their attributes to what the user wrote."""
     for rule in rules:
-        wrong = [text for name, text in given.items() if rule.concerns(name)]
-        if wrong and not rule.applies(options):
-            raise CesError(f"{', '.join(wrong)} {rule.reason.format(**vars(options))}")
+        wrong = next((text for name, text in given.items() if rule.concerns(name)), None)
+        if wrong is not None and not rule.applies(options):
+            raise CesError(f"{wrong} {rule.reason.format(**vars(options))}")
 
 
 def find_given(parser: argparse.ArgumentParser, words: Sequence[str], options: argparse.Namespace) -> dict[str, str]:

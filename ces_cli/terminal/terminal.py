@@ -22,7 +22,7 @@ from rich.table import Table
 
 from ces_cli.terminal.option_rules import OptionRule, find_given, require_applicable
 from ces_identify.preparation.weighting import FORMS
-from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.bag_reader import LogTimeWarning, read_recording
 from ces_identify.recordings.checks import require_usable
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
@@ -35,6 +35,7 @@ FORCE = ("position", "current", "force")  # signals of a recording with a measur
 USER_ERROR = 2
 INTERRUPTED = 130
 
+_said: set[str] = set()  # warnings that a run prints once; `run` empties it
 out = Console()
 err = Console(stderr=True)
 
@@ -64,7 +65,7 @@ class Parser(argparse.ArgumentParser):
         words = list(sys.argv[1:] if args is None else args)
         for before, word in zip(["", *words], words, strict=False):
             if not word or (word.startswith("--") and word.endswith("=")):
-                self.error(f"{word or before or 'the first argument'}: a value is empty")
+                self.error(f"{word.rstrip('=') or before or 'the first argument'}: a value is empty")
         return words
 
     def _apply_rules(self, words: Sequence[str], options: argparse.Namespace) -> argparse.Namespace:
@@ -146,9 +147,21 @@ def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> R
         warnings.simplefilter("always")
         recording = read_recording(path, signals, need)
         findings = require_usable(recording)
-    for text in [str(w.message) for w in caught] + [f"{recording.name}: {f.text}" for f in findings]:
-        print_warning(text)
+    for warning in caught:
+        _print_reading_warning(recording.name, warning.message)
+    for finding in findings:
+        print_warning(f"{recording.name}: {finding.text}")
     return recording
+
+
+def _print_reading_warning(name: str, message: Warning | str) -> None:
+    """Print a warning with the recording's name; those on log times, which most bags share, once in a run."""
+    if isinstance(message, LogTimeWarning):
+        if str(message) in _said:
+            return
+        _said.add(str(message))
+        message = f"{message} (said once for all recordings)"
+    print_warning(f"{name}: {message}")
 
 
 def print_warning(text: str) -> None:
@@ -185,6 +198,7 @@ def load_described_signals(options: argparse.Namespace) -> Signals:
 
 def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None = None) -> int:
     """Run `program`; a user's mistake gives one line on stderr and exit status 2, Ctrl-C gives status 130."""
+    _said.clear()
     try:
         interrupt_as_exception()
         status = program(argv)

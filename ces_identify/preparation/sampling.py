@@ -47,8 +47,8 @@ def choose_sampling(
     The rate is the lowest position rate among the recordings, at most 1000 Hz or 8 times the differentiator's
     bandwidth; a gap is more than 50 ms or ten sampling intervals. With a bandwidth and no order, the order is 3. The
     differentiator is the one that `default_differentiator` returns. Raises RecordingError if a position has too few
-    samples or is constant, if the rate is above the data's or the bandwidth above half the rate, or if a recording lacks
-    the signal that the differentiator needs.
+    samples or is constant, if the rate is above the data's or the bandwidth above half the rate, or if a recording
+    lacks the signal that the differentiator needs.
     """
     kind = default_differentiator(recordings) if differentiator is None else differentiator
     rates = [sample_rate(recording) for recording in recordings]

@@ -20,8 +20,10 @@ from rosbags.typesys.store import Typestore
 
 from ces_identify.recordings.bag_layout import describe_layout
 from ces_identify.recordings.bag_message import blank_message
+from ces_identify.recordings.bag_opening import WRITTEN_BY
 from ces_identify.recordings.bulk_decode import NumberField
 from ces_identify.recordings.recording import Recording, Stamps, Values
+from ces_observer import __version__
 from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import FieldPath, Signal, Signals
 
@@ -127,7 +129,7 @@ def _write(path: Path, topics: Sequence[TopicData], notes: Mapping[str, str]) ->
     encoders = [_Encoder(topic, typestore) for topic in topics]
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    for key, value in notes.items():
+    for key, value in {**notes, WRITTEN_BY: f"ces_observer {__version__}"}.items():
         writer.set_custom_data(key, value)
     with writer:
         connections = [

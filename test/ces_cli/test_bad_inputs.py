@@ -3,6 +3,7 @@ any moment, a full disk. Each ends in one clear line, and nothing is ever half w
 
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -296,3 +297,21 @@ def test_a_full_output_stream_gives_one_line(work):
     assert done.returncode == 2
     lines = [line for line in done.stderr.splitlines() if not line.startswith("warning: ")]
     assert lines == ["ces info: error: No space left on device, while reading or writing"]
+
+
+# -------------------------------------------------------------------------------------------------- times of messages
+
+
+def test_a_current_without_a_header_is_said_once_and_only_of_other_recorders(work, tmp_path, capsys):
+    words = ["identify", work / "one", "--validate", work / "two", "--terms", 2, "--starts", 1, "--time", 1]
+    assert ces(*words, "--candidates", work / "rules.yaml", "--out", tmp_path / "own.json") == 0
+    assert "has no header" not in capsys.readouterr().err
+    for name in ("one", "two"):  # a file alone does not say who wrote it
+        shutil.copyfile(next((work / name).glob("*.mcap")), tmp_path / f"{name}.mcap")
+    words[1], words[3] = tmp_path / "one.mcap", tmp_path / "two.mcap"
+    assert ces(*words, "--candidates", work / "rules.yaml", "--out", tmp_path / "other.json") == 0
+    said = [line for line in capsys.readouterr().err.splitlines() if "has no header" in line]
+    assert said == [
+        "warning: one: current: std_msgs/msg/Float64 on /valve_current has no header; stamped with the bag's log time "
+        "(said once for all recordings)"
+    ]
