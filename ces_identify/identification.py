@@ -80,7 +80,8 @@ def _fit_band(fitted: Fitted, identified: Sequence[Series]) -> Band | None:
 
 def _describe_search(results: Sequence[SearchResult], options: IdentifyOptions) -> dict[str, Any]:
     facts = {
-        "starts": len(results),
+        "starts": options.limits.starts,
+        "starts_with_model": count_starts(results),
         "first_seed": options.limits.seed,
         "best_seed": results[0].seed,
         "seconds": options.limits.seconds,
@@ -88,6 +89,11 @@ def _describe_search(results: Sequence[SearchResult], options: IdentifyOptions) 
         "ended": results[0].ended,
     }
     return facts | ({"weights": str(options.weighting)} if options.weighting else {})
+
+
+def count_starts(results: Sequence[SearchResult]) -> int:
+    """Return the number of starts among the results; a start may have several."""
+    return len({result.seed for result in results})
 
 
 def _select_held_out(whole: Sequence[Series], split: float) -> list[Series]:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document, without_text
+from ces_cli.terminal.option_rules import ALL, never_with
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.checks import findings, mean_rate
 from ces_identify.recordings.log_import import import_log
@@ -30,6 +32,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     mapping = load_dyno_mapping(options.mapping)
     signals = terminal.load_described_signals(options)
     paths = _bag_paths(options.files, options.out)
+    for path in paths:
+        inputs = [*options.files, options.mapping, options.signals]
+        require_outputs(options.overwrite, bags={"--out": path}, inputs=inputs)
     with terminal.err.status("reading"):
         recordings = [import_log(path, mapping) for path in options.files]
     with without_text(options.json):
@@ -54,9 +59,10 @@ def make_parser() -> terminal.Parser:
     parser.add_argument("--mapping", type=Path, metavar="MAP.yaml", help="mapping of columns to signals")
     parser.add_argument("--out", type=Path, metavar="BAG", help="bag to write, or folder for several")
     terminal.add_signals(parser)
-    parser.add_argument("--overwrite", action="store_true", help="replace existing bags (default: refuse)")
     add_json(parser)
+    add_overwrite(parser)
     parser.add_argument("--template", action="store_true", help="print a commented mapping file and exit")
+    parser.rules = (never_with(ALL, "template", "does not apply with --template", but="template"),)
     return parser
 
 

@@ -11,8 +11,10 @@ from typing import Any
 from rich.table import Table
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import add_bags, find_bags
 from ces_cli.terminal.coverage_picture import require_picture_name, save_picture, terminal_picture
 from ces_cli.terminal.json_output import add_json, print_document
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_identify.recordings.bag_reader import list_topics, read_recording
 from ces_identify.recordings.bag_storage import Topic
 from ces_identify.recordings.channel_stats import ChannelStats, channel_stats
@@ -41,8 +43,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(argv)
     if options.picture:
         require_picture_name(options.picture)
+    paths = find_bags(options.bags)
+    require_outputs(options.overwrite, {"--picture": options.picture}, inputs=[*paths, options.signals])
     signals = terminal.load_described_signals(options)
-    reports = [_inspect_bag(path, signals) for path in options.bags]
+    reports = [_inspect_bag(path, signals) for path in paths]
     covered = coverage([report.recording for report in reports])
     if options.json:
         print_document("info", _as_json(reports, covered))
@@ -63,11 +67,12 @@ def make_parser() -> terminal.Parser:
         "over speed and current. The exit status is 2 if a recording cannot be used.",
         "ces info bags/sweep bags/noise --picture coverage.png",
     )
-    parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="rosbag2 folder, or .mcap or .db3 file")
+    add_bags(parser, "recordings")
     terminal.add_signals(parser)
     text = "draw the coverage of all bags (.png, .svg or .pdf)"
     parser.add_argument("--picture", type=Path, metavar="FILE", help=text)
     add_json(parser)
+    add_overwrite(parser)
     return parser
 
 

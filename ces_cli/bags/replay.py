@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import find_bag
 from ces_cli.terminal.json_output import add_json, print_document
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_identify.preparation.series import hold_current, hold_motion
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Recording
@@ -28,9 +30,11 @@ KEYS = ("position", "velocity", "effort")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
+    path = find_bag(options.bag)
+    require_outputs(options.overwrite, bags={"--out": options.out}, inputs=[options.model, path, options.signals])
     signals = terminal.load_described_signals(options)
     model = load_model(options.model)
-    recording = terminal.read_one(options.bag, signals)
+    recording = terminal.read_one(path, signals)
     with terminal.err.status(f"replaying {recording.name}"):
         rows, reasons = _replay(model, recording)
         estimates = [_estimate_topic(rows, signals), *([] if model.band is None else [_band_topic(rows, signals)])]
@@ -114,9 +118,9 @@ def make_parser() -> terminal.Parser:
         "ces replay model.json bags/road --out out/road_replayed",
     )
     p.add_argument("model", type=Path, metavar="MODEL.json")
-    p.add_argument("bag", type=Path, metavar="BAG")
+    p.add_argument("bag", metavar="BAG", help="recording: a bag, or a folder or glob that names one")
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="BAG2", help="bag folder to write")
-    p.add_argument("--overwrite", action="store_true", help="replace BAG2 if it exists")
     add_json(p)
+    add_overwrite(p)
     return p

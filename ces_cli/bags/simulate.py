@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import find_bag
 from ces_cli.terminal.json_output import add_json, print_document
-from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
+from ces_cli.terminal.simulations import HELP, find_file, open_simulation, with_predictions
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulate import sample_bounds
@@ -22,11 +24,14 @@ from ces_observer.json_checks import write_atomically
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
+    path = find_bag(options.bag)
+    inputs = [path, options.signals, find_file(options.sim)]
+    require_outputs(options.overwrite, {"--out": options.out}, inputs=inputs)
     signals = terminal.load_described_signals(options)
     simulation = open_simulation(options.sim)
-    recording = terminal.read_one(options.bag, signals)
+    recording = terminal.read_one(path, signals)
     with terminal.err.status(f"simulating {recording.name}"):
-        columns = {"force_N": simulation.force(with_predictions(simulation, options.bag, recording, signals))}
+        columns = {"force_N": simulation.force(with_predictions(simulation, path, recording, signals))}
         if options.band:
             columns |= _bounds(simulation, recording)
     stamps = recording.channel("position").stamps_ns
@@ -68,10 +73,11 @@ def make_parser() -> terminal.Parser:
         "position sample (nan where the simulation returns no force, such as while an estimator warms up).",
         "ces simulate --sim model.json bags/road --out road.csv",
     )
-    p.add_argument("bag", type=Path, metavar="BAG")
+    p.add_argument("bag", metavar="BAG", help="recording: a bag, or a folder or glob that names one")
     p.add_argument("--sim", required=True, metavar="SIM", help=HELP)
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
+    add_overwrite(p)
     p.add_argument("--band", action="store_true", help="add columns lower_N,upper_N: the bounds of the model's band")
     add_json(p)
     return p

@@ -6,9 +6,10 @@ import argparse
 from collections.abc import Sequence
 
 from ces_cli.terminal.json_output import print_document
+from ces_cli.terminal.outputs import require_new_folder
 from ces_cli.terminal.progress import JobsProgress
 from ces_observer.errors import CesError
-from ces_rig.blind.make import make_cases
+from ces_rig.blind.make import make_cases, remove_cases
 from ces_rig.blind.plan import GAPS, KINDS, Levels, list_spare_effects, plan_grid, plan_sample
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE
 from ces_rig.withheld.plants import PLANTS
@@ -20,8 +21,11 @@ SMALL_GRID_GAPS = (3.0,)
 def make(options: argparse.Namespace) -> int:
     """Create the cases that the options describe; returns the exit status. Raises CesError."""
     levels = _levels(options)
+    require_new_folder(options.out, options.overwrite)
     seed, count = options.seed, options.cases
     plan = plan_grid(levels, seed) if count is None else plan_sample(levels, seed, count)
+    if options.overwrite:
+        remove_cases(options.out)
     with JobsProgress(len(plan), 0, "cases") as progress:
         digest = make_cases(
             options.out,

@@ -13,6 +13,8 @@ from ces_cli.blind import score as blind_score
 from ces_cli.blind.mode import MAX_REFERENCES, RUN, SIMULATIONS
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json
+from ces_cli.terminal.option_rules import OptionRule
+from ces_cli.terminal.outputs import add_overwrite
 
 EXAMPLE = """\
 ces blind make --out cases_1 --seed 1 --cases 100
@@ -42,6 +44,13 @@ def make_parser() -> terminal.Parser:
     text = "diagnose every case from its recordings; repeat to continue an interrupted run"
     _add_run_options(_add_part(parts, "run", text, run))
     _add_score_options(_add_part(parts, "score", "open the seal and compare", score))
+    p.rules = (
+        OptionRule(
+            "gap_to_noise",
+            lambda options: options.grid != "small",
+            "does not apply to --grid small, which has one gap-to-noise ratio; remove one of them",
+        ),
+    )
     return p
 
 
@@ -58,6 +67,7 @@ def _add_part(
 def _add_make_options(p: argparse.ArgumentParser) -> None:
     number, whole = terminal.number_between, terminal.integer_between
     p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write, new or empty")
+    add_overwrite(p)
     p.add_argument("--seed", type=whole(0, 2**31), required=True, metavar="N", help="random seed")
     p.add_argument("--grid", choices=("full", "small"), default="full", help="small: gap-to-noise 3 only")
     p.add_argument("--cases", type=whole(1, 100_000), metavar="K", help="draw a balanced sample of K cases")
@@ -93,6 +103,7 @@ def _add_score_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("--out", type=Path, metavar="REPORT.md", help="also write the tables to this file")
     p.add_argument("--rows", type=Path, metavar="CASES.csv", help="also write one line for each case")
     add_json(p)
+    add_overwrite(p)
     p.set_defaults(program=blind_score.score)
 
 

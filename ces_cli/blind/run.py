@@ -17,6 +17,7 @@ from ces_cli.blind.case import ROW, diagnose_case
 from ces_cli.blind.mode import Mode, combine_modes
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import print_document, without_text
+from ces_cli.terminal.outputs import require_folder
 from ces_cli.terminal.progress import JobsProgress
 from ces_identify.jobs.workers import run_in_processes
 from ces_observer.errors import CesError
@@ -28,6 +29,7 @@ SETTINGS = "run.json"
 def run(options: argparse.Namespace) -> int:
     """Diagnose the cases without a finished diagnosis, failed ones again; returns the exit status. Raises CesError."""
     modes = combine_modes(options.simulation, options.references)
+    require_folder(options.out)
     cases, seal = _find_cases(options.cases, options.limit), read_seal(options.cases)
     for mode in modes:
         _require_same_settings(options.out / mode.name, {**asdict(mode), "seal": seal})

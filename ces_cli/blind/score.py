@@ -30,6 +30,7 @@ from ces_cli.blind.tables import (
 )
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import print_document
+from ces_cli.terminal.outputs import require_outputs
 from ces_observer.errors import CesError
 from ces_observer.json_checks import write_atomically
 from ces_rig.blind.draw import HELD_OUT, REAL
@@ -46,6 +47,7 @@ FAILED_DIAGNOSIS: Mapping[str, Any] = {
 
 def score(options: argparse.Namespace) -> int:
     """Score results against the seal, print the tables and write them; returns the exit status. Raises CesError."""
+    require_outputs(options.overwrite, {"--out": options.out, "--rows": options.rows})
     about, labels = open_seal(options.cases)
     by_mode: dict[str, list[CaseOutcome]] = {}
     parts = []

@@ -9,7 +9,9 @@ from pathlib import Path
 from ces_cli.campaign.tables import Summary, summary_facts, summary_tables, write_csv, write_markdown
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import print_document, without_text
-from ces_cli.terminal.many_jobs import add_jobs, report_failures, require_one_place, run_jobs
+from ces_cli.terminal.many_jobs import ONE_PLACE, add_jobs, report_failures, run_jobs
+from ces_cli.terminal.option_rules import ALL, never_with, only_with
+from ces_cli.terminal.outputs import require_folder
 from ces_cli.terminal.progress import JobsProgress
 from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.description import load_campaign
@@ -37,9 +39,20 @@ def add_campaign(to: argparse.ArgumentParser) -> None:
     add_jobs(to, "campaign")
 
 
+CAMPAIGN_RULES = (
+    only_with("jobs dask", "campaign", "applies to campaigns; add --campaign FILE.yaml (for threads use --threads)"),
+    never_with(
+        ALL, "campaign", "has no effect with --campaign; set it in {campaign} instead", but="campaign dask jobs out"
+    ),
+    ONE_PLACE,
+)
+
+
 def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
     """Run the campaign that --campaign describes; returns the exit status."""
-    _require_own_options(options, parser)
+    if options.out == parser.get_default("out"):
+        raise CesError("--campaign needs a folder for its results; add --out DIR")
+    require_folder(options.out)
     campaign = load_campaign(options.campaign)
     signals = load_signals(campaign.signals)
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
@@ -52,20 +65,6 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     if options.json:
         print_document("campaign", summary_facts(summary, options.out))
     return report_failures(summary.rows, summary.planned, finished, "cells", summary.describe)
-
-
-def _require_own_options(options: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
-    """Raise CesError if an option belongs in the campaign's file instead, or if --out is missing."""
-    if options.campaign is None:
-        raise CesError("--jobs and --dask apply to campaigns; add --campaign FILE.yaml (for threads use --threads)")
-    for action in parser._actions:  # argparse has no public list
-        value = getattr(options, action.dest, action.default)
-        if action.dest not in CAMPAIGN_OPTIONS and value not in (action.default, []):
-            name = action.option_strings[-1] if action.option_strings else action.metavar
-            raise CesError(f"{name} has no effect with --campaign; set it in {options.campaign} instead")
-    if options.out == parser.get_default("out"):
-        raise CesError("--campaign needs a folder for its results; add --out DIR")
-    require_one_place(options)
 
 
 def _compute(

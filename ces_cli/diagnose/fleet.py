@@ -14,12 +14,13 @@ from ces_cli.diagnose.inputs import build_diagnose_options, read_with_prediction
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import FleetUnit, find_bags, find_fleet_units
 from ces_cli.terminal.json_output import print_document, without_text
-from ces_cli.terminal.many_jobs import report_failures, require_one_place, run_jobs
+from ces_cli.terminal.many_jobs import report_failures, run_jobs
+from ces_cli.terminal.outputs import require_folder
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress
 from ces_cli.terminal.simulations import open_simulation, with_predictions
 from ces_gap.fleet.request import DiagnosisJob, DiagnosisRequest, job_of
 from ces_gap.fleet.unit_result import diagnose_unit
-from ces_gap.pipeline import diagnose
+from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.report.result_files import result_files
 from ces_identify.jobs.job import DONE, FAILED
 from ces_identify.jobs.results_folder import ResultsFolder, open_results
@@ -38,14 +39,15 @@ REQUEST = "request"  # key of the object that all tasks share
 
 def run_fleet(options: argparse.Namespace) -> int:
     """Diagnose every unit of --real; returns the exit status."""
-    if options.held_out:
-        raise CesError("--held-out has no effect with --each: a part of each recording or vehicle is held out")
-    require_one_place(options)
     require_one_source(options)
+    require_folder(options.out)
     signals = terminal.load_described_signals(options)
     units = find_fleet_units(options.real, options.each)
+    given = None if options.identify else open_simulation(options.sim)
+    reference = tuple(read_with_predictions(given, path, signals) for path in find_bags(options.reference))
+    how = build_diagnose_options(options, threads=1)
     with open_results(options.out / RESULTS, "a fleet") as results:
-        request = _build_request(options, signals)
+        request = _build_request(given, reference, how, options)
         jobs, unread = _plan_jobs(units, request, signals, options.out)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
         finished = _compute(results, missing, request, signals, options, len(units))
@@ -57,10 +59,9 @@ def run_fleet(options: argparse.Namespace) -> int:
     return report_failures(rows, len(units), finished, "diagnoses", lambda row: str(row["name"]))
 
 
-def _build_request(options: argparse.Namespace, signals: Signals) -> DiagnosisRequest:
-    given = None if options.identify else open_simulation(options.sim)
-    reference = tuple(read_with_predictions(given, path, signals) for path in find_bags(options.reference))
-    how = build_diagnose_options(options, threads=1)
+def _build_request(
+    given: Simulation | None, reference: tuple[Recording, ...], how: DiagnoseOptions, options: argparse.Namespace
+) -> DiagnosisRequest:
     with DiagnoseProgress() as progress:
         simulation, spec = take_simulation(given, reference, options, os.cpu_count() or 1, progress.listen)
     return DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)

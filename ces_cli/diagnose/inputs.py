@@ -34,17 +34,11 @@ def read_with_predictions(simulation: Simulation | None, path: Path, signals: Si
 
 
 def require_one_source(options: argparse.Namespace) -> None:
-    """Raise CesError unless the options give a simulation or references to identify one from, not both."""
-    if options.identify and options.sim is not None:
-        raise CesError(
-            "--sim and --identify: give one of them; --identify takes a model of the references as simulation"
-        )
+    """Raise CesError unless the options give a simulation or references to identify one from."""
     if not options.identify and options.sim is None:
         raise CesError("no simulation: give --sim SIM, or --identify with --reference BAG...")
     if options.identify and not options.reference:
         raise CesError("--identify needs --reference BAG...: recordings free of the effect, from which to identify")
-    if options.structure is not None and not options.identify:
-        raise CesError("--structure applies to --identify; a simulation given by --sim has its own")
 
 
 def take_simulation(

@@ -13,13 +13,28 @@ from pathlib import Path
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import RECORDING, VEHICLE, find_bags
 from ces_cli.terminal.json_output import add_json, print_document, without_text
-from ces_cli.terminal.many_jobs import add_jobs
+from ces_cli.terminal.many_jobs import ONE_PLACE, add_jobs
+from ces_cli.terminal.option_rules import never_with, only_with
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_cli.terminal.simulations import HELP, open_simulation
-from ces_observer.errors import CesError
 from ces_observer.json_checks import write_all_atomically
 
 STRUCTURES = ("auto", "polynomial", "sigmoid", "anfis", "relaxation", "chambers")
 OPTIONAL_FILES = ("next_experiment.yaml", "next_experiment.csv")  # not every diagnosis writes these
+
+
+RULES = (
+    only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
+    never_with(
+        "sim",
+        "identify",
+        "does not apply with --identify, which takes a model of the references as simulation; remove one",
+    ),
+    only_with("jobs dask", "each", "applies to fleets; add --each recording or --each vehicle"),
+    never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
+    never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),
+    ONE_PLACE,
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,8 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from ces_cli.diagnose.fleet import run_fleet
 
         return run_fleet(options)
-    if options.jobs is not None or options.dask is not None:
-        raise CesError("--jobs and --dask apply to fleets; add --each recording or --each vehicle")
+    require_outputs(options.overwrite, folders={"--out": options.out})
     _diagnose(options, shlex.join(["ces", "diagnose", *(sys.argv[2:] if argv is None else argv)]))
     return 0
 
@@ -51,7 +65,6 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
     from ces_gap.report.result_files import result_files
 
     require_one_source(options)
-    _make_folder(options.out)
     how, signals = build_diagnose_options(options, os.cpu_count() or 1), terminal.load_described_signals(options)
     given = None if options.identify else open_simulation(options.sim)
     roles = {"real": options.real, "held_out": options.held_out, "reference": options.reference}
@@ -62,6 +75,7 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
     doubts = check_recordings(real, held_out, reference)
     for text in doubts:
         terminal.print_warning(text)
+    options.out.mkdir(parents=True, exist_ok=True)
     with DiagnoseProgress() as progress:
         simulation, spec = take_simulation(given, reference, options, how.threads, progress.listen)
         diagnosis = diagnose(simulation, spec, real, held_out, reference, how, progress.listen)
@@ -76,15 +90,6 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
         print_diagnosis(diagnosis, options.out, tuple(files), printed_notes=len(doubts))
     if options.json:
         print_document("diagnose", {"folder": options.out, "files": list(files), "diagnosis": gap_content(diagnosis)})
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CesError(f"{folder}: cannot be created: {error.strerror}; choose another folder") from None
-    if not os.access(folder, os.W_OK):
-        raise CesError(f"{folder}: cannot be written; choose another folder")
 
 
 def make_parser() -> terminal.Parser:
@@ -126,4 +131,6 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--each", choices=(RECORDING, VEHICLE), help=text)
     add_jobs(p, "fleet")
     add_json(p)
+    add_overwrite(p)
+    p.rules = RULES
     return p

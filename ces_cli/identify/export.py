@@ -8,12 +8,14 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document, without_text
+from ces_cli.terminal.option_rules import OptionRule, never_with, only_with
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_identify.export.export_c import export_c, identifier, require_exportable
 from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
 from ces_identify.export.ros_package import (
     export_ros_package,
     package_name,
-    require_free,
+    require_package,
     require_package_name,
     write_package,
 )
@@ -28,12 +30,12 @@ FORMATS = {"c": "C99, with its header beside it", "fmu": "FMI 2.0 co-simulation"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
-    _require_fitting_options(options)
     with without_text(options.json):
         certificate = _export_package(options) if options.ros_package else _export_file(options)
         _print_certificate(certificate)
     if options.json:
         print_document("export", _as_json(certificate, options))
+    _require_outputs(options)
     return 0
 
 
@@ -67,20 +69,22 @@ def _export_package(options: argparse.Namespace) -> Certificate:
     package = options.name or package_name(folder.resolve().name)
     signals = terminal.load_described_signals(options)
     require_package_name(package)
-    require_free(folder)
+    require_package(folder, options.overwrite)
     certificate = _certificate(model, options)
     with terminal.err.status("writing the package and the sequence that its test replays"):
-        write_package(folder, export_ros_package(model, package, signals, certificate))
+        write_package(folder, export_ros_package(model, package, signals, certificate), options.overwrite)
     print(f"{folder}: ROS 2 package {package}, component {package}::Observer, program observer, {model.size}")
     return certificate
 
 
-def _require_fitting_options(options: argparse.Namespace) -> None:
-    """Raise CesError for options that do not belong together."""
-    if options.ros_package is None and options.signals is not None:
-        raise CesError("--signals: applies to --ros-package only; remove it")
-    if options.ros_package is not None and (options.format or options.sources_only):
-        raise CesError("--format, --sources-only: do not apply to --ros-package; remove them")
+def _require_outputs(options: argparse.Namespace) -> None:
+    """Raise CesError unless the output may be written; C source has its header beside it."""
+    inputs = [options.model, options.signals]
+    if options.ros_package is not None:
+        require_outputs(options.overwrite, folders={"--ros-package": options.ros_package}, inputs=inputs)
+        return
+    header = options.out.with_suffix(".h") if _kind(options) == "c" else None
+    require_outputs(options.overwrite, {"--out": options.out, "the header of --out": header}, inputs=inputs)
 
 
 def _kind(options: argparse.Namespace) -> str:
@@ -90,8 +94,6 @@ def _kind(options: argparse.Namespace) -> str:
     if kind not in FORMATS or out.suffix != f".{kind}":
         allowed = [f".{name} ({what})" for name, what in FORMATS.items() if options.format in (None, name)]
         raise CesError(f"{out}: expected a name that ends in {' or '.join(allowed)}")
-    if options.sources_only and kind != "fmu":
-        raise CesError("--sources-only: applies to --format fmu only; remove it for C")
     return kind
 
 
@@ -155,4 +157,14 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--allow-uncertified", action="store_true", help=text)
     terminal.add_signals(p)
     add_json(p)
+    add_overwrite(p)
+    p.rules = (
+        only_with("signals", "ros_package", "applies to --ros-package only; remove it"),
+        never_with("format sources_only", "ros_package", "does not apply to --ros-package; remove it"),
+        OptionRule("sources_only", _is_fmu, "applies to an FMU only; remove it for C"),
+    )
     return p
+
+
+def _is_fmu(options: argparse.Namespace) -> bool:
+    return bool((options.format or options.out.suffix.removeprefix(".")) == "fmu")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -13,8 +12,10 @@ from typing import Protocol
 from ces_cli.identify.distillation import with_teacher
 from ces_cli.identify.structures import candidate_rules, select_identify_function
 from ces_cli.terminal import terminal
-from ces_cli.terminal.simulations import open_simulation, with_teacher_force
-from ces_identify.identification import IdentificationResult
+from ces_cli.terminal.bag_paths import find_bags
+from ces_cli.terminal.outputs import require_outputs
+from ces_cli.terminal.simulations import find_file, open_simulation, with_teacher_force
+from ces_identify.identification import IdentificationResult, count_starts
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.recordings.consistency import require_consistent
@@ -62,11 +63,14 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     """Read and check all files that `options` name, before the long search; raises CesError."""
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
-    _require_writable(options.out, options.report, options.picture)
+    paths = [find_bags(words, repeated=True) for words in (options.bags, options.validate)]
+    outputs = {"--out": options.out, "--report": options.report, "--picture": options.picture}
+    inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
+    require_outputs(options.overwrite, outputs, inputs=inputs)
     rules = candidate_rules(options)
     weighting = parse_weighting(options.weight)
-    measured = _read_recordings(options)
-    bags, validation = (_apply_teacher(options, paths, measured) for paths in (options.bags, options.validate))
+    measured = _read_recordings(options, [*paths[0], *paths[1]])
+    bags, validation = (_apply_teacher(options, some, measured) for some in paths)
     for finding in require_consistent([*bags, *validation]):
         terminal.print_warning(finding.text)
     split = options.split if options.split is not None else 1.0 if validation else 0.75
@@ -94,15 +98,22 @@ def write_report_page(result: IdentificationResult, options: argparse.Namespace,
     trials = sum(f.trials for f in result.search_results)
     facts = {
         "command": command,
-        "selection": f"{len(result.search_results)} starts, best seed {best.seed}, {trials} trials",
+        "selection": f"{describe_starts(result, options)}, {trials} trials",
         "end of search": best.ended,
     }
     write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
 
 
-def _read_recordings(options: argparse.Namespace) -> dict[Path, Recording]:
+def describe_starts(result: IdentificationResult, options: argparse.Namespace) -> str:
+    """Return which start was best, and how many starts led to a model."""
+    seed = result.search_results[0].seed
+    count = count_starts(result.search_results)
+    return f"best: start {seed - options.seed + 1} of {options.starts} (seed {seed}); {count} led to a model"
+
+
+def _read_recordings(options: argparse.Namespace, paths: Sequence[Path]) -> dict[Path, Recording]:
     """Return the recordings as logged; with a teacher, the force may be missing."""
-    paths, signals = [*options.bags, *options.validate], terminal.load_described_signals(options)
+    signals = terminal.load_described_signals(options)
     need = terminal.FORCE if options.teacher is None else terminal.FORCE[:2]
     return {path: terminal.read_one(path, signals, need) for path in paths}
 
@@ -115,10 +126,3 @@ def _apply_teacher(
         return [measured[path] for path in paths]
     teacher, signals = open_simulation(options.teacher), terminal.load_described_signals(options)
     return [with_teacher_force(teacher, path, measured[path], signals) for path in paths]
-
-
-def _require_writable(*paths: Path | None) -> None:
-    """Raise CesError before the long search if its results cannot be written."""
-    for path in paths:
-        if path is not None and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
-            raise CesError(f"{path}: the folder does not exist or cannot be written; choose another")

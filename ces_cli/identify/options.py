@@ -31,6 +31,7 @@ PARAMETERS = (
     Option("validate", NO_WORDS, "recordings for validation only", is_path=True),
     Option("signals", "", "signals file; empty: the packaged one", is_path=True),
     Option("out", "model.json", "model file to write; its folder must exist", is_path=True),
+    Option("overwrite", False, "replace the model and the report if they exist"),
     Option("report", "", "report page to write (HTML); empty: none", is_path=True),
     Option("structure", next(iter(KITS)), "structure of the model", one_of=(*KITS, AUTO)),
     *(Option(s.name, s.default, s.meaning, *(s.whole or ())) for kit in KITS.values() for s in kit.sizes),
@@ -71,13 +72,13 @@ def build_command_line(values: Mapping[str, Value]) -> list[str]:
 
 def _texts(parameter: Option, value: Value) -> list[str]:
     """Return the text after the option's name for each time it appears; nothing if it is left out."""
+    if value in (parameter.default, ""):
+        return []  # the program has the same default, and an option that is given must apply
     if isinstance(value, bool):
         return [""] if value else []
     if isinstance(value, list):
         texts = [_text(parameter, one) for one in value if one]
         return texts if parameter.name in ("bags", "validate") else [f"={text}" for text in texts]
-    if value == "" or (parameter.unset is not None and value == parameter.unset):
-        return []
     return [f"={_text(parameter, value)}"]
 
 

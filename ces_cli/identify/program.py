@@ -9,16 +9,18 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ces_cli.campaign.program import add_campaign, run_campaign
+from ces_cli.campaign.program import CAMPAIGN_RULES, add_campaign, run_campaign
 from ces_cli.identify.distillation import print_teacher
 from ces_cli.identify.folds import add_folds, with_folds
-from ces_cli.identify.identification import AUTO, prepare_identification, write_report_page
+from ces_cli.identify.identification import AUTO, describe_starts, prepare_identification, write_report_page
 from ces_cli.identify.json_facts import identification_facts
-from ces_cli.identify.structures import add_candidates, add_structure
+from ces_cli.identify.structures import STRUCTURE_RULES, add_candidates, add_structure
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import add_bags
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.json_output import add_json, print_document, without_text
+from ces_cli.terminal.outputs import add_overwrite
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.tables import cost_table, print_band, print_missing
 from ces_identify.folds import split_folds
@@ -40,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.show_candidates:
         print(schema_line("candidates") + built_in_rules(options.method), end="")
         return 0
-    if options.campaign is not None or options.dask is not None or options.jobs is not None:
+    if options.campaign is not None:
         return run_campaign(options, arguments)
     if options.picture is not None:
         require_picture_name(options.picture)
@@ -65,7 +67,7 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace, arg
     print_missing(result.evaluations)
     print_teacher(result)
     print(RULE)
-    print(f"best of {len(result.search_results)} starts: seed {best.seed}; stopped: {best.ended}")
+    print(f"{describe_starts(result, options)}; stopped: {best.ended}")
     if not any(e.role == "validation" for e in result.evaluations):
         terminal.print_warning(
             "no validation data: these costs show the fit, not how well the model predicts other recordings"
@@ -121,13 +123,13 @@ def make_parser() -> terminal.Parser:
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
     )
     number, whole = terminal.number_between, terminal.integer_between
-    p.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings with a measured force")
-    text = "recordings for validation only"
-    p.add_argument("--validate", nargs="+", type=Path, default=[], metavar="BAG", help=text)
+    add_bags(p, "recordings with a measured force", nargs="*")
+    add_bags(p, "recordings for validation only", "--validate")
     terminal.add_signals(p)
     add_structure(p)
     p.add_argument("--out", type=Path, default=Path("model.json"), metavar="FILE", help="default: model.json")
     terminal.add_report_and_picture(p)
+    add_overwrite(p)
     text = "first share of each BAG to identify on; the rest is for validation (default 0.75; 1 with --validate)"
     p.add_argument("--split", type=number(0.05, 1.0), metavar="SHARE", help=text)
     p.add_argument("--teacher", metavar="SIM", help="learn this simulation's force instead of the measured force")
@@ -158,4 +160,5 @@ def make_parser() -> terminal.Parser:
     add_folds(p)
     add_campaign(p)
     add_json(p)
+    p.rules = (*CAMPAIGN_RULES, *STRUCTURE_RULES)
     return p

@@ -6,17 +6,18 @@ import argparse
 from collections.abc import Callable
 from functools import partial, reduce
 from pathlib import Path
+from typing import Any
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.option_rules import ALL, OptionRule, never_with
 from ces_identify.identification import IdentificationResult, identify
 from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
 from ces_identify.polynomial.regressors import CandidateRules, load_rules
 from ces_identify.polynomial.search_limits import BOTH, METHODS
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, select_fitter
-from ces_identify.structures.kit import SizeOption
+from ces_identify.structures.kit import SizeOption, StructureKit
 from ces_identify.structures.polynomial import POLYNOMIAL
-from ces_observer.errors import CesError
 
 METHOD_HELP = (
     "search method: random forward selection, Gauss-Newton selection, or starts of both kinds (default); thesis: the "
@@ -31,6 +32,18 @@ CONSTRUCT_HELP = (
 BLEND_HELP = (
     "divide the terms into sub-models, one for each of these values of a signal, with blending in between, such as "
     "speed:-0.3,0.3; SIGNAL is position, speed, current or a constructed input such as valve; may be repeated"
+)
+
+
+def _rule_of(kit: StructureKit[Any], names: str) -> OptionRule:
+    reason = f"applies to --structure {kit.option} or {AUTO}, not to {{structure}}; remove it"
+    return OptionRule(names, lambda options: options.structure in (kit.option, AUTO), reason)
+
+
+STRUCTURE_RULES = (
+    never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
+    _rule_of(POLYNOMIAL, "method candidates construct blend terms"),
+    *(_rule_of(kit, " ".join(size.name for size in kit.sizes)) for kit in KITS.values()),
 )
 
 
@@ -68,8 +81,6 @@ def select_identify_function(options: argparse.Namespace) -> Callable[..., Ident
 
 def candidate_rules(options: argparse.Namespace) -> CandidateRules:
     """Return the candidate rules that the options describe; raises CesError naming the option or file at fault."""
-    if options.structure not in (POLYNOMIAL.option, AUTO) and (options.construct or options.blend):
-        raise CesError(f"--construct and --blend: apply to polynomials only, not to --structure {options.structure}")
     rules = reduce(add_constructed_inputs, options.construct, load_rules(options.candidates, options.method))
     return reduce(add_blend, options.blend, rules)
 

@@ -11,10 +11,13 @@ from typing import Any
 
 from ces_cli.identify.certificate_check import certificate_facts, verify_certificate
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import add_bags, find_bags
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.json_costs import cost_rows, held_out_row, model_facts
 from ces_cli.terminal.json_output import add_json, print_document, without_text
+from ces_cli.terminal.option_rules import OptionRule
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_cli.terminal.tables import cost_table, print_band, print_missing
 from ces_identify.preparation.series import prepare
 from ces_identify.preparation.weighting import Weighting, parse_weighting
@@ -32,12 +35,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_intermixed_args(argv)  # bags may follow options
     if options.picture is not None:
         require_picture_name(options.picture)
+    paths = find_bags(options.bags)
+    outputs = {"--report": options.report, "--picture": options.picture}
+    require_outputs(options.overwrite, outputs, inputs=[options.model, *paths, options.signals])
     model, weighting = load_model(options.model), parse_weighting(options.weight)
     if not options.bags and not options.certificate:
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
     with without_text(options.json):
         status = verify_certificate(model, str(options.model)) if options.certificate else 0
-        evaluations = [] if status else _evaluations(model, options)
+        evaluations = [] if status else _evaluations(model, paths, options)
         weighting = weighting.with_common_stroke([e.series for e in evaluations]) if evaluations else weighting
         if evaluations:
             _print_evaluations(model, evaluations, weighting, options)
@@ -104,9 +110,9 @@ def _residual_facts(evaluation: Evaluation) -> dict[str, Any] | None:
     return {"whiteness_p_value": tests.whiteness.p_value, "ljung_box": tests.ljung_box, "inputs": correlations}
 
 
-def _evaluations(model: Model, options: argparse.Namespace) -> list[Evaluation]:
+def _evaluations(model: Model, paths: Sequence[Path], options: argparse.Namespace) -> list[Evaluation]:
     signals = terminal.load_described_signals(options)
-    recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in options.bags]
+    recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in paths]
     shares = _read_identified_shares(model.provenance)
     evaluations = []
     for recording in recordings:
@@ -156,7 +162,7 @@ def make_parser() -> terminal.Parser:
         "  ces validate model.json --certificate",
     )
     p.add_argument("model", type=Path, metavar="MODEL.json")
-    p.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings with a measured force")
+    add_bags(p, "recordings with a measured force", nargs="*")
     terminal.add_signals(p)
     terminal.add_part(p)
     terminal.add_weight(p, "also show J with W times the weight for ticks in this region")
@@ -164,4 +170,12 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--certificate", action="store_true", help=text)
     terminal.add_report_and_picture(p)
     add_json(p)
+    add_overwrite(p)
+    p.rules = (
+        OptionRule(
+            "report picture part weight signals overwrite",
+            lambda options: bool(options.bags),
+            "applies to recordings; name them: ces validate MODEL.json BAG...",
+        ),
+    )
     return p

@@ -10,8 +10,9 @@ from pathlib import Path
 from ces_cli.iterate.progress import IterateProgress
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document
+from ces_cli.terminal.option_rules import ALL, never_with
+from ces_cli.terminal.outputs import require_folder
 from ces_identify.schema_files import schema_line
-from ces_iterate.errors import IterateError
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.store import MODEL, PLAN, REPORT, keep_plan
 from ces_iterate.plan.plan import Plan, load_plan
@@ -46,14 +47,14 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--out", type=Path, metavar="DIR", help=text)
     p.add_argument("--template", action="store_true", help="print a plan with every key explained and exit")
     add_json(p)
+    p.rules = (never_with(ALL, "template", "does not apply with --template", but="template"),)
     return p
 
 
 def _iterate(options: argparse.Namespace) -> None:
     plan = load_plan(options.plan)
     out = options.out if options.out is not None else options.plan.with_suffix("")
-    if out.exists() and not out.is_dir():
-        raise IterateError(f"{out}: is not a folder; choose another --out")
+    require_folder(out)
     rig = open_rig(plan)
     with IterateProgress(plan.stop.budget_s, terminal.err if options.json else terminal.out) as progress:
         iterations = _open_iterations(plan, rig, out, progress)

@@ -13,7 +13,7 @@ from typing import TextIO
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document
-from ces_iterate.stroke.errors import StrokeError
+from ces_cli.terminal.outputs import require_folder
 from ces_iterate.stroke.figures import describe_kind
 from ces_iterate.stroke.goal import LearningRun
 from ces_iterate.stroke.learning import learn_stroke, require_learnable
@@ -28,6 +28,7 @@ RUNS = "runs"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
+    require_folder(options.out)
     plan = load_plan(options.plan, options.seed)
     require_learnable(plan.goal)
     runs = options.out / RUNS
@@ -74,12 +75,10 @@ def make_parser() -> terminal.Parser:
 
 
 def _open_folder(options: argparse.Namespace) -> None:
-    """Make the folder of the runs, empty with --overwrite; raises StrokeError if --out is not a folder."""
+    """Make the folder of the runs, empty with --overwrite."""
     runs: Path = options.out / RUNS
-    try:
-        runs.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise StrokeError(f"{options.out}: is not a folder; choose another --out") from None
+    require_folder(runs)
+    runs.mkdir(parents=True, exist_ok=True)
     if options.overwrite:
         for path in runs.glob("run_[0-9][0-9]*"):
             shutil.rmtree(path) if path.is_dir() else path.unlink()

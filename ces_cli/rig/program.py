@@ -8,6 +8,8 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document
+from ces_cli.terminal.option_rules import ALL, never_with
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Recording
 from ces_rig.errors import RigError
@@ -22,7 +24,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _list(options.json)
     if options.experiment is None or options.out is None:
         parser.error("expected EXPERIMENT and --out BAG (or --list)")
-    experiment = load_experiment(find_experiment(options.experiment))
+    path = find_experiment(options.experiment)
+    require_outputs(options.overwrite, bags={"--out": options.out}, inputs=[path, options.signals])
+    experiment = load_experiment(path)
     _record(experiment if options.seed is None else with_seed(experiment, options.seed), options)
     return 0
 
@@ -40,9 +44,10 @@ def make_parser() -> terminal.Parser:
     seed_type, text = terminal.integer_between(0, 2**31), "random seed (default: the experiment's own)"
     p.add_argument("--seed", type=seed_type, metavar="N", help=text)
     terminal.add_signals(p)
-    p.add_argument("--overwrite", action="store_true", help="replace BAG if it exists")
     add_json(p)
+    add_overwrite(p)
     p.add_argument("--list", action="store_true", help="list the packaged experiments and exit")
+    p.rules = (never_with(ALL, "list", "does not apply with --list", but="list"),)
     return p
 
 

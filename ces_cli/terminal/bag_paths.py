@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import argparse
 import glob
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ces_identify.recordings.foreign_files import explain_import, is_foreign
 from ces_observer.errors import CesError
 
 FILES = (".mcap", ".db3")
+PART = re.compile(r"(.+?)(?:_([0-9]+))?\.(?:mcap|db3)(?:\.zstd)?")  # as recorders name the files of a bag
 WILD = "*?["
 RECORDING, VEHICLE = "recording", "vehicle"
+EXPECTED = "expected rosbag2 folders, .mcap or .db3 files, folders of them, or a glob"
 
 
 @dataclass(frozen=True)
@@ -22,9 +27,28 @@ class FleetUnit:
     paths: tuple[Path, ...]
 
 
-def find_bags(words: Sequence[str]) -> list[Path]:
-    """Return the bags that the arguments name, each once and in order; raises CesError for one that names none."""
-    return list(dict.fromkeys(path for word in words for path in _match_word(word)))
+def add_bags(to: argparse.ArgumentParser, text: str, name: str = "bags", nargs: str = "+") -> None:
+    """Add the positional argument or option `name` for recordings; `find_bags` returns what its words name."""
+    to.add_argument(name, nargs=nargs, default=[], metavar="BAG", help=f"{text}: bags, folders of bags, or globs")
+
+
+def find_bags(words: Sequence[str], repeated: bool = False) -> list[Path]:
+    """Return the bags that the arguments name, in order; raises CesError for an argument that names none.
+
+    A bag that several arguments name is returned once, or with `repeated` each time. A path that does not exist is
+    returned as it is, for the reader's message.
+    """
+    paths = [path for word in words for path in _match_word(word)]
+    return paths if repeated else list(dict.fromkeys(paths))
+
+
+def find_bag(word: str) -> Path:
+    """Return the one bag that the argument names; raises CesError if it names several or none."""
+    paths = find_bags([word])
+    if len(paths) > 1:
+        names = ", ".join(str(path) for path in paths[:3])
+        raise CesError(f"{word}: names {len(paths)} bags ({names}{', …' if len(paths) > 3 else ''}); expected one")
+    return paths[0]
 
 
 def find_fleet_units(words: Sequence[str], each: str) -> list[FleetUnit]:
@@ -32,20 +56,28 @@ def find_fleet_units(words: Sequence[str], each: str) -> list[FleetUnit]:
     groups: dict[Path, list[Path]] = {}
     for path in find_bags(words):
         groups.setdefault(path if each == RECORDING else path.resolve().parent, []).append(path)
-    names = _make_distinct_names([path.resolve() for path in groups])
+    names = make_distinct_names([path.resolve() for path in groups])
     return [FleetUnit(name, tuple(paths)) for name, paths in zip(names, groups.values(), strict=True)]
 
 
 def _match_word(word: str) -> Iterator[Path]:
     paths = [Path(word)]
+    matched = paths
     if not paths[0].exists() and any(letter in word for letter in WILD):
         matched = [Path(name) for name in sorted(glob.glob(word, recursive=True))]  # noqa: PTH207 - absolute, too
         paths = [path for path in matched if (path.is_dir() or is_bag(path)) and not is_bag(path.parent)]
     bags = [bag for path in paths for bag in _find_bags_inside(path)]
     if not bags:
-        what = "no bag matches" if paths != [Path(word)] else "no bag in this folder or below it"
-        raise CesError(f"{word}: {what}; expected rosbag2 folders, .mcap or .db3 files, folders of them, or a glob")
+        raise CesError(_explain_none(word, matched))
     yield from bags
+
+
+def _explain_none(word: str, matched: Sequence[Path]) -> str:
+    """Return why an argument names no bag, with what to do about other logs that it names."""
+    what = "no bag in this folder or below it" if matched == [Path(word)] else "no bag matches"
+    inside = (path for first in matched for path in ([first] if first.is_file() else sorted(first.glob("*"))))
+    foreign = next(filter(is_foreign, inside), None)
+    return f"{word}: {what}; " + (EXPECTED if foreign is None else f"{foreign} {explain_import(foreign)}")
 
 
 def _find_bags_inside(path: Path) -> list[Path]:
@@ -58,11 +90,21 @@ def _find_bags_inside(path: Path) -> list[Path]:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether `path` is a rosbag2 folder, or a bag file by its name."""
-    return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix in FILES
+    """Return whether `path` is a rosbag2 folder, also of a killed recorder, or a bag file by its name."""
+    if not path.is_dir():
+        return path.suffix in FILES
+    return (path / "metadata.yaml").is_file() or _is_unfinished(path)
 
 
-def _make_distinct_names(paths: Sequence[Path]) -> list[str]:
+def _is_unfinished(folder: Path) -> bool:
+    """Return whether a folder without metadata holds the numbered files of one recorder, not a collection of bags."""
+    files = [file for file in folder.iterdir() if file.name.removesuffix(".zstd").endswith(FILES)]
+    parts = [PART.fullmatch(file.name) for file in files]
+    numbers = {int(match.group(2) or 0) for match in parts if match and match.group(1) == folder.name}
+    return 0 in numbers and len(numbers) == len(files)
+
+
+def make_distinct_names(paths: Sequence[Path]) -> list[str]:
     """Return the shortest ends of the paths that differ from each other, each joined into one word."""
     for depth in range(1, 8):
         names = ["_".join([*path.parts[-depth:-1], path.stem if path.suffix in FILES else path.name]) for path in paths]

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.option_rules import never_with
 from ces_cli.terminal.progress import JobsProgress
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.results_folder import ResultsFolder
@@ -15,18 +16,14 @@ from ces_identify.jobs.row_log import Row
 from ces_identify.jobs.workers import Shared, Task, Work, run_on_cluster, run_on_this_machine
 from ces_observer.errors import CesError
 
+ONE_PLACE = never_with("jobs", "dask", "applies to this machine; with --dask the cluster sets the number of workers")
+
 
 def add_jobs(to: argparse.ArgumentParser, what: str) -> None:
     """Add the options --jobs and --dask; `what` names the runs that they apply to."""
     whole = terminal.integer_between
     to.add_argument("--jobs", type=whole(1, 256), metavar="N", help=f"{what}: processes (default: all processors)")
     to.add_argument("--dask", metavar="ADDRESS", help=f"{what}: use the workers of this Dask scheduler (host:port)")
-
-
-def require_one_place(options: argparse.Namespace) -> None:
-    """Raise CesError if the options name both a number of processes and a cluster."""
-    if options.dask is not None and options.jobs is not None:
-        raise CesError("--jobs applies to this machine only; with --dask the cluster sets the number of workers")
 
 
 def run_jobs(

@@ -1,15 +1,20 @@
 """Files and folders that a program writes: checked before its work begins, by one rule for all programs.
 
-What exists is replaced only with --overwrite, and a result appears under its name only when it is complete.
+What exists is replaced only with --overwrite, an input never, and a result appears under its name only when it is
+complete.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from ces_observer.errors import CesError
+
+Outputs = Mapping[str, Path | None]
+"""Paths by the option that names them, such as `--report`; None is an output that nobody asked for."""
 
 
 def add_overwrite(to: argparse.ArgumentParser) -> None:
@@ -17,32 +22,93 @@ def add_overwrite(to: argparse.ArgumentParser) -> None:
     to.add_argument("--overwrite", action="store_true", help="replace outputs that exist (default: refuse)")
 
 
-def require_new_file(path: Path | None, overwrite: bool) -> None:
-    """Raise CesError unless a file can be written to `path`; None, an output nobody asked for, is fine."""
+def require_outputs(
+    overwrite: bool,
+    files: Outputs | None = None,
+    bags: Outputs | None = None,
+    folders: Outputs | None = None,
+    inputs: Iterable[Path | None] = (),
+) -> None:
+    """Raise CesError unless all outputs can be written, have different names and are no inputs.
+
+    `files` and `bags` (one folder each) are replaced as a whole; `folders` receive results.
+    """
+    files, bags, folders = ({k: v for k, v in (some or {}).items() if v} for some in (files, bags, folders))
+    for option, path in files.items():
+        require_new_file(path, overwrite, option)
+    for option, path in bags.items():
+        require_new_bag(path, overwrite, option)
+    for option, path in folders.items():
+        require_new_folder(path, overwrite, option)
+    _require_different({**files, **bags, **folders})
+    _require_no_inputs({**files, **bags}, inputs)
+
+
+def require_new_file(path: Path | None, overwrite: bool, option: str = "") -> None:
+    """Raise CesError unless a file can be written to `path`; None, an output that nobody asked for, is fine."""
     if path is None:
         return
     if path.is_dir():
         raise CesError(f"{path}: is a folder; expected the name of a file to write")
-    if path.exists() and not overwrite:
-        raise CesError(f"{path}: exists; choose another name, or replace it with --overwrite")
-    _require_writable_parent(path)
+    if path.exists() and not path.is_file():
+        raise CesError(f"{path}: is a device; expected the name of a file to write")
+    _require_absent(path, overwrite, option)
+    if not path.parent.is_dir():
+        raise CesError(f"{path}: the folder {path.parent} does not exist; make it first, or choose another")
+    _require_writable(path.parent, path)
 
 
-def require_new_folder(path: Path | None, overwrite: bool) -> None:
-    """Raise CesError unless the folder `path` can be made: new or empty, or one to replace with --overwrite."""
+def require_new_folder(path: Path | None, overwrite: bool, option: str = "") -> None:
+    """Raise CesError unless the folder `path` is new or empty, or its results may be replaced with --overwrite."""
     if path is None:
         return
+    require_folder(path)
+    if path.is_dir() and any(path.iterdir()):
+        _require_absent(path, overwrite, option)
+
+
+def require_new_bag(path: Path | None, overwrite: bool, option: str = "") -> None:
+    """Raise CesError unless a bag can be written to the folder `path`: new, empty, or a bag to replace."""
+    if path is None:
+        return
+    require_new_folder(path, overwrite, option)
+    if path.is_dir() and any(path.iterdir()) and not (path / "metadata.yaml").is_file():
+        raise CesError(f"{path}: is a folder but not a bag, so it is not replaced; choose another name")
+
+
+def require_folder(path: Path) -> None:
+    """Raise CesError unless results can be written into the folder `path`, which is made if it does not exist."""
     if path.exists() and not path.is_dir():
-        raise CesError(f"{path}: is a file; expected the name of a folder to write")
-    if path.is_dir() and any(path.iterdir()) and not overwrite:
-        raise CesError(f"{path}: exists; choose another name, or replace it with --overwrite")
-    _require_writable_parent(path)
+        raise CesError(f"{path}: is not a folder; expected the name of a folder to write")
+    existing = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
+    if not existing.is_dir():
+        raise CesError(f"{path}: {existing} is not a folder; expected a folder to write into")
+    _require_writable(existing, path)
 
 
-def _require_writable_parent(path: Path) -> None:
-    """Raise CesError unless the nearest existing folder above `path` is a folder that can be written."""
-    parent = next(folder for folder in path.absolute().parents if folder.exists())
-    if not parent.is_dir():
-        raise CesError(f"{path}: {parent} is a file; expected a folder to write into")
-    if not os.access(parent, os.W_OK | os.X_OK):
-        raise CesError(f"{path}: the folder {parent} cannot be written; choose another place")
+def _require_absent(path: Path, overwrite: bool, option: str) -> None:
+    if path.exists() and not overwrite:
+        another = f"choose another name for {option}" if option else "choose another name"
+        raise CesError(f"{path}: exists; {another}, or replace it with --overwrite")
+
+
+def _require_writable(folder: Path, path: Path) -> None:
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise CesError(f"{path}: the folder {folder.absolute()} cannot be written; choose another")
+
+
+def _require_different(outputs: Mapping[str, Path]) -> None:
+    """Raise CesError if two outputs have the same path."""
+    seen: dict[Path, str] = {}
+    for option, path in outputs.items():
+        first = seen.setdefault(path.resolve(), option)
+        if first != option:
+            raise CesError(f"{path}: is named by {first} and {option}; choose another name for one of them")
+
+
+def _require_no_inputs(outputs: Mapping[str, Path], inputs: Iterable[Path | None]) -> None:
+    """Raise CesError if writing an output would replace an input."""
+    read = [path.resolve() for path in inputs if path is not None]
+    for option, path in outputs.items():
+        if any(one.is_relative_to(path.resolve()) for one in read):
+            raise CesError(f"{path}: is an input, too; choose another name for {option}")

@@ -55,6 +55,11 @@ def open_simulation(spec: str) -> Simulation:
     raise CesError(f"--sim '{spec}': expected {EXPECTED}")
 
 
+def find_file(spec: str) -> Path | None:
+    """Return the file that a simulation is read from; None if it is none."""
+    return next((Path(text) for text in (spec, spec.partition(":")[0]) if Path(text).is_file()), None)
+
+
 def import_from_here() -> None:
     """Let the user's modules be imported from the working directory, as `python -m` would."""
     here = str(Path.cwd())

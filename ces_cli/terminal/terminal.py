@@ -14,14 +14,15 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NoReturn, TextIO, TypeVar
+from typing import Any, NoReturn, TextIO, TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from ces_cli.terminal.option_rules import OptionRule, find_given, require_applicable
 from ces_identify.preparation.weighting import FORMS
-from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.bag_reader import LogTimeWarning, read_recording
 from ces_identify.recordings.checks import require_usable
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
@@ -34,16 +35,42 @@ FORCE = ("position", "current", "force")  # signals of a recording with a measur
 USER_ERROR = 2
 INTERRUPTED = 130
 
+_said: set[str] = set()  # warnings that a run prints once; `run` empties it
 out = Console()
 err = Console(stderr=True)
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line, with `rules` on the options that apply together."""
+
+    rules: tuple[OptionRule, ...] = ()
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
+        """Return the options; raises CesError for one that does not apply."""
+        words = self._words(args)
+        return self._apply_rules(words, super().parse_args(words, namespace))
+
+    def parse_intermixed_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
+        """Return the options, between which arguments may be; raises CesError for an option that does not apply."""
+        words = self._words(args)
+        return self._apply_rules(words, super().parse_intermixed_args(words, namespace))
 
     def error(self, message: str) -> NoReturn:
         """Print `message` and where to find help, then exit with status 2."""
-        self.exit(USER_ERROR, f"{self.prog}: error: {message}; see '{self.prog} --help'\n")
+        text = as_one_line(f"{self.prog}: error: {message}; see '{self.prog} --help'")
+        self.exit(USER_ERROR, f"{text}\n")
+
+    def _words(self, args: Sequence[str] | None) -> list[str]:
+        """Return the command line; an empty argument, such as a variable that is not set, is an error."""
+        words = list(sys.argv[1:] if args is None else args)
+        for before, word in zip(["", *words], words, strict=False):
+            if not word or (word.startswith("--") and word.endswith("=")):
+                self.error(f"{word.rstrip('=') or before or 'the first argument'}: a value is empty")
+        return words
+
+    def _apply_rules(self, words: Sequence[str], options: argparse.Namespace) -> argparse.Namespace:
+        require_applicable(find_given(self, words, options), options, self.rules)
+        return options
 
 
 def parser(name: str, description: str, example: str) -> Parser:
@@ -120,14 +147,31 @@ def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> R
         warnings.simplefilter("always")
         recording = read_recording(path, signals, need)
         findings = require_usable(recording)
-    for text in [str(w.message) for w in caught] + [f"{recording.name}: {f.text}" for f in findings]:
-        print_warning(text)
+    for warning in caught:
+        _print_reading_warning(recording.name, warning.message)
+    for finding in findings:
+        print_warning(f"{recording.name}: {finding.text}")
     return recording
+
+
+def _print_reading_warning(name: str, message: Warning | str) -> None:
+    """Print a warning with the recording's name; those on log times, which most bags share, once in a run."""
+    if isinstance(message, LogTimeWarning):
+        if str(message) in _said:
+            return
+        _said.add(str(message))
+        message = f"{message} (said once for all recordings)"
+    print_warning(f"{name}: {message}")
 
 
 def print_warning(text: str) -> None:
     """Print a warning line to the error stream."""
-    print(f"warning: {text}", file=sys.stderr)
+    print(as_one_line(f"warning: {text}"), file=sys.stderr)
+
+
+def as_one_line(text: str) -> str:
+    """Return `text` with line breaks and other characters that do not print as escapes."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def make_table(title: str | None, left: Sequence[str], right: Sequence[str], padding: int = 1) -> Table:
@@ -154,6 +198,7 @@ def load_described_signals(options: argparse.Namespace) -> Signals:
 
 def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequence[str] | None = None) -> int:
     """Run `program`; a user's mistake gives one line on stderr and exit status 2, Ctrl-C gives status 130."""
+    _said.clear()
     try:
         interrupt_as_exception()
         status = program(argv)
@@ -181,7 +226,7 @@ def interrupt_as_exception() -> None:
 
 def _print_error(name: str, text: str) -> None:
     with suppress(OSError):  # the error stream may be full or gone, too
-        print(f"ces {name}: {text}", file=sys.stderr)
+        print(as_one_line(f"ces {name}: {text}"), file=sys.stderr)
 
 
 def _describe_system_error(error: OSError) -> str:

@@ -21,6 +21,7 @@ from ces_identify.export.export_c import REASONS, export_c, identifier
 from ces_identify.export.replay_sequence import record_faults
 from ces_observer import __version__
 from ces_observer.errors import CesError, ModelError
+from ces_observer.json_checks import write_all_atomically
 from ces_observer.model import Model
 from ces_observer.proof.certificate import Certificate
 from ces_observer.signals import Constant, Signal, Signals
@@ -101,13 +102,20 @@ def require_package_name(package: str) -> None:
         raise ModelError(f"package '{package}': expected lower-case letters, digits and _, and no word of C++")
 
 
-def write_package(folder: Path, files: Mapping[str, str]) -> None:
+def write_package(folder: Path, files: Mapping[str, str], overwrite: bool = False) -> None:
     """Write a package: into a temporary folder beside `folder`, which is then renamed.
 
-    Raises CesError if `folder` exists and is not empty, or cannot be written.
+    With `overwrite`, the files of a package that exists are replaced; others in its folder stay. Raises CesError if
+    `folder` cannot be written, or as `require_package` does.
     """
-    require_free(folder)
+    require_package(folder, overwrite)
+    if folder.is_dir() and any(folder.iterdir()):
+        for parent in {(folder / path).parent for path in files}:
+            parent.mkdir(parents=True, exist_ok=True)
+        write_all_atomically({folder / path: text for path, text in files.items()})
+        return
     try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         try:
             _write_files(temporary, files)
@@ -118,10 +126,14 @@ def write_package(folder: Path, files: Mapping[str, str]) -> None:
         raise CesError(f"{folder}: cannot be written: {error.strerror}") from None
 
 
-def require_free(folder: Path) -> None:
-    """Raise CesError unless `folder` is empty or missing."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise CesError(f"{folder}: exists; name a new folder, or remove it first: it may hold your own changes")
+def require_package(folder: Path, overwrite: bool = False) -> None:
+    """Raise CesError unless `folder` is empty or missing, or with `overwrite` a ROS 2 package."""
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return
+    if not overwrite:
+        raise CesError(f"{folder}: exists; name a new folder, or replace its files, your changes too, with --overwrite")
+    if not (folder / "package.xml").is_file():
+        raise CesError(f"{folder}: is not a ROS 2 package, so it is not replaced; name a new folder")
 
 
 def _write_files(folder: Path, files: Mapping[str, str]) -> None:

@@ -17,10 +17,12 @@ from ces_identify.preparation.motion_check import require_consistent_motion
 from ces_identify.preparation.position_spectrum import Spectrum, position_spectrum, sample_rate
 from ces_identify.recordings.recording import Recording
 from ces_observer.adaptive_differentiator import SHARES
+from ces_observer.errors import RecordingError
 from ces_observer.model import ADAPTIVE, DIFFERENTIATORS, FUSED, KALMAN, MEASURED, Sampling
 
 C = NDArray[np.complex128]
 
+RATE_SLACK = 1.01  # a nominal rate is a little above that of the stamps
 HIGHEST_RATE = 1000.0  # [Hz] enough for damping forces, except that
 TICKS_A_BANDWIDTH = 8.0  # a differentiator needs so many ticks per period of its bandwidth
 OUTLIER_FACTOR = 25.0  # times the standard deviation of the differentiator's innovations
@@ -45,10 +47,12 @@ def choose_sampling(
     The rate is the lowest position rate among the recordings, at most 1000 Hz or 8 times the differentiator's
     bandwidth; a gap is more than 50 ms or ten sampling intervals. With a bandwidth and no order, the order is 3. The
     differentiator is the one that `default_differentiator` returns. Raises RecordingError if a position has too few
-    samples or is constant, or a recording lacks the signal that the differentiator needs.
+    samples or is constant, if the rate is above the data's or the bandwidth above half the rate, or if a recording
+    lacks the signal that the differentiator needs.
     """
     kind = default_differentiator(recordings) if differentiator is None else differentiator
     rates = [sample_rate(recording) for recording in recordings]
+    _require_within_rate(recordings, rates, rate_Hz, bandwidth_Hz)
     gap = max(0.05, 10.0 / min(rates)) if max_gap_s is None else max_gap_s
     spectra = [position_spectrum(recording, gap) for recording in recordings]
     wanted_Hz = bandwidth_Hz
@@ -75,6 +79,20 @@ def choose_sampling(
     for recording in recordings:
         require_consistent_motion(recording, sampling)
     return sampling
+
+
+def _require_within_rate(
+    recordings: Sequence[Recording], rates: Sequence[float], rate_Hz: float | None, bandwidth_Hz: float | None
+) -> None:
+    """Raise RecordingError for a rate above that of the slowest positions, or a bandwidth above half the rate."""
+    slowest = min(range(len(rates)), key=lambda i: rates[i])
+    data = f"the positions in {recordings[slowest].name} are at {rates[slowest]:.5g} Hz"
+    if rate_Hz is not None and rate_Hz > RATE_SLACK * rates[slowest]:
+        raise RecordingError(f"--rate {rate_Hz:g}: {data}; choose at most that, or leave --rate out")
+    rate = rates[slowest] if rate_Hz is None else rate_Hz
+    if bandwidth_Hz is not None and bandwidth_Hz > RATE_SLACK * rate / 2.0:
+        limit = f"above half the model's rate of {rate:.5g} Hz ({data})"
+        raise RecordingError(f"--bandwidth {bandwidth_Hz:g}: {limit}; choose less, or leave --bandwidth out")
 
 
 def default_differentiator(recordings: Sequence[Recording]) -> str:

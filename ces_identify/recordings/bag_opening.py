@@ -13,11 +13,14 @@ from rosbags.rosbag2 import Reader
 
 from ces_identify.recordings import mcap_records
 from ces_identify.recordings.bag_storage import Bag, DataFile
+from ces_identify.recordings.foreign_files import explain_import, is_foreign
 from ces_identify.recordings.interrupted_bag import list_data_files, open_interrupted_bag
 from ces_identify.recordings.stored_topic import StoredTopic
 from ces_observer.errors import RecordingError
 
 METADATA = "metadata.yaml"
+WRITTEN_BY = "written_by"  # note of every bag of `bag_writer`, whose log times are the samples' stamps
+WRITER_NOTES = {WRITTEN_BY, "ces_rig", "imported_from", "model_sha256"}  # the other ones are of earlier versions
 
 
 @contextmanager
@@ -29,6 +32,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
     """
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder; expected a rosbag2 folder or an .mcap file")
+    if is_foreign(path):
+        raise RecordingError(f"{path}: {explain_import(path)}")
     with ExitStack() as opened:
         yield _open(path, opened)
 
@@ -45,7 +50,8 @@ def _open(path: Path, opened: ExitStack) -> Bag:
             return bag
         raise _open_error(path, error) from None
     opened.callback(reader.close)
-    return Bag(path, _stored_topics(reader.connections), tuple(_data_files(path, reader)))
+    files = tuple(_data_files(path, reader))
+    return Bag(path, _stored_topics(reader.connections), files, exact_log_times=_has_exact_log_times(path))
 
 
 def _require_data(path: Path) -> None:
@@ -68,6 +74,14 @@ def _open_reindexed(path: Path, opened: ExitStack) -> Bag | None:
     except (RecordingError, OSError, ValueError, yaml.YAMLError, KeyError, TypeError):
         return None
     return bag if sum(topic.count for topic in bag.topics) == stated else None
+
+
+def _has_exact_log_times(path: Path) -> bool:
+    """Return whether the notes in a bag's metadata say that `bag_writer` wrote it."""
+    if not path.is_dir():
+        return False
+    notes = yaml.safe_load((path / METADATA).read_text())["rosbag2_bagfile_information"].get("custom_data")
+    return isinstance(notes, dict) and not WRITER_NOTES.isdisjoint(notes)
 
 
 def _stored_topics(connections: Iterable[Connection]) -> tuple[StoredTopic, ...]:

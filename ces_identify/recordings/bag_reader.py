@@ -41,6 +41,10 @@ class RecordingWarning(UserWarning):
     """A fact about a recording that the user should know; the program continues."""
 
 
+class LogTimeWarning(RecordingWarning):
+    """A signal is stamped with the times at which its messages were logged."""
+
+
 def list_topics(path: Path) -> tuple[Topic, ...]:
     """Return the topics of a bag, by name; raises RecordingError if it cannot be opened."""
     with open_bag(path) as bag:
@@ -52,8 +56,9 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
 
     The signals named in `need` must be present, as a topic or a constant; the others may be absent. Raises
     RecordingError or SignalsError if the bag is damaged, truncated or empty, if a topic is missing or has another type,
-    or if no message has a field. Issues a RecordingWarning for each signal stamped with the log time, for samples that
-    were stored late and are sorted in, and for a recorder that was killed.
+    or if no message has a field. Issues a LogTimeWarning for each signal stamped with log times (those in bags of
+    `bag_writer` are exact), and a RecordingWarning for samples that were stored late and are sorted in, and for a
+    recorder that was killed.
     """
     with open_bag(path) as bag:
         if bag.warning:
@@ -131,6 +136,7 @@ class _TopicReader:
         where = f"{bag.path}: topic {topic.name}"
         self.decoder = _decoder(topic.type, paths, typestore, where)
         self.where, self.topic, self.signals = where, topic, signals
+        self.exact_log_times = bag.exact_log_times
         self.samples = {signal.name: _Samples() for signal in signals}
 
     def add(self, block: Block) -> None:
@@ -156,10 +162,10 @@ class _TopicReader:
         if count < samples.messages:
             missing = f"missing in {samples.messages - count} of {samples.messages} messages on {self.topic.name}"
             warnings.warn(f"{signal.name}: {missing}: {self.decoder.reasons[i]}", RecordingWarning, stacklevel=2)
-        if count and not samples.stamped:
+        if count and not samples.stamped and not self.exact_log_times:
             reason = "an empty header stamp" if self.stamp else "no header"
             text = f"{self.topic.type} on {self.topic.name} has {reason}; stamped with the bag's log time"
-            warnings.warn(f"{signal.name}: {text}", RecordingWarning, stacklevel=2)
+            warnings.warn(f"{signal.name}: {text}", LogTimeWarning, stacklevel=2)
         return Channel(signal.name, signal.unit, samples.stamps(), _concatenate(samples.values, np.float64))
 
 

@@ -55,12 +55,16 @@ class DataFile:
 
 @dataclass(frozen=True)
 class Bag:
-    """An open bag; `stored_topics` are those of all its files, `warning` is what the user should know about it."""
+    """An open bag; `stored_topics` are those of all its files, `warning` is what the user should know about it.
+
+    `exact_log_times`: the log time of a message is its sample's stamp, as in the bags that `bag_writer` writes.
+    """
 
     path: Path
     stored_topics: tuple[StoredTopic, ...]
     files: tuple[DataFile, ...]
     warning: str = ""
+    exact_log_times: bool = False
 
     @property
     def topics(self) -> tuple[Topic, ...]:

@@ -20,8 +20,10 @@ from rosbags.typesys.store import Typestore
 
 from ces_identify.recordings.bag_layout import describe_layout
 from ces_identify.recordings.bag_message import blank_message
+from ces_identify.recordings.bag_opening import WRITTEN_BY
 from ces_identify.recordings.bulk_decode import NumberField
 from ces_identify.recordings.recording import Recording, Stamps, Values
+from ces_observer import __version__
 from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import FieldPath, Signal, Signals
 
@@ -85,8 +87,9 @@ def write_bag(
 ) -> None:
     """Write a bag folder with these topics, in time order; `notes` become the bag's custom metadata.
 
-    The order within a topic is kept even if its stamps run backwards. Raises RecordingError if `path` exists and is not
-    a bag to overwrite, or if the folder cannot be written; SignalsError if a type or field path cannot be written.
+    The order within a topic is kept even if its stamps run backwards. Raises RecordingError if `path` holds
+    anything but a bag to overwrite, or if the folder cannot be written; SignalsError if a type or field path cannot be
+    written.
     """
     _require_free(path, overwrite)
     try:
@@ -100,10 +103,10 @@ def write_bag(
 
 
 def _require_free(path: Path, overwrite: bool) -> None:
-    if not path.exists():
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return
     if not overwrite:
-        raise RecordingError(f"{path}: exists already; choose another name or allow it to be overwritten")
+        raise RecordingError(f"{path}: exists; choose another name, or replace it with --overwrite (overwrite=True)")
     if not (path / "metadata.yaml").exists():
         raise RecordingError(f"{path}: exists and is not a bag, so it is not overwritten; choose another name")
 
@@ -126,7 +129,7 @@ def _write(path: Path, topics: Sequence[TopicData], notes: Mapping[str, str]) ->
     encoders = [_Encoder(topic, typestore) for topic in topics]
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    for key, value in notes.items():
+    for key, value in {**notes, WRITTEN_BY: f"ces_observer {__version__}"}.items():
         writer.set_custom_data(key, value)
     with writer:
         connections = [

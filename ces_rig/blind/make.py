@@ -13,6 +13,7 @@ from ces_rig.blind.plan import BlindCase
 from ces_rig.blind.seal import Label, write_arrays, write_seal
 from ces_rig.errors import RigError
 
+WRITTEN = ("cases", "seal", "seal.json")
 SpareEffects = Sequence[tuple[str, ...]]
 
 
@@ -41,6 +42,16 @@ def make_cases(
             shutil.rmtree(folder / name, ignore_errors=True)
         raise
     return write_seal(folder, {**about, "seconds": seconds}, sorted(labels, key=lambda x: str(x["case"])))
+
+
+def remove_cases(folder: Path) -> None:
+    """Remove the cases and the seal in `folder`; raises RigError if it holds anything else."""
+    inside = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    other = [name for name in inside if name not in WRITTEN]
+    if other:
+        raise RigError(f"{folder}: holds more than blind cases ({other[0]}), so it is not replaced; choose another")
+    for name in inside:
+        shutil.rmtree(folder / name) if (folder / name).is_dir() else (folder / name).unlink()
 
 
 def _make_in_processes(

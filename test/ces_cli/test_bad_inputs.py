@@ -3,6 +3,7 @@ any moment, a full disk. Each ends in one clear line, and nothing is ever half w
 
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -192,7 +193,7 @@ def test_ctrl_c_leaves_nothing_half_written(work, tmp_path, capsys, monkeypatch,
 def test_ctrl_c_leaves_an_old_file_as_it_was(work, tmp_path, capsys, monkeypatch):
     (tmp_path / "m.json").write_text("old")
     monkeypatch.setattr(Path, "replace", interrupt)
-    run_and_get_line(capsys, 130, *identify(work, "one"), "--out", tmp_path / "m.json")
+    run_and_get_line(capsys, 130, *identify(work, "one"), "--out", tmp_path / "m.json", "--overwrite")
     assert (tmp_path / "m.json").read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -274,7 +275,7 @@ def test_a_full_disk_keeps_the_old_model(work, tmp_path, capsys, monkeypatch):
 
     (tmp_path / "m.json").write_text("old")
     monkeypatch.setattr("ces_observer.json_checks.os.fsync", full)
-    line = run_and_get_line(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json")
+    line = run_and_get_line(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json", "--overwrite")
     assert line.endswith("m.json: cannot be written: No space left on device; choose a writable folder")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("m.json", "old")]
 
@@ -296,3 +297,21 @@ def test_a_full_output_stream_gives_one_line(work):
     assert done.returncode == 2
     lines = [line for line in done.stderr.splitlines() if not line.startswith("warning: ")]
     assert lines == ["ces info: error: No space left on device, while reading or writing"]
+
+
+# -------------------------------------------------------------------------------------------------- times of messages
+
+
+def test_a_current_without_a_header_is_said_once_and_only_of_other_recorders(work, tmp_path, capsys):
+    words = ["identify", work / "one", "--validate", work / "two", "--terms", 2, "--starts", 1, "--time", 1]
+    assert ces(*words, "--candidates", work / "rules.yaml", "--out", tmp_path / "own.json") == 0
+    assert "has no header" not in capsys.readouterr().err
+    for name in ("one", "two"):  # a file alone does not say who wrote it
+        shutil.copyfile(next((work / name).glob("*.mcap")), tmp_path / f"{name}.mcap")
+    words[1], words[3] = tmp_path / "one.mcap", tmp_path / "two.mcap"
+    assert ces(*words, "--candidates", work / "rules.yaml", "--out", tmp_path / "other.json") == 0
+    said = [line for line in capsys.readouterr().err.splitlines() if "has no header" in line]
+    assert said == [
+        "warning: one: current: std_msgs/msg/Float64 on /valve_current has no header; stamped with the bag's log time "
+        "(said once for all recordings)"
+    ]

@@ -141,14 +141,14 @@ def test_bounds_of_the_band_are_replayed_and_simulated(work):
 
 
 def test_validate_shows_the_share_that_the_band_holds(work, capsys):
-    assert ces("validate", work / "model.json", work / "two", "--report", work / "v.html") == 0
+    assert ces("validate", work / "model.json", work / "two", "--report", work / "b.html") == 0
     printed = capsys.readouterr().out
     assert "band %" in printed and "meant to hold 90 % of the measured forces" in printed
     share = float(next(line for line in printed.splitlines() if "test" in line and "two" in line).split()[-1])
     model = load_model(work / "model.json")
     two = evaluate(model, [prepare(read_recording(work / "two", DEFAULT), model.sampling)], VALIDATION)[0]
     assert share == pytest.approx(100.0 * two.coverage, abs=0.06) and 80.0 < share < 99.0
-    assert 'id="band"' in (work / "v.html").read_text()
+    assert 'id="band"' in (work / "b.html").read_text()
 
 
 def test_a_model_without_a_band_is_used_as_before(work, capsys):
@@ -293,11 +293,12 @@ def test_a_broken_model(work, tmp_path, capsys, change, expected):
     ("words", "expected"),
     [
         (("identify",), "no recording given"),
-        (("identify", "nowhere"), "nowhere"),
+        (("identify", "nowhere", "--out", "m.json"), "nowhere"),
         (("identify", "one", "--terms", "0"), "--terms"),
         (("identify", "one", "--split", "2"), "--split"),
         (("validate", "model.json", "two", "--part", "1:0"), "--part"),
-        (("identify", "one", "--candidates", "none.yaml"), "none.yaml"),
+        (("identify", "one", "--candidates", "none.yaml", "--out", "m.json"), "none.yaml"),
+        (("identify", "one"), "model.json: exists; choose another name for --out, or replace it with --overwrite"),
         (("simulate", "--sim", "what", "one", "--out", "x.csv"), "--sim 'what'"),
         (("simulate", "--sim", "topic:/none", "one", "--out", "x.csv"), "/joint_states"),
         (("simulate", "--sim", "no_module:f", "one", "--out", "x.csv"), "cannot be imported"),

@@ -20,7 +20,7 @@ from vehicle import Vehicle, wait
 from ces_observer.model import load_model
 from ces_observer.nodes.qos import LATCHED
 
-QUICK = {"terms": 2, "threads": 1, "method": "random", "bags": f"[{ROOT / 'bags' / 'noise'}]"}
+QUICK = {"terms": 2, "threads": 1, "method": "random", "bags": f"[{ROOT / 'bags' / 'noise' / 'noise.mcap'}]"}
 LONG_S = 60.0  # kernels may have to be compiled first
 Begin = Callable[..., NodeProcess]
 

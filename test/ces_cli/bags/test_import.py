@@ -65,7 +65,7 @@ def test_existing_bag_needs_overwrite(files, capsys):
     words = (files / "a.csv", "--mapping", files / "map.yaml", "--out", files / "bag")
     assert run(*words) == 0
     assert run(*words) == 2
-    assert "exists already; choose another name" in errors(capsys)[-1]
+    assert "exists; choose another name for --out, or replace it with --overwrite" in errors(capsys)[-1]
     assert run(*words, "--overwrite") == 0
 
 

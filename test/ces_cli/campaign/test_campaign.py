@@ -174,7 +174,7 @@ def test_failed_cells_are_reported_and_not_tried_again(work, tmp_path, capsys):
         (("one", "--out", "o"), "BAG has no effect with --campaign"),
         ((), "add --out DIR"),
         (("--out", "o", "--dask", "here:1", "--jobs", 2), "--jobs applies to this machine"),
-        (("--out", "campaign.yaml"), "campaign.yaml: cannot be written"),
+        (("--out", "campaign.yaml"), "campaign.yaml: is not a folder"),
     ],
 )
 def test_wrong_arguments(work, monkeypatch, capsys, words, expected):

@@ -1,18 +1,14 @@
-import argparse
-
 import pytest
 import yaml
 
-from ces_cli.identify.structures import add_candidates, add_structure, candidate_rules
+from ces_cli.identify.program import make_parser
+from ces_cli.identify.structures import candidate_rules
 from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
 from ces_observer.errors import CesError
 
 
 def rules(*arguments):
-    parser = argparse.ArgumentParser()
-    add_structure(parser)
-    add_candidates(parser)
-    return candidate_rules(parser.parse_args(arguments))
+    return candidate_rules(make_parser().parse_args(arguments))
 
 
 def test_the_built_in_rules_are_the_default():
@@ -40,5 +36,5 @@ def test_constructed_inputs_and_blends_add_up_and_may_build_on_each_other(tmp_pa
 @pytest.mark.parametrize("option", [("--construct", "frequency"), ("--blend", "speed:0,1")])
 @pytest.mark.parametrize("structure", ["sigmoid", "anfis"])
 def test_other_structures_accept_no_candidates(structure, option):
-    with pytest.raises(CesError, match=f"apply to polynomials only, not to --structure {structure}"):
+    with pytest.raises(CesError, match=f"applies to --structure polynomial or auto, not to {structure}"):
         rules("--structure", structure, *option)

@@ -42,13 +42,13 @@ def test_defaults_are_the_programs():
 def test_ranges_are_the_programs(parameter):
     whole = isinstance(parameter.default, int)
     lowest, highest = (int(x) if whole else float(x) for x in (parameter.lowest, parameter.highest))
-    assert options(**{parameter.name: highest})[parameter.name] == highest
+    assert options(structure="auto", **{parameter.name: highest})[parameter.name] == highest
     with pytest.raises(SystemExit):
-        options(**{parameter.name: highest + 1})
+        options(structure="auto", **{parameter.name: highest + 1})
     if parameter.unset is None:
-        assert options(**{parameter.name: lowest})[parameter.name] == lowest
+        assert options(structure="auto", **{parameter.name: lowest})[parameter.name] == lowest
         with pytest.raises(SystemExit):
-            options(**{parameter.name: lowest - 1})
+            options(structure="auto", **{parameter.name: lowest - 1})
     else:
         assert options(**{parameter.name: parameter.unset})[parameter.name] == ACTIONS[parameter.name].default
 
@@ -91,3 +91,10 @@ def test_the_packaged_file_lists_every_parameter_with_its_default():
     assert parameters.pop(EXIT_WHEN_DONE.name) is EXIT_WHEN_DONE.default
     assert {**parameters, "bags": NO_WORDS} == DEFAULTS
     assert "bags" not in parameters
+
+
+def test_a_parameter_that_does_not_apply_is_refused_and_defaults_never_are():
+    with pytest.raises(CesError, match="--units applies to --structure sigmoid or auto, not to polynomial"):
+        options(units=7)
+    assert options(units=7, structure="sigmoid")["units"] == 7
+    assert build_command_line({**DEFAULTS, "bags": ["one"]}) == ["--", "one"]

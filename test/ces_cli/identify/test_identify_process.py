@@ -30,7 +30,7 @@ def read_until(process, until=EXIT_STATUS):
 
 
 def start_identification(*words):
-    return IdentifyProcess([*QUICK, *words, "--", str(ROOT / "bags" / "noise")])
+    return IdentifyProcess([*QUICK, *words, "--", str(ROOT / "bags" / "noise" / "noise.mcap")])
 
 
 def test_it_sends_stages_costs_warnings_and_the_result(tmp_path):

@@ -147,7 +147,7 @@ def test_a_file_in_place_of_the_folder_is_named(tmp_path, capsys):
     out = tmp_path / "out"
     out.write_text("")
     assert main(["learn-stroke", write_plan(tmp_path), "--out", str(out)]) == 2
-    assert "out: is not a folder; choose another --out" in capsys.readouterr().err
+    assert "out: is not a folder; expected the name of a folder to write" in capsys.readouterr().err
 
 
 def test_a_broken_run_is_named(tmp_path, capsys):

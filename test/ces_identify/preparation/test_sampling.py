@@ -17,6 +17,7 @@ from ces_identify.preparation.sampling import (
     speed_error,
 )
 from ces_identify.recordings.recording import Channel, Recording
+from ces_observer.errors import RecordingError
 
 
 def stroke(seed, rate, seconds, low_pass=12.0, amplitude=0.012):
@@ -171,3 +172,19 @@ def test_it_takes_under_two_seconds_for_four_recordings_of_30_s():
     began = time.process_time()
     choose_sampling(recs)
     assert time.process_time() - began < 2.0
+
+
+@pytest.mark.parametrize(
+    ("rate", "bandwidth", "message"),
+    [
+        (1e5, None, "--rate 100000: the positions in slow are at 500 Hz"),
+        (520.0, None, "--rate 520: the positions in slow are at 500 Hz"),
+        (None, 260.0, "--bandwidth 260: above half the model's rate of 500 Hz"),
+        (100.0, 60.0, "--bandwidth 60: above half the model's rate of 100 Hz"),
+    ],
+)
+def test_a_rate_above_the_data_and_a_bandwidth_above_half_the_rate_are_refused(rate, bandwidth, message):
+    both = [recording(stroke(21, hz, 4.0)[0], hz, name=name) for hz, name in ((1000.0, "fast"), (500.0, "slow"))]
+    with pytest.raises(RecordingError, match=message):
+        choose_sampling(both, rate, bandwidth)
+    assert choose_sampling(both, 500.0, 150.0).rate_Hz == 500.0

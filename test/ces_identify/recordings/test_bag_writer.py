@@ -12,6 +12,7 @@ from ces_identify.recordings import bag_writer
 from ces_identify.recordings.bag_reader import list_topics, read_recording
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
+from ces_observer import __version__
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Signals
 
@@ -82,7 +83,7 @@ def test_replay_topic_with_named_columns(tmp_path):
         last = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()][-1]
     assert (last.name, last.position[0], last.velocity[0], last.effort[0]) == (["rear_damper"], 0.0, 1.0, 2.0)
     metadata = yaml.safe_load((tmp_path / "b" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert metadata["custom_data"] == {"model": "m.json"}
+    assert metadata["custom_data"] == {"model": "m.json", "written_by": f"ces_observer {__version__}"}
 
 
 def test_nested_arrays(tmp_path):
@@ -130,7 +131,7 @@ def test_empty_recording_is_a_bag_without_messages(tmp_path):
 def test_existing_bag_is_overwritten_only_on_request(tmp_path):
     topics = recording_topics(recording_of(), DEFAULT)
     write_bag(tmp_path / "run", topics[:1])
-    with pytest.raises(RecordingError, match=r"run: exists already; choose another name"):
+    with pytest.raises(RecordingError, match=r"run: exists; choose another name, or replace it with --overwrite"):
         write_bag(tmp_path / "run", topics)
     assert len(list_topics(tmp_path / "run")) == 1
     write_bag(tmp_path / "run", topics, overwrite=True)

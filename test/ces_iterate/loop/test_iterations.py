@@ -93,8 +93,7 @@ def test_given_recordings_are_identified_first_and_cost_nothing(tmp_path: Path) 
     recording = monotube_rig().run(sine_commands("given", 4.0), tmp_path)
     write_bag(tmp_path / "bag", recording_topics(recording, load_signals()))
     plan = make_plan(tmp_path, recordings=["bag"], validate=["bag"], stop={"budget_s": 3.0})
-    with pytest.warns(UserWarning, match="no header"):
-        Iterations(plan, monotube_rig(), tmp_path / "out").run()
+    Iterations(plan, monotube_rig(), tmp_path / "out").run()
     zeroth, first = rows(tmp_path / "out")
     assert (zeroth["number"], zeroth["total_s"], first["total_s"]) == (0, 0.0, 3.0)
     assert first["fresh_J"] is not None

@@ -29,8 +29,7 @@ def made(tmp_path_factory):
 
 
 def bag(folder, place):
-    with pytest.warns(match="no header"):
-        return read_recording(folder / place, load_signals())
+    return read_recording(folder / place, load_signals())
 
 
 def test_effect_and_simulation_are_of_the_planned_size(made):

@@ -1,0 +1,34 @@
+"""Files that hold measurements but are no bags: what they are by their name, and how to make a bag of one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+KINDS = {
+    ".csv": "a CSV table",
+    ".tsv": "a text table",
+    ".txt": "a text table",
+    ".dat": "a text table",
+    ".json": "a JSON file",
+    ".mat": "a MATLAB file",
+    ".mf4": "an MDF4 log",
+    ".mdf": "an MDF log",
+    ".parquet": "a Parquet table",
+    ".blf": "a CAN log",
+    ".asc": "a CAN log",
+    ".log": "a log",
+    ".bag": "a bag of ROS 1",
+}
+
+
+def is_foreign(path: Path) -> bool:
+    """Return whether a file is by its name a log that `ces import` may convert."""
+    return path.suffix.lower() in KINDS and path.is_file()
+
+
+def explain_import(path: Path) -> str:
+    """Return what a foreign file is, and the command that makes a bag of it."""
+    return (
+        f"is {KINDS[path.suffix.lower()]}, not a rosbag2 bag; convert it: ces import {path.name} --mapping MAP.yaml "
+        "--out BAG"
+    )

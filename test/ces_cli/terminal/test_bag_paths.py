@@ -1,0 +1,82 @@
+"""Folders, globs and bags on the command lines of the programs that read recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import tiny_bags as tiny
+
+from ces_cli.main import main
+from ces_cli.terminal.bag_paths import find_bag, find_bags
+from ces_observer.errors import CesError
+
+ROOT = Path(__file__).resolve().parents[3]
+MODEL, BAGS = ROOT / "config" / "models" / "sample.json", ROOT / "bags"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    for name in ("one", "two", "deep/three"):
+        tiny.write(tmp_path / name, tiny.drive())
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_bag_that_is_named_twice_is_returned_once_or_as_often(here):
+    words = ["one", "*", "deep"]
+    assert [str(path) for path in find_bags(words)] == ["one", "deep/three", "two"]
+    assert [str(path) for path in find_bags(words, repeated=True)] == ["one", "deep/three", "one", "two", "deep/three"]
+
+
+def test_one_bag(here):
+    assert find_bag("deep") == Path("deep/three")
+    with pytest.raises(CesError, match=r"^\.: names 3 bags \(deep/three, one, two\); expected one$"):
+        find_bag(".")
+
+
+def test_the_folder_of_a_killed_recorder_is_a_bag(here):
+    (here / "one" / "metadata.yaml").unlink()
+    assert find_bags(["one"]) == [Path("one")]
+    (here / "one" / "one.mcap").rename(here / "one" / "one_0.mcap")
+    assert find_bags(["*"]) == [Path("deep/three"), Path("one"), Path("two")]
+    (here / "one" / "other.mcap").touch()  # a collection of bags
+    assert find_bags(["one"]) == [Path("one/one_0.mcap"), Path("one/other.mcap")]
+
+
+@pytest.mark.parametrize("name", ["x.csv", "x.mat", "x.MF4", "x.parquet", "x.blf", "x.asc", "x.log", "x.bag"])
+@pytest.mark.parametrize("program", ["info", "identify", "validate", "diagnose", "replay", "simulate"])
+def test_another_log_is_pointed_to_import(tmp_path, monkeypatch, capsys, program, name):
+    monkeypatch.chdir(tmp_path)
+    Path(name).touch()
+    words = {
+        "info": [name],
+        "identify": [name],
+        "validate": [str(MODEL), name],
+        "diagnose": ["--sim", str(MODEL), "--real", name, "--out", "gap"],
+        "replay": [str(MODEL), name, "--out", "out"],
+        "simulate": ["--sim", str(MODEL), name, "--out", "out"],
+    }
+    assert main([program, *words[program]]) == 2
+    assert f"not a rosbag2 bag; convert it: ces import {name} --mapping MAP.yaml --out BAG" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_folder_or_glob_of_other_logs_is_pointed_to_import(tmp_path):
+    (tmp_path / "run.csv").touch()
+    for word in (tmp_path, tmp_path / "*.csv"):
+        with pytest.raises(
+            CesError, match=r"run.csv is a CSV table, not a rosbag2 bag; convert it: ces import run.csv"
+        ):
+            find_bags([str(word)])
+
+
+def test_programs_take_folders_and_globs(here, capsys):
+    assert main(["info", ".", "--json"]) == 0
+    assert capsys.readouterr().out.count('"sha256"') == 3
+    assert main(["validate", str(MODEL), str(BAGS / "s*")]) == 0
+    out = capsys.readouterr().out
+    assert "sine_4hz" in out and "sweep" in out and "noise" not in out
+    words = ["identify", str(BAGS / "n*"), "--validate", str(BAGS / "sine_*"), "--out", "m.json", "--rate", "1e5"]
+    assert main(words) == 2
+    assert "--rate 100000: the positions in noise are at 1000 Hz" in capsys.readouterr().err

@@ -1,0 +1,160 @@
+"""One rule for all outputs: nothing that exists is replaced without --overwrite, no input ever, all before the work."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from ces_cli.main import main
+from ces_cli.terminal.outputs import require_folder, require_new_bag, require_new_file, require_outputs
+from ces_identify.export.ros_package import write_package
+from ces_observer.errors import CesError
+
+ROOT = Path(__file__).resolve().parents[3]
+MODEL, ROAD, NOISE = ROOT / "config" / "models" / "sample.json", ROOT / "bags" / "road", ROOT / "bags" / "noise"
+REPLACE = "or replace it with --overwrite"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with a file, a folder of something else, and an empty folder."""
+    (tmp_path / "taken").write_text("mine")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "note").write_text("mine")
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refusal(check, *arguments):
+    with pytest.raises(CesError) as caught:
+        check(*arguments)
+    return str(caught.value)
+
+
+def test_files(here):
+    require_new_file(None, False)
+    require_new_file(Path("new"), False)
+    require_new_file(Path("taken"), True)
+    assert refusal(require_new_file, Path("taken"), False) == f"taken: exists; choose another name, {REPLACE}"
+    assert "taken: exists; choose another name for --report" in refusal(
+        require_new_file, Path("taken"), False, "--report"
+    )
+    for overwrite in (False, True):
+        assert "full: is a folder" in refusal(require_new_file, Path("full"), overwrite)
+        assert "the folder none does not exist; make it first" in refusal(require_new_file, Path("none/x"), overwrite)
+        assert "/dev/null: is a device" in refusal(require_new_file, Path("/dev/null"), overwrite)
+
+
+def test_bags_and_folders(here):
+    for path in ("new", "empty", "deep/new"):
+        require_new_bag(Path(path), False)
+        require_folder(Path(path))
+    require_folder(Path("full"))
+    assert REPLACE in refusal(require_new_bag, Path("full"), False)
+    assert "is a folder but not a bag, so it is not replaced" in refusal(require_new_bag, Path("full"), True)
+    assert "taken: is not a folder" in refusal(require_folder, Path("taken"))
+    assert "taken is not a folder; expected a folder to write into" in refusal(require_folder, Path("taken/deep/x"))
+
+
+def test_a_folder_that_cannot_be_written(here, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write anywhere
+    assert "the folder . cannot be written".replace(".", str(here)) in refusal(require_new_file, Path("new"), False)
+    assert "cannot be written" in refusal(require_folder, Path("deep/new"))
+
+
+def test_two_outputs_of_one_name_and_an_output_that_is_an_input(here):
+    names = {"--out": Path("x"), "--report": Path("empty/../x")}
+    assert "is named by --out and --report" in refusal(require_outputs, True, names)
+    assert refusal(require_outputs, True, {"--out": Path("taken")}, None, None, [None, here / "taken"]) == (
+        "taken: is an input, too; choose another name for --out"
+    )
+    (here / "bag").mkdir()
+    (here / "bag" / "metadata.yaml").touch()
+    inputs = [here / "bag" / "model.json"]
+    assert "bag: is an input, too" in refusal(require_outputs, True, None, {"--out": Path("bag")}, None, inputs)
+    require_outputs(
+        False, names | {"--report": None}, {"--bag": Path("new")}, {"--dir": Path("empty")}, [Path("taken")]
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["info", ROAD, "--picture", "taken.png"], f"taken.png: exists; choose another name for --picture, {REPLACE}"),
+        (["identify", NOISE, "--out", "full"], "full: is a folder; expected the name of a file"),
+        (["identify", NOISE], f"model.json: exists; choose another name for --out, {REPLACE}"),
+        (
+            ["identify", NOISE, "--out", "m.json", "--report", "taken"],
+            "taken: exists; choose another name for --report",
+        ),
+        (["identify", NOISE, "--out", "m.json", "--report", "m.json"], "m.json: is named by --out and --report"),
+        (["identify", NOISE, "--out", "m.json", "--picture", "none/x.png"], "the folder none does not exist"),
+        (["identify", NOISE, "--teacher", "model.json", "--overwrite"], "model.json: is an input, too"),
+        (["validate", MODEL, ROAD, "--report", "taken"], f"taken: exists; choose another name for --report, {REPLACE}"),
+        (["replay", MODEL, ROAD, "--out", "full"], f"full: exists; choose another name for --out, {REPLACE}"),
+        (["replay", MODEL, ROAD, "--out", "full", "--overwrite"], "full: is a folder but not a bag"),
+        (["replay", MODEL, ROAD, "--out", ROAD, "--overwrite"], "road: is an input, too"),
+        (
+            ["simulate", "--sim", MODEL, ROAD, "--out", "taken"],
+            f"taken: exists; choose another name for --out, {REPLACE}",
+        ),
+        (
+            ["simulate", "--sim", "model.json", ROAD, "--out", "model.json", "--overwrite"],
+            "model.json: is an input, too",
+        ),
+        (["rig", "sine_4hz", "--out", "full"], f"full: exists; choose another name for --out, {REPLACE}"),
+        (["export", MODEL, "--out", "taken.c"], f"taken.c: exists; choose another name for --out, {REPLACE}"),
+        (
+            ["export", MODEL, "--out", "head.c"],
+            f"head.h: exists; choose another name for the header of --out, {REPLACE}",
+        ),
+        (["export", MODEL, "--ros-package", "full"], "full: exists; choose another name for --ros-package"),
+        (["diagnose", "--sim", MODEL, "--real", ROAD, "--out", "full"], "full: exists; choose another name for --out"),
+        (["diagnose", "--sim", MODEL, "--real", ROAD, "--out", "taken"], "taken: is not a folder"),
+        (
+            ["diagnose", "--sim", MODEL, "--real", ROAD, "--each", "recording", "--out", "taken"],
+            "taken: is not a folder",
+        ),
+        (["blind", "make", "--seed", "1", "--cases", "1", "--out", "full"], "full: exists; choose another name"),
+        (
+            ["blind", "make", "--seed", "1", "--cases", "1", "--out", "full", "--overwrite"],
+            "more than blind cases (note)",
+        ),
+        (["blind", "run", "full", "--out", "taken"], "taken: is not a folder"),
+        (
+            ["blind", "score", "full", "full", "--rows", "taken"],
+            f"taken: exists; choose another name for --rows, {REPLACE}",
+        ),
+    ],
+    ids=lambda value: " ".join(map(str, value[:1] + value[-2:])) if isinstance(value, list) else "",
+)
+def test_programs_check_their_outputs_before_the_work(here, capsys, words, expected):
+    for name in ("model.json", "taken.c", "head.h", "taken.png"):
+        (here / name).write_text("mine")
+    before = {path: path.read_text() for path in here.rglob("*") if path.is_file()}
+    assert main([str(word) for word in words]) == 2
+    err = capsys.readouterr().err
+    assert expected in err and err.count("\n") == 1
+    assert {path: path.read_text() for path in here.rglob("*") if path.is_file()} == before
+
+
+def test_with_overwrite_what_exists_is_replaced(here):
+    for name in ("x.csv", "x.c", "x.h"):
+        (here / name).write_text("mine")
+    assert main(["simulate", "--sim", str(MODEL), str(ROAD), "--out", "x.csv", "--overwrite"]) == 0
+    assert main(["export", str(MODEL), "--out", "x.c", "--overwrite"]) == 0
+    assert all((here / name).read_text() != "mine" for name in ("x.csv", "x.c", "x.h"))
+
+
+def test_a_package_that_exists_gets_new_files_and_keeps_others(here):
+    package = here / "rear_damper"
+    write_package(package, {"package.xml": "1", "src/a.cpp": "1"})
+    (package / "mine.txt").touch()
+    with pytest.raises(CesError, match="your changes too, with --overwrite"):
+        write_package(package, {"package.xml": "2"})
+    write_package(package, {"package.xml": "2", "new/b.cpp": "2"}, overwrite=True)
+    texts = {str(path.relative_to(package)): path.read_text() for path in package.rglob("*") if path.is_file()}
+    assert texts == {"package.xml": "2", "src/a.cpp": "1", "new/b.cpp": "2", "mine.txt": ""}
