@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import sys
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ from pathlib import Path
 from ces_cli.compare.arguments import open_models, read_recordings, sort_words
 from ces_cli.compare.comparison_tables import model_table, pair_table, recording_table, sentences
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.outputs import add_overwrite, require_new_file
 from ces_identify.comparison.comparison import Comparison, compare
 from ces_identify.comparison.comparison_json import comparison_document
@@ -44,7 +44,7 @@ def _compare(specs: Sequence[str], bags: Sequence[str], options: argparse.Namesp
 
 def _print(comparison: Comparison, as_json: bool) -> None:
     if as_json:
-        print(json.dumps(comparison_document(comparison), indent=1, ensure_ascii=False, allow_nan=False))
+        print_document("compare", comparison_document(comparison))
         return
     terminal.out.print(model_table(comparison))
     if len(comparison.pairs) > 1:
@@ -72,6 +72,6 @@ def make_parser() -> terminal.Parser:
     terminal.add_signals(p)
     terminal.add_part(p)
     p.add_argument("--report", type=Path, metavar="FILE", help="write a page with charts (HTML)")
-    p.add_argument("--json", action="store_true", help="print the results as JSON instead of tables")
+    add_json(p)
     add_overwrite(p)
     return p

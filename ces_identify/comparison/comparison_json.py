@@ -1,4 +1,4 @@
-"""A comparison as plain values for JSON: numbers that are not finite become null."""
+"""A comparison as plain values for JSON, without its time series; numbers that are not finite become null."""
 
 from __future__ import annotations
 
@@ -10,14 +10,11 @@ from ces_identify.comparison.comparison import Comparison, ModelResult
 from ces_identify.comparison.pair_results import Difference, PairResult
 from ces_identify.validation.cost_interval import CostInterval
 
-SCHEMA = "ces-comparison/1"
-
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
-    """Return the comparison without its time series. Costs J and their differences are in percent."""
+    """Return the comparison as mappings, lists, texts and numbers."""
     names = [model.name for model in comparison.models]
     return {
-        "schema": SCHEMA,
         "part": list(comparison.part),
         "recordings": [
             {"name": r.name, "source": r.source, "sha256": r.sha256, "scored_s": round(r.seconds, 3)}
@@ -43,15 +40,15 @@ def _model(i: int, result: ModelResult, comparison: Comparison) -> dict[str, Any
             {
                 "recording": cost.recording,
                 "use": cost.use,
-                "J": _finite(cost.cost),
-                "J_ci95": _interval(cost.interval),
+                "J_percent": _finite(cost.cost),
+                "ci95_percent": _interval(cost.interval),
                 "rms_N": _finite(cost.rms_N),
                 "outside_envelope": [asdict(one) for one in recording.exits[i]],
             }
             for cost, recording in zip(result.costs, comparison.recordings, strict=True)
         ],
-        "pooled": {"J": _finite(result.pooled), "J_ci95": _interval(result.pooled_interval)},
-        "tick_us": None if result.tick is None else asdict(result.tick),
+        "pooled": {"J_percent": _finite(result.pooled), "ci95_percent": _interval(result.pooled_interval)},
+        "tick": None if result.tick is None else asdict(result.tick),
         "force_bound_N": result.force_bound_N,
     }
 
@@ -72,8 +69,8 @@ def _pair(pair: PairResult, names: list[str]) -> dict[str, Any]:
 def _difference(one: Difference) -> dict[str, Any]:
     return {
         "recordings": list(one.recordings),
-        "J_first_minus_second": _finite(one.value),
-        "interval": None if one.low is None else [one.low, one.high],
+        "first_minus_second_percent": _finite(one.value),
+        "interval_percent": None if one.low is None else [one.low, one.high],
         "blocks": one.blocks,
     }
 
