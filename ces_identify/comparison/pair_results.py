@@ -10,7 +10,7 @@ import numpy as np
 from ces_identify.comparison.aligned_recording import AlignedRecording
 from ces_identify.comparison.compared_model import TRAINED
 from ces_identify.comparison.holm import adjusted_p_values, step_levels
-from ces_identify.comparison.paired_bootstrap import MIN_BLOCKS, DifferenceErrors, Pair, all_pairs, find_differences
+from ces_identify.comparison.paired_bootstrap import DifferenceErrors, Pair, all_pairs, find_differences
 
 LEVEL = 0.95
 BETTER, SAME, SHORT = "better", "cannot be told apart", "too short to know"
@@ -137,7 +137,7 @@ def _describe(pooled: Difference, verdict: str, names: Sequence[str]) -> str:
     texts = {
         BETTER: f"{better} is better than {worse}",
         SAME: f"{first} and {second} cannot be told apart",
-        SHORT: f"too short to know: {pooled.blocks} independent blocks, expected at least {MIN_BLOCKS}",
+        SHORT: f"too short to know whether {first} and {second} differ",
         NO_TEST: "not a test: one of them was identified on each recording",
         DIVERGED: "no difference: a free run diverged",
     }

@@ -17,8 +17,8 @@ def few_replicates(monkeypatch):
 
 def share_significant(n, runs, ratio=1.0, **kind):
     found = [find_differences([aligned(two_models(n, s, ratio, **kind), s)], [(0, 1)], s)[0] for s in range(runs)]
-    assert all(one.enough for one in found)
-    return np.mean([one.p_value() < 0.05 for one in found])
+    assert np.mean([one.enough for one in found]) > 0.8
+    return np.mean([one.enough and one.p_value() < 0.05 for one in found])
 
 
 @pytest.mark.parametrize("pole", [0.5, 0.98])
@@ -38,7 +38,8 @@ def test_errors_that_vary_slowly_need_large_blocks(monkeypatch):
         return aligned(two_models(12_000, seed, pole=0.3) * sizes, seed)
 
     def share():
-        return np.mean([find_differences([slow(s)], [(0, 1)], s)[0].p_value() < 0.05 for s in range(40)])
+        found = [find_differences([slow(s)], [(0, 1)], s)[0] for s in range(40)]
+        return np.mean([one.p_value() < 0.05 for one in found])
 
     with_large = share()
     monkeypatch.setattr(module, "_block_lengths", lambda binned, automatic: [[1] * len(binned)])
