@@ -12,7 +12,7 @@ from markupsafe import Markup
 from ces_identify.comparison.comparison import SIGNAL_UNITS, Comparison, ModelResult
 from ces_identify.comparison.compared_model import TRAINED
 from ces_identify.comparison.conclusions import best_model, headline, join, p_text, signed
-from ces_identify.comparison.interval_chart import IntervalRow, draw_intervals
+from ces_identify.report.interval_chart import IntervalRow, draw_intervals
 from ces_identify.comparison.overlay_charts import draw_overlay
 from ces_identify.comparison.pair_results import SHORT, Difference, PairResult
 from ces_identify.report.plot import series_css
