@@ -2,8 +2,9 @@
 
 The rooms in reading order: `recordings` (bags and logs as logged), `preparation` (uniform ticks), `numerics` (kernels),
 `polynomial` and `trained` (the structures' fitters), `simulations` (anything that computes a force), `validation` (how
-good a model is), `export` (C and FMU), `report` (the page), `campaign` (many identifications) on `jobs` (many jobs at
-once). The names below are the public interface; they are imported when they are first used.
+good a model is), `export` (C and FMU), `report` (the page), `characteristics` (what a damper dyno shows), `campaign`
+(many identifications) on `jobs` (many jobs at once). The names below are the public interface; they are imported when
+they are first used.
 """
 
 from typing import TYPE_CHECKING
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
         validate,
         write_recording,
     )
+    from ces_identify.characteristics.characterise import Characteristics, characterise
+    from ces_identify.characteristics.folder import write_characteristics
     from ces_identify.identification import IdentificationResult
     from ces_identify.polynomial.search_limits import Limits
     from ces_identify.recordings.recording import Channel, Recording
@@ -37,6 +40,8 @@ __getattr__ = import_on_use(
         "identify", "make_recording", "plot", "read_log", "read_recording", "simulate", "simulate_arrays", "validate",
         "write_recording",
     ),
+    "ces_identify.characteristics.characterise": ("Characteristics", "characterise"),
+    "ces_identify.characteristics.folder": ("write_characteristics",),
     "ces_identify.identification": ("IdentificationResult",),
     "ces_identify.polynomial.search_limits": ("Limits",),
     "ces_identify.recordings.recording": ("Channel", "Recording"),
@@ -49,6 +54,7 @@ __getattr__ = import_on_use(
 
 __all__ = [
     "Channel",
+    "Characteristics",
     "Evaluation",
     "FunctionSimulation",
     "IdentificationResult",
@@ -58,6 +64,7 @@ __all__ = [
     "ModelSimulation",
     "Recording",
     "Simulation",
+    "characterise",
     "identify",
     "load_model",
     "make_recording",
@@ -67,5 +74,6 @@ __all__ = [
     "simulate",
     "simulate_arrays",
     "validate",
+    "write_characteristics",
     "write_recording",
 ]

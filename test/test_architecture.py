@@ -104,6 +104,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "campaign": "config_file identification jobs polynomial recordings structures validation",
         "folds": "identification recordings structures validation",
         "report": "numerics preparation structures typesetting validation",
+        "characteristics": "numerics preparation recordings report simulations typesetting",
         "cross_fit": "identification numerics polynomial preparation recordings structures",
         "api": "identification polynomial preparation recordings report simulations structures validation",
     },

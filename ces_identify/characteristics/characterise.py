@@ -31,12 +31,13 @@ from ces_identify.characteristics.rows import (
     LoopPoint,
     Omission,
     PeakForce,
+    ResponsePoint,
     SpeedBin,
     StepResponse,
     ValveResponse,
 )
 from ces_identify.characteristics.speed_bins import bin_forces
-from ces_identify.characteristics.step_rows import response_rows, step_rows
+from ces_identify.characteristics.step_rows import group_steps, read_steps, response_points, response_row
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
@@ -78,6 +79,7 @@ class Characteristics:
     work: tuple[CycleWork, ...]
     knees: tuple[Knee, ...]
     responses: tuple[ValveResponse, ...]
+    response_points: tuple[ResponsePoint, ...]
     steps: tuple[StepResponse, ...]
     speed_bins: tuple[SpeedBin, ...]
     omissions: tuple[Omission, ...]
@@ -90,6 +92,7 @@ TABLES: dict[str, type[Any]] = {
     "work": CycleWork,
     "knees": Knee,
     "responses": ValveResponse,
+    "response_points": ResponsePoint,
     "steps": StepResponse,
     "speed_bins": SpeedBin,
     "omissions": Omission,
@@ -113,20 +116,24 @@ def characterise(
     sources, tolerance = (MEASURED, *forces), current_tolerance(stretches)
     found = _find_cycles(motions, tolerance)
     used = found.select(found.used)
-    steps = tuple(row for motion in motions for row in step_rows(motion, sources, tolerance))
+    read = [step for motion in motions for step in read_steps(motion, sources, tolerance)]
+    steps, groups = tuple(step.row for step in read), group_steps(read, tolerance)
     return Characteristics(
         sources=sources,
         current_tolerance_A=tolerance,
         recordings=tuple(_describe(motion, k, found) for k, motion in enumerate(motions)),
         **_cycle_tables(used, find_conditions(used, tolerance), sources),
-        responses=tuple(response_rows(steps, tolerance)),
+        responses=tuple(response_row(group) for group in groups),
+        response_points=tuple(point for group in groups for point in response_points(group)),
         steps=steps,
         speed_bins=tuple(row for source in sources for row in _bin_rows(stretches, source, tolerance)),
         omissions=tuple(_omit(motions, found, steps)),
     )
 
 
-def _simulate(recordings: Sequence[Recording], simulations: Mapping[str, Simulation | Sequence[F]]) -> dict[str, list[F]]:
+def _simulate(
+    recordings: Sequence[Recording], simulations: Mapping[str, Simulation | Sequence[F]]
+) -> dict[str, list[F]]:
     if MEASURED in simulations:
         raise CesError(f"a simulation is named '{MEASURED}'; expected another name")
     return {

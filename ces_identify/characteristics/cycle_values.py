@@ -66,7 +66,7 @@ class CycleValues:
 def evaluate_cycles(cycles: Cycles, source: str) -> CycleValues:
     """Return the values of cycles by the force of one source; NaN for a cycle without it."""
     force, x, v, t = cycles.forces[source], cycles.position, cycles.speed, cycles.time_s
-    force = np.where(np.isfinite(force).all(axis=1)[:, None], force, np.nan)
+    force = np.where(np.isfinite(force).all(axis=1, keepdims=True), force, np.nan)
     work = _close_loop(force, x)
     period = t[:, -1] - t[:, 0]
     slope = np.gradient(force, axis=1) / np.gradient(t, axis=1)

@@ -9,18 +9,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.signal import find_peaks
 
 from ces_identify.characteristics.motion import MEASURED, Stretch
 from ces_identify.numerics.arrays import F, I, Mask
 
 HALF = 100  # samples of each half of a cycle after resampling
+SMOOTH = 5  # instants over which the speed is averaged: less noise in slow cycles, a sine gets 0.1 % lower
 MIN_SAMPLES = 20  # of a cycle
 MIN_BANDWIDTH_RATIO = 5.0  # bandwidth over the frequency of the cycle: the speed of a sine is 0.2 % low
 MIN_PROMINENCE = 0.01  # of the stroke's span: smaller turns are no reversals
 NOISE_PROMINENCE = 8.0  # times the noise of the speed, over one period of the bandwidth
-MAX_SHAPE_DIFFERENCE = 0.05  # RMS between neighbours, of half the stroke
+MAX_SHAPE_DIFFERENCE = 0.06  # RMS between neighbours, of half the stroke
 MAX_PERIOD_DIFFERENCE = 0.15  # between neighbours, of the period
 MIN_REPEATS = 3  # cycles in a row that resemble each other
 SETTLE_S = 0.1  # [s] before a cycle in which the current must be constant, too
@@ -58,7 +59,9 @@ class Cycles:
 
     def select(self, mask: Mask) -> Cycles:
         """Return the cycles where `mask` (n,) is true."""
-        arrays = {k: getattr(self, k)[mask] for k in ("time_s", "position", "speed", "current_A", "reason", "recording")}
+        arrays = {
+            k: getattr(self, k)[mask] for k in ("time_s", "position", "speed", "current_A", "reason", "recording")
+        }
         return Cycles(forces={name: force[mask] for name, force in self.forces.items()}, **arrays)
 
 
@@ -67,7 +70,7 @@ def find_cycles(stretch: Stretch, number: int, tolerance_A: float, speed_noise: 
     low, high = find_reversals(stretch, speed_noise / bandwidth_Hz)
     at = _resample_instants(stretch.speed, low, high)
     forces = {source: _interpolate(force, at) for source, force in stretch.forces.items()}
-    position, speed = _interpolate(stretch.position, at), _interpolate(stretch.speed, at)
+    position, speed = _interpolate(stretch.position, at), _smooth(_interpolate(stretch.speed, at))
     first, last = at[:, 0], at[:, -1]
     period = (last - first) / stretch.rate_Hz
     failed = np.stack(
@@ -168,6 +171,11 @@ def _find_repeats(position: F, period: F) -> Mask:
         if same[k : k + MIN_REPEATS - 1].all():
             repeats[k : k + MIN_REPEATS] = True
     return repeats
+
+
+def _smooth(speed: F) -> F:
+    """Return the speeds (c, instants) averaged over the phase; unlike a polynomial this never overshoots at corners."""
+    return np.asarray(uniform_filter1d(speed, SMOOTH, axis=1, mode="nearest")) if len(speed) else speed
 
 
 def _interpolate(values: F, at: F) -> F:

@@ -50,7 +50,7 @@ def find_knee(half: HalfValues) -> KneeFit | str:
     at = int(np.argmin(np.abs(SHARES - CANDIDATES[best])))
     width = abs(float(half.width[known][:, at].mean()) / float(mean[at]))
     if width > MAX_WIDTH:
-        return f"cannot know: where a knee would be, the branches differ by {100.0 * width:.0f} % of the force; move slower"
+        return f"cannot know: at the knee the branches differ by {100.0 * width:.0f} % of the force; move slower"
     if max(abs(below), abs(above)) < MIN_SLOPE_CHANGE * min(abs(below), abs(above)):
         return f"no knee: the slope changes from {below:.0f} to {above:.0f} Ns/m only"
     each = CANDIDATES[np.argmin(errors, axis=0)] * peak

@@ -149,11 +149,11 @@ def _make_stretch(
     return Stretch(
         recording=recording.name,
         rate_Hz=rate,
-        time_s=(times - start_ns) * 1e-9,
+        time_s=_seconds(times, start_ns),
         position=smooth,
         speed=speed,
         current=hold_current(recording, times, MAX_CURRENT_AGE_S),
-        current_s=np.empty(0) if logged is None else (np.sort(logged.stamps_ns) - start_ns) * 1e-9,
+        current_s=np.empty(0) if logged is None else _seconds(np.sort(logged.stamps_ns), start_ns),
         forces={source: force_at(one, times, gap_s) for source, one in forced.items()},
     )
 
@@ -161,3 +161,7 @@ def _make_stretch(
 def _with_force(recording: Recording, force: F) -> Recording:
     stamps = recording.channel("position").stamps_ns
     return Recording(recording.name, {"force": Channel("force", "N", stamps, force)})
+
+
+def _seconds(stamps_ns: I, start_ns: int) -> F:
+    return np.asarray((stamps_ns - start_ns) * 1e-9, np.float64)

@@ -75,7 +75,9 @@ class CycleWork(ConditionRow):
     work_J: float = column("J", "mean energy dissipated in a cycle: area of the loop force over position")
     work_sd_J: float = column("J", "standard deviation between cycles")
     power_W: float = column("W", "work times frequency")
-    damping_Ns_m: float = column("Ns/m", "viscous damping that dissipates as much: work over the integral of speed squared")
+    damping_Ns_m: float = column(
+        "Ns/m", "viscous damping that dissipates as much: work over the integral of speed squared"
+    )
     damping_sd_Ns_m: float = column("Ns/m", "standard deviation between cycles")
     mid_force_N: float = column("N", "mean of the forces at the two zero speeds: gas force and static offset")
     mid_force_sd_N: float = column("N", "standard deviation between cycles")
@@ -159,6 +161,20 @@ class ValveResponse:
     rise_s: float = column("s", "from 10 % to 90 % of the change")
     rise_ci95_s: float = column("s", "half its interval")
     note: str = column("", "reason for an empty cell", "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResponsePoint:
+    """A point of the mean response to steps of one kind: 0 before the step, 1 when the force has settled."""
+
+    source: str = column("", "`measured`, or the simulation", "")
+    from_A: float = column("A", "current before")
+    to_A: float = column("A", "current after")
+    direction: str = column("", "compression or rebound", "")
+    time_s: float = column("s", "from the step")
+    steps: int = column("1", "steps with a value at this time", 0)
+    share: float = column("1", "mean share of the change of force")
+    share_sd: float = column("1", "standard deviation between steps")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -65,7 +66,7 @@ def _current_groups(current: F, steady: Mask, known: Mask, tolerance: float) -> 
     edges = np.linspace(low, high, RANGES + 1)
     return [
         (float(a), float(b), known & (current >= a) & (current < b if b < high else current <= b))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in pairwise(edges)
     ]
 
 

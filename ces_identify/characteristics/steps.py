@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
@@ -29,6 +30,7 @@ MIN_FORCE_CHANGE = 15.0  # times the noise of the force
 UNSETTLED = 0.05  # of the change of force: drift before the step, and at the end
 MAX_T63_SHARE = 0.3  # of the window: a slower response would not have settled
 SPARSE_S = 0.05  # [s] a current logged less often is one that is logged when it changes
+TRACE_S = np.round(np.arange(-0.020, 0.1001, 0.0005), 4)  # [s] from the step, where the mean response is shown
 NOT_SEEN = "no force from this source around the step"
 
 
@@ -48,7 +50,10 @@ class CurrentStep:
 
 @dataclass(frozen=True)
 class StepTiming:
-    """The response to one step; times [s] from the beginning of the step, forces [N] before and after."""
+    """The response to one step; times [s] from the beginning of the step, forces [N] before and after.
+
+    `trace` is the normalised force at TRACE_S, NaN after the speed or the current has changed.
+    """
 
     direction: str
     speed_m_s: float
@@ -58,6 +63,7 @@ class StepTiming:
     dead_time_s: float
     time_constant_s: float
     rise_s: float
+    trace: F
 
 
 def find_steps(stretch: Stretch, tolerance_A: float) -> list[CurrentStep]:
@@ -83,7 +89,9 @@ def time_step(stretch: Stretch, step: CurrentStep, force: F, noise_N: float) -> 
         return "the step is at the recording's edge"
     speed = float(v[a : step.at].mean())
     close = np.abs(v[a:end] - speed) <= SPEED_SHARE * abs(speed)
-    changed = np.flatnonzero(np.abs(stretch.current[step.at + round(MAX_STEP_S * rate) : end] - step.to_A) > _half(step))
+    changed = np.flatnonzero(
+        np.abs(stretch.current[step.at + round(MAX_STEP_S * rate) : end] - step.to_A) > _half(step)
+    )
     stop = end if not len(changed) else step.at + round(MAX_STEP_S * rate) + int(changed[0])
     stop = stop if close.all() else min(stop, a + int(np.argmin(close)))
     if stop - step.at < MIN_AFTER_S * rate:
@@ -103,13 +111,15 @@ def _read_response(y: F, t: F, at: int, speed: float, noise_N: float) -> StepTim
     drift = max(abs(_drift(y[:at])), abs(_drift(y[-last:])))
     if drift > UNSETTLED * abs(change):
         return "the force is not steady before the step, or has not settled before the speed or the current changes"
-    shares = median_filter((y - before) / change, 3)
+    share = (y - before) / change
+    shares = median_filter(share, 3)
     t10, t28, t63, t90 = (_crossing(t[at - 1 :], shares[at - 1 :], s) for s in (0.1, 0.283, 0.632, 0.9))
     if not t63 <= MAX_T63_SHARE * t[-1]:
         return "the response is too slow for the time at a constant speed"
     constant = 1.5 * (t63 - t28)
+    trace = np.asarray(np.interp(TRACE_S, t, share, right=np.nan))
     direction = COMPRESSION if speed > 0.0 else REBOUND
-    return StepTiming(direction, speed, before, after, t63, t63 - constant, constant, t90 - t10)
+    return StepTiming(direction, speed, before, after, t63, t63 - constant, constant, t90 - t10, trace)
 
 
 def _plateau_pairs(stretch: Stretch, tolerance_A: float) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
@@ -121,7 +131,7 @@ def _plateau_pairs(stretch: Stretch, tolerance_A: float) -> Iterator[tuple[tuple
     reach = window // 2 - 1  # the filters' windows are centred
     size = len(stretch.current)
     spans = [(max(int(a) - reach, 0), min(int(b) + reach, size)) for a, b in zip(starts, stops, strict=True)]
-    for one, other in zip(spans, spans[1:], strict=False):
+    for one, other in pairwise(spans):
         if other[0] - one[1] <= MAX_STEP_S * stretch.rate_Hz + 2:
             yield one, other
 
