@@ -48,6 +48,7 @@ setup(
     package_data={
         "*": ["py.typed"],
         "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js", "**/*.hpp", "**/*.cpp"],
+        "ces_cli": ["**/*.j2", "**/*.css"],
         "ces_rig": ["**/*.yaml"],
         "ces_iterate": ["**/*.j2", "**/*.css"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],

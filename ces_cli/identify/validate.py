@@ -13,7 +13,7 @@ from ces_cli.identify.certificate_check import verify_certificate
 from ces_cli.terminal import terminal
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
-from ces_cli.terminal.tables import cost_table, print_band
+from ces_cli.terminal.tables import cost_table, print_band, print_missing
 from ces_identify.preparation.series import prepare
 from ces_identify.preparation.weighting import Weighting, parse_weighting
 from ces_identify.validation.error_regions import error_cells
@@ -40,6 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     evaluations = _evaluations(model, options)
     weighting = weighting.with_common_stroke([e.series for e in evaluations])
     terminal.out.print(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
+    print_missing(evaluations)
     print_band(model, evaluations)
     _print_details(evaluations, weighting)
     if options.picture is not None:

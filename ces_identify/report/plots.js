@@ -6,8 +6,8 @@
   const ZOOM = 1.25, MOVE = 0.2;  // factor of one step of zoom; share of the view of one step sideways
   const CLICK = 5;                // [px] below which a drag is a click
   const MAX_ZOOM = 1e6;
-  const HELP = "Drag: zoom. Shift+drag: move. Wheel (after a click): zoom. Double-click: reset. " +
-    "Keys: arrows read values, + and − zoom, Page Up and Page Down move, Home and End, A all, 0 reset.";
+  const HELP = "Drag to zoom, Shift and drag to move, double-click to reset. Keys: arrows read values, +, −, A, 0.";
+  const MORE = "Click, then wheel: zoom. Page Up and Page Down: move. Home and End: first and last value. A: all. 0: reset.";
   const plots = [];
 
   // ---- data -------------------------------------------------------------------------------------------------------
@@ -224,6 +224,21 @@
       this.data = null;
       this.addControls();
       this.listen();
+      root.interactivePlot = this;
+    }
+
+    // New data for a figure that grows: for each area an object of y (its range) and marks, arrays for each mark. What the
+    // reader has zoomed or hidden stays.
+    replaceData(areas, full) {
+      const data = this.load(), first = this.isFirstView();
+      areas.forEach(({y, marks}, n) => {
+        const area = data.areas[n];
+        area.first = y;
+        marks.forEach((arrays, m) => Object.assign(area.marks[m], arrays, {rising: isRising(arrays.x)}));
+      });
+      data.full = this.first = full;
+      this.view = first ? full : this.limit(this.view);
+      this.redraw();
     }
 
     // The data are decoded when they are needed first.
@@ -248,7 +263,8 @@
       const bar = document.createElement("div"), title = this.svg.querySelector("title").textContent;
       bar.className = "plot-controls";
       const actions = [["+", "Zoom in", () => this.zoom(1 / ZOOM ** 2)], ["−", "Zoom out", () => this.zoom(ZOOM ** 2)],
-        ["All", "Show all data", () => this.showAll()], ["Reset", "Back to the first view", () => this.reset()]];
+        ["All", "Show all data", () => this.showAll()], ["Reset", "Back to the first view", () => this.reset()],
+        ["?", "How to use this chart", () => this.showHelp(`${HELP} ${MORE}`)]];
       for (const [text, label, act] of actions) {
         const button = document.createElement("button");
         Object.assign(button, {type: "button", textContent: text, title: label});
@@ -261,7 +277,7 @@
       this.frame = document.createElement("div");
       this.frame.className = "plot-frame";
       Object.assign(this.frame, {tabIndex: 0});
-      for (const [key, value] of [["role", "application"], ["aria-roledescription", "interactive chart"], ["aria-label", `${title}. ${HELP}`]]) {
+      for (const [key, value] of [["role", "application"], ["aria-roledescription", "interactive chart"], ["aria-label", `${title}. ${HELP} ${MORE}`]]) {
         this.frame.setAttribute(key, value);
       }
       this.svg.replaceWith(this.frame);
@@ -395,7 +411,7 @@
 
     // ---- reading values ----
 
-    showHelp() { this.readout.textContent = HELP; this.readout.classList.add("idle"); }
+    showHelp(text = HELP) { this.readout.textContent = text; this.readout.classList.add("idle"); }
 
     setCursor(x, nearest = null, spoken = false) {
       this.load();
@@ -449,7 +465,9 @@
         const i = findIndex(mark.x, x) - 1;
         return i < 0 || i >= mark.y.length ? null : {x: (mark.x[i] + mark.x[i + 1]) / 2, y: mark.y[i], text: formatNumber(mark.y[i])};
       }
-      const i = findNearest(mark.x, x);
+      const i = findNearest(mark.x, x), last = mark.x.length - 1;
+      const room = last ? 0.51 * (mark.x[last] - mark.x[0]) / last : 0;
+      if (x < mark.x[0] - room || x > mark.x[last] + room) return null;
       if (mark.kind !== "band") return {x: mark.x[i], y: mark.y[i], text: formatNumber(mark.y[i])};
       return {x: mark.x[i], y: NaN, text: `${formatNumber(mark.low[i])} to ${formatNumber(mark.high[i])}`};
     }
@@ -665,6 +683,12 @@
     block.append(button);
   }
 
-  for (const root of document.querySelectorAll(".plot")) plots.push(new InteractivePlot(root));
-  for (const block of document.querySelectorAll(".command")) addCopyButton(block);
+  // Charts and commands in an element of the page, now or when it is added later.
+  function attachAll(element) {
+    for (const root of element.querySelectorAll(".plot:not(.live)")) plots.push(new InteractivePlot(root));
+    for (const block of element.querySelectorAll(".command:not(:has(.copy))")) addCopyButton(block);
+  }
+
+  globalThis.cesPlots = {attachAll};
+  attachAll(document);
 })();
