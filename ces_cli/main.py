@@ -17,6 +17,10 @@ ProgramTable = Mapping[str, tuple[str, str]]
 PROGRAMS: ProgramTable = {  # module and summary by name
     "info": ("bags.info", "inspect recordings: signals, rates, gaps, ranges, coverage"),
     "import": ("bags.import_", "convert dyno logs (CSV, JSON, MAT) to bags"),
+    "characterise": (
+        "bags.characterise",
+        "show force over speed, loops, work, hysteresis and valve response of a damper",
+    ),
     "rig": ("rig.program", "run an experiment on the virtual rig and record it (synthetic data)"),
     "learn-stroke": ("rig.learn_stroke", "learn the command that makes the rig's piston follow a wanted stroke"),
     "identify": ("identify.program", "identify a force model from recordings"),

@@ -106,6 +106,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "report": "numerics preparation structures typesetting validation",
         "comparison": "numerics preparation recordings report simulations typesetting validation",
         "campaign": "comparison config_file identification jobs polynomial recordings report structures validation",
+        "characteristics": "numerics preparation recordings report simulations typesetting",
         "cross_fit": "identification numerics polynomial preparation recordings structures",
         "api": "comparison identification polynomial preparation recordings report simulations structures validation",
     },

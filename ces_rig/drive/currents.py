@@ -18,6 +18,7 @@ from scipy.signal import butter, lfilter, max_len_seq, sosfilt
 
 from ces_rig.descriptions import REQUIRED, build, quantity
 from ces_rig.drive.reg1 import Reg1
+from ces_rig.drive.sequences import KIND, CurrentSequence, parse_parts
 from ces_rig.drive.strokes import take_kind
 from ces_rig.drive.working_range import HIGH, LOW
 from ces_rig.errors import RigError
@@ -174,13 +175,23 @@ KINDS: Mapping[str, type[Any]] = {
     "sine": SineCurrent,
     "stroke_following": StrokeFollowing,
     "reg1": Reg1,
+    KIND: CurrentSequence,
 }
 
 
 def make_current(description: object, where: str) -> Current | Reg1:
     """Return the current of the description `{kind: …, its parameters}`; raises RigError."""
     kind, settings = take_kind(description, KINDS, where)
+    if kind == KIND:
+        return CurrentSequence(parse_parts(settings, where, _make_part))
     current: Current | Reg1 = build(KINDS[kind], settings, where)
     if getattr(current, "high_A", 1.0) <= getattr(current, "low_A", 0.0):
         raise RigError(f"{where}: high_A is not above low_A")
+    return current
+
+
+def _make_part(description: object, where: str) -> Current:
+    current = make_current(description, where)
+    if isinstance(current, Reg1):
+        raise RigError(f"{where}: kind is 'reg1', which needs the damper; expected a current known before it moves")
     return current

@@ -18,6 +18,7 @@ from scipy.signal import butter, sosfilt
 
 from ces_rig.descriptions import REQUIRED, build, choice, quantity
 from ces_rig.drive.quarter_vehicle import road_stroke
+from ces_rig.drive.sequences import KIND, StrokeSequence, parse_parts
 from ces_rig.drive.stroke_file import StrokeFile
 from ces_rig.errors import RigError
 
@@ -173,6 +174,7 @@ KINDS: Mapping[str, type[Any]] = {
     "frequency_modulated": FrequencyModulated,
     "triangle": Triangle,
     "file": StrokeFile,
+    KIND: StrokeSequence,
 }
 
 
@@ -199,6 +201,8 @@ class Stroke:
 def make_stroke(description: object, where: str) -> Stroke:
     """Return the stroke of the description `{kind: …, its parameters, offset_m, fade_s}`; raises RigError."""
     kind, settings = take_kind(description, KINDS, where)
+    if kind == KIND:
+        return Stroke(StrokeSequence(parse_parts(settings, where, make_stroke)), Common(fade_s=0.0))
     common = {key: settings.pop(key) for key in ("offset_m", "fade_s") if key in settings}
     return Stroke(build(KINDS[kind], settings, where), build(Common, common, where))
 

@@ -36,7 +36,7 @@ def same(a, b):
     )
 
 
-@pytest.mark.parametrize("name", ["sine_4hz", "sine_12hz", "sweep", "noise", "road", "fm_binary"])
+@pytest.mark.parametrize("name", ["sine_4hz", "sine_12hz", "sweep", "noise", "road", "fm_binary", "characterise"])
 def test_packaged_experiments_run(name):
     experiment = load_experiment(packaged_experiments()[name])
     recording = run(experiment)
@@ -143,6 +143,6 @@ def test_mistakes_are_one_line(change, says):
 def test_missing_parts_and_files():
     with pytest.raises(RigError, match="'current' is missing"):
         parse_experiment({"stroke": {"kind": "rest"}}, "e.yaml")
-    with pytest.raises(RigError, match="no such file or packaged experiment; packaged are fm_binary"):
+    with pytest.raises(RigError, match="no such file or packaged experiment; packaged are characterise, fm_binary"):
         find_experiment("sine_5hz")
     assert find_experiment("sweep") == packaged_experiments()["sweep"]

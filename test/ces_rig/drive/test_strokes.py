@@ -26,7 +26,7 @@ def samples(given, seed=1, time=TIME):
 
 
 def test_examples_cover_every_kind():
-    assert {e["kind"] for e in EXAMPLES} == set(KINDS) - {"file"}  # test_stroke_file.py
+    assert {e["kind"] for e in EXAMPLES} == set(KINDS) - {"file", "sequence"}  # test_stroke_file.py, test_sequences.py
 
 
 @pytest.mark.parametrize("given", EXAMPLES, ids=lambda e: e["kind"])

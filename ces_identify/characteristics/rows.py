@@ -1,0 +1,193 @@
+"""The rows of the tables: one frozen dataclass for each table, one field for each column, with unit and meaning.
+
+A missing value is NaN, an empty cell in CSV and null in JSON; `note` says why it is missing. `difference_...` is a
+simulation's value minus the measured one over the same cycles, NaN in rows of the measurement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+NAN = float("nan")
+
+
+def column(unit: str, meaning: str, default: Any = NAN) -> Any:
+    """Declare a column with its unit ("" for words, "1" for a number without unit) and meaning."""
+    return field(default=default, metadata={"unit": unit, "meaning": meaning})
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConditionRow:
+    """What was recorded: source of the force, current, stroke, and the number of cycles."""
+
+    source: str = column("", "`measured`, or the simulation", "")
+    current_A: float = column("A", "mean current of the level")
+    current_width_A: float = column("A", "largest minus smallest mean current of the level's cycles")
+    amplitude_m: float = column("m", "mean amplitude: half the distance between the turning points")
+    frequency_Hz: float = column("Hz", "mean frequency of the cycles")
+    cycles: int = column("1", "number of cycles", 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeakForce(ConditionRow):
+    """Peak velocity pick-up: the force at the peak speed of a stroke."""
+
+    direction: str = column("", "compression or rebound", "")
+    speed_m_s: float = column("m/s", "mean peak speed, negative in rebound")
+    force_N: float = column("N", "mean force there")
+    force_sd_N: float = column("N", "standard deviation between cycles")
+    difference_N: float = column("N", "simulated minus measured force")
+    difference_sd_N: float = column("N", "standard deviation of the difference between cycles")
+    note: str = column("", "reason for an empty cell", "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContinuousForce(ConditionRow):
+    """Continuous force-speed diagram: both branches of a stroke at a share of its peak speed, and hysteresis."""
+
+    direction: str = column("", "compression or rebound", "")
+    speed_m_s: float = column("m/s", "speed, negative in rebound")
+    accelerating_N: float = column("N", "mean force while the speed rises")
+    decelerating_N: float = column("N", "mean force while the speed falls")
+    force_N: float = column("N", "mean of both branches")
+    force_sd_N: float = column("N", "its standard deviation between cycles")
+    width_N: float = column("N", "hysteresis: how much more the decelerating branch resists")
+    width_sd_N: float = column("N", "its standard deviation between cycles")
+    difference_N: float = column("N", "simulated minus measured mean force of both branches")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopPoint(ConditionRow):
+    """A point of the mean loop; the first half of the phase is compression."""
+
+    phase: float = column("1", "0 at full rebound, 0.5 at full compression, 1 at full rebound")
+    position_m: float = column("m", "mean position")
+    speed_m_s: float = column("m/s", "mean speed")
+    force_N: float = column("N", "mean force")
+    force_sd_N: float = column("N", "standard deviation between cycles")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CycleWork(ConditionRow):
+    """Work of a cycle, and what the force does at zero speed."""
+
+    work_J: float = column("J", "mean energy dissipated in a cycle: area of the loop force over position")
+    work_sd_J: float = column("J", "standard deviation between cycles")
+    power_W: float = column("W", "work times frequency")
+    damping_Ns_m: float = column(
+        "Ns/m", "viscous damping that dissipates as much: work over the integral of speed squared"
+    )
+    damping_sd_Ns_m: float = column("Ns/m", "standard deviation between cycles")
+    mid_force_N: float = column("N", "mean of the forces at the two zero speeds: gas force and static offset")
+    mid_force_sd_N: float = column("N", "standard deviation between cycles")
+    zero_width_N: float = column("N", "force at full compression minus force at full rebound, both at zero speed")
+    zero_width_sd_N: float = column("N", "standard deviation between cycles")
+    zero_width_per_ms_N: float = column("N", "its change if force and position were 1 ms apart")
+    rebound_ratio: float = column("1", "peak force of rebound over that of compression, as measured, without sign")
+    difference_J: float = column("J", "simulated minus measured work")
+    difference_sd_J: float = column("J", "standard deviation of the difference between cycles")
+    note: str = column("", "reason for an empty cell", "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knee(ConditionRow):
+    """Where the slope of the force-speed curve (mean of both branches) changes, if two lines describe it."""
+
+    direction: str = column("", "compression or rebound", "")
+    knee_speed_m_s: float = column("m/s", "speed where the two lines meet")
+    knee_speed_sd_m_s: float = column("m/s", "standard deviation between cycles")
+    knee_force_N: float = column("N", "force there")
+    slope_below_Ns_m: float = column("Ns/m", "slope at lower speeds")
+    slope_above_Ns_m: float = column("Ns/m", "slope at higher speeds")
+    note: str = column("", "why there is no knee", "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedBin:
+    """Quantiles of the force in a bin of speed, over any motion."""
+
+    source: str = column("", "`measured`, or the simulation", "")
+    current_from_A: float = column("A", "lowest current in the group")
+    current_to_A: float = column("A", "highest current in the group")
+    speed_from_m_s: float = column("m/s", "lower edge of the bin")
+    speed_to_m_s: float = column("m/s", "upper edge of the bin")
+    samples: int = column("1", "samples in the bin", 0)
+    visits: int = column("1", "separate passes through the bin", 0)
+    low_N: float = column("N", "10 % quantile of the force")
+    median_N: float = column("N", "median of the force")
+    high_N: float = column("N", "90 % quantile of the force")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepResponse:
+    """The response of the force to one step of the current."""
+
+    source: str = column("", "`measured`, or the simulation", "")
+    recording: str = column("", "name of the recording", "")
+    time_s: float = column("s", "when the current began to change, from the first position sample")
+    time_doubt_s: float = column("s", "half the sampling interval of the current in which it did")
+    from_A: float = column("A", "current before")
+    to_A: float = column("A", "current after")
+    direction: str = column("", "compression or rebound", "")
+    speed_m_s: float = column("m/s", "mean speed before the step")
+    before_N: float = column("N", "force before")
+    after_N: float = column("N", "force after it has settled")
+    time_63_s: float = column("s", "from the step to 63.2 % of the change")
+    dead_time_s: float = column("s", "dead time of a first-order lag through 28.3 % and 63.2 %")
+    time_constant_s: float = column("s", "its time constant: 63.2 % after the dead time")
+    rise_s: float = column("s", "from 10 % to 90 % of the change")
+    note: str = column("", "why the response cannot be read", "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValveResponse:
+    """Mean response to steps of one kind; `..._ci95_s` is half the 95 % interval, with the sampling of the current."""
+
+    source: str = column("", "`measured`, or the simulation", "")
+    from_A: float = column("A", "current before")
+    to_A: float = column("A", "current after")
+    change: str = column("", "up or down", "")
+    direction: str = column("", "compression or rebound", "")
+    steps: int = column("1", "number of steps read", 0)
+    speed_m_s: float = column("m/s", "mean speed at the steps")
+    force_change_N: float = column("N", "mean change of force")
+    time_63_s: float = column("s", "from the step to 63.2 % of the change")
+    time_63_ci95_s: float = column("s", "half its interval")
+    dead_time_s: float = column("s", "dead time")
+    dead_time_ci95_s: float = column("s", "half its interval")
+    time_constant_s: float = column("s", "63.2 % after the dead time")
+    time_constant_ci95_s: float = column("s", "half its interval")
+    rise_s: float = column("s", "from 10 % to 90 % of the change")
+    rise_ci95_s: float = column("s", "half its interval")
+    note: str = column("", "reason for an empty cell", "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResponsePoint:
+    """A point of the mean response to steps of one kind: 0 before the step, 1 when the force has settled."""
+
+    source: str = column("", "`measured`, or the simulation", "")
+    from_A: float = column("A", "current before")
+    to_A: float = column("A", "current after")
+    direction: str = column("", "compression or rebound", "")
+    time_s: float = column("s", "from the step")
+    steps: int = column("1", "steps with a value at this time", 0)
+    share: float = column("1", "mean share of the change of force")
+    share_sd: float = column("1", "standard deviation between steps")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Omission:
+    """Something that was recorded and not used, or that could not be computed, with the reason."""
+
+    subject: str = column("", "what is missing: cycles, steps, a table", "")
+    recording: str = column("", "name of the recording, or `all`", "")
+    count: int = column("1", "how many", 0)
+    of: int = column("1", "of how many", 0)
+    reason: str = column("", "why", "")
+
+
+def columns(row: type[Any]) -> tuple[tuple[str, str, str], ...]:
+    """Return name, unit and meaning of the columns of a row type."""
+    return tuple((f.name, f.metadata["unit"], f.metadata["meaning"]) for f in fields(row))

@@ -1,0 +1,170 @@
+"""The response of the valve: how the force follows a step of the current while the piston moves at a constant speed.
+
+The force is normalised to 0 before the step and 1 after it. Read are the times from the step to 28.3 % and 63.2 %, and
+from 10 % to 90 %. A first-order lag with a dead time that passes through the first two has the time constant
+1.5 (t63 - t28) and the dead time t63 - 1.5 (t63 - t28) (Smith, 1972). The step counts from the first change of the
+logged current, so the lag of the coil belongs to the response only if the command was logged. Everything between valve
+and load cell (oil, bushing) belongs to it, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+
+from ces_identify.characteristics.cycle_values import COMPRESSION, REBOUND
+from ces_identify.characteristics.motion import Stretch
+from ces_identify.numerics.arrays import F
+
+PLATEAU_S = 0.05  # [s] of constant current before and after a step
+MAX_STEP_S = 0.04  # [s] that the change of the logged current may take
+MIN_STEP = 3.0  # in tolerances of the current
+BEFORE_S = 0.03  # [s] of steady force before the step
+MIN_AFTER_S, MAX_AFTER_S = 0.05, 0.25  # [s] at a constant speed after it
+SPEED_SHARE = 0.10  # by which the speed may leave its mean before the step
+MIN_FORCE_CHANGE = 15.0  # times the noise of the force
+UNSETTLED = 0.05  # of the change of force: drift before the step, and at the end
+MAX_T63_SHARE = 0.3  # of the window: a slower response would not have settled
+SPARSE_S = 0.05  # [s] a current logged less often is one that is logged when it changes
+TRACE_S = np.round(np.arange(-0.020, 0.1001, 0.0005), 4)  # [s] from the step, where the mean response is shown
+NOT_SEEN = "no force from this source around the step"
+
+
+@dataclass(frozen=True)
+class CurrentStep:
+    """A step of the current in a stretch: sample `at` is the first with the changed current.
+
+    `time_s` is the middle of the interval of length 2 * `doubt_s` in which the change began.
+    """
+
+    at: int
+    time_s: float
+    doubt_s: float
+    from_A: float
+    to_A: float
+
+
+@dataclass(frozen=True)
+class StepTiming:
+    """The response to one step; times [s] from the beginning of the step, forces [N] before and after.
+
+    `trace` is the normalised force at TRACE_S, NaN after the speed or the current has changed.
+    """
+
+    direction: str
+    speed_m_s: float
+    before_N: float
+    after_N: float
+    time_63_s: float
+    dead_time_s: float
+    time_constant_s: float
+    rise_s: float
+    trace: F
+
+
+def find_steps(stretch: Stretch, tolerance_A: float) -> list[CurrentStep]:
+    """Return the steps between plateaus of the current."""
+    steps = []
+    for (a, b), (c, d) in _plateau_pairs(stretch, tolerance_A):
+        before, after = float(np.median(stretch.current[a:b])), float(np.median(stretch.current[c:d]))
+        near = np.abs(stretch.current[a:d] - before) <= max(0.1 * abs(after - before), tolerance_A / 3.0)
+        at = a + int(np.flatnonzero(near[: c - a])[-1]) + 1 if near[: c - a].any() else c
+        short = np.abs(stretch.current[at:d] - after) <= max(0.1 * abs(after - before), tolerance_A)
+        if abs(after - before) < MIN_STEP * tolerance_A or np.argmax(short) > MAX_STEP_S * stretch.rate_Hz:
+            continue
+        time, doubt = _locate_step(stretch, at)
+        steps.append(CurrentStep(at, time, doubt, before, after))
+    return steps
+
+
+def time_step(stretch: Stretch, step: CurrentStep, force: F, noise_N: float) -> StepTiming | str:
+    """Return the response of `force` (n,) to a step, or the reason why none can be read."""
+    rate, v = stretch.rate_Hz, stretch.speed
+    a, end = step.at - round(BEFORE_S * rate), min(step.at + round(MAX_AFTER_S * rate), len(v))
+    if a < 0:
+        return "the step is at the recording's edge"
+    speed = float(v[a : step.at].mean())
+    close = np.abs(v[a:end] - speed) <= SPEED_SHARE * abs(speed)
+    changed = np.flatnonzero(
+        np.abs(stretch.current[step.at + round(MAX_STEP_S * rate) : end] - step.to_A) > _half(step)
+    )
+    stop = end if not len(changed) else step.at + round(MAX_STEP_S * rate) + int(changed[0])
+    stop = stop if close.all() else min(stop, a + int(np.argmin(close)))
+    if stop - step.at < MIN_AFTER_S * rate:
+        return f"the speed is not constant (within 10 %) from {BEFORE_S:g} s before to {MIN_AFTER_S:g} s after the step"
+    y, t = force[a:stop], stretch.time_s[a:stop] - step.time_s
+    if not np.isfinite(y).all():
+        return NOT_SEEN
+    return _read_response(y, t, step.at - a, speed, noise_N)
+
+
+def _read_response(y: F, t: F, at: int, speed: float, noise_N: float) -> StepTiming | str:
+    last = max((len(y) - at) // 3, 2)
+    before, after = float(y[:at].mean()), float(y[-last:].mean())
+    change = after - before
+    if abs(change) < MIN_FORCE_CHANGE * noise_N:
+        return f"the force changes by less than {MIN_FORCE_CHANGE:g} times its noise"
+    drift = max(abs(_drift(y[:at])), abs(_drift(y[-last:])))
+    if drift > UNSETTLED * abs(change):
+        return "the force is not steady before the step, or has not settled before the speed or the current changes"
+    share = (y - before) / change
+    shares = median_filter(share, 3)
+    t10, t28, t63, t90 = (_crossing(t[at - 1 :], shares[at - 1 :], s) for s in (0.1, 0.283, 0.632, 0.9))
+    if not t63 <= MAX_T63_SHARE * t[-1]:
+        return "the response is too slow for the time at a constant speed"
+    constant = 1.5 * (t63 - t28)
+    trace = np.asarray(np.interp(TRACE_S, t, share, right=np.nan))
+    direction = COMPRESSION if speed > 0.0 else REBOUND
+    return StepTiming(direction, speed, before, after, t63, t63 - constant, constant, t90 - t10, trace)
+
+
+def _plateau_pairs(stretch: Stretch, tolerance_A: float) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """Yield neighbouring stretches [start, stop) of constant current."""
+    window = max(2, round(PLATEAU_S * stretch.rate_Hz))
+    spread = maximum_filter1d(stretch.current, window) - minimum_filter1d(stretch.current, window)
+    flat = np.concatenate([[0], (spread <= tolerance_A).astype(np.int8), [0]])
+    starts, stops = np.flatnonzero(np.diff(flat) == 1), np.flatnonzero(np.diff(flat) == -1)
+    reach = window // 2 - 1  # the filters' windows are centred
+    size = len(stretch.current)
+    spans = [(max(int(a) - reach, 0), min(int(b) + reach, size)) for a, b in zip(starts, stops, strict=True)]
+    for one, other in pairwise(spans):
+        if other[0] - one[1] <= MAX_STEP_S * stretch.rate_Hz + 2:
+            yield one, other
+
+
+def _locate_step(stretch: Stretch, at: int) -> tuple[float, float]:
+    """Return when the current began to change and half the interval [s] in which it did."""
+    logged, now = stretch.current_s, float(stretch.time_s[at])
+    index = int(np.searchsorted(logged, now + 1e-9, side="right")) - 1
+    grid = 0.5 / stretch.rate_Hz
+    if index < 1:
+        return now - grid, grid
+    interval = float(logged[index] - logged[index - 1])
+    if interval > SPARSE_S:
+        return float(logged[index]), grid
+    return float(logged[index]) - 0.5 * interval, 0.5 * interval
+
+
+def _half(step: CurrentStep) -> float:
+    return 0.5 * abs(step.to_A - step.from_A)
+
+
+def _drift(y: F) -> float:
+    """Return how much the second half of y (n,) differs from the first."""
+    middle = len(y) // 2
+    return float(y[middle:].mean() - y[:middle].mean())
+
+
+def _crossing(t: F, y: F, share: float) -> float:
+    """Return when y (n,) first reaches `share`, between samples."""
+    index = int(np.argmax(y >= share))
+    if y[index] < share:
+        return np.inf
+    if index == 0:
+        return float(t[0])
+    rise = y[index] - y[index - 1]
+    return float(t[index - 1] + (share - y[index - 1]) / rise * (t[index] - t[index - 1]))

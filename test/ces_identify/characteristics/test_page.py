@@ -1,0 +1,102 @@
+"""The page and the tables: every table is there with units, charts read well in a real browser, prints and scales."""
+
+import csv
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from browser import A4_PX, find_clipped, find_collisions, find_low_contrast, open_page
+from dyno_recordings import recording_of, sine_motion, triangle_motion
+
+import ces_identify
+from ces_identify.characteristics.characterise import TABLES, characterise
+from ces_identify.characteristics.page import format_page, number, with_spread
+from ces_identify.simulations.simulation import FunctionSimulation
+
+UNITS = {"_N": "N", "_J": "J", "_m": "m", "_s": "s", "_A": "A", "_Hz": "Hz", "_W": "W", "_m_s": "m/s", "_Ns_m": "Ns/m"}
+
+
+@pytest.fixture(scope="module")
+def results():
+    """Sines at two currents and steps during a triangle, measured and by one simulation."""
+    recordings = []
+    for seed, current in enumerate((0.3, 0.6)):
+        for amplitude, frequency in ((0.005, 1.0), (0.01, 2.0), (0.02, 2.0)):
+            t, x, v = sine_motion(amplitude, frequency)
+            force = 2000.0 * current * np.tanh(v / 0.1)
+            recordings.append(recording_of(t, x, current, force, 5.0, seed=seed, name=f"s{amplitude}_{current}"))
+    t, x, v = triangle_motion()
+    current = np.array([0.3, 0.6, 0.3, 0.3, 0.6, 0.3])[np.floor(t / 0.3 + 1e-9).astype(int) % 6]
+    recordings.append(recording_of(t, x, current, 2000.0 * current * np.tanh(v / 0.1), 5.0, name="steps"))
+    law = FunctionSimulation("law", lambda t, x, i: 1900.0 * i * np.tanh(np.gradient(x, t) / 0.1))
+    return characterise(recordings, simulations={"law": law})
+
+
+def test_tables_have_documented_columns_in_si_units(results, tmp_path):
+    files = ces_identify.write_characteristics(tmp_path / "out", results, command="ces characterise dyno")
+    assert [f.name for f in files] == ["characteristics.html", *(f"{t}.csv" for t in TABLES), "columns.csv"]
+    with (tmp_path / "out/columns.csv").open(encoding="utf-8", newline="") as file:
+        described = list(csv.DictReader(file))
+    for name, row in TABLES.items():
+        with (tmp_path / f"out/{name}.csv").open(encoding="utf-8", newline="") as file:
+            lines = list(csv.reader(file))
+        assert lines[0] == [f.name for f in fields(row)] == [d["column"] for d in described if d["table"] == name]
+        assert len(lines) - 1 == len(getattr(results, name))
+        assert not {"nan", "inf"} & {cell for line in lines for cell in line}
+    for one in described:
+        assert one["meaning"]
+        ending = max((e for e in UNITS if one["column"].endswith(e)), key=len, default=None)
+        if ending and one["column"] != "note":
+            assert one["unit"] == UNITS[ending], one
+
+
+def test_the_page_shows_measured_beside_simulated(results):
+    page = format_page(results, "ces characterise dyno --model law")
+    assert len(page) < 1_500_000
+    for text in ("peak velocity pick-up", "Work per cycle", "Response of the valve", "law [N]", "Copy"):
+        assert text in page or text == "Copy"
+    assert "0.3 A, law" in page
+    assert "ces characterise dyno --model law" in page
+
+
+def test_the_page_without_cycles_says_so():
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 15.0, 1e-3)
+    x = 0.01 * np.convolve(rng.standard_normal(len(t)), np.hanning(200) / 8.0, "same")
+    page = format_page(characterise(recording_of(t, x, 0.5, 1000.0 * np.gradient(x, t), 5.0)))
+    assert "No cycle repeats at a constant current" in page
+    assert "cannot know: the current has no steps" in page
+    assert "Work per cycle" not in page
+
+
+@pytest.mark.parametrize(
+    ("value", "spread", "text"),
+    [(1234.56, 7.891, "1234.6 ± 7.9"), (-0.04953, 0.00021, "−0.04953 ± 0.00021"), (3e4, float("nan"), "30000")],
+)
+def test_values_are_rounded_to_their_spread(value, spread, text):
+    assert with_spread(value, spread) == text
+
+
+def test_a_missing_value_is_a_dash():
+    assert number(float("nan")) == "–"
+    assert with_spread(float("nan"), 1.0) == "–"
+
+
+@pytest.fixture(scope="module")
+def page(results, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    return ces_identify.write_characteristics(folder, results, command="ces characterise dyno --model law.py:force")[0]
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (800, "dark")])
+def test_the_page_in_a_browser(page, width, scheme):
+    with open_page(page, width=width, scheme=scheme) as shown:
+        assert find_clipped(shown) == []
+        assert find_collisions(shown) == []
+        assert find_low_contrast(shown) == []
+        assert shown.locator("#peak-velocity-plot svg").count() >= 1
+
+
+def test_the_page_on_paper(page):
+    with open_page(page, width=A4_PX["width"], height=A4_PX["height"], media="print") as shown:
+        assert find_clipped(shown) == []
