@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ces_identify.recordings.checks import Finding
-from ces_identify.recordings.consistency import differences, require_consistent, traits
 from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.sense.consistency import differences, require_consistent, traits
 from ces_observer.errors import RecordingError
 
 START = 10**18
