@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.numerics.arrays import F
+from ces_identify.recordings.checks import mean_rate
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 
@@ -164,7 +165,7 @@ def _all_marks(channel: Channel | None) -> U:
         return np.empty(0, np.uint64)
     marks, informative = _run_hashes(channel)
     unique, count = np.unique(marks[informative], return_counts=True)
-    return unique[count == 1]
+    return np.asarray(unique[count == 1])
 
 
 def _run_hashes(channel: Channel) -> tuple[U, NDArray[np.bool_]]:
@@ -187,7 +188,7 @@ def _run_hashes(channel: Channel) -> tuple[U, NDArray[np.bool_]]:
 def _common_seconds(a: Channel, b: Channel, shift_ns: int) -> float:
     """Return the seconds in which two channels hold the same values at the same time, 0 if they do not."""
     a, b = (c.select(np.isfinite(c.values)) for c in (a, b))
-    sparse, dense = (a, b) if len(a) * max(np.ptp(b.stamps_ns), 1) <= len(b) * max(np.ptp(a.stamps_ns), 1) else (b, a)
+    sparse, dense = (a, b) if mean_rate(a) <= mean_rate(b) else (b, a)
     offset = shift_ns if dense is b else -shift_ns
     stamps = dense.stamps_ns + offset
     inside = (sparse.stamps_ns >= stamps.min()) & (sparse.stamps_ns <= stamps.max())

@@ -23,10 +23,10 @@ SPEEDS, CURRENTS = 12, 4  # cells, over the range that all recordings share
 
 def ratio_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Yield a finding for each recording whose forces are in another unit than those of the first."""
-    motions = {r.name: m for r in recordings if (m := recorded_motion(r)) is not None}
-    (first, reference), *others = [*motions.items()] or [("", None)]
-    for name, motion in others:
-        unit = _find_unit(_slope(reference, motion)) if reference is not None else None
+    motions = [(r.name, m) for r in recordings if (m := recorded_motion(r)) is not None]
+    for name, motion in motions[1:]:
+        first, reference = motions[0]
+        unit = _find_unit(_slope(reference, motion))
         if unit:
             small, large = (name, first) if unit[1] < 1.0 else (first, name)
             yield Finding(

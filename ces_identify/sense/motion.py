@@ -64,8 +64,8 @@ def _on_ticks(recording: Recording, channels: list[Channel], begin: int, end: in
     current = _usable(recording, "current")
     held = _at(current, begin, time) if len(current) else np.zeros(len(time))
     part = _fastest_part(speed[::finer])
-    kept = (signal[::finer][part] for signal in (position, speed, force, held))
-    return Motion(*(np.ascontiguousarray(signal) for signal in kept), sampled_Hz)
+    x, v, f, i = (np.ascontiguousarray(signal[::finer][part]) for signal in (position, speed, force, held))
+    return Motion(x, v, f, i, sampled_Hz)
 
 
 def _usable(recording: Recording, name: str) -> Channel:
@@ -95,7 +95,7 @@ def _common_spans(channels: list[Channel]) -> I:
     inner = np.unique(np.clip(np.array(edges, np.int64), begin, end))
     spans = np.stack([inner[:-1], inner[1:]], axis=1)
     filled = [all(_has_samples(c, *span) for c in channels) for span in spans]
-    return spans[np.array(filled, bool)]
+    return np.asarray(spans[np.array(filled, bool)])
 
 
 def _has_samples(channel: Channel, begin: int, end: int) -> bool:

@@ -1,4 +1,4 @@
-"""Where a recording leaves a model's envelope: the signals, with the range that the recording uses and the known one."""
+"""Where a recording leaves a model's envelope: the signals, each with the range used and the range known."""
 
 from __future__ import annotations
 
