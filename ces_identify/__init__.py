@@ -2,15 +2,9 @@
 
 The rooms in reading order: `recordings` (bags and logs as logged), `preparation` (uniform ticks), `numerics` (kernels),
 `polynomial` and `trained` (the structures' fitters), `simulations` (anything that computes a force), `validation` (how
-<<<<<<< HEAD
 good a model is), `comparison` (several models on the same recordings), `export` (C and FMU), `report` (the page),
-`campaign` (many identifications) on `jobs` (many jobs at once). The names below are the public interface; they are
-imported when they are first used.
-=======
-good a model is), `export` (C and FMU), `report` (the page), `characteristics` (what a damper dyno shows), `campaign`
-(many identifications) on `jobs` (many jobs at once). The names below are the public interface; they are imported when
-they are first used.
->>>>>>> character
+`characteristics` (what a damper dyno shows), `campaign` (many identifications) on `jobs` (many jobs at once). The names
+below are the public interface; they are imported when they are first used.
 """
 
 from typing import TYPE_CHECKING
@@ -30,12 +24,9 @@ if TYPE_CHECKING:
         validate,
         write_recording,
     )
-<<<<<<< HEAD
-    from ces_identify.comparison.comparison import Comparison
-=======
     from ces_identify.characteristics.characterise import Characteristics, characterise
     from ces_identify.characteristics.folder import write_characteristics
->>>>>>> character
+    from ces_identify.comparison.comparison import Comparison
     from ces_identify.identification import IdentificationResult
     from ces_identify.polynomial.search_limits import Limits
     from ces_identify.recordings.recording import Channel, Recording
@@ -51,12 +42,9 @@ __getattr__ = import_on_use(
         "compare_models", "identify", "make_recording", "plot", "read_log", "read_recording", "simulate", "simulate_arrays",
         "validate", "write_recording",
     ),
-<<<<<<< HEAD
-    "ces_identify.comparison.comparison": ("Comparison",),
-=======
     "ces_identify.characteristics.characterise": ("Characteristics", "characterise"),
     "ces_identify.characteristics.folder": ("write_characteristics",),
->>>>>>> character
+    "ces_identify.comparison.comparison": ("Comparison",),
     "ces_identify.identification": ("IdentificationResult",),
     "ces_identify.polynomial.search_limits": ("Limits",),
     "ces_identify.recordings.recording": ("Channel", "Recording"),
@@ -69,11 +57,8 @@ __getattr__ = import_on_use(
 
 __all__ = [
     "Channel",
-<<<<<<< HEAD
-    "Comparison",
-=======
     "Characteristics",
->>>>>>> character
+    "Comparison",
     "Evaluation",
     "FunctionSimulation",
     "IdentificationResult",
@@ -83,11 +68,8 @@ __all__ = [
     "ModelSimulation",
     "Recording",
     "Simulation",
-<<<<<<< HEAD
-    "compare_models",
-=======
     "characterise",
->>>>>>> character
+    "compare_models",
     "identify",
     "load_model",
     "make_recording",
