@@ -16,9 +16,10 @@ from ces_cli.terminal.bag_paths import find_bags
 from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.outputs import add_overwrite, require_new_folder
 from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
-from ces_identify.characteristics.characterise import Characteristics, characterise
+from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.folder import PAGE, write_characteristics
 from ces_identify.characteristics.page import number, peak_cells, response_cells, with_spread, work_cells
+from ces_identify.characteristics.results import Characteristics
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.recording import Recording
 from ces_observer.errors import CesError
@@ -56,7 +57,7 @@ def make_parser() -> terminal.Parser:
         "work per cycle, hysteresis, knees, and how the valve responds to steps of the current; with simulations over "
         "the same recordings beside them. Sines, triangles and slow sweeps at constant currents give all of it, any "
         "other motion gives quantiles of the force over speed.",
-        "ces rig characterise --out dyno && ces characterise dyno --model model.json --out characteristics",
+        "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics",
     )
     p.add_argument("bags", nargs="+", metavar="BAG", help="recordings with a measured force: bags, folders, globs")
     p.add_argument("--model", action="append", default=[], metavar="SIM", help=f"may be repeated: {HELP}")

@@ -9,18 +9,17 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ces_identify.characteristics.characterise import Characteristics
 from ces_identify.characteristics.cycle_values import DIRECTIONS, SHARES
 from ces_identify.characteristics.motion import MEASURED
 from ces_identify.characteristics.page_charts import (
-    choose_test_points,
     loop_charts,
-    make_palette,
     motion_charts,
     peak_chart,
     response_chart,
     work_chart,
 )
+from ces_identify.characteristics.palette import choose_test_points, make_palette
+from ces_identify.characteristics.results import Characteristics
 from ces_identify.characteristics.rows import ConditionRow
 from ces_identify.report.plot import Plot, draw_plot, share_points
 from ces_identify.report.shell import command_block, page_template, replace_unencodable
@@ -48,8 +47,8 @@ def format_page(results: Characteristics, command: str = "") -> str:
     plots = [*peaks, *(plot for pair in loops for plot in pair), *responses, *motions]
     limit = share_points(sum(len(area.marks) for plot in plots for area in plot.areas))
 
-    def draw(some: Sequence[Plot]) -> list[Markup]:
-        return [draw_plot(plot, limit) for plot in some]
+    def draw(some: Sequence[Plot]) -> list[tuple[Markup, str]]:
+        return [(draw_plot(plot, limit), plot.title) for plot in some]
 
     names = ", ".join(r.name for r in results.recordings)
     page = page_template("characteristics.html.j2", "ces_identify.characteristics", ("characteristics.css",)).render(
