@@ -6,8 +6,9 @@
   const ZOOM = 1.25, MOVE = 0.2;  // factor of one step of zoom; share of the view of one step sideways
   const CLICK = 5;                // [px] below which a drag is a click
   const MAX_ZOOM = 1e6;
-  const HELP = "Drag to zoom, Shift and drag to move, double-click to reset. Keys: arrows read values, +, −, A, 0.";
-  const MORE = "Click, then wheel: zoom. Page Up and Page Down: move. Home and End: first and last value. A: all. 0: reset.";
+  const HELP = "Drag to zoom, double-click to reset.";
+  const MORE = "Shift and drag: move. Click, then wheel: zoom. Keys: arrows read values, + and − zoom, Page Up and Page " +
+    "Down move, Home and End go to the first and the last value, A shows all, 0 resets.";
   const plots = [];
 
   // ---- data -------------------------------------------------------------------------------------------------------
