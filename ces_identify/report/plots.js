@@ -199,7 +199,7 @@
     for (const tick of findTicks(scale.view[0], scale.view[1], xTicks)) {
       const x = scale.px(tick.value);
       out.push(`<path class="${css(tick.value)}" d="M${at(x)},${at(scale.top)}V${at(scale.bottom)}"/>`);
-      if (area.xLabel) text("tick mid", x, scale.bottom + 17, tick.text);
+      if (area.xLabel) text("tick mid", x, scale.bottom + 19, tick.text);
     }
     const three = area.zero && !area.chosen;
     for (const tick of three ? findThreeTicks(scale.y[1], scale.height) : findTicks(scale.y[0], scale.y[1], area.yTicks)) {
