@@ -124,6 +124,19 @@ def test_cost_table_tells_each_recording_validation_first(tmp_path: Path, both: 
     assert words(head) == f"Validation: cost J = {rows[0][4]} % (road)."
 
 
+def test_the_title_names_the_recordings(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    assert words(next(root.iter(f"{XHTML}title"))) == "A model: road (validation); sine (identification)"
+    many = [replace(both[0], name=f"r{n}") for n in range(9)]
+    _, root = page(tmp_path, many)
+    assert "r0, r1, r2, r3, r4 and 4 more (identification)" in words(next(root.iter(f"{XHTML}title")))
+
+
+def test_the_command_is_a_block_of_its_own(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    assert [words(e) for e in root.iter(f"{XHTML}code")] == [FACTS["Command"]]
+
+
 def test_headline_spans_best_to_worst(tmp_path: Path, both: list[Evaluation]) -> None:
     scored = [replace(both[0], role=VALIDATION, name=n, cost=c) for n, c in (("a", 12.3), ("b", 6.91), ("c", 140.2))]
     text, _ = page(tmp_path, scored)
@@ -279,6 +292,14 @@ def test_window_is_typical() -> None:
     assert window.stop - window.start == 750
     assert window.start >= 700 or window.stop <= 600
     assert window.why.startswith("typical")
+
+
+def test_window_is_where_the_damper_works() -> None:
+    series = damper("standstill", ticks=10_000)
+    still = np.arange(len(series)) < 8000  # most of the recording, and there the error is smaller
+    changed = {name: np.where(still, 0.0, getattr(series, name)) for name in ("speed", "force")}
+    e = evaluate(model(), [replace(series, **changed)], VALIDATION)[0]
+    assert choose_window(e).start > 7000
 
 
 def test_window_spans_no_gap_and_no_warm_up() -> None:
