@@ -141,10 +141,14 @@ def number(value: float, figures: int = 3) -> str:
 
 
 def with_spread(value: float, spread: float, figures: int = 3) -> str:
-    """Return `value ± spread`, both to the place of the spread's second figure; without a spread `figures` figures."""
+    """Return `value ± spread`; without a spread the value with `figures` figures.
+
+    The spread has one figure, or two if it begins with 1 or 2; the value is rounded to the same place.
+    """
     if not (math.isfinite(value) and math.isfinite(spread) and spread > 0.0):
         return number(value, figures)
-    digits = 1 - math.floor(math.log10(spread))
+    decade = math.floor(math.log10(spread))
+    digits = (1 if spread < 3.0 * 10.0**decade else 0) - decade
     return minus(f"{round(value, digits):.{max(digits, 0)}f} ± {round(spread, digits):.{max(digits, 0)}f}")
 
 

@@ -79,7 +79,7 @@ def test_the_page_without_cycles_says_so():
 
 @pytest.mark.parametrize(
     ("value", "spread", "text"),
-    [(1234.56, 7.891, "1234.6 ± 7.9"), (-0.04953, 0.00021, "−0.04953 ± 0.00021"), (3e4, float("nan"), "30000")],
+    [(1234.56, 7.891, "1235 ± 8"), (-0.04953, 0.00021, "−0.04953 ± 0.00021"), (3e4, float("nan"), "30000")],
 )
 def test_values_are_rounded_to_their_spread(value, spread, text):
     assert with_spread(value, spread) == text
