@@ -38,7 +38,7 @@ def peak_chart(results: Characteristics, palette: Palette) -> Plot:
         title="Force at the peak speed of each cycle",
         text="Mean force at the peak speed of compression (right) and rebound (left), a curve for each current.",
         x_label=f"Peak {SPEED[0].lower()}{SPEED[1:]}",
-        areas=[PlotArea(FORCE, marks, height=330)],
+        areas=[PlotArea(FORCE, marks, height=330, y_ticks=8)],
         width=900.0,
         free=True,
     )
@@ -60,7 +60,7 @@ def loop_charts(results: Characteristics, palette: Palette, number: int, point: 
             for source, current, rows in loops
         ]
         text = f"{title} of the mean cycle of {what}, a loop for each current."
-        areas = [PlotArea(FORCE, marks, height=280)]
+        areas = [PlotArea(FORCE, marks, height=280, y_ticks=7)]
         return Plot(f"{kind}-{number}", f"{title}, {what}", text, x_label, areas, width=550.0, free=True)
 
     stroke = plot("stroke", "Force over stroke", "Position [mm]", attrgetter("position_m"), 1e3)
