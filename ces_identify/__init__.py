@@ -24,8 +24,9 @@ if TYPE_CHECKING:
         validate,
         write_recording,
     )
-    from ces_identify.characteristics.characterise import Characteristics, characterise
+    from ces_identify.characteristics.characterise import characterise
     from ces_identify.characteristics.folder import write_characteristics
+    from ces_identify.characteristics.results import Characteristics
     from ces_identify.comparison.comparison import Comparison
     from ces_identify.identification import IdentificationResult
     from ces_identify.polynomial.search_limits import Limits
@@ -42,9 +43,10 @@ __getattr__ = import_on_use(
         "compare_models", "identify", "make_recording", "plot", "read_log", "read_recording", "simulate", "simulate_arrays",
         "validate", "write_recording",
     ),
-    "ces_identify.characteristics.characterise": ("Characteristics", "characterise"),
+    "ces_identify.characteristics.characterise": ("characterise",),
     "ces_identify.characteristics.folder": ("write_characteristics",),
     "ces_identify.comparison.comparison": ("Comparison",),
+    "ces_identify.characteristics.results": ("Characteristics",),
     "ces_identify.identification": ("IdentificationResult",),
     "ces_identify.polynomial.search_limits": ("Limits",),
     "ces_identify.recordings.recording": ("Channel", "Recording"),

@@ -6,7 +6,7 @@ Cycles and steps are found in position and current alone, so every simulation is
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -22,81 +22,17 @@ from ces_identify.characteristics.cycle_rows import (
     work_row,
 )
 from ces_identify.characteristics.cycle_values import evaluate_cycles
-from ces_identify.characteristics.cycles import REASONS, Cycles, find_cycles, join_cycles
+from ces_identify.characteristics.cycles import Cycles, find_cycles, join_cycles
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch, prepare_motion
-from ces_identify.characteristics.rows import (
-    ContinuousForce,
-    CycleWork,
-    Knee,
-    LoopPoint,
-    Omission,
-    PeakForce,
-    ResponsePoint,
-    SpeedBin,
-    StepResponse,
-    ValveResponse,
-)
+from ces_identify.characteristics.omissions import find_empty_values, find_omissions
+from ces_identify.characteristics.results import Characteristics, RecordingFacts
+from ces_identify.characteristics.rows import SpeedBin
 from ces_identify.characteristics.speed_bins import bin_forces
 from ces_identify.characteristics.step_rows import group_steps, read_steps, response_points, response_row
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
-
-ALL = "all"
-NO_CYCLES = (
-    "no cycle repeats at a constant current: record sines, triangles or a slow sweep, each at a constant current "
-    "(`ces rig characterise` shows how); the bins of speed describe any motion"
-)
-NO_STEPS = "cannot know: the current has no steps"
-NO_STEPS_READ = "cannot know: no step of the current while the piston moves at a constant speed; see the table of steps"
-
-
-@dataclass(frozen=True)
-class RecordingFacts:
-    """A recording: its length, bandwidth and noise of the speed, noise of the force, cycles found and used."""
-
-    name: str
-    duration_s: float
-    rate_Hz: float
-    bandwidth_Hz: float
-    speed_noise_m_s: float
-    force_noise_N: float
-    cycles: int
-    cycles_used: int
-
-
-@dataclass(frozen=True)
-class Characteristics:
-    """The tables; `sources` are "measured" and the simulations, in the order of the rows."""
-
-    sources: tuple[str, ...]
-    current_tolerance_A: float
-    recordings: tuple[RecordingFacts, ...]
-    peak_velocity: tuple[PeakForce, ...]
-    continuous: tuple[ContinuousForce, ...]
-    loops: tuple[LoopPoint, ...]
-    work: tuple[CycleWork, ...]
-    knees: tuple[Knee, ...]
-    responses: tuple[ValveResponse, ...]
-    response_points: tuple[ResponsePoint, ...]
-    steps: tuple[StepResponse, ...]
-    speed_bins: tuple[SpeedBin, ...]
-    omissions: tuple[Omission, ...]
-
-
-TABLES: dict[str, type[Any]] = {
-    "peak_velocity": PeakForce,
-    "continuous": ContinuousForce,
-    "loops": LoopPoint,
-    "work": CycleWork,
-    "knees": Knee,
-    "responses": ValveResponse,
-    "response_points": ResponsePoint,
-    "steps": StepResponse,
-    "speed_bins": SpeedBin,
-    "omissions": Omission,
-}
 
 
 def characterise(
@@ -118,16 +54,17 @@ def characterise(
     used = found.select(found.used)
     read = [step for motion in motions for step in read_steps(motion, sources, tolerance)]
     steps, groups = tuple(step.row for step in read), group_steps(read, tolerance)
+    cycle_tables = _cycle_tables(used, find_conditions(used, tolerance), sources)
     return Characteristics(
         sources=sources,
         current_tolerance_A=tolerance,
         recordings=tuple(_describe(motion, k, found) for k, motion in enumerate(motions)),
-        **_cycle_tables(used, find_conditions(used, tolerance), sources),
+        **cycle_tables,
         responses=tuple(response_row(group) for group in groups),
         response_points=tuple(point for group in groups for point in response_points(group)),
         steps=steps,
         speed_bins=tuple(row for source in sources for row in _bin_rows(stretches, source, tolerance)),
-        omissions=tuple(_omit(motions, found, steps)),
+        omissions=(*find_omissions(motions, found, steps), *find_empty_values(cycle_tables["work"])),
     )
 
 
@@ -203,21 +140,3 @@ def _describe(motion: RecordingMotion, number: int, cycles: Cycles) -> Recording
     own = cycles.recording == number
     kept = {f.name: getattr(motion, f.name) for f in fields(RecordingFacts) if hasattr(motion, f.name)}
     return RecordingFacts(**kept, cycles=int(own.sum()), cycles_used=int((own & cycles.used).sum()))
-
-
-def _omit(motions: Sequence[RecordingMotion], cycles: Cycles, steps: Sequence[StepResponse]) -> Iterator[Omission]:
-    for number, motion in enumerate(motions):
-        own = cycles.reason[cycles.recording == number]
-        for index, reason in enumerate(REASONS):
-            count = int((own == index).sum())
-            if count:
-                yield Omission(subject="cycles", recording=motion.name, count=count, of=len(own), reason=reason)
-        measured = [s for s in steps if s.recording == motion.name and s.source == MEASURED]
-        for reason in dict.fromkeys(s.note for s in measured if s.note):
-            count = sum(s.note == reason for s in measured)
-            yield Omission(subject="steps", recording=motion.name, count=count, of=len(measured), reason=reason)
-    if not cycles.used.any():
-        yield Omission(subject="force over speed, loops, work", recording=ALL, reason=NO_CYCLES)
-    if not any(s.source == MEASURED and not s.note for s in steps):
-        reason = NO_STEPS_READ if steps else NO_STEPS
-        yield Omission(subject="response of the valve", recording=ALL, reason=reason)

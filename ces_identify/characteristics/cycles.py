@@ -175,7 +175,10 @@ def _find_repeats(position: F, period: F) -> Mask:
 
 def _smooth(speed: F) -> F:
     """Return the speeds (c, instants) averaged over the phase; unlike a polynomial this never overshoots at corners."""
-    return np.asarray(uniform_filter1d(speed, SMOOTH, axis=1, mode="nearest")) if len(speed) else speed
+    if not len(speed):
+        return speed
+    smooth = uniform_filter1d(speed[:, :-1], SMOOTH, axis=1, mode="wrap")  # the last instant is the first of the next
+    return np.asarray(np.concatenate([smooth, smooth[:, :1]], axis=1))
 
 
 def _interpolate(values: F, at: F) -> F:

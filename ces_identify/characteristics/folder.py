@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ces_identify.characteristics.characterise import Characteristics
 from ces_identify.characteristics.page import write_page
+from ces_identify.characteristics.results import Characteristics
 from ces_identify.characteristics.tables import write_tables
 
 PAGE = "characteristics.html"

@@ -9,18 +9,17 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ces_identify.characteristics.characterise import Characteristics
 from ces_identify.characteristics.cycle_values import DIRECTIONS, SHARES
 from ces_identify.characteristics.motion import MEASURED
 from ces_identify.characteristics.page_charts import (
-    choose_test_points,
     loop_charts,
-    make_palette,
     motion_charts,
     peak_chart,
     response_chart,
     work_chart,
 )
+from ces_identify.characteristics.palette import choose_test_points, make_palette
+from ces_identify.characteristics.results import Characteristics
 from ces_identify.characteristics.rows import ConditionRow
 from ces_identify.report.plot import Plot, draw_plot, share_points
 from ces_identify.report.shell import command_block, page_template, replace_unencodable
@@ -48,8 +47,8 @@ def format_page(results: Characteristics, command: str = "") -> str:
     plots = [*peaks, *(plot for pair in loops for plot in pair), *responses, *motions]
     limit = share_points(sum(len(area.marks) for plot in plots for area in plot.areas))
 
-    def draw(some: Sequence[Plot]) -> list[Markup]:
-        return [draw_plot(plot, limit) for plot in some]
+    def draw(some: Sequence[Plot]) -> list[tuple[Markup, str]]:
+        return [(draw_plot(plot, limit), plot.title) for plot in some]
 
     names = ", ".join(r.name for r in results.recordings)
     page = page_template("characteristics.html.j2", "ces_identify.characteristics", ("characteristics.css",)).render(
@@ -142,10 +141,14 @@ def number(value: float, figures: int = 3) -> str:
 
 
 def with_spread(value: float, spread: float, figures: int = 3) -> str:
-    """Return `value ± spread`, both to the place of the spread's second figure; without a spread `figures` figures."""
+    """Return `value ± spread`; without a spread the value with `figures` figures.
+
+    The spread has one figure, or two if it begins with 1 or 2; the value is rounded to the same place.
+    """
     if not (math.isfinite(value) and math.isfinite(spread) and spread > 0.0):
         return number(value, figures)
-    digits = 1 - math.floor(math.log10(spread))
+    decade = math.floor(math.log10(spread))
+    digits = (1 if spread < 3.0 * 10.0**decade else 0) - decade
     return minus(f"{round(value, digits):.{max(digits, 0)}f} ± {round(spread, digits):.{max(digits, 0)}f}")
 
 

@@ -7,85 +7,26 @@ source has a colour of its own.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from operator import attrgetter
 from typing import TypeVar
 
 import numpy as np
 
-from ces_identify.characteristics.characterise import Characteristics
 from ces_identify.characteristics.cycle_values import DIRECTIONS
 from ces_identify.characteristics.motion import MEASURED
+from ces_identify.characteristics.palette import SAME_TEST, Palette, TestPoint, as_test_point
+from ces_identify.characteristics.results import Characteristics
 from ces_identify.characteristics.rows import ConditionRow, LoopPoint, PeakForce, SpeedBin
 from ces_identify.characteristics.step_rows import MIN_STEPS
 from ces_identify.numerics.arrays import F
-from ces_identify.report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, curve_css, series_css
+from ces_identify.report.drawing import span_of
+from ces_identify.report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, series_css
 from ces_identify.report.plot_marks import PlotMark
 
-MAX_TEST_POINTS = 3  # amplitudes and frequencies whose loops are shown
-SAME_TEST = 0.06  # relative difference of amplitude and frequency within a test point
-MANY_SOURCES = 3
 BAND_POINTS = 400  # a band is drawn in columns, which should touch each other
 SPEED, FORCE = "Speed [m/s]", "Force [N]"
 
 Row = TypeVar("Row")
-
-
-@dataclass(frozen=True)
-class Palette:
-    """The classes of a line by source and current."""
-
-    sources: tuple[str, ...]
-    currents: tuple[float, ...]
-
-    def css(self, source: str, current: float) -> str:
-        """Return the classes of a line."""
-        number = self.sources.index(source)
-        if len(self.sources) >= MANY_SOURCES:
-            return "measured" if source == MEASURED else series_css(number)
-        curve = curve_css(int(np.argmin(np.abs(np.array(self.currents) - current))), len(self.currents))
-        return curve if source == MEASURED else f"{curve} beyond"
-
-    def name(self, source: str, current: float) -> str:
-        """Return the entry of the legend."""
-        if len(self.sources) >= MANY_SOURCES:
-            return source
-        return f"{current:.3g} A" + ("" if source == MEASURED else f", {source}")
-
-
-@dataclass(frozen=True)
-class TestPoint:
-    """An amplitude [m] and a frequency [Hz] that were run at one or several currents."""
-
-    amplitude_m: float
-    frequency_Hz: float
-
-    @property
-    def speed_m_s(self) -> float:
-        """The peak speed of a sine [m/s]."""
-        return 2.0 * np.pi * self.amplitude_m * self.frequency_Hz
-
-    def holds(self, row: ConditionRow) -> bool:
-        """Return whether a row belongs to this point."""
-        close = abs(np.log(row.amplitude_m / self.amplitude_m)) <= SAME_TEST
-        return bool(close and abs(np.log(row.frequency_Hz / self.frequency_Hz)) <= SAME_TEST)
-
-
-def make_palette(results: Characteristics) -> Palette:
-    """Return the palette of all levels of current."""
-    return Palette(results.sources, tuple(sorted({row.current_A for row in results.peak_velocity})))
-
-
-def choose_test_points(results: Characteristics) -> list[TestPoint]:
-    """Return the points whose loops are shown: slowest, middle and fastest of those run at the most currents."""
-    points: dict[TestPoint, set[float]] = {}
-    for row in results.work:
-        point = next((p for p in points if p.holds(row)), _as_test_point(row))
-        points.setdefault(point, set()).add(row.current_A)
-    most = max((len(currents) for currents in points.values()), default=0)
-    full = sorted((p for p, currents in points.items() if len(currents) == most), key=attrgetter("speed_m_s"))
-    chosen = np.unique(np.rint(np.linspace(0, len(full) - 1, min(MAX_TEST_POINTS, len(full)))).astype(int))
-    return [full[k] for k in chosen]
 
 
 def peak_chart(results: Characteristics, palette: Palette) -> Plot:
@@ -97,7 +38,7 @@ def peak_chart(results: Characteristics, palette: Palette) -> Plot:
         title="Force at the peak speed of each cycle",
         text="Mean force at the peak speed of compression (right) and rebound (left), a curve for each current.",
         x_label=f"Peak {SPEED[0].lower()}{SPEED[1:]}",
-        areas=[PlotArea(FORCE, marks, height=330)],
+        areas=[PlotArea(FORCE, marks, height=330, y_ticks=8)],
         width=900.0,
         free=True,
     )
@@ -119,7 +60,7 @@ def loop_charts(results: Characteristics, palette: Palette, number: int, point: 
             for source, current, rows in loops
         ]
         text = f"{title} of the mean cycle of {what}, a loop for each current."
-        areas = [PlotArea(FORCE, marks, height=280)]
+        areas = [PlotArea(FORCE, marks, height=280, y_ticks=7)]
         return Plot(f"{kind}-{number}", f"{title}, {what}", text, x_label, areas, width=550.0, free=True)
 
     stroke = plot("stroke", "Force over stroke", "Position [mm]", attrgetter("position_m"), 1e3)
@@ -130,13 +71,12 @@ def work_chart(results: Characteristics, palette: Palette) -> Plot:
     """Return the work per cycle over the peak speed of a sine of the same amplitude and frequency."""
     marks: list[PlotMark] = []
     for source, current, rows in _curves(results, results.work):
-        points = sorted(rows, key=lambda row: _as_test_point(row).speed_m_s)
-        x, y = (_values(points, get) for get in (lambda r: _as_test_point(r).speed_m_s, attrgetter("work_J")))
         name, css = palette.name(source, current), palette.css(source, current)
-        marks.append(PlotLine(name, x, y, css))
-        if source == MEASURED:
-            marks.append(PlotDots(name, x, y, f"{css} spot"))
-    text = "Energy dissipated in a cycle over 2π times amplitude times frequency, for each current."
+        for stroke in _group_strokes(rows):
+            x, y = (_values(stroke, get) for get in (lambda r: as_test_point(r).speed_m_s, attrgetter("work_J")))
+            marks.append(PlotLine(name, x, y, css))
+            marks.append(PlotDots(name, x, y, f"{css} {'spot' if source == MEASURED else 'dots'}"))
+    text = "Energy dissipated in a cycle over 2π times amplitude times frequency; lines connect equal amplitudes."
     areas = [PlotArea("Work per cycle [J]", marks, height=230)]
     return Plot("work-chart", "Work per cycle", text, "2π · amplitude · frequency [m/s]", areas, width=900.0, free=True)
 
@@ -170,7 +110,9 @@ def motion_charts(results: Characteristics) -> Iterator[Plot]:
         currents = f"{group[0]:.3g} to {group[1]:.3g} A" if group[1] > group[0] else f"{group[0]:.3g} A"
         text = f"Median of the force over speed at {currents}; band: from the 10 % to the 90 % quantile, measured."
         title = f"Any motion, {currents}"
-        yield Plot(f"motion-{n}", title, text, SPEED, [PlotArea(FORCE, marks, height=210)], width=550.0, free=True)
+        forces = [f for row in rows if (row.current_from_A, row.current_to_A) == group for f in (row.low_N, row.high_N)]
+        area = PlotArea(FORCE, marks, height=210, y_range=span_of(np.array(forces)))
+        yield Plot(f"motion-{n}", title, text, SPEED, [area], width=550.0, free=True)
 
 
 def _curves(results: Characteristics, rows: Sequence[ConditionRow]) -> Iterator[tuple[str, float, list[ConditionRow]]]:
@@ -215,5 +157,12 @@ def _values(rows: Sequence[Row], get: Callable[[Row], float]) -> F:
     return np.array([get(row) for row in rows], np.float64)
 
 
-def _as_test_point(row: ConditionRow) -> TestPoint:
-    return TestPoint(row.amplitude_m, row.frequency_Hz)
+def _group_strokes(rows: Sequence[ConditionRow]) -> list[list[ConditionRow]]:
+    """Return the rows in groups of nearly the same amplitude, each in the order of speed."""
+    groups: list[list[ConditionRow]] = []
+    for row in sorted(rows, key=attrgetter("amplitude_m")):
+        if groups and row.amplitude_m <= (1.0 + SAME_TEST) * groups[-1][0].amplitude_m:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    return [sorted(group, key=lambda row: as_test_point(row).speed_m_s) for group in groups]

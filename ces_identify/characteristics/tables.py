@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import astuple
 from pathlib import Path
 
-from ces_identify.characteristics.characterise import TABLES, Characteristics
+from ces_identify.characteristics.results import TABLES, Characteristics
 from ces_identify.characteristics.rows import columns
 from ces_observer.json_checks import write_atomically
 

@@ -36,7 +36,7 @@ def same(a, b):
     )
 
 
-@pytest.mark.parametrize("name", ["sine_4hz", "sine_12hz", "sweep", "noise", "road", "fm_binary", "characterise"])
+@pytest.mark.parametrize("name", ["sine_4hz", "sine_12hz", "sweep", "noise", "road", "fm_binary"])
 def test_packaged_experiments_run(name):
     experiment = load_experiment(packaged_experiments()[name])
     recording = run(experiment)

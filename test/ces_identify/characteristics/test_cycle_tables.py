@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from dyno_recordings import recording_of, sine_motion, triangle_motion
 
-from ces_identify.characteristics.characterise import NO_CYCLES, characterise
+from ces_identify.characteristics.characterise import characterise
+from ces_identify.characteristics.omissions import NO_CYCLES
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
 
@@ -148,7 +149,9 @@ def test_a_simulation_without_force_has_no_rows_there():
 
 
 def test_a_loop_that_dissipates_nothing_has_no_damping_and_a_reason():
-    (work,) = characterise(recording_of(T, X, 0.5, -1000.0 * V, NOISE)).work
+    results = characterise(recording_of(T, X, 0.5, -1000.0 * V, NOISE))
+    (work,) = results.work
+    assert ("rows of the work per cycle", work.note) in reasons(results)
     assert work.work_J < 0.0
     assert np.isnan(work.damping_Ns_m)
     assert np.isnan(work.rebound_ratio)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from dyno_recordings import lagging_force, recording_of, sine_motion, triangle_motion
 
-from ces_identify.characteristics.characterise import NO_STEPS, NO_STEPS_READ, characterise
+from ces_identify.characteristics.characterise import characterise
+from ces_identify.characteristics.omissions import NO_STEPS, NO_STEPS_READ
 
 LAG_S, DEAD_S = 0.012, 0.003
 
