@@ -11,6 +11,7 @@ from markupsafe import Markup, escape
 from ces_gap.diagnosis import GapRegion
 from ces_gap.report.formatting import AXES, SIDES, axis_figure, axis_title, percent, region_name
 from ces_identify.report.drawing import F, Panel, PlotAxis, label, svg
+from ces_identify.report.plot_table import value_table
 from ces_identify.typesetting import three_figures
 
 SIZE = (300.0, 186.0)
@@ -37,7 +38,14 @@ def draw_share_chart(ident: str, regions: Sequence[GapRegion]) -> Markup:
     parts += [_ticks(p, regions), label(4.0, 14.0, axis_title(axis), "name")]
     most = max(regions, key=lambda r: r.share_of_energy)
     text = f"Most of the energy, {percent(most.share_of_energy)} %, at {region_name(most)}."
-    return svg(ident, SIZE, f"Share of the gap's energy over {AXES[axis][0]}", text, parts)
+    figure = svg(ident, SIZE, f"Share of the gap's energy over {AXES[axis][0]}", text, parts)
+    samples = "Force's energy [%]" if axis == "frequency_hz" else "Time [%]"
+    return figure + value_table(text, ("Region", "Gap's energy [%]", samples, "RMS [N]"), [_row(r) for r in regions])
+
+
+def _row(region: GapRegion) -> tuple[str, ...]:
+    shares = percent(region.share_of_energy), percent(region.share_of_samples)
+    return region_name(region), *shares, three_figures(region.rms_N)
 
 
 def shares_ci95(regions: Sequence[GapRegion]) -> F:
