@@ -91,6 +91,7 @@ setup(
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
         "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
+        "notebook": ["notebook>=7", "ipykernel>=6.25"],  # examples/own_data.ipynb
         "docs": ["mkdocs-material>=9.5", "mkdocstrings[python]>=0.26", "ruff>=0.6"],  # make docs
         "dev": [
             "pytest>=7.4",
@@ -100,6 +101,11 @@ setup(
             "fmpy>=0.3.20",
             "ruff>=0.6",
             "mypy>=1.11",
+            "jsonschema>=4.17",
+            "types-jsonschema",
+            "nbclient>=0.8",
+            "nbformat>=5.9",
+            "ipykernel>=6.25",
             "types-PyYAML",
         ],
     },
