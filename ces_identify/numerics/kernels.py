@@ -115,7 +115,8 @@ def _correct(
         scores[i] = fade * scores[i] - 0.5 * (surprise - log(product))
     if len(shares) == 1:
         return filters[0, 0], filters[0, 1], filters[0, 2]
-    return _weighted_mean(filters, scores)
+    x, v, a = _weighted_mean(filters, scores)
+    return x, v, a
 
 
 @njit(cache=True, nogil=True)
