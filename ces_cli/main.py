@@ -15,6 +15,7 @@ from ces_observer import __version__
 
 PROGRAMS = {  # module and summary by name
     "info": ("bags.info", "inspect recordings: signals, rates, gaps, ranges, coverage"),
+    "signals": ("bags.signals", "propose a signals file from the topics of recordings, with reasons"),
     "import": ("bags.import_", "convert dyno logs (CSV, JSON, MAT) to bags"),
     "rig": ("rig.program", "run an experiment on the virtual rig and record it (synthetic data)"),
     "learn-stroke": ("rig.learn_stroke", "learn the command that makes the rig's piston follow a wanted stroke"),
