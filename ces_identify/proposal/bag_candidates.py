@@ -14,7 +14,6 @@ from ces_identify.recordings.units import split_unit
 from ces_observer.errors import RecordingError
 
 BETWEEN_BAGS_NS = 10_000_000_000
-ARRAY_TYPES = ("JointState", "DynamicJointState")
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,8 @@ def find_bag_candidates(paths: Sequence[Path]) -> BagCandidates:
         names = ", ".join(str(path) for path in paths)
         raise RecordingError(f"{names}: no numbers in {'any topic' if len(paths) == 1 else 'a topic that all have'}")
     offsets = _offsets(bags)
-    keys = [(s.topic, s.type, s.field) for s in bags[0].series if (s.topic, s.type, s.field) in common]
+    order = [(s.topic, s.type, s.field) for s in bags[0].series if (s.topic, s.type, s.field) in common]
+    keys = sorted(order, key=lambda key: key[0])  # by topic; within a message as its fields come
     series = [{(s.topic, s.type, s.field): s for s in bag.series} for bag in bags]
     found = tuple(_candidate([one[key] for one in series], offsets) for key in keys)
     return BagCandidates(found, {name: why for bag in bags for name, why in bag.skipped.items()})

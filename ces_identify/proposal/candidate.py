@@ -14,7 +14,7 @@ STEADY_SHARE = 0.5  # of the steps between samples that are zero: a current that
 ROUGH = 1.0  # ratio of the RMS step to the standard deviation; white noise has 1.41
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """One series: `stamps_ns` int64 and `values` float64, both (n,), with at least one finite value.
 

@@ -67,12 +67,13 @@ class _Chooser:
 
     def sides(self) -> tuple[str, ...]:
         """Return the sides by which the position's good candidates differ, none for one damper."""
-        ratings = [r for r in self._strokes(self.candidates) if r.named and r.points >= MIN_POINTS]
-        for best in ratings:
-            named = {find_side(best.candidate.names, r.candidate.names) for r in ratings if r is not best} - {""}
-            if named:
-                twins = [r for r in ratings if find_side(r.candidate.names, best.candidate.names)]
-                return (min(named), *(find_side(r.candidate.names, best.candidate.names) for r in twins))
+        good = [r.candidate for r in self._strokes(self.candidates) if r.named and r.points >= MIN_POINTS]
+        ordered = [candidate for candidate in self.candidates if candidate in good]
+        for one in good:
+            twins = [c for c in ordered if c is one or find_side(c.names, one.names)]
+            if len(twins) > 1:
+                others = [next(other for other in twins if other is not c) for c in twins]
+                return tuple(find_side(c.names, other.names) for c, other in zip(twins, others, strict=True))
         return ()
 
     def choose_damper(self, candidates: Sequence[Candidate]) -> DamperChoice:
@@ -174,7 +175,7 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
     others = tuple(r for r in ratings if not r.excluded and (r.points > 0.0 or r.against))
     if not good:
         near = others or tuple(ratings)
-        return NotFound(signal, "no candidate is named like one, or measured in its unit, and behaves like one", near)
+        return NotFound(signal, "nothing is named like it or has its unit, and moves like it", near)
     best, *rest = good
     rivals = [r for r in rest if best.points - r.points < MIN_MARGIN]
     same = bool(rivals) and all(table.is_same(best.candidate, r.candidate) for r in rivals)

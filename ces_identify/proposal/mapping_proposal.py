@@ -124,6 +124,8 @@ class _Writer:
                 yield "# current: {constant: 0.0}  # a passive damper, or the current that was set [A]"
 
     def _layout(self) -> Iterator[str]:
+        if isinstance(self.log, LogTable) and self.log.rows:
+            yield f"rows: {quote_yaml(self.log.rows)}"
         if isinstance(self.log, CsvTable):
             dialect = self.log.dialect
             if dialect.delimiter != ",":

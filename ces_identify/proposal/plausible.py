@@ -58,7 +58,7 @@ def guess_unit(candidate: Candidate, signal: str) -> UnitGuess:
     text = f"taken as {chosen}, because its {what} of {number:.4g} is plausible in {chosen}"
     excluded = USUAL[signal][: USUAL[signal].index(chosen)]
     text += f" and not in {', '.join(excluded)}" if excluded else ""
-    return UnitGuess(find_unit(chosen), False, others, text + (f" ({', '.join(others)} possible)" if others else ""))
+    return UnitGuess(find_unit(chosen), False, others, text + (f" (or in {' or '.join(others)}, which would be plausible, too)" if others else ""))
 
 
 def fits_quantity(candidate: Candidate, signal: str) -> bool:

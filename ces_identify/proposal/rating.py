@@ -63,7 +63,7 @@ def _exclusion(candidate: Candidate, signal: str) -> str:
         return f"its unit {unit.text if unit else ''} is not one of a {signal} [{UNITS[signal]}]"
     if meaning.quantity not in ("", signal) and (unit is None or meaning.weight > 2.0):
         return f"named '{meaning.word}': a {meaning.quantity}"
-    if candidate.counts_up:
+    if candidate.counts_up and unit is None and meaning.quantity != signal:
         return "only counts up: a time or a counter"
     if candidate.constant and signal in ("position", "force"):
         return f"constant at {candidate.high:g}"

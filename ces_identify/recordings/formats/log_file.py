@@ -37,6 +37,7 @@ class LogTable(ABC):
     path: Path
     names: Sequence[str]
     notes: tuple[str, ...] = ()
+    rows = ""  # the path to the table inside the file
 
     @abstractmethod
     def column(self, key: str | int) -> Values:

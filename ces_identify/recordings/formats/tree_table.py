@@ -23,7 +23,8 @@ class TreeTable(LogTable):
 
     def __init__(self, path: Path, mapping: DynoMapping, tree: Any) -> None:
         self.path = path
-        self.root = follow_route(path, tree, mapping.rows)
+        self.rows = mapping.rows if mapping.rows or mapping.signals else find_rows(tree)
+        self.root = follow_route(path, tree, self.rows)
         if not isinstance(self.root, Mapping) and not len(self.root):
             raise RecordingError(f"{path}: '{mapping.rows or 'the file'}' is empty; expected rows of numbers")
         if isinstance(self.root, Mapping) and not self.root:
@@ -140,6 +141,24 @@ def list_arrays(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
             yield from list_arrays(value, f"{prefix}{name}.")
         elif (numbers := as_numbers(value)) is not None and len(numbers) >= MIN_ROWS:
             yield f"{prefix}{name}", numbers
+
+
+def find_rows(tree: Any, prefix: str = "") -> str:
+    """Return the path to the first table of rows in a tree that has no columns by name, '' if it has or has none."""
+    if not isinstance(tree, Mapping) or any(True for _ in list_arrays(tree)):
+        return ""
+    for name, value in tree.items():
+        if str(name).startswith(("__", "#")):
+            continue
+        if isinstance(value, Mapping):
+            found = find_rows(value, f"{prefix}{name}.")
+            if found or any(True for _ in list_arrays(value)):
+                return found or f"{prefix}{name}"
+        elif isinstance(value, list | np.ndarray) and len(value) >= MIN_ROWS and np.size(value[0]) != 1:
+            return f"{prefix}{name}"
+        elif isinstance(value, list) and len(value) >= MIN_ROWS and isinstance(value[0], Mapping):
+            return f"{prefix}{name}"
+    return ""
 
 
 def as_numbers(value: Any) -> Values | None:
