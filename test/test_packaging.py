@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 COLLECT = """
 import sys, setuptools
 {before}
-KEYS = ("version", "entry_points", "packages", "data_files")
+KEYS = ("version", "entry_points", "packages", "data_files", "extras_require")
 setuptools.setup = lambda **given: print(repr({{key: given[key] for key in KEYS}}))
 exec(compile(open("setup.py").read(), "setup.py", "exec"), {{"__file__": "setup.py", "__name__": "__main__"}})
 """
@@ -76,6 +76,13 @@ def test_share_gets_parameters_layouts_launch_files_and_policies() -> None:
     share = Path("share/ces_observer")
     shared = {file for folder, found in given for file in found if folder == share / file.parent}
     there = {path.relative_to(ROOT) for folder in ("config", "launch") for path in (ROOT / folder).rglob("*.*")}
-    assert shared - {Path("package.xml")} == {
-        path for path in there if path.suffix != ".pyc" and "import" not in path.parts
-    }
+    assert shared - {Path("package.xml")} == {path for path in there if path.suffix != ".pyc"}
+    assert Path("config/import/utfsm_mr.yaml") in shared
+
+
+def test_the_extra_formats_holds_those_of_all_formats() -> None:
+    extras = arguments("")["extras_require"]
+    assert isinstance(extras, dict)
+    single = [library for extra in ("mdf", "mat73", "can", "parquet") for library in extras[extra]]
+    assert sorted(extras["formats"]) == sorted(single)
+    assert set(single) <= set(extras["dev"])

@@ -6,7 +6,7 @@ joints. Topics that hold no signal of a damper (images, point clouds, logs, tran
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from ces_identify.recordings.bag_reader import DAMAGED, HEADER, STAMP, make_deco
 from ces_identify.recordings.bag_storage import Bag, Topic
 from ces_identify.recordings.bulk_decode import Block, Floats, Index
 from ces_identify.recordings.recording import Stamps, Values
-from ces_observer.errors import CesError, RecordingError
+from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import FieldPath
 
 MAX_FIELDS = 64  # of one topic
@@ -70,6 +70,27 @@ def read_fields(path: Path) -> BagFields:
                 break
         series = tuple(one for reader in readers.values() for one in reader.series())
         return BagFields(series, bag.topics, skipped)
+
+
+def read_series(path: Path, fields: Sequence[tuple[str, str]]) -> list[FieldSeries]:
+    """Read the numbers at these topics and fields, all messages; raises RecordingError or SignalsError."""
+    with open_bag(path) as bag:
+        readers: dict[str, _FieldsReader] = {}
+        for name in {name for name, _ in fields}:
+            topic = next((topic for topic in bag.topics if topic.name.lstrip("/") == name.lstrip("/")), None)
+            if topic is None:
+                known = ", ".join(f"{topic.name} ({topic.type})" for topic in bag.topics)
+                raise RecordingError(f"{path}: no topic '{name}'; the bag has {known}")
+            paths = tuple(FieldPath.parse(text) for at, text in fields if at == name)
+            readers[topic.name] = _FieldsReader(bag, topic, paths, bag.typestore(topic), limit=None)
+        for name, block in bag.blocks(readers):
+            readers[name].add(block)
+        found = {(s.topic.lstrip("/"), s.field): s for reader in readers.values() for s in reader.series()}
+        for name, text in fields:
+            if (name.lstrip("/"), text) not in found:
+                reader = next(r for r in readers.values() if r.topic.name.lstrip("/") == name.lstrip("/"))
+                raise SignalsError(f"{path}: topic {name}: {reader.reason(text)}")
+        return [found[name.lstrip("/"), text] for name, text in fields]
 
 
 def _why_skipped(topic: Topic) -> str:
@@ -143,10 +164,17 @@ def _usable_joint(name: object) -> bool:
 class _FieldsReader:
     """Collects the numbers of one topic, block by block."""
 
-    def __init__(self, bag: Bag, topic: Topic, paths: tuple[FieldPath, ...], typestore: Typestore) -> None:
+    def __init__(
+        self,
+        bag: Bag,
+        topic: Topic,
+        paths: tuple[FieldPath, ...],
+        typestore: Typestore,
+        limit: int | None = MAX_SAMPLES,
+    ) -> None:
         fields = dict(typestore.get_msgdef(topic.type).fields)
         self.stamp = STAMP if fields.get("header") == HEADER else ()
-        self.topic, self.paths = topic, paths
+        self.topic, self.paths, self.limit = topic, paths, limit
         self.decoder = make_decoder(topic.type, (*self.stamp, *paths), typestore, f"{bag.path}: topic {topic.name}")
         self.count = 0
         self.header_ns: list[Index] = []
@@ -156,7 +184,7 @@ class _FieldsReader:
     @property
     def full(self) -> bool:
         """True if no more messages are read."""
-        return self.count >= MAX_SAMPLES
+        return self.limit is not None and self.count >= self.limit
 
     def add(self, block: Block) -> None:
         """Decode a block of this topic's messages."""
@@ -171,8 +199,15 @@ class _FieldsReader:
         self.log_ns.append(block.log_ns)
         self.values.append(values[:, len(self.stamp) :])
 
+    def reason(self, field: str) -> str:
+        """Return why no message has a field."""
+        at = [path.text for path in self.paths].index(field) + len(self.stamp)
+        return self.decoder.reasons[at] or f"field '{field}': no messages"
+
     def series(self) -> Iterator[FieldSeries]:
         """Yield the series of each field that some message has."""
+        if not self.values:
+            return
         header_ns, values = np.concatenate(self.header_ns), np.concatenate(self.values)
         stamps = header_ns if header_ns.any() else np.concatenate(self.log_ns)
         for i, path in enumerate(self.paths):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ces_identify.recordings.formats.log_file import LogSeries, LogTable, TimedLog
+from ces_identify.recordings.formats.mat73_file import describe_opaque
 from ces_identify.recordings.log_mapping import Column, DynoMapping
 from ces_identify.recordings.recording import Values
 from ces_observer.errors import RecordingError
@@ -29,11 +30,13 @@ class TreeTable(LogTable):
             raise RecordingError(f"{path}: '{mapping.rows or 'the file'}' is empty; expected rows of numbers")
         if isinstance(self.root, Mapping) and not self.root:
             raise RecordingError(f"{path}: '{mapping.rows or 'the file'}' is empty; expected rows of numbers")
-        self.names = mapping.names or tuple(self._find_names())
+        self.names = mapping.names or (() if mapping.signals else tuple(self._find_names()))
 
     def column(self, key: str | int) -> Values:
         """Return a column; raises RecordingError naming the row of a cell that is not a number."""
         cells = self._cells(key)
+        if opaque := describe_opaque(cells, str(key)):
+            raise RecordingError(f"{self.path}: {opaque}")
         try:
             numbers = np.atleast_1d(np.asarray(cells, dtype=np.float64).squeeze())
         except (ValueError, TypeError):
@@ -63,7 +66,7 @@ class TreeTable(LogTable):
         return self.root[:, i] if isinstance(self.root, np.ndarray) else [row[i] for row in self.root]
 
     def _bad_cell(self, cells: Any, key: str | int) -> RecordingError:
-        for row, cell in enumerate(cells):
+        for row, cell in enumerate(cells if isinstance(cells, list | np.ndarray) else ()):
             if not isinstance(cell, int | float):
                 return RecordingError(f"{self.path}: row {row}: column {key!r} is {cell!r}; expected a number")
         return RecordingError(f"{self.path}: column {key!r} has a cell that is not a number")
@@ -103,6 +106,8 @@ def follow_route(path: Path, tree: Any, route: str) -> Any:
         if not isinstance(tree, Mapping) or step not in tree:
             raise RecordingError(f"{path}: no '{step}' in the path '{route}'; expected one of {_keys(tree)}")
         tree = tree[step]
+        if opaque := describe_opaque(tree, step):
+            raise RecordingError(f"{path}: {opaque}")
     if not isinstance(tree, Mapping | list | np.ndarray):
         raise RecordingError(f"{path}: '{route}' is a {type(tree).__name__}; expected a table")
     return tree

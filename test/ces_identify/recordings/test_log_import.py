@@ -95,14 +95,6 @@ def test_mat(tmp_path, tree):
     assert columns(import_log(tmp_path / "log.mat", mapping(tmp_path, map_text))) == WANTED
 
 
-def test_mat_of_version_7_3(tmp_path):
-    (tmp_path / "log.mat").write_bytes(
-        b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + b"\x89HDF\r\n\x1a\n" + bytes(600)
-    )
-    with pytest.raises(RecordingError, match=r"log\.mat: a MATLAB 7\.3 file; save it with save\(\.\.\., '-v7'\)"):
-        import_log(tmp_path / "log.mat", mapping(tmp_path, TIME + SIGNALS))
-
-
 def test_scale_offset_constant_and_number_in_the_name(tmp_path):
     text = (
         "time: {column: t, scale: 0.001}\nposition: {column: x, scale: -0.01, offset: 0.5}\n"
