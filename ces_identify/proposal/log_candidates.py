@@ -161,6 +161,7 @@ def _describe_time(time: Column | None, rate: float | Column | None) -> str:
 
 
 def _candidate(column: _TableColumn, stamps: Stamps) -> Candidate:
+    there = np.isfinite(column.values)
     return Candidate(
-        str(column.key), (column.name,), stamps, column.values, unit=column.unit, stated=column.stated
+        str(column.key), (column.name,), stamps[there], column.values[there], unit=column.unit, stated=column.stated
     )
