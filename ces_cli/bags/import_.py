@@ -50,10 +50,10 @@ def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
     parser = terminal.parser(
         "import",
-        "Convert logs to bags. Without --mapping, the columns are found by their names, units and numbers, and what was "
-        "found is said; what is not certain is refused, and --propose writes a mapping to correct. The mapping file says "
-        "which columns hold time, position, current and force, and how to scale them to s, m, A and N. One FILE becomes "
-        "the bag --out; several FILEs become one bag each in the folder --out.",
+        "Convert logs to bags. Without --mapping, the columns are found by their names, units and numbers, and what "
+        "was found is said; what is not certain is refused, and --propose writes a mapping to correct. The mapping "
+        "file says which columns hold time, position, current and force, and how to scale them to s, m, A and N. "
+        "One FILE becomes the bag --out; several FILEs become one bag each in the folder --out.",
         "ces import my_log.csv --out recording\n"
         "  ces import my_log.csv --propose > my_dyno.yaml\n"
         "  ces import sweep_*.csv --mapping config/import/utfsm_mr.yaml --out recordings",
@@ -80,8 +80,10 @@ def _refuse_unknown(parser: terminal.Parser, unknown: Sequence[str]) -> None:
         return
     word = unknown[0].partition("=")[0]
     if word in MAPPING_WORDS:
-        parser.error(f"{word}: how a column is read belongs in the mapping, as in 'position: {{column: x, scale: 0.001}}'; "
-                     "'ces import FILE --propose > my.yaml' writes one")  # fmt: skip
+        parser.error(
+            f"{word}: how a column is read belongs in the mapping, as in 'position: {{column: x, scale: 0.001}}'; "
+            "'ces import FILE --propose > my.yaml' writes one"
+        )
     parser.error(f"unrecognized arguments: {' '.join(unknown)}")
 
 
@@ -119,9 +121,9 @@ def _refuse_scales(signals: Signals, options: Namespace) -> None:
     for signal in signals.list_topic_signals():
         if (signal.scale, signal.offset) != (1.0, 0.0):
             raise SignalsError(
-                f"{options.signals}: {signal.name} has scale {signal.scale:g} and offset {signal.offset:g}; an imported "
-                f"bag is in SI units: give the log's scale in {options.mapping or 'the mapping (--mapping)'}, and none "
-                "here"
+                f"{options.signals}: {signal.name} has scale {signal.scale:g} and offset {signal.offset:g}; an "
+                "imported bag is in SI units: give the log's scale in "
+                f"{options.mapping or 'the mapping (--mapping)'}, and none here"
             )
 
 
@@ -131,8 +133,8 @@ def _read(path: Path, mapping: DynoMapping | None, options: Namespace) -> Record
         proposal = _find_mapping(path, options)
         if proposal.mapping is None or proposal.doubts:
             raise RecordingError(
-                f"{path}: {proposal.doubts[0]}; 'ces import {path} --propose > my.yaml' writes a mapping to correct, for "
-                "--mapping my.yaml"
+                f"{path}: {proposal.doubts[0]}; 'ces import {path} --propose > my.yaml' writes a mapping to correct, "
+                "for --mapping my.yaml"
             )
         print(f"{path}: {', '.join((*proposal.log.notes, *proposal.found))}")
         return to_recording(proposal.log, proposal.mapping)

@@ -54,7 +54,7 @@ def tabulate(recording: Recording, more: Mapping[str, Channel], *, rate_Hz: floa
     they have no sample. Raises RecordingError for a rate beyond twice that of the fastest channel.
     """
     position = recording.channel("position")
-    stamps = position.stamps_ns if rate_Hz is None else _uniform(recording, rate_Hz)
+    stamps: Stamps = position.stamps_ns if rate_Hz is None else _uniform(recording, rate_Hz)
     columns = [_column(name, channel, stamps) for name, channel in recording.channels.items()]
     columns += [
         DataColumn(f"{name}_{_suffix(UNITS[name])}", UNITS[name], np.full(len(stamps), value), _none(stamps))

@@ -53,8 +53,8 @@ def _offsets(bags: Sequence[BagFields]) -> list[int]:
 def _candidate(parts: Sequence[FieldSeries], offsets: Sequence[int]) -> Candidate:
     first = parts[0]
     stamps = np.concatenate([part.stamps_ns + offset for part, offset in zip(parts, offsets, strict=True)])
-    field_name, unit = split_unit(first.field.replace("[", "_").replace("]", "")) if "[" in first.field else split_unit(
-        first.field
+    field_name, unit = (
+        split_unit(first.field.replace("[", "_").replace("]", "")) if "[" in first.field else split_unit(first.field)
     )
     topic_name, topic_unit = split_unit(first.topic)
     where = "from the field's name" if unit else "from the topic's name"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from ces_identify.proposal.candidate import Candidate
 from ces_identify.proposal.choice import Choice, DamperChoice, NotFound, Selection
@@ -10,7 +10,7 @@ from ces_identify.proposal.motion import MotionTable
 from ces_identify.proposal.plausible import UnitGuess, guess_unit, is_plausible
 from ces_identify.proposal.rating import Rating, rate
 from ces_identify.proposal.sign import find_signs
-from ces_identify.proposal.words import find_side, read_meaning, split_words
+from ces_identify.proposal.words import find_side, list_words, read_meaning
 
 MAIN = ("position", "current", "force")
 MIN_POINTS, MIN_MARGIN = 3.0, 1.0  # points to be chosen at all, and ahead of the next one
@@ -52,10 +52,7 @@ def _choose_sides(
 def _of_side(candidates: Sequence[Candidate], side: str, sides: tuple[str, ...]) -> list[Candidate]:
     """Return the candidates that belong to this side or to none."""
     others = [set(other.split("_")) - set(side.split("_")) for other in sides if other != side]
-    return [
-        c for c in candidates
-        if not any(set(word for name in c.names for word in split_words(name)) & other for other in others)
-    ]  # fmt: skip
+    return [c for c in candidates if not any(list_words(c.names) & other for other in others)]
 
 
 class _Chooser:
@@ -113,7 +110,9 @@ class _Chooser:
             correlation = self._damping(rating.candidate, force, rating.named)
             if abs(correlation) > abs(best):
                 best, match = correlation, force
-        return rating if match is None else rating.add(_points(best), f"{match.label} goes with its speed ({best:+.2f})")
+        return (
+            rating if match is None else rating.add(_points(best), f"{match.label} goes with its speed ({best:+.2f})")
+        )
 
     def _damping(self, stroke: Candidate, force: Candidate, named: bool) -> float:
         """Return the correlation of a force with the stroke's speed; 0 if it does not count."""

@@ -55,7 +55,7 @@ def _of_series(log: TimedLog) -> LogCandidates:
             continue
         name, unit = split_unit(series.key or series.label)
         stated = find_unit(series.unit)
-        where = f"that the log states for it" if stated else "from its name" if unit else ""
+        where = "that the log states for it" if stated else "from its name" if unit else ""
         found.append(
             Candidate(series.label, (name,), series.stamps_ns, series.values, unit=stated or unit, stated=where)
         )
@@ -105,7 +105,7 @@ def _width(table: LogTable) -> int:
 
 def _find_time(table: LogTable, columns: Sequence[_TableColumn]) -> Column | None:
     """Return the column of the time: exact stamps or dates first, then a time by name or unit that goes forward."""
-    for i, name in enumerate(table.names):
+    for name in table.names:
         plain, unit = split_unit(str(name))
         exact = unit is not None and unit.text == "ns"
         column = Column(str(name), 1e-9 if exact else 1.0, scaled=exact, unit="ns" if exact else "")
@@ -126,8 +126,11 @@ def _find_time(table: LogTable, columns: Sequence[_TableColumn]) -> Column | Non
 
 
 def _goes_forward(values: Values) -> bool:
-    return len(values) > 1 and bool(np.isfinite(values).all()) and bool((np.diff(values) >= 0.0).all()) and bool(
-        values[-1] > values[0]
+    return (
+        len(values) > 1
+        and bool(np.isfinite(values).all())
+        and bool((np.diff(values) >= 0.0).all())
+        and bool(values[-1] > values[0])
     )
 
 
@@ -149,7 +152,7 @@ def _stamps(
     value = rate if isinstance(rate, float) else 1000.0
     if isinstance(rate, Column):
         value = next(float(c.values[np.isfinite(c.values)][0]) for c in columns if c.key == rate.key)
-    return np.rint(np.arange(count) * (1e9 / value)).astype(np.int64)
+    return np.asarray(np.rint(np.arange(count) * (1e9 / value)).astype(np.int64))
 
 
 def _describe_time(time: Column | None, rate: float | Column | None) -> str:

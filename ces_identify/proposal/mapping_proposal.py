@@ -10,7 +10,15 @@ from pathlib import Path
 from ces_identify.proposal.choice import Choice, DamperChoice, Selection
 from ces_identify.proposal.choose import choose
 from ces_identify.proposal.log_candidates import LogCandidates, find_log_candidates
-from ces_identify.proposal.text import CHECK, comment, describe_scale, explain, explain_missing, format_number, quote_yaml
+from ces_identify.proposal.text import (
+    CHECK,
+    comment,
+    describe_scale,
+    explain,
+    explain_missing,
+    format_number,
+    quote_yaml,
+)
 from ces_identify.recordings.formats.csv_table import CsvTable
 from ces_identify.recordings.formats.log_file import LogTable, TimedLog
 from ces_identify.recordings.formats.open_log import open_log
@@ -27,7 +35,10 @@ REQUIRED = ("position", "current", "force")
 
 @dataclass(frozen=True)
 class MappingProposal:
-    """The proposed mapping as text; `mapping` is None if it is not complete, `doubts` are to be resolved by a person."""
+    """The proposed mapping as text; `mapping` is None if it is not complete.
+
+    `doubts` are to be resolved by a person, `found` says what was taken.
+    """
 
     selection: Selection
     text: str

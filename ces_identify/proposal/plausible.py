@@ -1,4 +1,4 @@
-"""Units by plausibility: the range of a damper's signal in a unit goes in; the units in which it makes sense come out."""
+"""Units by plausibility: the range of a candidate goes in; the units in which a damper's signal has it come out."""
 
 from __future__ import annotations
 
@@ -58,7 +58,12 @@ def guess_unit(candidate: Candidate, signal: str) -> UnitGuess:
     text = f"taken as {chosen}, because its {what} of {number:.4g} is plausible in {chosen}"
     excluded = USUAL[signal][: USUAL[signal].index(chosen)]
     text += f" and not in {', '.join(excluded)}" if excluded else ""
-    return UnitGuess(find_unit(chosen), False, others, text + (f" (or in {' or '.join(others)}, which would be plausible, too)" if others else ""))
+    return UnitGuess(
+        find_unit(chosen),
+        False,
+        others,
+        text + (f" (or in {' or '.join(others)}, which would be plausible, too)" if others else ""),
+    )
 
 
 def fits_quantity(candidate: Candidate, signal: str) -> bool:

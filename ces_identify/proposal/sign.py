@@ -44,9 +44,7 @@ def find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice
 
 
 def _turn(choice: Choice, reason: str) -> Choice:
-    return replace(
-        choice, scale=-choice.scale, offset=-choice.offset, reasons=(*choice.reasons, f"{FLIP}{reason}")
-    )
+    return replace(choice, scale=-choice.scale, offset=-choice.offset, reasons=(*choice.reasons, f"{FLIP}{reason}"))
 
 
 def _rebound_is_negative(force: Choice) -> bool:

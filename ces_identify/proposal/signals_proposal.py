@@ -37,7 +37,7 @@ class SignalsProposal:
 
 
 def propose_signals(paths: Sequence[Path]) -> SignalsProposal:
-    """Return a signals file for bags; raises RecordingError if a bag is damaged or nothing in it looks like a signal."""
+    """Return a signals file for bags; raises RecordingError if one is damaged or nothing looks like a signal."""
     found = find_bag_candidates(paths)
     selection = choose(found.candidates)
     if not any(damper.choices for damper in selection.dampers.values()):

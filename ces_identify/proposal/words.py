@@ -26,18 +26,29 @@ WEAK = {
     "time": "sec s ts clock elapsed abtast",
 }
 COMMANDS = frozenset(
-    "cmd command commanded commands setpoint set sp target desired wanted ref reference soll demand request goal".split()
+    (
+        *("cmd", "command", "commanded", "commands", "setpoint", "set", "sp", "target", "desired", "wanted"),
+        *("ref", "reference", "soll", "demand", "request", "goal"),
+    )
 )
 COMMAND_PARTS = ("cmd", "command", "soll", "setpoint", "target")  # also at an end of a word: `xcmd`
-COMPUTED = frozenset("estimate estimated estimator sim simulated simulation predicted model observer band".split())
-FOREIGN = frozenset(
-    "battery torque moment pressure gps latitude longitude altitude covariance orientation quaternion angular gyro imu "
-    "magnetic wheel steering engine odom odometry pose twist brake throttle gear counter sequence error status yaw "
-    "roll pitch humidity fuel rpm".split()
+COMPUTED = frozenset(
+    ("estimate", "estimated", "estimator", "sim", "simulated", "simulation", "predicted", "model", "observer", "band")
 )
-OUTWARD = frozenset("extension elongation rebound zug ausfederung extended".split())
+FOREIGN = frozenset(
+    (
+        *("battery", "torque", "moment", "pressure", "gps", "latitude", "longitude", "altitude", "covariance", "fuel"),
+        *("orientation", "quaternion", "angular", "gyro", "imu", "magnetic", "wheel", "steering", "engine", "rpm"),
+        *("odom", "odometry", "pose", "twist", "brake", "throttle", "gear", "counter", "sequence", "error", "status"),
+        *("yaw", "roll", "pitch", "humidity"),
+    )
+)
+OUTWARD = frozenset(("extension", "elongation", "rebound", "zug", "ausfederung", "extended"))
 SIDES = frozenset(
-    "front rear left right fl fr rl rr lf rf lr f r l vorne vorn hinten links rechts vl vr hl hr fore aft a b".split()
+    (
+        *("front", "rear", "left", "right", "fl", "fr", "rl", "rr", "lf", "rf", "lr", "f", "r", "l", "fore", "aft"),
+        *("vorne", "vorn", "hinten", "links", "rechts", "vl", "vr", "hl", "hr", "a", "b"),
+    )
 )
 WORD = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+")
 
@@ -54,6 +65,11 @@ class NameMeaning:
 def split_words(text: str) -> tuple[str, ...]:
     """Return the words of a name in lower case, split at underscores, digits and capitals."""
     return tuple(word.casefold() for word in WORD.findall(text))
+
+
+def list_words(names: Sequence[str]) -> set[str]:
+    """Return the words of all names."""
+    return {word for name in names for word in split_words(name)}
 
 
 def read_meaning(names: Sequence[str]) -> NameMeaning:

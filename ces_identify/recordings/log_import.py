@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +71,9 @@ def _read_series(log: TimedLog, mapping: DynoMapping) -> Recording:
     """Return the channels with their own stamps; a constant has those of the position, or of the first channel."""
     for key, given in (("time", mapping.time), ("rate", mapping.rate)):
         if given is not None:
-            raise MappingError(f"{mapping.source}: remove '{key}': the channels of {log.path.name} have their own times")
+            raise MappingError(
+                f"{mapping.source}: remove '{key}': the channels of {log.path.name} have their own times"
+            )
     columns = {name: source for name, source in mapping.signals.items() if isinstance(source, Column)}
     found = dict(zip(columns, log.read(list(columns.values())), strict=True))
     stamps = found.get("position", next(iter(found.values()))).stamps_ns

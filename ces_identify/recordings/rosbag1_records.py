@@ -29,7 +29,8 @@ def list_topics(path: Path) -> tuple[StoredTopic, ...]:
     """Return the topics of a bag, with definitions as ROS 2 has them; raises RecordingError if it is damaged."""
     with _reading(path) as reader:
         return tuple(
-            StoredTopic(c.id, c.topic, c.msgtype, _as_ros2(c.msgdef.data), "cdr", c.msgcount) for c in reader.connections
+            StoredTopic(c.id, c.topic, c.msgtype, _as_ros2(c.msgdef.data), "cdr", c.msgcount)
+            for c in reader.connections
         )
 
 

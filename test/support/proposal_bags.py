@@ -49,9 +49,7 @@ def wrenches(topic, values):
 def joints(topic, names, *columns, efforts=()):
     columns = (*columns, *efforts)
     count = len(names)
-    return stream(
-        topic, tiny.JOINTS, lambda t, *v: tiny.joints(t, names, v[:count], efforts=v[count:]), *columns
-    )
+    return stream(topic, tiny.JOINTS, lambda t, *v: tiny.joints(t, names, v[:count], efforts=v[count:]), *columns)
 
 
 def stamped(topic, values, store):

@@ -42,7 +42,9 @@ class CanLog(TimedLog):
         self._can = import_reader("can", "python-can", EXTRA, path)
         self._cantools = import_reader("cantools", "cantools", EXTRA, path)
         if not mapping.dbc:
-            raise RecordingError(f"{path}: a CAN log needs its database; give dbc: FILE.dbc in {mapping.source}, or --dbc")
+            raise RecordingError(
+                f"{path}: a CAN log needs its database; give dbc: FILE.dbc in {mapping.source}, or --dbc"
+            )
         self._database = self._load(mapping.dbc)
 
     def read(self, columns: Sequence[Column]) -> list[LogSeries]:

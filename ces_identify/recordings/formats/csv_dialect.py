@@ -73,7 +73,7 @@ def is_number(cell: str, decimal: str) -> bool:
 
 
 def _fit(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[float, float]:
-    """Return how well the form suits the last lines: cells that are numbers, in rows of one width; then their number."""
+    """Return how well a form suits the last lines: cells that are numbers, in rows of one width; then fewer cells."""
     rows = [cells for _, cells in parse_lines(lines, delimiter)][-20:]
     widths = Counter(map(len, rows))
     if not widths:

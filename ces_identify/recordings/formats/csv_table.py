@@ -165,5 +165,3 @@ class CsvTable(LogTable):
             return RecordingError(f"{where} is missing; the line has {self._widths[row]} cells")
         blank = f" (if a blank is a missing sample, set blank: missing in {self.mapping.source})"
         return RecordingError(f"{where} is {text!r}; expected a number{'' if text.strip() else blank}")
-
-

@@ -1,8 +1,8 @@
 """MATLAB 7.3 files: HDF5 with MATLAB's conventions, as nested mappings whose arrays are read when they are used.
 
 MATLAB stores arrays transposed, structures as groups, arrays of structures and cells as references, and texts and
-logicals as numbers with the attribute MATLAB_class. Objects (`timeseries`, `timetable`, `table`) are stored in a form of
-their own, which is not read.
+logicals as numbers with the attribute MATLAB_class. Objects (`timeseries`, `timetable`, `table`) have a form of their
+own, which is not read.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ def is_mat73(path: Path) -> bool:
 
 
 def open_mat73(path: Path) -> Mapping[str, Any]:
-    """Open a file as a nested mapping, which keeps it open; raises RecordingError if it is damaged or h5py is missing."""
+    """Open a file as a nested mapping, which keeps it open.
+
+    Raises RecordingError if it is damaged or h5py is missing.
+    """
     h5py = import_reader("h5py", "h5py", "mat73", path)
     try:
         return _Structure(path, h5py.File(path, "r"), h5py)
@@ -77,6 +80,9 @@ def describe_opaque(value: object, where: str) -> str:
     """Return what to do about a value that is a MATLAB object, '' for any other value."""
     if not isinstance(value, _Opaque):
         return ""
-    fields = {"timeseries": "struct('time', ts.Time, 'data', ts.Data)", "timetable": "timetable2table, then table2struct"}
+    fields = {
+        "timeseries": "struct('time', ts.Time, 'data', ts.Data)",
+        "timetable": "timetable2table, then table2struct",
+    }
     advice = fields.get(value.kind, "struct(...)")
     return f"'{where}' is a MATLAB object ({value.kind}), which is not read; save it as a structure: {advice}"

@@ -81,7 +81,8 @@ class MdfLog(TimedLog):
                 f"{self.path}: channel {column.key!r} is in {len(places)} groups ({groups}); give one as "
                 f"{{column: {column.key}, group: NUMBER}}"
             )
-        return places[0]
+        place: Place = places[0]
+        return place
 
     def _series(self, mdf: Any, place: Place, start_ns: int, count: int | None = None) -> LogSeries:
         signal = mdf.get(group=place[0], index=place[1], record_offset=0, record_count=count)

@@ -159,11 +159,16 @@ def find_rows(tree: Any, prefix: str = "") -> str:
             found = find_rows(value, f"{prefix}{name}.")
             if found or any(True for _ in list_arrays(value)):
                 return found or f"{prefix}{name}"
-        elif isinstance(value, list | np.ndarray) and len(value) >= MIN_ROWS and np.size(value[0]) != 1:
-            return f"{prefix}{name}"
-        elif isinstance(value, list) and len(value) >= MIN_ROWS and isinstance(value[0], Mapping):
+        elif _are_rows(value):
             return f"{prefix}{name}"
     return ""
+
+
+def _are_rows(value: Any) -> bool:
+    """Return whether a value is a matrix, or a list of rows or of mappings."""
+    if not isinstance(value, list | np.ndarray) or len(value) < MIN_ROWS:
+        return False
+    return isinstance(value[0], Mapping) or (not isinstance(value[0], str) and np.size(value[0]) > 1)
 
 
 def as_numbers(value: Any) -> Values | None:

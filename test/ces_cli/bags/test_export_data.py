@@ -70,7 +70,9 @@ def test_as_logged_and_imported_again_is_the_same(bag, tmp_path, suffix):
 def test_a_sample_bag_comes_back_equal(tmp_path):
     assert run(ROOT / "bags" / "sine_4hz", "--as-logged", "--out", tmp_path / "sine.csv") == 0
     assert terminal.run("import", import_.main, [str(tmp_path / "sine.csv"), "--out", str(tmp_path / "again")]) == 0
-    assert_same(read_recording(ROOT / "bags" / "sine_4hz", load_signals()), read_recording(tmp_path / "again", load_signals()))
+    assert_same(
+        read_recording(ROOT / "bags" / "sine_4hz", load_signals()), read_recording(tmp_path / "again", load_signals())
+    )
 
 
 def test_the_position_gives_the_rows_and_names_say_what_was_held(bag, tmp_path):
@@ -110,7 +112,9 @@ def test_parquet_states_units_and_origin(bag, tmp_path):
     assert table.schema.metadata[b"recording"] == b"run"
     assert len(table.schema.metadata[b"source_sha256"]) == 64
     assert table.column("force_interp_N").null_count > 40
-    assert table.column("stamp_ns").to_numpy()[0] == read_recording(bag, load_signals()).channel("position").stamps_ns[0]
+    assert (
+        table.column("stamp_ns").to_numpy()[0] == read_recording(bag, load_signals()).channel("position").stamps_ns[0]
+    )
 
 
 def test_a_model_adds_its_estimates(tmp_path):
@@ -129,7 +133,9 @@ def test_a_model_adds_its_estimates(tmp_path):
 
 
 def test_several_bags_go_into_a_folder(bag, tmp_path, capsys):
-    write_bag(tmp_path / "two", [TopicData("x", "std_msgs/msg/Float64", np.arange(3), {"data": np.zeros(3)})], overwrite=True)
+    write_bag(
+        tmp_path / "two", [TopicData("x", "std_msgs/msg/Float64", np.arange(3), {"data": np.zeros(3)})], overwrite=True
+    )
     write_bag(tmp_path / "three", recording_topics(read_recording(bag, load_signals()), load_signals()))
     assert run(bag, tmp_path / "three", "--out", tmp_path / "tables") == 0
     assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["run.csv", "three.csv"]

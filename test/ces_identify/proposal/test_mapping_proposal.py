@@ -19,14 +19,16 @@ ROOT = Path(__file__).parents[3]
 DATA = Path(os.environ.get("CES_DATA", ROOT.parent / "shared" / "data"))
 measured = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured recordings are not in {DATA} (set CES_DATA)")
 pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
-T, X, I, F = bags.motion(samples=1500)
-PLAIN = {"time_s": T, "position_mm": 1000 * X, "current_A": I, "force_N": F}
+T, X, CURRENT, F = bags.motion(samples=1500)
+PLAIN = {"time_s": T, "position_mm": 1000 * X, "current_A": CURRENT, "force_N": F}
 
 
 def write(path, columns, delimiter=",", decimal=".", head=(), number=repr):
     rows = [delimiter.join(columns), *head]
-    for row in zip(*(np.asarray(c).tolist() for c in columns.values()), strict=True):
-        rows.append(delimiter.join(c if isinstance(c, str) else number(c).replace(".", decimal) for c in row))
+    rows += [
+        delimiter.join(c if isinstance(c, str) else number(c).replace(".", decimal) for c in row)
+        for row in zip(*(np.asarray(c).tolist() for c in columns.values()), strict=True)
+    ]
     path.write_text("\n".join(rows) + "\n")
     return path
 
@@ -36,7 +38,7 @@ def recording_of(proposal):
     return to_recording(proposal.log, proposal.mapping)
 
 
-def assert_reads(recording, x=X, i=I, f=F):
+def assert_reads(recording, x=X, i=CURRENT, f=F):
     for name, values in (("position", x), ("current", i), ("force", f)):
         np.testing.assert_allclose(recording.channel(name).values, values, rtol=1e-9, atol=1e-12)
 
@@ -62,7 +64,9 @@ def test_the_printed_proposal_is_a_mapping(tmp_path, capsys):
     assert_reads(import_log(path, load_dyno_mapping(tmp_path / "my.yaml")))
 
 
-@pytest.mark.parametrize(("delimiter", "decimal"), [(";", ","), ("\t", ","), ("\t", "."), (";", "."), ("|", "."), (" ", ",")])
+@pytest.mark.parametrize(
+    ("delimiter", "decimal"), [(";", ","), ("\t", ","), ("\t", "."), (";", "."), ("|", "."), (" ", ",")]
+)
 def test_delimiter_and_decimal_are_found_and_said(tmp_path, delimiter, decimal):
     proposal = propose_mapping(write(tmp_path / "log.csv", PLAIN, delimiter, decimal))
     assert_reads(recording_of(proposal))
@@ -71,7 +75,7 @@ def test_delimiter_and_decimal_are_found_and_said(tmp_path, delimiter, decimal):
 
 
 def test_german_names_with_a_row_of_units_and_a_turned_force(tmp_path):
-    columns = {"Zeit": 1000 * T, "Weg": 1000 * X, "Strom": 1000 * I, "Kraft": -F / 1000, "Temp": 30.0 + T}
+    columns = {"Zeit": 1000 * T, "Weg": 1000 * X, "Strom": 1000 * CURRENT, "Kraft": -F / 1000, "Temp": 30.0 + T}
     path = write(tmp_path / "log.txt", columns, ";", ",", head=["[ms];[mm];[mA];[kN];[°C]"])
     path.write_text("Prüfstand 7\n" + path.read_text())
     proposal = propose_mapping(path)
@@ -83,7 +87,7 @@ def test_german_names_with_a_row_of_units_and_a_turned_force(tmp_path):
 
 
 def test_units_in_the_header_count_for_a_mapping_without_units(tmp_path):
-    path = write(tmp_path / "log.csv", {"t": T, "x": 1000 * X, "i": I, "F": F / 1000}, head=["s,mm,A,kN"])
+    path = write(tmp_path / "log.csv", {"t": T, "x": 1000 * X, "i": CURRENT, "F": F / 1000}, head=["s,mm,A,kN"])
     mapping = parse_dyno_mapping(
         "time: {column: t}\nposition: {column: x}\ncurrent: {column: i}\nforce: {column: F}", "map.yaml"
     )
@@ -99,11 +103,16 @@ def test_a_log_without_time_needs_the_rate(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "pattern", ["2024-05-01 {h:02d}:{m:02d}:{s:09.6f}", "1.5.2024 {h:02d}:{m:02d}:{s:09.6f}", "2024-05-01T{h:02d}:{m:02d}:{s:09.6f}Z"]
+    "pattern",
+    [
+        "2024-05-01 {h:02d}:{m:02d}:{s:09.6f}",
+        "1.5.2024 {h:02d}:{m:02d}:{s:09.6f}",
+        "2024-05-01T{h:02d}:{m:02d}:{s:09.6f}Z",
+    ],
 )
 def test_dates_are_kept_as_absolute_times(tmp_path, pattern):
     def text(t):
-        whole, rest = divmod(int(round((86390 - 86400 + 43200 + t) * 1e6)), 60_000_000)
+        whole, rest = divmod(round((43190 + t) * 1e6), 60_000_000)
         return pattern.format(h=whole // 60, m=whole % 60, s=rest * 1e-6)
 
     path = write(tmp_path / "log.csv", {"clock": [text(t) for t in T], **{k: PLAIN[k] for k in list(PLAIN)[1:]}})
@@ -113,17 +122,17 @@ def test_dates_are_kept_as_absolute_times(tmp_path, pattern):
 
 
 def test_blank_cells_are_samples_that_were_not_taken(tmp_path):
-    slow = [repr(value) if k % 5 == 0 else "" for k, value in enumerate(I.tolist())]
+    slow = [repr(value) if k % 5 == 0 else "" for k, value in enumerate(CURRENT.tolist())]
     path = write(tmp_path / "log.csv", {**PLAIN, "current_A": slow})
     proposal = propose_mapping(path)
     recording = recording_of(proposal)
     assert "blank: missing  # blank cells (1200 of current)" in proposal.text
-    np.testing.assert_array_equal(recording.channel("current").values, I[::5])
+    np.testing.assert_array_equal(recording.channel("current").values, CURRENT[::5])
     np.testing.assert_array_equal(recording.channel("current").stamps_ns, recording.channel("force").stamps_ns[::5])
 
 
 def test_a_guess_that_is_not_certain_is_refused_with_the_way_out(tmp_path, capsys):
-    path = write(tmp_path / "log.csv", {"t": T, "x": 1000 * X, "i": I, "F": F})
+    path = write(tmp_path / "log.csv", {"t": T, "x": 1000 * X, "i": CURRENT, "F": F})
     assert run(path, "--out", tmp_path / "bag") == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "position: taken as mm, because its span of" in line
@@ -139,12 +148,14 @@ def test_a_current_in_the_name_of_the_file(tmp_path):
 
 
 def test_a_commanded_stroke_is_not_the_position(tmp_path):
-    path = write(tmp_path / "log.csv", {"t_s": T, "xcmd_mm": 1000 * np.roll(X, 3), "x_mm": 1000 * X, "i_A": I, "F_N": F})
+    path = write(
+        tmp_path / "log.csv", {"t_s": T, "xcmd_mm": 1000 * np.roll(X, 3), "x_mm": 1000 * X, "i_A": CURRENT, "F_N": F}
+    )
     assert_reads(recording_of(propose_mapping(path)))
 
 
 def test_a_measured_speed_is_not_the_force(tmp_path):
-    path = write(tmp_path / "log.csv", {"t_s": T, "v": np.gradient(X, T), "x_mm": 1000 * X, "i_A": I, "F": F})
+    path = write(tmp_path / "log.csv", {"t_s": T, "v": np.gradient(X, T), "x_mm": 1000 * X, "i_A": CURRENT, "F": F})
     assert_reads(recording_of(propose_mapping(path)))
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_examples import START_NS, T_SLOW, F, I_SLOW, T, X, assert_recording
+from log_examples import I_SLOW, START_NS, T_SLOW, F, T, X, assert_recording
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -53,7 +53,9 @@ def messages(types):
             header=header(stamp, ""), name=names, position=place, velocity=empty, effort=empty
         )
         yield stamp + 50, "/joint_states", joint
-        wrench = types["geometry_msgs/msg/Wrench"](force=vector(x=0.0, y=0.0, z=F[k]), torque=vector(x=0.0, y=0.0, z=0.0))
+        wrench = types["geometry_msgs/msg/Wrench"](
+            force=vector(x=0.0, y=0.0, z=F[k]), torque=vector(x=0.0, y=0.0, z=0.0)
+        )
         yield stamp + 60, "/load", types["geometry_msgs/msg/WrenchStamped"](header=header(stamp, "rig"), wrench=wrench)
     for t, i in zip(np.rint(T_SLOW * 1e9).astype(int).tolist(), I_SLOW.tolist(), strict=True):
         stamp = START_NS + t

@@ -1,8 +1,7 @@
 """CAN logs written by python-can with a DBC: multiplexed signals, extended ids, CAN FD, several buses."""
 
-import numpy as np
 import pytest
-from log_examples import START_NS, T_SLOW, F, I_SLOW, T, X, assert_recording
+from log_examples import I_SLOW, START_NS, T_SLOW, F, T, X, assert_recording
 
 from ces_identify.proposal.mapping_proposal import propose_mapping
 from ces_identify.recordings.log_import import import_log, to_recording
@@ -25,7 +24,9 @@ BO_ 2566844926 Valve: 8 ECU
 BO_ 512 Long: 24 ECU
  SG_ Load : 128|32@1- (0.0001,0) [-10000|10000] "N" ECU
 """
-MAPPING = "dbc: rig.dbc\nposition: {column: Damper.Stroke}\ncurrent: {column: Valve.Current}\nforce: {column: Damper.Force}\n"
+MAPPING = (
+    "dbc: rig.dbc\nposition: {column: Damper.Stroke}\ncurrent: {column: Valve.Current}\nforce: {column: Damper.Force}\n"
+)
 VALVE_ID = 2566844926 & 0x1FFFFFFF
 
 
@@ -44,7 +45,14 @@ def frames(database, bus=0, fd=False):
             yield t, long.frame_id, False, long.encode({"Load": f}, strict=False), True, bus
     for k, (t, i) in enumerate(zip(T_SLOW, I_SLOW, strict=True)):
         yield t, VALVE_ID, True, valve.encode({"Mux": 0, "Current": 1000 * i}, strict=False), False, bus
-        yield t + 1e-4, VALVE_ID, True, valve.encode({"Mux": 1, "Temperature": 40 + 0.1 * (k % 5)}, strict=False), False, bus
+        yield (
+            t + 1e-4,
+            VALVE_ID,
+            True,
+            valve.encode({"Mux": 1, "Temperature": 40 + 0.1 * (k % 5)}, strict=False),
+            False,
+            bus,
+        )
         yield t + 2e-4, VALVE_ID, False, bytes(8), False, bus  # a standard frame of the same number is another message
 
 
@@ -106,7 +114,11 @@ def test_mistakes_are_one_line(folder):
     for old, new, message in (
         ("Damper.Stroke", "Damper.Weg", "no signal 'Damper.Weg'; the message has Damper.Stroke, Damper.Force"),
         ("Damper.Stroke", "Weg", r"expected MESSAGE\.SIGNAL, one of Damper\.Stroke"),
-        ("Damper.Stroke", "Long.Load", r"no frame carries 'Long.Load' \(id 0x200, standard\); is it the right database"),
+        (
+            "Damper.Stroke",
+            "Long.Load",
+            r"no frame carries 'Long.Load' \(id 0x200, standard\); is it the right database",
+        ),
         ("dbc: rig.dbc", "dbc: none.dbc", "none.dbc: cannot be read: No such file"),
         ("dbc: rig.dbc\n", "", "a CAN log needs its database; give dbc: FILE.dbc in .*map.yaml"),
     ):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from log_examples import T_SLOW, F, I, I_SLOW, T, X, assert_recording
+from log_examples import CURRENT, I_SLOW, T_SLOW, F, T, X, assert_recording
 
 from ces_identify.proposal.mapping_proposal import propose_mapping
 from ces_identify.recordings.log_import import import_log, to_recording
@@ -57,13 +57,18 @@ def column(values):
 
 @pytest.mark.parametrize("shape", [column, np.asarray], ids=["columns", "rows"])
 def test_variables_as_columns_and_as_rows(tmp_path, shape):
-    path = save(tmp_path / "log.mat", {"t": shape(T), "x_mm": shape(1000 * X), "i": shape(I), "F": shape(F), "rig": "7"})
+    path = save(
+        tmp_path / "log.mat", {"t": shape(T), "x_mm": shape(1000 * X), "i": shape(CURRENT), "F": shape(F), "rig": "7"}
+    )
     assert_recording(import_log(path, mapping(TABLE)), slow=False)
 
 
 def test_a_structure_and_a_matrix(tmp_path):
-    matrix = np.column_stack([T, 1000 * X, I, F])
-    path = save(tmp_path / "log.mat", {"run": {"name": "sweep", "log": {"t": T, "x_mm": 1000 * X, "i": I, "F": F}}, "m": matrix})
+    matrix = np.column_stack([T, 1000 * X, CURRENT, F])
+    path = save(
+        tmp_path / "log.mat",
+        {"run": {"name": "sweep", "log": {"t": T, "x_mm": 1000 * X, "i": CURRENT, "F": F}}, "m": matrix},
+    )
     assert_recording(import_log(path, mapping(TABLE + "rows: run.log\n")), slow=False)
     numbered = TABLE.replace("column: t}", "column: 0}").replace("x_mm,", "1,").replace("column: i}", "column: 2}")
     assert_recording(import_log(path, mapping(numbered.replace("column: F}", "column: 3}") + "rows: m\n")), slow=False)
@@ -76,7 +81,9 @@ def test_time_series_keep_their_own_times(tmp_path):
         "force_N": {"time": column(T), "data": column(F)},
     }
     path = save(tmp_path / "log.mat", {"out": series})
-    text = "rows: out\nposition: {column: position_mm, unit: mm}\ncurrent: {column: current_A}\nforce: {column: force_N}\n"
+    text = (
+        "rows: out\nposition: {column: position_mm, unit: mm}\ncurrent: {column: current_A}\nforce: {column: force_N}\n"
+    )
     assert_recording(import_log(path, mapping(text)))
     proposal = propose_mapping(path)
     assert proposal.doubts == ()
@@ -86,29 +93,31 @@ def test_time_series_keep_their_own_times(tmp_path):
 
 
 def test_a_cell_of_columns(tmp_path):
-    path = save(tmp_path / "log.mat", {"log": [column(T), column(1000 * X), column(I), column(F)]})
+    path = save(tmp_path / "log.mat", {"log": [column(T), column(1000 * X), column(CURRENT), column(F)]})
     with pytest.raises(CesError):
         import_log(path, mapping(TABLE + "rows: log\n"))
 
 
 def test_a_proposal_needs_no_mapping(tmp_path):
-    path = save(tmp_path / "log.mat", {"time_s": T, "stroke_mm": 1000 * X, "current_A": I, "force_N": F})
+    path = save(tmp_path / "log.mat", {"time_s": T, "stroke_mm": 1000 * X, "current_A": CURRENT, "force_N": F})
     proposal = propose_mapping(path)
     assert proposal.doubts == ()
     assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
 
 
 def test_an_object_is_refused_with_what_to_save_instead(tmp_path):
-    path = save(tmp_path / "log.mat", {"t": T, "x_mm": X, "i": I, "F": F})
+    path = save(tmp_path / "log.mat", {"t": T, "x_mm": X, "i": CURRENT, "F": F})
     with h5py.File(path, "r+") as file:
         file["F"].attrs["MATLAB_class"] = np.bytes_("timeseries")
         file["F"].attrs["MATLAB_object_decode"] = np.int32(3)
-    with pytest.raises(CesError, match=r"'F' is a MATLAB object \(timeseries\), which is not read; save it as a structure"):
+    with pytest.raises(
+        CesError, match=r"'F' is a MATLAB object \(timeseries\), which is not read; save it as a structure"
+    ):
         import_log(path, mapping(TABLE))
 
 
 def test_a_damaged_file(tmp_path):
     path = save(tmp_path / "log.mat", {"t": T})
     path.write_bytes(path.read_bytes()[:700])
-    with pytest.raises(CesError, match="not a MATLAB 7.3 file, or damaged"):
+    with pytest.raises(CesError, match=r"not a MATLAB 7\.3 file, or damaged"):
         import_log(path, mapping(TABLE))

@@ -4,7 +4,7 @@ import datetime
 
 import numpy as np
 import pytest
-from log_examples import START_NS, T_SLOW, F, I_SLOW, T, X, assert_recording
+from log_examples import I_SLOW, START_NS, T_SLOW, F, T, X, assert_recording
 
 from ces_identify.proposal.mapping_proposal import propose_mapping
 from ces_identify.recordings.log_import import import_log, to_recording
@@ -70,7 +70,7 @@ def test_mistakes_are_one_line(tmp_path):
         import_log(path, mapping(MAPPING.replace("Stroke", "Weg")))
     with pytest.raises(CesError, match="'ValveCurrent' is in 'mA', which is not a unit of a force"):
         import_log(path, mapping(MAPPING.replace("LoadCell", "ValveCurrent")))
-    with pytest.raises(CesError, match="remove 'rate': the channels of run.mf4 have their own times"):
+    with pytest.raises(CesError, match=r"remove 'rate': the channels of run\.mf4 have their own times"):
         import_log(path, mapping(MAPPING + "rate: 100\n"))
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(CesError, match="not an MDF file, or damaged"):

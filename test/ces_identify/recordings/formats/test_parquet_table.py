@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from log_examples import START_NS, F, I, T, X, assert_recording
+from log_examples import CURRENT, START_NS, F, T, X, assert_recording
 
 from ces_identify.proposal.mapping_proposal import propose_mapping
 from ces_identify.recordings.log_import import import_log, to_recording
@@ -16,7 +16,7 @@ UNITS = {"x": "mm", "i": "A", "F": "kN"}
 
 
 def write(path, **columns):
-    columns = {"t": T, "x": 1000 * X, "i": I, "F": F / 1000, **columns}
+    columns = {"t": T, "x": 1000 * X, "i": CURRENT, "F": F / 1000, **columns}
     arrays = {name: pa.array(values) for name, values in columns.items()}
     fields = [pa.field(n, a.type, metadata={"unit": UNITS[n]} if n in UNITS else {}) for n, a in arrays.items()]
     pq.write_table(pa.table(list(arrays.values()), schema=pa.schema(fields)), path)
@@ -38,16 +38,18 @@ def test_timestamps_are_absolute(tmp_path):
 
 
 def test_nulls_are_missing_samples_if_the_mapping_says_so(tmp_path):
-    slow = [value if k % 3 == 0 else None for k, value in enumerate(I.tolist())]
+    slow = [value if k % 3 == 0 else None for k, value in enumerate(CURRENT.tolist())]
     path = write(tmp_path / "log.parquet", i=slow)
-    with pytest.raises(CesError, match=r"row 1: column 'i' is null; expected a number .*set blank: missing in map\.yaml"):
+    with pytest.raises(
+        CesError, match=r"row 1: column 'i' is null; expected a number .*set blank: missing in map\.yaml"
+    ):
         import_log(path, parse_dyno_mapping(MAPPING, "map.yaml"))
     recording = import_log(path, parse_dyno_mapping(MAPPING + "blank: missing\n", "map.yaml"))
-    np.testing.assert_array_equal(recording.channel("current").values, I[::3])
+    np.testing.assert_array_equal(recording.channel("current").values, CURRENT[::3])
 
 
 def test_mistakes_are_one_line(tmp_path):
-    path = write(tmp_path / "log.parquet", i=["on"] * len(I))
+    path = write(tmp_path / "log.parquet", i=["on"] * len(CURRENT))
     with pytest.raises(CesError, match="column 'i' is string; expected numbers"):
         import_log(path, parse_dyno_mapping(MAPPING, "map.yaml"))
     with pytest.raises(CesError, match="no column 'Weg'; the table has t, x, i, F"):
