@@ -17,7 +17,8 @@ MAX_OTHERS = 3
 
 def print_proposal(selection: Selection, console: Console, skipped: Mapping[str, str] | None = None) -> None:
     """Print the table of a proposal, then one line for each thing to check and each signal that was not found."""
-    table = make_table(None, ("signal", "candidate", "why"), ("from", "to", "Hz"))
+    table = make_table(None, ("signal", "candidate, range, rate", "why"), ())
+    table.columns[0].no_wrap = True
     for row in _rows(selection):
         table.add_row(*row)
     console.print(table, highlight=False, markup=False)
@@ -68,21 +69,21 @@ def _rows(selection: Selection) -> Iterator[tuple[str, ...]]:
         for signal, choice in damper.choices.items():
             remark = describe_scale(choice)
             why = "; ".join(choice.reasons) + (f" [{remark}]" if remark else "")
-            yield (f"{mark}{signal}", choice.candidate.label, why, *_numbers(choice))
+            yield (f"{mark}{signal}", _describe(choice), why)
             yield from _others(choice.others)
         for missing in damper.missing.values():
-            yield (f"{mark}{missing.signal}", "not found", missing.reason, "", "", "")
+            yield (f"{mark}{missing.signal}", "not found", missing.reason)
             yield from _others(missing.others)
 
 
 def _others(ratings: tuple[Rating, ...]) -> Iterator[tuple[str, ...]]:
     for rating in ratings[:MAX_OTHERS]:
-        yield ("  not", rating.candidate.label, rating.why, *_numbers(rating))
+        yield ("  not", _describe(rating), rating.why)
 
 
-def _numbers(of: Choice | Rating) -> tuple[str, str, str]:
+def _describe(of: Choice | Rating) -> str:
     c = of.candidate
-    return f"{c.low:.4g}", f"{c.high:.4g}", f"{c.rate_Hz:.4g}"
+    return f"{c.label}\n{c.low:.4g} to {c.high:.4g}, {c.rate_Hz:.4g} Hz"
 
 
 def _print(console: Console, text: str, style: str) -> None:

@@ -122,7 +122,13 @@ def _find_time(table: LogTable, columns: Sequence[_TableColumn]) -> Column | Non
         if by_unit or read_meaning((c.name,)).quantity == "time" or words == ("s",):
             scale = c.unit.scale if c.unit is not None and by_unit else 1.0
             return Column(c.key, scale, scaled=by_unit, unit=c.unit.text if c.unit is not None and by_unit else "")
-    return None
+    return next((Column(c.key) for c in columns if _is_named_time(c)), None)  # its fault is reported when it is read
+
+
+def _is_named_time(column: _TableColumn) -> bool:
+    """Return whether a column is called a time in full and moves, even if it does not go forward."""
+    finite = column.values[np.isfinite(column.values)]
+    return "time" in split_words(column.name) and len(finite) > 1 and bool(np.ptp(finite) > 0.0)
 
 
 def _goes_forward(values: Values) -> bool:

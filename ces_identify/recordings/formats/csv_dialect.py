@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 from collections import Counter
 from collections.abc import Sequence
@@ -11,8 +12,9 @@ from pathlib import Path
 from ces_identify.recordings.formats.dates import is_date
 from ces_identify.recordings.log_mapping import DynoMapping
 from ces_identify.recordings.units import find_unit
+from ces_observer.errors import RecordingError
 
-SAMPLE_LINES = 200
+SAMPLE_LINES, SAMPLE_BYTES = 200, 65_536
 DELIMITERS = {"\t": "a tab", ";": "';'", "|": "'|'", ",": "','", " ": "a blank"}
 NO_UNIT = frozenset({"", "-", "--", "1", "[-]", "(-)", "%", "[]"})
 Rows = list[tuple[int, list[str]]]  # number and cells of each line that is not blank
@@ -25,6 +27,7 @@ class CsvDialect:
     `names` and `units` are the cells of those rows, empty if the file has none; `notes` say what was found.
     """
 
+    encoding: str
     delimiter: str
     decimal: str
     head: int
@@ -35,7 +38,8 @@ class CsvDialect:
 
 def find_dialect(path: Path, mapping: DynoMapping) -> CsvDialect:
     """Return the form of a file: what the mapping gives, and the rest from the first 200 lines."""
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+    encoding = find_encoding(path)
+    with path.open(encoding=encoding, errors="replace", newline="") as file:
         lines = [line for _, line in zip(range(SAMPLE_LINES), file, strict=False)]
     delimiters = [mapping.delimiter] if mapping.delimiter else list(DELIMITERS)
     decimals = [mapping.decimal] if mapping.decimal else [".", ","]
@@ -46,7 +50,27 @@ def find_dialect(path: Path, mapping: DynoMapping) -> CsvDialect:
     units = _find_units(rows, head, decimal)
     above = head - 1 - bool(units)
     names = strip_names(rows[above][1]) if 0 <= above < len(rows) else ()
-    return CsvDialect(delimiter, decimal, head, names, units, tuple(_notes(mapping, delimiter, decimal, units)))
+    return CsvDialect(
+        encoding, delimiter, decimal, head, names, units, tuple(_notes(mapping, delimiter, decimal, units))
+    )
+
+
+def find_encoding(path: Path) -> str:
+    """Return the encoding of a text file: UTF-8, UTF-16 with its mark, or else Windows' Western one.
+
+    Raises RecordingError if the file is not text.
+    """
+    with path.open("rb") as file:
+        head = file.read(SAMPLE_BYTES)
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    if b"\0" in head:
+        raise RecordingError(f"{path}: not a text table, but binary data; set format in the mapping if it has another")
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
 
 
 def parse_lines(lines: Sequence[str], delimiter: str) -> Rows:

@@ -124,7 +124,7 @@ class CsvTable(LogTable):
                 self._add(column, row, cells[i] if i < len(cells) else None)
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
-        with self.path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        with self.path.open(encoding=self.dialect.encoding, errors="replace", newline="") as file:
             reader = csv.reader(file, delimiter=self.dialect.delimiter, skipinitialspace=True)
             head = self.dialect.head
             for cells in reader:

@@ -62,8 +62,15 @@ class TreeTable(LogTable):
         if isinstance(key, str) and isinstance(self.root[0], Mapping):
             first = self.root[0]
             return [row.get(key) for row in self.root] if key in first else follow_route(self.path, first, key)
+        if np.ndim(self.root[0]) == 0:
+            raise RecordingError(f"{self.path}: a list of single values; expected rows, or columns by name")
         i = self._index(key, np.size(self.root[0]))
-        return self.root[:, i] if isinstance(self.root, np.ndarray) else [row[i] for row in self.root]
+        if isinstance(self.root, np.ndarray):
+            return self.root[:, i]
+        short = next((n for n, row in enumerate(self.root) if not isinstance(row, list) or len(row) <= i), None)
+        if short is not None:
+            raise RecordingError(f"{self.path}: row {short}: column {key!r} is missing")
+        return [row[i] for row in self.root]
 
     def _bad_cell(self, cells: Any, key: str | int) -> RecordingError:
         for row, cell in enumerate(cells if isinstance(cells, list | np.ndarray) else ()):

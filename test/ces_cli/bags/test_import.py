@@ -7,6 +7,7 @@ import pytest
 from ces_cli.bags import import_
 from ces_cli.terminal import terminal
 from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.signals_file import load_signals
 
 ROOT = Path(__file__).parents[3]
@@ -148,7 +149,7 @@ def test_measured_logs_become_bags_without_loss(tmp_path, name, pattern, count):
     assert run(*logs, "--mapping", mapping, "--out", tmp_path / "bags") == 0
     bags = sorted((tmp_path / "bags").iterdir()) if count > 1 else [tmp_path / "bags"]
     for log, bag in zip(logs, bags, strict=True):
-        expected = import_.import_log(log, import_.load_dyno_mapping(mapping))
+        expected = import_log(log, import_.load_dyno_mapping(mapping))
         recording = read_recording(bag, load_signals())
         for signal, channel in expected.channels.items():
             np.testing.assert_array_equal(recording.channel(signal).values, channel.values)
