@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 from ces_identify.proposal.candidate import Candidate
 from ces_identify.proposal.plausible import fits_quantity, is_plausible
-from ces_identify.proposal.words import COMMAND_PARTS, COMMANDS, COMPUTED, FOREIGN, find_word, read_meaning
+from ces_identify.proposal.words import COMMAND_PARTS, COMMANDS, COMPUTED, DEVICE, FOREIGN, find_word, read_meaning
 from ces_observer.signals import UNITS
 
-UNIT_POINTS, STEADY_POINTS, POSITIVE_POINTS = 3.0, 1.0, 1.0
+UNIT_POINTS, STEADY_POINTS, POSITIVE_POINTS, DEVICE_POINTS = 3.0, 1.0, 1.0, 1.0
 COMMAND_POINTS, COMPUTED_POINTS, FOREIGN_POINTS, SIGN_POINTS, RANGE_POINTS = -3.0, -5.0, -5.0, -2.0, -1.0
 NEGATIVE_SHARE = 0.05  # of the peak, that an amplifier's offset may take a current below zero
 
@@ -74,6 +74,8 @@ def _exclusion(candidate: Candidate, signal: str) -> str:
 
 def _remarks(candidate: Candidate, signal: str) -> Iterator[tuple[float, str]]:
     """Yield points and reason of what else the name and the numbers say."""
+    if (word := find_word(candidate.names, DEVICE)) and read_meaning(candidate.names).quantity == signal:
+        yield DEVICE_POINTS, f"of a '{word}'"
     if word := find_word(candidate.names, COMMANDS, COMMAND_PARTS):
         yield COMMAND_POINTS, f"a command by its name ('{word}'), not a measurement"
     if word := find_word(candidate.names, COMPUTED):

@@ -43,6 +43,9 @@ FOREIGN = frozenset(
         *("yaw", "roll", "pitch", "humidity"),
     )
 )
+DEVICE = frozenset(
+    ("damper", "shock", "strut", "suspension", "fork", "piston", "absorber", "daempfer", "dämpfer", "stossdämpfer")
+)
 OUTWARD = frozenset(("extension", "elongation", "rebound", "zug", "ausfederung", "extended"))
 SIDES = frozenset(
     (

@@ -107,8 +107,8 @@ Source = Column | FixedValue | FileNameValue
 class DynoMapping:
     """The layout of a log, with either `time` [s] or `rate` [Hz], or neither if its channels have their own times.
 
-    `delimiter`, `decimal` and `header_lines` are found from the file if they are None. `signals` maps each signal to its
-    source; it always includes position, current and force.
+    `delimiter`, `decimal` and `header_lines` are found from the file if they are None. `signals` maps each signal to
+    its source; it always includes position, current and force.
     """
 
     source: str

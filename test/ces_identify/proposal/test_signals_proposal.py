@@ -139,6 +139,24 @@ def test_numbered_dampers_share_a_current(tmp_path):
     assert_reads(reread(tmp_path, path, "damper_2"), x2, CURRENT, f2)
 
 
+def test_a_joint_named_damper_goes_before_another_joint_that_moves_alike(tmp_path):
+    streams = [
+        bags.joints("/joint_states", ["elbow", "damper"], X + 0.1, X),
+        bags.numbers("/valve_current", CURRENT),
+        bags.wrenches("/force", F),
+    ]
+    _, path = proposed(tmp_path, *streams)
+    assert_reads(reread(tmp_path, path))
+
+
+def test_a_bag_with_the_observers_estimates_gives_the_measured_signals(tmp_path):
+    estimate = bags.joints("/observer/estimate", ["rear_damper"], X, efforts=[F * 0.98])
+    streams = [bags.joints("/joint_states", ["rear_damper"], X), bags.numbers("/valve_current", CURRENT)]
+    proposal, path = proposed(tmp_path, *streams, bags.wrenches("/measured_force", F), estimate)
+    assert_reads(reread(tmp_path, path))
+    assert proposal.selection.checks == ()
+
+
 def test_an_array_without_names_is_read_by_its_numbers_and_marked(tmp_path):
     proposal, path = proposed(tmp_path, bags.array("/daq", X, CURRENT, F, 40.0 + T))
     assert_reads(reread(tmp_path, path))
