@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ces_observer.errors import CesError
 
-FILES = (".mcap", ".db3")
+FILES = (".mcap", ".db3", ".bag")
 WILD = "*?["
 RECORDING, VEHICLE = "recording", "vehicle"
 

@@ -100,7 +100,7 @@ def write_bag(
 
 
 def _require_free(path: Path, overwrite: bool) -> None:
-    if not path.exists():
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return
     if not overwrite:
         raise RecordingError(f"{path}: exists already; choose another name or allow it to be overwritten")
