@@ -14,6 +14,8 @@ from ces_observer import __version__  # noqa: E402
 NAME = "ces_observer"
 # colcon and ROS's Debian and RPM rules run this file as a program; pip and other front ends call it through a backend.
 FOR_ROS = "setuptools.build_meta" not in sys.modules
+MDF, MAT73, PARQUET = ["asammdf>=8.0"], ["h5py>=3.8"], ["pyarrow>=14"]  # formats of logs, each optional
+CAN = ["cantools>=39.4", "python-can>=4.3"]
 ROS_PROGRAMS = [
     f"observer = {NAME}.nodes.observer:main",
     f"controller = {NAME}.nodes.controller:main",
@@ -67,6 +69,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         files("launch", "*.launch.py"),
         files("config", "*.yaml", "*.json", "*.xml"),
+        files("config/import", "*.yaml"),
         files("config/models", "*.*"),
         files("ces_identify/schemas", "*.json"),  # where the first lines of config/*.yaml look for them
         files("config/thesis", "*.yaml"),
@@ -88,10 +91,16 @@ setup(
     ],
     extras_require={
         "bench": ["joblib>=1.4", "sysidentpy>=0.9", "fastcan>=0.6", "anfis-toolbox>=0.2"],  # the peers in bench/
+        "mdf": MDF,  # ces import FILE.mf4
+        "mat73": MAT73,  # ces import FILE.mat, saved with -v7.3
+        "can": CAN,  # ces import FILE.blf with a DBC
+        "parquet": PARQUET,  # ces import FILE.parquet, ces export-data --out FILE.parquet
+        "formats": [*MDF, *MAT73, *CAN, *PARQUET],
         "fuzz": ["atheris>=2.3"],  # coverage-guided fuzzing: bench/fuzz/guided.py
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
         "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
+        "notebook": ["notebook>=7", "ipykernel>=6.25"],  # examples/own_data.ipynb
         "docs": ["mkdocs-material>=9.5", "mkdocstrings[python]>=0.26", "ruff>=0.6"],  # make docs
         "dev": [
             "pytest>=7.4",
@@ -99,9 +108,18 @@ setup(
             "hypothesis>=6.98",
             "distributed>=2022.12",
             "fmpy>=0.3.20",
+            *MDF,
+            *MAT73,
+            *CAN,
+            *PARQUET,
             "ruff>=0.6",
             "mypy>=1.11",
             "playwright>=1.40",  # drives the Chromium of the system in tests of pages
+            "jsonschema>=4.17",
+            "types-jsonschema",
+            "nbclient>=0.8",
+            "nbformat>=5.9",
+            "ipykernel>=6.25",
             "types-PyYAML",
         ],
     },

@@ -16,7 +16,8 @@ ProgramTable = Mapping[str, tuple[str, str]]
 
 PROGRAMS: ProgramTable = {  # module and summary by name
     "info": ("bags.info", "inspect recordings: signals, rates, gaps, ranges, coverage"),
-    "import": ("bags.import_", "convert dyno logs (CSV, JSON, MAT) to bags"),
+    "signals": ("bags.signals", "propose a signals file from the topics of recordings, with reasons"),
+    "import": ("bags.import_", "convert logs (CSV, JSON, MAT, MDF, CAN, ROS 1, Parquet) to bags"),
     "characterise": (
         "bags.characterise",
         "show force over speed, loops, work, hysteresis and valve response of a damper",
@@ -29,6 +30,7 @@ PROGRAMS: ProgramTable = {  # module and summary by name
     "compare": ("compare.program", "compare models on the same recordings: costs, and whether they differ"),
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),
+    "export-data": ("bags.export_data", "write recordings and a model's estimates as CSV or Parquet"),
     "export": ("identify.export", "write a model as C source for a microcontroller, or as an FMU"),
     "diagnose": (
         "diagnose.program",

@@ -51,7 +51,7 @@ def read_recording(
 
 
 def read_log(path: str | Path, *, mapping: str | Path) -> Recording:
-    """Read and check a dyno log (CSV, JSON, MAT); `mapping` is the file that `ces import` takes. Raises CesError."""
+    """Read and check a log of any format that `ces import` reads; `mapping` is its mapping file. Raises CesError."""
     recording = log_import.import_log(Path(path), load_dyno_mapping(Path(mapping)))
     _warn(recording)
     return recording

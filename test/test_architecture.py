@@ -93,6 +93,8 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "numerics": "",
         "schema_files": "",
         "recordings": "config_file numerics",
+        "data_export": "recordings",
+        "proposal": "recordings",
         "preparation": "numerics recordings",
         "sense": "numerics preparation recordings",
         "typesetting": "",
@@ -183,12 +185,14 @@ ROOMS = {  # what each room of a package imports, from the bottom up
     },
 }
 BAG_MODULES = {
+    "ces_identify.recordings.bag_fields",
     "ces_identify.recordings.bag_reader",
     "ces_identify.recordings.bag_layout",
     "ces_identify.recordings.bag_message",
     "ces_identify.recordings.bag_opening",
     "ces_identify.recordings.bag_storage",
     "ces_identify.recordings.bag_writer",
+    "ces_identify.recordings.rosbag1_records",
     "ces_identify.recordings.stored_topic",
 }
 VEHICLE_MCAP_MODULE = "ces_observer.recorder.mcap_file"

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 COLLECT = """
 import sys, setuptools
 {before}
-KEYS = ("version", "entry_points", "packages", "data_files")
+KEYS = ("version", "entry_points", "packages", "data_files", "extras_require")
 setuptools.setup = lambda **given: print(repr({{key: given[key] for key in KEYS}}))
 exec(compile(open("setup.py").read(), "setup.py", "exec"), {{"__file__": "setup.py", "__name__": "__main__"}})
 """
@@ -77,9 +77,9 @@ def test_share_gets_parameters_layouts_launch_files_and_policies() -> None:
     share = Path("share/ces_observer")
     shared = {file for folder, found in given for file in found if folder == share / file.parent}
     there = {path.relative_to(ROOT) for folder in ("config", "launch") for path in (ROOT / folder).rglob("*.*")}
-    assert {path for path in shared if path.parts[0] in ("config", "launch")} == {
-        path for path in there if path.suffix != ".pyc" and "import" not in path.parts
-    }
+    configured = {path for path in shared if path.parts[0] in ("config", "launch")}
+    assert configured == {path for path in there if path.suffix != ".pyc"}
+    assert Path("config/import/utfsm_mr.yaml") in shared
 
 
 def test_shared_files_find_their_schemas() -> None:
@@ -91,3 +91,11 @@ def test_shared_files_find_their_schemas() -> None:
             first = (ROOT / file).read_text(encoding="utf-8").partition("\n")[0]
             schema = os.path.normpath(Path(folder) / first.partition("$schema=")[2])
             assert Path(schema) in there and schema.endswith(".json"), file
+
+
+def test_the_extra_formats_holds_those_of_all_formats() -> None:
+    extras = arguments("")["extras_require"]
+    assert isinstance(extras, dict)
+    single = [library for extra in ("mdf", "mat73", "can", "parquet") for library in extras[extra]]
+    assert sorted(extras["formats"]) == sorted(single)
+    assert set(single) <= set(extras["dev"])

@@ -1,48 +1,54 @@
-"""`ces import`: converts dyno logs (CSV, JSON, MAT) to bags that all other programs read."""
+"""`ces import`: converts logs of dynos and measurement systems to bags that all other programs read."""
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from ces_cli.bags.proposal_table import print_proposal
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.option_rules import ALL, never_with
 from ces_cli.terminal.outputs import add_overwrite, require_outputs
+from ces_identify.proposal.mapping_proposal import MappingProposal, propose_mapping
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.checks import findings, mean_rate
-from ces_identify.recordings.log_import import import_log
-from ces_identify.recordings.log_mapping import TEMPLATE, load_dyno_mapping
+from ces_identify.recordings.formats.open_log import open_log, refuse_bag
+from ces_identify.recordings.log_import import to_recording
+from ces_identify.recordings.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
 from ces_identify.recordings.recording import Recording
 from ces_identify.schema_files import schema_line
 from ces_identify.sense.sense import sense
-from ces_observer.errors import RecordingError
+from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Signal, Signals
+
+MAPPING_WORDS = ("--scale", "--unit", "--units", "--offset", "--delimiter", "--decimal", "--blank")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError; writes no bag unless all files can be read."""
     parser = make_parser()
-    options = parser.parse_args(argv)
+    options, unknown = parser.parse_known_args(argv)
+    _refuse_unknown(parser, unknown)
     if options.template:
         print(schema_line("import") + TEMPLATE, end="")
         return 0
-    if not options.files or options.mapping is None or options.out is None:
-        parser.error("expected FILE, --mapping and --out (or --template)")
-    mapping = load_dyno_mapping(options.mapping)
-    signals = terminal.load_described_signals(options)
-    paths = _bag_paths(options.files, options.out)
-    for path in paths:
-        inputs = [*options.files, options.mapping, options.signals]
-        require_outputs(options.overwrite, bags={"--out": path}, inputs=inputs)
-    with terminal.err.status("reading"):
-        recordings = [import_log(path, mapping) for path in options.files]
+    if not options.files:
+        parser.error("expected FILE and --out, or FILE and --propose, or --template")
+    for path in options.files:
+        refuse_bag(path)
+    if options.propose:
+        return _propose(options, parser)
+    if options.out is None:
+        parser.error("expected --out BAG (or --propose, which writes a mapping)")
+    if options.mapping is not None and (options.rate or options.dbc):
+        parser.error(f"with --mapping, give 'rate' and 'dbc' in {options.mapping}")
     with without_text(options.json):
-        for recording, path in zip(recordings, paths, strict=True):
-            _write(recording, path, signals, options.overwrite)
+        bags = _import(options)
     if options.json:
-        print_document("import", {"bags": list(map(_as_json, recordings, paths))})
+        print_document("import", {"bags": [_as_json(recording, path) for path, recording in bags.items()]})
     return 0
 
 
@@ -50,21 +56,105 @@ def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
     parser = terminal.parser(
         "import",
-        "Convert dyno logs to bags. The mapping file says which columns hold time, position, current and force, and "
-        "how to scale them to s, m, A and N. One FILE becomes the bag --out; several FILEs become one bag each in the "
-        "folder --out.",
-        "ces import sweep_*.csv --mapping config/import/utfsm_mr.yaml --out recordings\n"
-        "  ces import --template > my_dyno.yaml",
+        "Convert logs to bags. Without --mapping, the columns are found by their names, units and numbers, and what "
+        "was found is said; what is not certain is refused, and --propose writes a mapping to correct. The mapping "
+        "file says which columns hold time, position, current and force, and how to scale them to s, m, A and N. "
+        "One FILE becomes the bag --out; several FILEs become one bag each in the folder --out.",
+        "ces import my_log.csv --out recording\n"
+        "  ces import my_log.csv --propose > my_dyno.yaml\n"
+        "  ces import sweep_*.csv --mapping config/import/utfsm_mr.yaml --out recordings",
     )
-    parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help="log: .csv .txt .dat .tsv, .json or .mat")
-    parser.add_argument("--mapping", type=Path, metavar="MAP.yaml", help="mapping of columns to signals")
+    kinds = "log: .csv .txt .dat .tsv, .json, .mat, .mf4 .mdf, .blf .asc .log (CAN), .bag (ROS 1), .parquet"
+    parser.add_argument("files", type=Path, nargs="*", metavar="FILE", help=kinds)
+    text = "mapping of columns to signals; examples are in share/ces_observer/config/import (default: found, and said)"
+    parser.add_argument("--mapping", type=Path, metavar="MAP.yaml", help=text)
     parser.add_argument("--out", type=Path, metavar="BAG", help="bag to write, or folder for several")
     terminal.add_signals(parser)
-    add_json(parser)
     add_overwrite(parser)
+    add_json(parser)
+    parser.add_argument("--propose", action="store_true", help="print a mapping for FILE with reasons, and exit")
+    rate = terminal.number_between(1e-3, 1e6)
+    parser.add_argument("--rate", type=rate, metavar="HZ", help="rate of a log without a time column (no --mapping)")
+    text = "database of a CAN log; may be repeated (no --mapping)"
+    parser.add_argument("--dbc", type=Path, action="append", default=[], metavar="FILE", help=text)
     parser.add_argument("--template", action="store_true", help="print a commented mapping file and exit")
     parser.rules = (never_with(ALL, "template", "does not apply with --template", but="template"),)
     return parser
+
+
+def _refuse_unknown(parser: terminal.Parser, unknown: Sequence[str]) -> None:
+    """End with the place where a setting belongs, if an unknown option is one of the mapping's."""
+    if not unknown:
+        return
+    word = unknown[0].partition("=")[0]
+    if word in MAPPING_WORDS:
+        parser.error(
+            f"{word}: how a column is read belongs in the mapping, as in 'position: {{column: x, scale: 0.001}}'; "
+            "'ces import FILE --propose > my.yaml' writes one"
+        )
+    parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+
+
+def _propose(options: Namespace, parser: terminal.Parser) -> int:
+    """Print the proposal for one log; what it says is explained on the error stream."""
+    if len(options.files) != 1 or options.out is not None or options.mapping is not None:
+        parser.error("--propose takes one FILE and prints its mapping: ces import FILE --propose > my.yaml")
+    proposal = _find_mapping(options.files[0], options)
+    print(schema_line("import") + proposal.text, end="")
+    print_proposal(proposal.selection, terminal.err)
+    for note in proposal.log.notes:
+        terminal.err.print(f"{options.files[0]}: {note}", highlight=False, soft_wrap=True)
+    return 0
+
+
+def _find_mapping(path: Path, options: Namespace) -> MappingProposal:
+    with terminal.err.status(f"reading {path}"):
+        return propose_mapping(path, rate=options.rate, dbc=options.dbc)
+
+
+def _import(options: Namespace) -> dict[Path, Recording]:
+    """Import all files; return the recordings by their bags."""
+    mapping = load_dyno_mapping(options.mapping) if options.mapping else None
+    signals = terminal.load_described_signals(options)
+    _refuse_scales(signals, options)
+    paths = _bag_paths(options.files, options.out)
+    for path in paths:
+        inputs = [*options.files, options.mapping, options.signals]
+        require_outputs(options.overwrite, bags={"--out": path}, inputs=inputs)
+    recordings = [_read(path, mapping, options) for path in options.files]
+    for recording, path in zip(recordings, paths, strict=True):
+        _write(recording, path, signals, options.overwrite, str(options.mapping or "a mapping (--propose writes one)"))
+    return dict(zip(paths, recordings, strict=True))
+
+
+def _refuse_scales(signals: Signals, options: Namespace) -> None:
+    """Raise SignalsError for scales in the signals file: an import writes SI units, and scales in the mapping."""
+    for signal in signals.list_topic_signals():
+        if (signal.scale, signal.offset) != (1.0, 0.0):
+            raise SignalsError(
+                f"{options.signals}: {signal.name} has scale {signal.scale:g} and offset {signal.offset:g}; an "
+                "imported bag is in SI units: give the log's scale in "
+                f"{options.mapping or 'the mapping (--mapping)'}, and none here"
+            )
+
+
+def _read(path: Path, mapping: DynoMapping | None, options: Namespace) -> Recording:
+    """Read one log with the mapping, or with one that is found; raises RecordingError if that is not certain."""
+    if mapping is None:
+        proposal = _find_mapping(path, options)
+        if proposal.mapping is None or proposal.doubts:
+            raise RecordingError(
+                f"{path}: {proposal.doubts[0]}; 'ces import {path} --propose > my.yaml' writes a mapping to correct, "
+                "for --mapping my.yaml"
+            )
+        print(f"{path}: {', '.join((*proposal.log.notes, *proposal.found))}")
+        return to_recording(proposal.log, proposal.mapping)
+    with terminal.err.status(f"reading {path}"):
+        log = open_log(path, mapping)
+        recording = to_recording(log, mapping)
+    if log.notes:
+        print(f"{path}: {', '.join(log.notes)}")
+    return recording
 
 
 def _bag_paths(files: Sequence[Path], out: Path) -> list[Path]:
@@ -90,9 +180,9 @@ def _as_json(recording: Recording, path: Path) -> dict[str, object]:
     }
 
 
-def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool) -> None:
+def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool, mapping: str) -> None:
     for finding in (*findings(recording), *sense(recording)):
-        terminal.print_warning(f"{recording.source}: {_for_mapping(finding.text)}")
+        terminal.print_warning(f"{recording.source}: {_for_mapping(finding.text, mapping)}")
     written = [name for name in recording.channels if isinstance(signals.by_name.get(name), Signal)]
     for name in recording.channels.keys() - set(written):
         terminal.print_warning(f"{recording.source}: {name} is left out; give it a topic in the signals file")
@@ -103,6 +193,6 @@ def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool) 
     print(f"{path}: {len(position)} samples of {', '.join(written)} at {rate:.1f} Hz")
 
 
-def _for_mapping(text: str) -> str:
+def _for_mapping(text: str, mapping: str) -> str:
     """Return a finding with its remedy in the mapping; a delay stays in the signals file, which later programs read."""
-    return text if "delay:" in text else text.replace("the signals file", "the mapping")
+    return text if "delay:" in text else text.replace("the signals file", mapping)

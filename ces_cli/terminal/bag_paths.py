@@ -12,7 +12,7 @@ from pathlib import Path
 from ces_identify.recordings.foreign_files import explain_import, is_foreign
 from ces_observer.errors import CesError
 
-FILES = (".mcap", ".db3")
+FILES = (".mcap", ".db3", ".bag")
 PART = re.compile(r"(.+?)(?:_([0-9]+))?\.(?:mcap|db3)(?:\.zstd)?")  # as recorders name the files of a bag
 WILD = "*?["
 RECORDING, VEHICLE = "recording", "vehicle"

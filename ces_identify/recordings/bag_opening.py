@@ -11,7 +11,7 @@ import yaml
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
-from ces_identify.recordings import mcap_records
+from ces_identify.recordings import mcap_records, rosbag1_records
 from ces_identify.recordings.bag_storage import Bag, DataFile
 from ces_identify.recordings.foreign_files import explain_import, is_foreign
 from ces_identify.recordings.interrupted_bag import list_data_files, open_interrupted_bag
@@ -25,7 +25,7 @@ WRITER_NOTES = {WRITTEN_BY, "ces_rig", "imported_from", "model_sha256"}  # the o
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a rosbag2 folder, or an `.mcap` or `.db3` file.
+    """Open a rosbag2 folder, an `.mcap` or `.db3` file, or a ROS 1 `.bag` file.
 
     A folder without metadata.yaml is that of a recorder that was killed. With metadata.yaml (`ros2 bag reindex` writes
     one), an unfinished file is read if it has all messages. Raises RecordingError if a bag is damaged or truncated.
@@ -42,6 +42,9 @@ def _open(path: Path, opened: ExitStack) -> Bag:
     if path.is_dir() and not (path / METADATA).exists():
         _require_data(path)
         return opened.enter_context(open_interrupted_bag(path))
+    if path.suffix == rosbag1_records.SUFFIX and path.is_file():
+        topics = rosbag1_records.list_topics(path)
+        return Bag(path, topics, (DataFile(path, (path,), topics),))
     try:
         reader = Reader(path)
         reader.open()

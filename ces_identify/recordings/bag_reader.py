@@ -108,15 +108,20 @@ def _topic(bag: Bag, signal: Signal, source: str, needed: bool) -> Topic | None:
         return None
     if not topics:
         raise RecordingError(
-            f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has {_format_topics(bag.topics)}"
+            f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has {_format_topics(bag.topics)}; "
+            f"{_advice(bag.path)}"
         )
     for topic in topics:
         if topic.type == signal.type:
             return topic
     raise SignalsError(
         f"{source}: signal '{signal.name}': topic '{signal.topic}' is {topics[0].type} in {bag.path}, not"
-        f" {signal.type}; correct type and field"
+        f" {signal.type}; correct type and field, or: {_advice(bag.path)}"
     )
+
+
+def _advice(path: Path) -> str:
+    return f"'ces signals {path} --out my_signals.yaml' proposes a file for --signals"
 
 
 def _format_topics(topics: tuple[Topic, ...]) -> str:
@@ -134,7 +139,7 @@ class _TopicReader:
         self.stamp = STAMP if fields.get("header") == HEADER else ()
         paths = (*self.stamp, *(signal.field for signal in signals))
         where = f"{bag.path}: topic {topic.name}"
-        self.decoder = _decoder(topic.type, paths, typestore, where)
+        self.decoder = make_decoder(topic.type, paths, typestore, where)
         self.where, self.topic, self.signals = where, topic, signals
         self.exact_log_times = bag.exact_log_times
         self.samples = {signal.name: _Samples() for signal in signals}
@@ -194,7 +199,9 @@ class _Samples:
         return _concatenate(self.header_ns if self.stamped else self.log_ns, np.int64)
 
 
-def _decoder(kind: str, paths: tuple[FieldPath, ...], typestore: Typestore, where: str) -> BulkDecoder:
+def make_decoder(kind: str, paths: tuple[FieldPath, ...], typestore: Typestore, where: str) -> BulkDecoder:
+    """Return the decoder of the numbers at `paths`; its errors are RecordingErrors that begin with `where`."""
+
     def read_one(raw: bytes) -> list[float | str]:
         message = typestore.deserialize_cdr(raw, kind)
         return [_read(path, message) for path in paths]

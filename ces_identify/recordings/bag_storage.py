@@ -16,7 +16,7 @@ from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from ces_identify.recordings import mcap_records, sqlite_records
+from ces_identify.recordings import mcap_records, rosbag1_records, sqlite_records
 from ces_identify.recordings.bulk_decode import Block
 from ces_identify.recordings.stored_topic import StoredTopic
 from ces_observer.errors import RecordingError
@@ -50,6 +50,8 @@ class DataFile:
         """Yield the messages of these topics, and in an MCAP file of the others, too."""
         if self.path.suffix == ".mcap":
             return mcap_records.blocks(self.path, interrupted=self.interrupted)
+        if self.path.suffix == rosbag1_records.SUFFIX:
+            return rosbag1_records.blocks(self.path, topics)
         return sqlite_records.blocks(self.path, topics)
 
 

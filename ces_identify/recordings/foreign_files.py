@@ -17,7 +17,6 @@ KINDS = {
     ".blf": "a CAN log",
     ".asc": "a CAN log",
     ".log": "a log",
-    ".bag": "a bag of ROS 1",
 }
 
 
@@ -28,7 +27,4 @@ def is_foreign(path: Path) -> bool:
 
 def explain_import(path: Path) -> str:
     """Return what a foreign file is, and the command that makes a bag of it."""
-    return (
-        f"is {KINDS[path.suffix.lower()]}, not a rosbag2 bag; convert it: ces import {path.name} --mapping MAP.yaml "
-        "--out BAG"
-    )
+    return f"is {KINDS[path.suffix.lower()]}, not a rosbag2 bag; convert it: ces import {path.name} --out BAG"

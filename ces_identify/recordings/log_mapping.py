@@ -9,36 +9,50 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ces_identify.config_file import read_yaml_mapping
+from ces_identify.config_file import parse_yaml_mapping, read_yaml_mapping, require_known_keys
+from ces_identify.recordings.units import QUANTITIES, find_unit
 from ces_observer.errors import CesError
 from ces_observer.signals import NAMES, UNITS
 
-FORMATS = ("csv", "json", "mat")
+FORMATS = ("csv", "json", "mat", "mdf", "bag", "can", "parquet")
+WHAT = "a mapping for ces import; ces import --template prints one"
+ONE_TIME = "give one of 'time' and 'rate'"
 SOURCES = ("column", "constant", "from_name")
-LAYOUT_KEYS = ("format", "delimiter", "decimal", "header_lines", "names", "rows", "time", "rate")
+COLUMN_KEYS = ("unit", "group", "date")
+LAYOUT_KEYS = ("format", "delimiter", "decimal", "header_lines", "names", "rows", "blank", "dbc", "time", "rate")
+BLANKS = ("error", "missing")
 
 TEMPLATE = """\
-# How `ces import` reads a dyno's log. Every signal is value in SI units = scale * cell + offset.
+# How `ces import` reads a log. Every signal is value in SI units = scale * cell + offset.
 # Position [m] and force [N] are positive in compression; use a negative scale where the log has it the other way.
+# `ces import LOG --propose` writes such a file from the log's own columns; examples are in config/import/.
 
-# format: csv           # csv, json or mat; left out, the file's suffix decides (.csv .txt .dat .tsv, .json, .mat)
+# format: csv           # csv, json, mat, mdf, bag, can or parquet; left out, the file's suffix decides
 
-# For csv:
+# For csv (what is left out is found from the first lines, and said):
 # delimiter: ","        # "\\t" for a tab
 # decimal: "."          # "," if the log writes 3,14
-# header_lines: 1       # lines before the first row of numbers; the last of them names the columns.
-                        # Left out: 1 if the first line has a cell that is not a number, else 0
+# header_lines: 1       # lines before the first row of numbers; the last of them names the columns, or the one
+                        # before it, if the last one holds their units
 # names: [t, x, F]      # names for the columns, instead of those in the file
+# blank: missing        # a blank cell is a sample that was not taken; the default is an error
 
 # For json and mat:
 # rows: data            # where the table is, a path such as results.data; a matrix, a list of rows, or columns by name
 
+# For can (.blf .asc .log): columns are MESSAGE.SIGNAL of the database
+# dbc: chassis.dbc      # or a list of files, relative to this one
+
 # Time: one of these three. A column is given by its name or by its number, from 0.
+# Logs whose channels have their own times (mdf, bag, can) need none of them.
 time: {column: t_s, scale: 1.0}    # [s] after scaling
+# time: {column: clock, date: "%d/%m/%Y %H:%M:%S.%f"}  # dates as text; ISO 8601 and 31.12.2024 need no pattern
 # rate: 1000.0                     # [Hz], for a log without time or with one that is too coarse
 # rate: {column: fs}               # [Hz], from the first row
 
 position: {column: x_mm, scale: 0.001}
+# position: {column: x_mm, unit: mm}                      # the same; a unit that the log states needs neither
+# position: {column: x, group: 2}                         # mdf: number or name of the channel group; can: the bus
 current: {column: current_A}
 # current: {constant: 0.0}                                # a passive damper
 # current: {from_name: "_([0-9.]+)A", scale: 1.0}         # the first group, found in the file's name
@@ -55,11 +69,19 @@ class MappingError(CesError):
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table by name or number (from 0); value = scale * cell + offset."""
+    """A column of the table by name or number (from 0); value = scale * cell + offset.
+
+    `scaled` is true if the mapping gives scale, offset or unit; otherwise the log's own unit counts, if it states one.
+    `group` selects one of several channels of the name, `date` is the pattern of a time as text.
+    """
 
     key: str | int
     scale: float = 1.0
     offset: float = 0.0
+    scaled: bool = False
+    group: str | int | None = None
+    date: str = ""
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -83,9 +105,10 @@ Source = Column | FixedValue | FileNameValue
 
 @dataclass(frozen=True)
 class DynoMapping:
-    """The layout of a log, with either `time` [s] or `rate` [Hz].
+    """The layout of a log, with either `time` [s] or `rate` [Hz], or neither if its channels have their own times.
 
-    `signals` maps each signal to the source of its values; it always includes position, current and force.
+    `delimiter`, `decimal` and `header_lines` are found from the file if they are None. `signals` maps each signal to
+    its source; it always includes position, current and force.
     """
 
     source: str
@@ -93,22 +116,37 @@ class DynoMapping:
     time: Column | None = None
     rate: float | Column | None = None
     format: str = ""
-    delimiter: str = ","
-    decimal: str = "."
+    delimiter: str | None = None
+    decimal: str | None = None
     header_lines: int | None = None
     names: tuple[str, ...] = ()
     rows: str = ""
+    blank: str = "error"
+    dbc: tuple[Path, ...] = ()
 
 
 def load_dyno_mapping(path: Path) -> DynoMapping:
     """Read a mapping file; raises MappingError naming the file and the key."""
-    what = "a mapping for ces import; ces import --template prints one"
-    content = read_yaml_mapping(path, what, (*LAYOUT_KEYS, *NAMES), MappingError)
+    return _make_mapping(path, read_yaml_mapping(path, WHAT, error=MappingError))
+
+
+def parse_dyno_mapping(text: str, source: str) -> DynoMapping:
+    """Return the mapping in a text, as `load_dyno_mapping` does; `source` begins each error."""
+    return _make_mapping(Path(source), parse_yaml_mapping(text, source, WHAT, error=MappingError))
+
+
+def _make_mapping(path: Path, content: Mapping[str, Any]) -> DynoMapping:
+    if "/**" in content or any(isinstance(part, Mapping) and "topic" in part for part in content.values()):
+        raise MappingError(
+            f"{path}: is a signals file (--signals); --mapping takes a mapping of columns, which "
+            "'ces import LOG --propose' writes"
+        )
+    require_known_keys(content, (*LAYOUT_KEYS, *NAMES), str(path), MappingError)
     for name in ("position", "current", "force"):
         if name not in content:
             raise MappingError(f"{path}: no '{name}'; give its column, or a constant if it is known")
-    if ("time" in content) == ("rate" in content):
-        raise MappingError(f"{path}: give one of 'time' and 'rate'")
+    if "time" in content and "rate" in content:
+        raise MappingError(f"{path}: {ONE_TIME}")
     reader = _Reader(path, content)
     return DynoMapping(
         source=str(path),
@@ -140,7 +178,16 @@ class _Reader:
         key = content.get("column")
         if isinstance(key, bool) or not isinstance(key, str | int) or (isinstance(key, int) and key < 0):
             raise self._error(name, key, "column: a name, or a number from 0")
-        return Column(key, *self._scaling(content, name))
+        scale, offset = self._scaling(content, name)
+        return Column(
+            key,
+            scale,
+            offset,
+            scaled=not content.keys().isdisjoint(("scale", "offset", "unit")),
+            group=self._group(content.get("group"), name),
+            date=self._date(content.get("date", ""), name),
+            unit=str(content.get("unit", "")),
+        )
 
     def rate(self) -> float | Column:
         value = self.content["rate"]
@@ -162,24 +209,50 @@ class _Reader:
             "header_lines": (isinstance(header_lines, int) and header_lines >= 0, "0 or more"),
             "names": (isinstance(get("names"), list), "a list of names"),
             "rows": (isinstance(get("rows"), str), "a path such as results.data"),
+            "blank": (get("blank") in BLANKS, f"one of {', '.join(BLANKS)}"),
+            "dbc": (_are_texts(get("dbc")), "the name of a .dbc file, or a list of them"),
         }
         layout = {key: self.content[key] for key in rules if key in self.content}
         for key, value in layout.items():
             if not rules[key][0]:
                 raise self._error(key, value, rules[key][1])
-        return layout | ({"names": tuple(map(str, layout["names"]))} if "names" in layout else {})
+        if "names" in layout:
+            layout["names"] = tuple(map(str, layout["names"]))
+        if "dbc" in layout:
+            files = [layout["dbc"]] if isinstance(layout["dbc"], str) else layout["dbc"]
+            layout["dbc"] = tuple(self.path.parent / name for name in files)
+        return layout
 
     def _mapping(self, name: str) -> Mapping[str, Any]:
-        content, keys = self.content[name], (*SOURCES, "scale", "offset")
+        content, keys = self.content[name], (*SOURCES, "scale", "offset", *COLUMN_KEYS)
         if not isinstance(content, Mapping) or not set(content) <= set(keys):
             raise self._error(name, content, f"a mapping of {', '.join(keys)}")
         return content
 
     def _scaling(self, content: Mapping[str, Any], name: str) -> tuple[float, float]:
+        if "unit" in content:
+            return self._unit(content, name)
         scale = self._number(content.get("scale", 1.0), name, "scale: a finite number other than 0")
         if scale == 0.0:
             raise self._error(name, 0, "scale: a finite number other than 0")
         return scale, self._number(content.get("offset", 0.0), name, "offset: a finite number")
+
+    def _unit(self, content: Mapping[str, Any], name: str) -> tuple[float, float]:
+        text, quantities = content["unit"], QUANTITIES.get(name, ())
+        unit = find_unit(text) if isinstance(text, str) else None
+        if unit is None or unit.quantity not in quantities or not content.keys().isdisjoint(("scale", "offset")):
+            raise self._error(name, text, f"unit: of a {' or '.join(quantities)}, without scale and offset")
+        return unit.scale, unit.offset
+
+    def _group(self, value: object, name: str) -> str | int | None:
+        if value is not None and (isinstance(value, bool) or not isinstance(value, str | int)):
+            raise self._error(name, value, "group: the number or name of a channel group or bus")
+        return value
+
+    def _date(self, value: object, name: str) -> str:
+        if not isinstance(value, str) or (value and (name != "time" or "%" not in value)):
+            raise self._error(name, value, 'date: a pattern such as "%d/%m/%Y %H:%M:%S.%f", for time only')
+        return value
 
     def _pattern(self, text: object, name: str) -> re.Pattern[str]:
         try:
@@ -197,3 +270,7 @@ class _Reader:
 
     def _error(self, name: str, value: object, expected: str) -> MappingError:
         return MappingError(f"{self.path}: '{name}' is {value!r}; expected {expected}")
+
+
+def _are_texts(value: object) -> bool:
+    return isinstance(value, str) or (isinstance(value, list) and all(isinstance(one, str) for one in value))

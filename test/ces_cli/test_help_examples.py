@@ -30,7 +30,10 @@ PARSED_ONLY = {  # too slow, or without an end; their own tests run them
     "diagnose",
     "blind",
 }
-RUN = {"info", "import", "rig", "identify", "validate", "replay", "simulate", "export", "schema", "completion"}
+RUN = {
+    *("info", "signals", "import", "rig", "identify", "validate", "replay", "simulate", "export-data", "export"),
+    *("schema", "completion"),
+}
 
 
 def parsers() -> Iterator[tuple[str, argparse.ArgumentParser, argparse.ArgumentParser]]:
@@ -62,6 +65,7 @@ def place(tmp_path: Path) -> Path:
     shutil.copy(ROOT / "config" / "models" / "sample.json", folder / "model.json")
     shutil.copy(ROOT / "config" / "signals.yaml", folder / "vehicle.yaml")
     (folder / "rules.yaml").write_text("speed: {lags: [0]}\nforce: {lags: [1]}\nproducts: [[speed], [force]]\n")
+    write_small_csv(folder / "my_log.csv", seconds=4.0, in_mm=True)
     for seed in (1, 2):
         text = write_small_csv(folder / f"sweep_{seed}.csv", seed, seconds=4.0, in_mm=True).read_text()
         header = "t_s,x_mm,current_A,F_N"  # the columns of config/import/utfsm_mr.yaml

@@ -14,7 +14,7 @@ from ces_cli.discovery.schemas.parts import (
     one_of,
     with_description,
 )
-from ces_identify.recordings.log_mapping import FORMATS, LAYOUT_KEYS, SOURCES
+from ces_identify.recordings.log_mapping import BLANKS, COLUMN_KEYS, FORMATS, LAYOUT_KEYS, SOURCES
 from ces_observer.nodes.observer_table import DAMPERS, DAMPERS_MEANING, SIGNAL_KEYS
 from ces_observer.signals import LARGEST, LONGEST, NAMES, UNITS
 
@@ -32,6 +32,8 @@ LAYOUT: Mapping[str, Schema] = {
     "format": with_description(one_of(FORMATS), "left out, the file's suffix decides"),
     "delimiter": with_description({**TEXT, "minLength": 1, "maxLength": 1}, "between the cells of a CSV file"),
     "decimal": with_description(one_of((".", ",")), "mark in the numbers of a CSV file"),
+    "blank": with_description(one_of(BLANKS), "a blank cell is a mistake, or a sample that was not taken"),
+    "dbc": with_description({"type": ["string", "array"], "items": TEXT}, "databases of a CAN log (.dbc)"),
     "header_lines": with_description(
         number_between(0, float("inf"), whole=True), "lines before the first row of numbers"
     ),
@@ -101,16 +103,25 @@ def import_schema() -> Schema:
             {"type": "string", "format": "regex"}, "the first group, found in the file's name"
         ),
     }
+    of_a_column = {
+        "unit": with_description(TEXT, "unit of the column, instead of scale and offset"),
+        "group": with_description({"type": ["string", "integer"]}, "number or name of a channel group or bus"),
+        "date": with_description({**TEXT, "pattern": "%"}, 'pattern of a date, such as "%d/%m/%Y %H:%M:%S.%f"'),
+    }
     about_scale = "value in SI units = scale * cell + offset"
     settings = {**kinds, **{key: with_description(schema, about_scale) for key, schema in scaling.items()}}
-    source = {**mapping_of(settings), "oneOf": [{"required": [key]} for key in SOURCES]}
-    only_column = mapping_of(settings, ("column",))
+    settings |= {key: of_a_column[key] for key in COLUMN_KEYS}
+    either = {"not": {"required": ["unit"], "anyOf": [{"required": ["scale"]}, {"required": ["offset"]}]}}
+    of_time = {**mapping_of(settings, ("column",)), **either}
+    del settings["date"]
+    source = {**mapping_of(settings), **either, "oneOf": [{"required": [key]} for key in SOURCES]}
+    only_column = {**mapping_of(settings, ("column",)), **either}
     properties = {
         **{name: with_description(source, f"{name} [{UNITS[name]}] after scaling") for name in NAMES},
         **LAYOUT,
-        "time": with_description(only_column, "[s] after scaling"),
+        "time": with_description(of_time, "[s] after scaling"),
         "rate": {"anyOf": [{**NUMBER, "exclusiveMinimum": 0}, only_column], "description": "[Hz], instead of time"},
     }
     keys = (*LAYOUT_KEYS, *NAMES)
     whole = mapping_of({key: properties[key] for key in keys}, ("position", "current", "force"))
-    return {**whole, "oneOf": [{"required": ["time"]}, {"required": ["rate"]}]}
+    return {**whole, "not": {"required": ["time", "rate"]}}

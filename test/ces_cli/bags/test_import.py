@@ -7,6 +7,7 @@ import pytest
 from ces_cli.bags import import_
 from ces_cli.terminal import terminal
 from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.signals_file import load_signals
 
 ROOT = Path(__file__).parents[3]
@@ -47,11 +48,49 @@ def test_several_files_become_a_bag_each(files):
 
 
 def test_topics_are_those_of_the_signals_file(files):
-    (files / "s.yaml").write_text("force: {topic: load, type: std_msgs/msg/Float32, field: data, scale: -2.0}\n")
+    (files / "s.yaml").write_text("force: {topic: load, type: std_msgs/msg/Float32, field: data}\n")
     words = ("--mapping", files / "map.yaml", "--out", files / "bag", "--signals", files / "s.yaml")
     assert run(files / "a.csv", *words) == 0
     recording = read_recording(files / "bag", load_signals(files / "s.yaml"))
     np.testing.assert_array_equal(recording.channel("force").values, -np.arange(5.0))
+
+
+def test_a_scale_in_the_signals_file_belongs_in_the_mapping(files, capsys):
+    (files / "s.yaml").write_text("force: {topic: load, type: std_msgs/msg/Float32, field: data, scale: -2.0}\n")
+    words = ("--mapping", files / "map.yaml", "--out", files / "bag", "--signals", files / "s.yaml")
+    assert run(files / "a.csv", *words) == 2
+    assert f"give the log's scale in {files / 'map.yaml'}, and none here" in errors(capsys)[0]
+
+
+@pytest.mark.parametrize("word", ["--scale", "--units=mm", "--delimiter"])
+def test_an_option_that_belongs_in_the_mapping_says_so(files, capsys, word):
+    with pytest.raises(SystemExit) as caught:
+        run(files / "a.csv", "--out", files / "bag", word, "0.001")
+    assert caught.value.code == 2
+    assert "belongs in the mapping, as in 'position: {column: x, scale: 0.001}'" in errors(capsys)[0]
+
+
+def test_advice_about_a_scale_names_the_mapping(files, capsys):
+    (files / "map.yaml").write_text("rate: 100\nposition: {column: x}\ncurrent: {constant: 0.2}\nforce: {column: F}\n")
+    assert run(files / "a.csv", "--mapping", files / "map.yaml", "--out", files / "bag") == 0
+    warnings = [line for line in errors(capsys) if "mm" in line]
+    assert len(warnings) == 1
+    assert f"in {files / 'map.yaml'}" in warnings[0]
+    assert "signals file" not in warnings[0]
+
+
+def test_a_bag_needs_no_import(files, capsys):
+    assert run(files / "a.csv", "--mapping", files / "map.yaml", "--out", files / "bag") == 0
+    for path in (files / "bag", files / "bag" / "bag.mcap"):
+        capsys.readouterr()
+        assert run(path, "--out", files / "again") == 2
+        assert errors(capsys) == [f"ces import: error: {path}: a bag needs no import: ces info {path}"]
+
+
+def test_a_signals_file_is_no_mapping(files, capsys):
+    (files / "map.yaml").write_text("/**:\n  ros__parameters: {position: {topic: x}}\n")
+    assert run(files / "a.csv", "--mapping", files / "map.yaml", "--out", files / "bag") == 2
+    assert "is a signals file (--signals); --mapping takes a mapping of columns" in errors(capsys)[0]
 
 
 def test_no_bag_is_written_unless_all_files_could_be_read(files, capsys):
@@ -91,7 +130,7 @@ def test_template_makes_a_mapping(files, capsys):
 
 
 def test_missing_options_give_one_line(files, capsys):
-    for words in ([], [files / "a.csv"], [files / "a.csv", "--out", files / "bag"]):
+    for words in ([], [files / "a.csv"], [files / "a.csv", "--propose", "--out", files / "bag"]):
         with pytest.raises(SystemExit) as caught:
             run(*words)
         assert caught.value.code == 2
@@ -110,7 +149,7 @@ def test_measured_logs_become_bags_without_loss(tmp_path, name, pattern, count):
     assert run(*logs, "--mapping", mapping, "--out", tmp_path / "bags") == 0
     bags = sorted((tmp_path / "bags").iterdir()) if count > 1 else [tmp_path / "bags"]
     for log, bag in zip(logs, bags, strict=True):
-        expected = import_.import_log(log, import_.load_dyno_mapping(mapping))
+        expected = import_log(log, import_.load_dyno_mapping(mapping))
         recording = read_recording(bag, load_signals())
         for signal, channel in expected.channels.items():
             np.testing.assert_array_equal(recording.channel(signal).values, channel.values)

@@ -131,6 +131,7 @@ def test_bags_that_cannot_be_read(tmp_path, capsys):
     write_bag(tmp_path / "odd", [TopicData("x", "std_msgs/msg/Float64", np.arange(3), {"data": np.zeros(3)})])
     status, lines = outcome(capsys, tmp_path / "odd")
     text = "no topic 'joint_states' for position; the bag has /x (std_msgs/msg/Float64)"
-    assert lines == [f"ces info: error: {tmp_path / 'odd'}: {text}"]
+    advice = f"'ces signals {tmp_path / 'odd'} --out my_signals.yaml' proposes a file for --signals"
+    assert lines == [f"ces info: error: {tmp_path / 'odd'}: {text}; {advice}"]
     with pytest.raises(CesError):
         info.main([str(tmp_path / "none")])

@@ -130,7 +130,7 @@ def test_the_diagnosis_itself(cases, tmp_path, capsys, monkeypatch):
     capsys.readouterr()
     assert main([*words, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert (document["diagnoses"], [row["case"] for row in document["failed"]]) == (2, ["identified_0, case 0001"])
+    assert (document["modes"], document["diagnoses"], document["failed"]) == (["identified_1"], 1, [])
     assert (made / ROW).stat().st_mtime_ns == before
     (blind / "cases" / "seal.sha256").write_text("another")
     assert run_program("blind", main, words) == 2

@@ -39,7 +39,7 @@ def test_a_plan_gives_a_model_and_a_page(tmp_path: Path, capsys: pytest.CaptureF
     assert "experiment_02" not in capsys.readouterr().out  # nothing was left to do
     assert main(["iterate", str(tmp_path / "plan.yaml"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert (document["schema"], document["stopped"]) == ("ces-iterate/1", "budget spent")
+    assert document["schema"] == "ces-iterate/1" and document["stopped"].startswith("budget spent")
     second = document["iterations"][1]
     assert f"J {second['fresh_J']:.2f} % on it before it was used, {second['fit_J']:.2f} % after the fit" in output
     (tmp_path / "plan.yaml").write_text(yaml.safe_dump(PLAN | {"seed": 7}))

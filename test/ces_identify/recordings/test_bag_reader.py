@@ -227,7 +227,8 @@ def test_missing_topic_names_the_topics_there_are(tmp_path):
     path = tiny.write(tmp_path / "bag", tiny.drive()[::2])
     assert failure(path, kind=RecordingError) == (
         f"{path}: no topic 'valve_current' for current; the bag has /joint_states (sensor_msgs/msg/JointState),"
-        " /measured_force (geometry_msgs/msg/WrenchStamped)"
+        f" /measured_force (geometry_msgs/msg/WrenchStamped); 'ces signals {path} --out my_signals.yaml' proposes a"
+        " file for --signals"
     )
 
 

@@ -95,14 +95,6 @@ def test_mat(tmp_path, tree):
     assert columns(import_log(tmp_path / "log.mat", mapping(tmp_path, map_text))) == WANTED
 
 
-def test_mat_of_version_7_3(tmp_path):
-    (tmp_path / "log.mat").write_bytes(
-        b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + b"\x89HDF\r\n\x1a\n" + bytes(600)
-    )
-    with pytest.raises(RecordingError, match=r"log\.mat: a MATLAB 7\.3 file; save it with save\(\.\.\., '-v7'\)"):
-        import_log(tmp_path / "log.mat", mapping(tmp_path, TIME + SIGNALS))
-
-
 def test_scale_offset_constant_and_number_in_the_name(tmp_path):
     text = (
         "time: {column: t, scale: 0.001}\nposition: {column: x, scale: -0.01, offset: 0.5}\n"
@@ -148,8 +140,7 @@ def failure(tmp_path, text, map_text=TIME + SIGNALS, name="log.csv"):
         ("", "log.csv: the file is empty; expected a header and rows of numbers"),
         ("\n\n", "log.csv: the file is empty; expected a header and rows of numbers"),
         ("t,x,i,F\n", "log.csv: no rows of numbers after 1 header lines"),
-        ("t;x;i;F\n0;1;0;0\n", "log.csv: no column 'x'; the table has t;x;i;F; set delimiter: ';' in map.yaml?"),
-        ("t\tx\ti\tF\n0\t1\t0\t0\n", "set delimiter: '\\t' in map.yaml?"),
+        ("t,x,i,F\n0,1,0,0\n1,,0,0\n", "(if a blank is a missing sample, set blank: missing in map.yaml)"),
         (
             "t,x,i,F\n0,1,0,0\n2,1,0,0\n1,1,0,0\n",
             "log.csv: line 4: time runs backwards, from 2 s to 1 s; expected rows in the order of time (or set a",
@@ -253,10 +244,10 @@ def test_bad_mapping_is_one_clear_line(tmp_path, text, phrase):
 
 def test_template_is_a_mapping_and_so_is_all_that_it_comments_out(tmp_path):
     plain = mapping(tmp_path, TEMPLATE)
-    assert plain.signals["position"] == Column("x_mm", 0.001)
+    assert plain.signals["position"] == Column("x_mm", 0.001, scaled=True)
     keys = set(re.findall(r"^# ?([a-z_]+): ", TEMPLATE, flags=re.MULTILINE))
-    layout = {"format", "delimiter", "decimal", "header_lines", "names", "rows", "rate"}
-    assert keys == layout | {"current", "temperature", "speed", "acceleration"}
+    layout = {"format", "delimiter", "decimal", "header_lines", "names", "blank", "rows", "dbc", "time", "rate"}
+    assert keys == layout | {"position", "current", "temperature", "speed", "acceleration"}
     for line in re.findall(r"^# ((?:[a-z_]+): .*)$", TEMPLATE, flags=re.MULTILINE):
         key = line.partition(":")[0]
         others = [

@@ -1,0 +1,110 @@
+"""`ces export-data`: writes recordings, and a model's estimates over them, as CSV or Parquet for other programs."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ces_cli.bags.estimates import estimate_forces
+from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import find_bags
+from ces_cli.terminal.outputs import add_overwrite, require_new_file
+from ces_identify.data_export.data_table import DataTable, tabulate, tabulate_as_logged
+from ces_identify.data_export.write_table import FORMATS, require_writer, write_table
+from ces_identify.recordings.recording import Channel, Recording
+from ces_observer.errors import CesError
+from ces_observer.model import Model, load_model
+
+SUFFIXES = {".csv": "csv", ".parquet": "parquet", ".pq": "parquet"}
+ESTIMATES = (  # column of the estimator's rows, name and unit
+    (2, "estimated_speed", "m/s"),
+    (3, "estimated_force", "N"),
+    (4, "estimated_force_lower", "N"),
+    (5, "estimated_force_upper", "N"),
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit status. Raises CesError before any work if an output cannot be written."""
+    parser = make_parser()
+    options = parser.parse_args(argv)
+    if options.as_logged and options.rate:
+        parser.error("--as-logged keeps the recorded times; --rate sets new ones: give one of them")
+    bags = find_bags(options.bags)
+    targets = _targets(bags, options)
+    for path, kind in targets:
+        require_new_file(path, options.overwrite)
+        require_writer(path, kind)
+    signals = terminal.load_described_signals(options)
+    model = load_model(options.model) if options.model else None
+    for bag, (path, kind) in zip(bags, targets, strict=True):
+        recording = terminal.read_one(bag, signals, ("position",))
+        with terminal.err.status(f"writing {path}"):
+            table = _tabulate(recording, model, options)
+            write_table(table, path, kind)
+        print(f"{path}: {len(table.stamps_ns)} rows of {', '.join(column.name for column in table.columns)}")
+    return 0
+
+
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
+    p = terminal.parser(
+        "export-data",
+        "Write recordings as CSV or Parquet, in SI units, which the names of the columns state (position_m, force_N). "
+        "A row is a position sample; a channel with other times is held (current_held_A) or interpolated "
+        "(force_interp_N), and its cell is empty in a gap. stamp_ns is the exact time since 1970, time_s counts from "
+        "the first row.",
+        "ces export-data bags/road --out road.csv\n"
+        "  ces export-data bags/road bags/sweep --out tables --format parquet --model model.json",
+    )
+    p.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder, .mcap, .db3 or .bag file, or a glob")
+    text = "FILE.csv, FILE.parquet, or a folder, which gets a file for each bag"
+    p.add_argument("--out", type=Path, required=True, metavar="FILE", help=text)
+    p.add_argument("--format", choices=FORMATS, help="of the files in a folder (default: csv)")
+    text = "add the speed and force that a model estimates, and the bounds of its band"
+    p.add_argument("--model", type=Path, metavar="MODEL.json", help=text)
+    rate = terminal.number_between(0.001, 1e6)
+    p.add_argument("--rate", type=rate, metavar="HZ", help="rows at a uniform rate instead of the position's times")
+    text = "a row for each time of any channel, empty cells where a channel has no sample: nothing held or interpolated"
+    p.add_argument("--as-logged", action="store_true", help=text)
+    terminal.add_signals(p)
+    add_overwrite(p)
+    return p
+
+
+def _targets(bags: Sequence[Path], options: Namespace) -> list[tuple[Path, str]]:
+    """Return path and format of the file for each bag; raises CesError if they do not fit each other."""
+    out: Path = options.out
+    kind = SUFFIXES.get(out.suffix.lower())
+    if kind is not None and not out.is_dir():
+        if len(bags) > 1:
+            raise CesError(f"--out {out}: {len(bags)} bags need a folder, which gets a file for each")
+        if options.format not in (None, kind):
+            raise CesError(f"--out {out}: is a {kind} file by its name; omit --format, or give a folder")
+        return [(out, kind)]
+    if out.is_file() or (out.suffix and not out.is_dir()):
+        raise CesError(f"--out {out}: expected a name that ends in {', '.join(SUFFIXES)}, or a folder")
+    names = [bag.name if bag.is_dir() else bag.stem for bag in bags]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise CesError(f"{names.count(twice)} bags are named '{twice}' and would give the same file; export them apart")
+    chosen = options.format or FORMATS[0]
+    return [(out / f"{name}.{chosen}", chosen) for name in names]
+
+
+def _tabulate(recording: Recording, model: Model | None, options: Namespace) -> DataTable:
+    estimates = _estimate(model, recording) if model else {}
+    if options.as_logged:
+        return tabulate_as_logged(recording, estimates)
+    return tabulate(recording, estimates, rate_Hz=options.rate)
+
+
+def _estimate(model: Model, recording: Recording) -> dict[str, Channel]:
+    """Return the estimates as channels on the position's stamps; those without a finite number are left out."""
+    rows, _ = estimate_forces(model, recording)
+    stamps = rows[:, 0].astype(np.int64)
+    channels = {name: Channel(name, unit, stamps, rows[:, i].astype(np.float64)) for i, name, unit in ESTIMATES}
+    return {name: channel for name, channel in channels.items() if np.isfinite(channel.values).any()}

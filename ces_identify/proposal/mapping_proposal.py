@@ -1,0 +1,187 @@
+"""A mapping for `ces import` from a log's own columns, each choice with its reason."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ces_identify.proposal.choice import Choice, DamperChoice, Selection
+from ces_identify.proposal.choose import choose
+from ces_identify.proposal.log_candidates import LogCandidates, find_log_candidates
+from ces_identify.proposal.text import (
+    CHECK,
+    comment,
+    describe_scale,
+    explain,
+    explain_missing,
+    format_number,
+    quote_yaml,
+)
+from ces_identify.recordings.formats.csv_table import CsvTable
+from ces_identify.recordings.formats.log_file import LogTable, TimedLog
+from ces_identify.recordings.formats.open_log import open_log
+from ces_identify.recordings.log_mapping import Column, DynoMapping, parse_dyno_mapping
+
+HEAD = """\
+# Mapping proposed by `ces import {name} --propose`.
+# Every signal is value in SI units = scale * cell + offset; position and force are positive in compression.
+"""
+AMPERES = re.compile(r"(?<![0-9.])([0-9]+(?:\.[0-9]+)?) ?A(?![A-Za-z0-9])")
+NAME_PATTERN = '"([0-9]+(?:[.][0-9]+)?) ?A(?![A-Za-z0-9])"'
+REQUIRED = ("position", "current", "force")
+
+
+@dataclass(frozen=True)
+class MappingProposal:
+    """The proposed mapping as text; `mapping` is None if it is not complete.
+
+    `doubts` are to be resolved by a person, `found` says what was taken.
+    """
+
+    selection: Selection
+    text: str
+    mapping: DynoMapping | None
+    log: LogTable | TimedLog
+    doubts: tuple[str, ...]
+    found: tuple[str, ...]
+
+
+def propose_mapping(path: Path, *, rate: float | None = None, dbc: Sequence[Path] = ()) -> MappingProposal:
+    """Return a mapping for a log from the names, units and numbers of its columns; raises RecordingError.
+
+    `rate` [Hz] is that of a table without a time, `dbc` are the databases of a CAN log.
+    """
+    bare = DynoMapping(source="a mapping", signals={}, blank="missing", dbc=tuple(dbc))
+    log = open_log(path, bare)
+    candidates = find_log_candidates(log, rate)
+    selection = choose(candidates.candidates)
+    writer = _Writer(path, log, candidates, selection, dbc)
+    text = "\n".join(writer.lines()) + "\n"
+    mapping = None if writer.missing else parse_dyno_mapping(text, f"the mapping proposed for {path}")
+    return MappingProposal(selection, text, mapping, log, (*writer.missing, *writer.doubts), tuple(writer.summary()))
+
+
+class _Writer:
+    """Writes the lines of a proposed mapping."""
+
+    def __init__(
+        self, path: Path, log: LogTable | TimedLog, found: LogCandidates, selection: Selection, dbc: Sequence[Path]
+    ) -> None:
+        self.path, self.log, self.found, self.dbc = path, log, found, dbc
+        self.names = selection.names
+        self.choices: dict[str, Choice] = {}
+        self.damper = selection.dampers[""]
+        if self.names:
+            first = selection.dampers[self.names[0]]
+            self.damper = DamperChoice({**self.damper.choices, **first.choices}, first.missing)
+        self.choices = dict(self.damper.choices)
+        self.amperes = AMPERES.search(path.name) if "current" not in self.choices else None
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What a mapping needs and was not found."""
+        texts = [
+            f"{signal}: {self.damper.missing[signal].reason}"
+            for signal in REQUIRED
+            if signal in self.damper.missing and not (signal == "current" and self.amperes)
+        ]
+        if not self.found.time_text:
+            texts.append("time: no column is named like a time and goes forward; give --rate HZ")
+        return tuple(texts)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What a person should check."""
+        texts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
+        if self.names:
+            texts.append(f"several dampers ({', '.join(self.names)}); this mapping is for {self.names[0]}")
+        return tuple(texts)
+
+    def summary(self) -> Iterator[str]:
+        """Yield what was taken for each signal, for one line on the terminal."""
+        if self.found.time_text:
+            yield self.found.time_text
+        for signal, choice in self.choices.items():
+            if signal not in REQUIRED:
+                continue
+            remark = describe_scale(choice) or (choice.unit.unit.text if choice.unit.unit else "")
+            yield f"{signal} from '{choice.candidate.label}'" + (f" [{remark}]" if remark else "")
+        if self.amperes:
+            yield f"current {self.amperes.group(1)} A from the file's name"
+
+    def lines(self) -> Iterator[str]:
+        """Yield the lines of the file."""
+        yield from HEAD.format(name=self.path.name).splitlines()
+        for doubt in self.doubts:
+            yield from comment(f"{CHECK}: {doubt}", "")
+        yield from self._layout()
+        yield from self._time()
+        for choice in self.choices.values():
+            yield from explain(choice, "")
+            yield ("" if choice.signal in REQUIRED else "# ") + self._signal(choice)
+        for missing in self.damper.missing.values():
+            if missing.signal == "current" and self.amperes:
+                yield from comment("current: no column; the file's name states it", "")
+                yield f"current: {{from_name: {NAME_PATTERN}}}"
+                continue
+            yield from explain_missing(missing, "")
+            yield from (
+                f"# {missing.signal}: {{column: {quote_yaml(str(self._key(r.candidate.label).key))}}}"
+                for r in missing.others[:2]
+            )
+            if missing.signal == "current":
+                yield "# current: {constant: 0.0}  # a passive damper, or the current that was set [A]"
+
+    def _layout(self) -> Iterator[str]:
+        if isinstance(self.log, LogTable) and self.log.rows:
+            yield f"rows: {quote_yaml(self.log.rows)}"
+        if isinstance(self.log, CsvTable):
+            dialect = self.log.dialect
+            if dialect.delimiter != ",":
+                yield f"delimiter: {quote_yaml(dialect.delimiter)}"
+            if dialect.decimal != ".":
+                yield f"decimal: {quote_yaml(dialect.decimal)}"
+            blanks = {signal: missing.sum() for signal, choice in self.choices.items()
+                      if (missing := self.log.missing(self._key(choice.candidate.label).key)) is not None}  # fmt: skip
+            if blanks:
+                counts = ", ".join(f"{count} of {signal}" for signal, count in blanks.items())
+                yield f"blank: missing  # blank cells ({counts}) are samples that were not taken"
+        if self.dbc:
+            yield f"dbc: [{', '.join(quote_yaml(str(path.resolve())) for path in self.dbc)}]"
+
+    def _time(self) -> Iterator[str]:
+        time, rate = self.found.time, self.found.rate
+        if time is not None:
+            unit = f", unit: {time.unit}" if time.unit else ""
+            yield f"time: {{column: {_key_text(time.key)}{unit}}}"
+        elif isinstance(rate, Column):
+            yield f"rate: {{column: {_key_text(rate.key)}}}"
+        elif rate is not None:
+            yield f"rate: {format_number(rate)}"
+        elif not self.found.time_text:
+            yield "# not found: the time; give its column, or the rate:"
+            yield "# rate: 1000.0  # [Hz]"
+
+    def _signal(self, choice: Choice) -> str:
+        column, unit = self._key(choice.candidate.label), choice.unit.unit
+        parts = [f"column: {_key_text(column.key)}"]
+        if column.group is not None:
+            parts.append(f"group: {_key_text(column.group)}")
+        if unit is not None and choice.scale == unit.scale:
+            return f"{choice.signal}: {{{', '.join([*parts, f'unit: {_unit_text(unit.text)}'])}}}"
+        parts.append(f"scale: {format_number(choice.scale)}")
+        parts += [f"offset: {format_number(choice.offset)}"] if choice.offset else []
+        return f"{choice.signal}: {{{', '.join(parts)}}}  # {describe_scale(choice)}"
+
+    def _key(self, label: str) -> Column:
+        return self.found.keys[label]
+
+
+def _key_text(key: str | int) -> str:
+    return str(key) if isinstance(key, int) else quote_yaml(key)
+
+
+def _unit_text(text: str) -> str:
+    return text if text.isalpha() and text not in ("N", "n", "y", "Y") else quote_yaml(text)

@@ -1,0 +1,167 @@
+"""Text tables: read once, line by line, into one array of numbers for each column."""
+
+from __future__ import annotations
+
+import csv
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_identify.recordings.formats.csv_dialect import DELIMITERS, find_dialect
+from ces_identify.recordings.formats.dates import is_date, parse_dates
+from ces_identify.recordings.formats.log_file import LogTable
+from ces_identify.recordings.log_mapping import Column, DynoMapping
+from ces_identify.recordings.recording import Stamps, Values
+from ces_observer.errors import RecordingError
+
+EXACT_DIGITS = 15  # a whole number of more digits is kept as text, since a float would round it
+NAN = float("nan")
+
+
+@dataclass
+class _Cells:
+    """The cells of one column: numbers, NaN where there is none; the rows that are blank; the first bad cell."""
+
+    numbers: array[float] = field(default_factory=lambda: array("d"))
+    blanks: array[int] = field(default_factory=lambda: array("q"))
+    texts: list[str] | None = None
+    bad: tuple[int, str | None] | None = None  # row and text; None for a line that ends before this column
+
+
+class CsvTable(LogTable):
+    """A table of text cells. Memory is 8 bytes a cell, and the text of columns that hold dates."""
+
+    def __init__(self, path: Path, mapping: DynoMapping) -> None:
+        self.path, self.mapping = path, mapping
+        self.dialect = find_dialect(path, mapping)
+        self.notes = self.dialect.notes
+        self.names = mapping.names or self.dialect.names
+        self._lines = array("q")
+        self._widths = array("l")
+        self._columns: list[_Cells] = []
+        self._read()
+        if not self._lines:
+            reason = f"no rows of numbers after {self.dialect.head} header lines"
+            empty = "the file is empty; expected a header and rows of numbers"
+            raise RecordingError(f"{path}: {reason if self.dialect.head else empty}")
+
+    def column(self, key: str | int) -> Values:
+        """Return a column, NaN where a cell is blank; raises RecordingError naming the line of a bad cell."""
+        cells, name = self._cells(key)
+        if cells.bad is not None:
+            raise self._bad_cell(cells.bad, name)
+        if len(cells.blanks) and self.mapping.blank == "error":
+            raise self._bad_cell((cells.blanks[0], ""), name)
+        return np.array(cells.numbers, dtype=np.float64)
+
+    def missing(self, key: str | int) -> NDArray[np.bool_] | None:
+        """Return which rows are blank in a column, None if none is."""
+        cells, _ = self._cells(key)
+        if not len(cells.blanks):
+            return None
+        mask = np.zeros(len(self._lines), dtype=np.bool_)
+        mask[np.array(cells.blanks)] = True
+        return mask
+
+    def stamps(self, column: Column) -> Stamps | None:
+        """Return the times of a column of dates or of long whole numbers of nanoseconds; None for other numbers."""
+        cells, name = self._cells(column.key)
+        if cells.texts is None:
+            return None
+        try:
+            if column.unit == "ns":
+                return np.array([int(text) for text in cells.texts], dtype=np.int64)
+            return parse_dates(cells.texts, column.date)
+        except ValueError as error:
+            text, row = error.args if len(error.args) == 2 else ("", 0)
+            raise RecordingError(
+                f"{self.path}:{self._lines[row]}: column {name} is {text!r}; expected a time like the first one, "
+                f"{cells.texts[0]!r} (or set date: in {self.mapping.source}, such as '%d/%m/%Y %H:%M:%S.%f')"
+            ) from None
+
+    def is_text(self, key: str | int) -> bool:
+        """Return whether a column holds dates or long whole numbers."""
+        return self._cells(key)[0].texts is not None
+
+    def unit(self, key: str | int) -> str:
+        """Return the unit in the row below the names."""
+        at, units = self._index(key, self._width()), self.dialect.units
+        return units[at] if at < len(units) else ""
+
+    def first(self, key: str | int) -> float:
+        """Return the number in the first row; the cells below may be empty."""
+        cells, name = self._cells(key)
+        if np.isnan(cells.numbers[0]) and cells.bad is not None and cells.bad[0] == 0:
+            raise self._bad_cell(cells.bad, name)
+        return cells.numbers[0]
+
+    def place(self, row: int) -> str:
+        """Return the line in the file."""
+        return f"line {self._lines[row]}"
+
+    def _width(self) -> int:
+        return max(len(self.names), len(self._columns))
+
+    def _cells(self, key: str | int) -> tuple[_Cells, str]:
+        i = self._index(key, self._width())
+        name = f"'{self.names[i]}'" if i < len(self.names) else str(key)
+        if i >= len(self._columns):
+            raise self._bad_cell((0, None), name)
+        return self._columns[i], name
+
+    def _read(self) -> None:
+        """Read all rows; the first one decides which columns are text."""
+        for row, (line, cells) in enumerate(self._rows()):
+            if row == 0:
+                self._columns = [_Cells(texts=[] if self._is_text(cell) else None) for cell in cells]
+            self._lines.append(line)
+            self._widths.append(len(cells))
+            for i, column in enumerate(self._columns):
+                self._add(column, row, cells[i] if i < len(cells) else None)
+
+    def _rows(self) -> Iterator[tuple[int, list[str]]]:
+        with self.path.open(encoding=self.dialect.encoding, errors="replace", newline="") as file:
+            reader = csv.reader(file, delimiter=self.dialect.delimiter, skipinitialspace=True)
+            head = self.dialect.head
+            for cells in reader:
+                if not any(cell.strip() for cell in cells):
+                    continue
+                if head:
+                    head -= 1
+                else:
+                    yield reader.line_num, cells
+
+    def _is_text(self, cell: str) -> bool:
+        text = cell.strip()
+        return is_date(text) or (text.isdigit() and len(text) > EXACT_DIGITS)
+
+    def _add(self, column: _Cells, row: int, cell: str | None) -> None:
+        if column.texts is not None:
+            column.texts.append((cell or "").strip())
+        try:
+            number = float((cell or "").replace(self.dialect.decimal, "."))
+        except ValueError:
+            number = NAN
+            if cell is not None and not cell.strip():
+                column.blanks.append(row)
+            elif column.bad is None:
+                column.bad = (row, cell)
+        column.numbers.append(number)
+
+    def _hint(self, width: int) -> str:
+        """Suggest another delimiter if the only column contains one."""
+        text = self.names[0] if self.names else ""
+        others = [shown for mark, shown in DELIMITERS.items() if mark in text and mark != self.dialect.delimiter]
+        return f"; is the delimiter {others[0]}? Set it in {self.mapping.source}" if width == 1 and others else ""
+
+    def _bad_cell(self, bad: tuple[int, str | None], name: str) -> RecordingError:
+        row, text = bad
+        where = f"{self.path}:{self._lines[row]}: column {name}"
+        if text is None:
+            return RecordingError(f"{where} is missing; the line has {self._widths[row]} cells")
+        blank = f" (if a blank is a missing sample, set blank: missing in {self.mapping.source})"
+        return RecordingError(f"{where} is {text!r}; expected a number{'' if text.strip() else blank}")

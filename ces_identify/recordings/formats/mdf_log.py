@@ -1,0 +1,122 @@
+"""MDF 3 and 4 measurement files (.mf4, .mdf): channels in groups with their own times, units and conversions."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ces_identify.recordings.formats.log_file import LogSeries, TimedLog, import_reader, join_names
+from ces_identify.recordings.log_mapping import Column
+from ces_observer.errors import RecordingError
+
+MAX_PROPOSAL_RECORDS = 200_000
+Place = tuple[int, int]  # numbers of a channel group and of a channel in it
+
+
+class MdfLog(TimedLog):
+    """An MDF file. Samples that its invalidation bits mark are left out; times count from its start time, in UTC.
+
+    A channel is named by its name alone if it is unique, else with the number or name of its group.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._library = import_reader("asammdf", "asammdf", "mdf", path)
+        logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # its errors are raised as well, and reported here
+
+    def read(self, columns: Sequence[Column]) -> list[LogSeries]:
+        """Return the channels of these names; one after the other is read from the file."""
+        with self._opened() as mdf:
+            start_ns = _start_ns(mdf)
+            return [self._series(mdf, self._find(mdf, column), start_ns) for column in columns]
+
+    def read_all(self) -> list[LogSeries]:
+        """Return the first 200,000 samples of every channel of numbers."""
+        with self._opened() as mdf:
+            start_ns = _start_ns(mdf)
+            return list(self._all(mdf, start_ns))
+
+    def _all(self, mdf: Any, start_ns: int) -> Iterator[LogSeries]:
+        masters = {(group, master) for group, master in mdf.masters_db.items()}
+        for name, places in mdf.channels_db.items():
+            for place in sorted(set(places) - masters):
+                try:
+                    series = self._series(mdf, place, start_ns, MAX_PROPOSAL_RECORDS)
+                except RecordingError:
+                    continue  # text and structures are not signals
+                group = place[0] if len(set(places) - masters) > 1 else None
+                label = name if group is None else f"{name} (group {group})"
+                yield LogSeries(label, series.stamps_ns, series.values, series.unit, name, group)
+
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        try:
+            with self.path.open("rb") as file, self._library.MDF(file) as mdf:
+                yield mdf
+        except (OSError, RecordingError):
+            raise
+        except Exception as error:  # asammdf raises errors of any kind for a damaged file
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            _discard(error)
+            raise RecordingError(f"{self.path}: not an MDF file, or damaged: {reason}") from None
+
+    def _find(self, mdf: Any, column: Column) -> Place:
+        masters = set(mdf.masters_db.items())
+        places = sorted(set(mdf.channels_db.get(str(column.key), ())) - masters)
+        if not places:
+            names = [name for name, where in mdf.channels_db.items() if not set(where) <= masters]
+            raise RecordingError(f"{self.path}: no channel {column.key!r}; the file has {join_names(names)}")
+        if column.group is not None:
+            places = [place for place in places if _is_group(mdf, place[0], column.group)]
+        if len(places) != 1:
+            groups = ", ".join(_describe_group(mdf, place[0]) for place in places) or f"not {column.group!r}"
+            raise RecordingError(
+                f"{self.path}: channel {column.key!r} is in {len(places)} groups ({groups}); give one as "
+                f"{{column: {column.key}, group: NUMBER}}"
+            )
+        place: Place = places[0]
+        return place
+
+    def _series(self, mdf: Any, place: Place, start_ns: int, count: int | None = None) -> LogSeries:
+        signal = mdf.get(group=place[0], index=place[1], record_offset=0, record_count=count)
+        if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
+            raise RecordingError(f"{self.path}: channel '{signal.name}' holds no numbers but {signal.samples.dtype}")
+        stamps = start_ns + np.rint(signal.timestamps * 1e9).astype(np.int64)
+        return LogSeries(signal.name, stamps, signal.samples.astype(np.float64), signal.unit or "", signal.name)
+
+
+def _discard(error: BaseException) -> None:
+    """Free the half-made file in an error's traceback; asammdf's own clean-up of it would print a traceback."""
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        error.__traceback__ = error.__context__ = error.__cause__ = None
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+
+
+def _start_ns(mdf: Any) -> int:
+    """Return the file's start time [ns since 1970, UTC], 0 if it has none."""
+    start = mdf.header.start_time
+    return max(0, round(start.timestamp() * 1e6) * 1_000) if start is not None else 0
+
+
+def _group_name(mdf: Any, number: int) -> str:
+    group = mdf.groups[number].channel_group
+    return str(getattr(group, "acq_name", None) or getattr(group, "comment", None) or "")
+
+
+def _is_group(mdf: Any, number: int, wanted: str | int) -> bool:
+    return wanted in (number, _group_name(mdf, number))
+
+
+def _describe_group(mdf: Any, number: int) -> str:
+    name = _group_name(mdf, number)
+    return f"{number} '{name}'" if name else str(number)

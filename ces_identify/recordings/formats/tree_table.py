@@ -1,0 +1,195 @@
+"""Tables inside nested mappings and lists, from JSON and MATLAB files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ces_identify.recordings.formats.log_file import LogSeries, LogTable, TimedLog
+from ces_identify.recordings.formats.mat73_file import describe_opaque
+from ces_identify.recordings.log_mapping import Column, DynoMapping
+from ces_identify.recordings.recording import Values
+from ces_observer.errors import RecordingError
+
+TIME_KEYS = ("Time", "time", "t")
+DATA_KEYS = ("Data", "data", "values", "Values", "value")
+MIN_ROWS = 2
+
+
+class TreeTable(LogTable):
+    """A table inside nested mappings and lists: a matrix, rows as lists or as mappings, or a mapping of columns."""
+
+    def __init__(self, path: Path, mapping: DynoMapping, tree: Any) -> None:
+        self.path = path
+        self.rows = mapping.rows if mapping.rows or mapping.signals else find_rows(tree)
+        self.root = follow_route(path, tree, self.rows)
+        if not isinstance(self.root, Mapping) and not len(self.root):
+            raise RecordingError(f"{path}: '{mapping.rows or 'the file'}' is empty; expected rows of numbers")
+        if isinstance(self.root, Mapping) and not self.root:
+            raise RecordingError(f"{path}: '{mapping.rows or 'the file'}' is empty; expected rows of numbers")
+        self.names = mapping.names or (() if mapping.signals else tuple(self._find_names()))
+
+    def column(self, key: str | int) -> Values:
+        """Return a column; raises RecordingError naming the row of a cell that is not a number."""
+        cells = self._cells(key)
+        if opaque := describe_opaque(cells, str(key)):
+            raise RecordingError(f"{self.path}: {opaque}")
+        try:
+            numbers = np.atleast_1d(np.asarray(cells, dtype=np.float64).squeeze())
+        except (ValueError, TypeError):
+            raise self._bad_cell(cells, key) from None
+        if numbers.ndim != 1:
+            raise RecordingError(f"{self.path}: column {key!r} has shape {numbers.shape}; expected one number a row")
+        return numbers
+
+    def place(self, row: int) -> str:
+        """Return the row in the table."""
+        return f"row {row}"
+
+    def _find_names(self) -> Iterator[str]:
+        """Yield the paths to the columns that have names."""
+        if isinstance(self.root, Mapping):
+            yield from (name for name, _ in list_arrays(self.root))
+        elif isinstance(self.root[0], Mapping):
+            yield from (str(name) for name in self.root[0])
+
+    def _cells(self, key: str | int) -> Any:
+        if isinstance(self.root, Mapping):
+            return self.root[key] if key in self.root else follow_route(self.path, self.root, str(key))
+        if isinstance(key, str) and isinstance(self.root[0], Mapping):
+            first = self.root[0]
+            return [row.get(key) for row in self.root] if key in first else follow_route(self.path, first, key)
+        if np.ndim(self.root[0]) == 0:
+            raise RecordingError(f"{self.path}: a list of single values; expected rows, or columns by name")
+        i = self._index(key, np.size(self.root[0]))
+        if isinstance(self.root, np.ndarray):
+            return self.root[:, i]
+        short = next((n for n, row in enumerate(self.root) if not isinstance(row, list) or len(row) <= i), None)
+        if short is not None:
+            raise RecordingError(f"{self.path}: row {short}: column {key!r} is missing")
+        return [row[i] for row in self.root]
+
+    def _bad_cell(self, cells: Any, key: str | int) -> RecordingError:
+        for row, cell in enumerate(cells if isinstance(cells, list | np.ndarray) else ()):
+            if not isinstance(cell, int | float):
+                return RecordingError(f"{self.path}: row {row}: column {key!r} is {cell!r}; expected a number")
+        return RecordingError(f"{self.path}: column {key!r} has a cell that is not a number")
+
+
+class TreeSeries(TimedLog):
+    """Time series inside nested mappings: structures of a time and its data, as Simulink's `Structure with time`."""
+
+    def __init__(self, path: Path, root: Any) -> None:
+        self.path, self.root = path, root
+
+    def read(self, columns: Any) -> list[LogSeries]:
+        """Return the series at the columns' paths."""
+        return [self._series(str(column.key), find_series(self._at(column))) for column in columns]
+
+    def read_all(self) -> list[LogSeries]:
+        """Return every series in the tree."""
+        return [self._series(name, found) for name, found in list_series(self.root)]
+
+    def _at(self, column: Column) -> Any:
+        return follow_route(self.path, self.root, str(column.key))
+
+    def _series(self, name: str, found: tuple[Values, Values] | None) -> LogSeries:
+        if found is None:
+            keys = f"{' or '.join(TIME_KEYS)} beside {' or '.join(DATA_KEYS)}"
+            raise RecordingError(f"{self.path}: '{name}' is not a time series; expected a structure with {keys}")
+        seconds, values = found
+        if len(seconds) != len(values):
+            raise RecordingError(f"{self.path}: '{name}' has {len(seconds)} times for {len(values)} values")
+        stamps = np.rint((seconds - min(0.0, float(seconds.min()))) * 1e9).astype(np.int64)
+        return LogSeries(name, stamps, values, key=name)
+
+
+def follow_route(path: Path, tree: Any, route: str) -> Any:
+    """Return the table at a path of names, such as `results.data`; raises RecordingError for an unknown name."""
+    for step in route.split(".") if route else []:
+        if not isinstance(tree, Mapping) or step not in tree:
+            raise RecordingError(f"{path}: no '{step}' in the path '{route}'; expected one of {_keys(tree)}")
+        tree = tree[step]
+        if opaque := describe_opaque(tree, step):
+            raise RecordingError(f"{path}: {opaque}")
+    if not isinstance(tree, Mapping | list | np.ndarray):
+        raise RecordingError(f"{path}: '{route}' is a {type(tree).__name__}; expected a table")
+    return tree
+
+
+def find_series(tree: Any) -> tuple[Values, Values] | None:
+    """Return times [s] and values of a structure that holds both, None for anything else."""
+    if not isinstance(tree, Mapping):
+        return None
+    time = next((tree[key] for key in TIME_KEYS if key in tree), None)
+    signals = tree.get("signals")
+    holder = signals if isinstance(signals, Mapping) else tree
+    data = next((holder[key] for key in DATA_KEYS if key in holder), None)
+    seconds, values = as_numbers(time), as_numbers(data)
+    return None if seconds is None or values is None else (seconds, values)
+
+
+def list_series(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, tuple[Values, Values]]]:
+    """Yield path and content of every time series in a tree."""
+    for name, value in tree.items():
+        if not isinstance(value, Mapping) or str(name).startswith(("__", "#")):
+            continue
+        found = find_series(value)
+        if found:
+            yield f"{prefix}{name}", found
+        else:
+            yield from list_series(value, f"{prefix}{name}.")
+
+
+def list_arrays(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Values]]:
+    """Yield path and content of every array of numbers in a tree."""
+    for name, value in tree.items():
+        if str(name).startswith(("__", "#")):
+            continue
+        if isinstance(value, Mapping):
+            yield from list_arrays(value, f"{prefix}{name}.")
+        elif (numbers := as_numbers(value)) is not None and len(numbers) >= MIN_ROWS:
+            yield f"{prefix}{name}", numbers
+
+
+def find_rows(tree: Any, prefix: str = "") -> str:
+    """Return the path to the first table of rows in a tree that has no columns by name, '' if it has or has none."""
+    if not isinstance(tree, Mapping) or any(True for _ in list_arrays(tree)):
+        return ""
+    for name, value in tree.items():
+        if str(name).startswith(("__", "#")):
+            continue
+        if isinstance(value, Mapping):
+            found = find_rows(value, f"{prefix}{name}.")
+            if found or any(True for _ in list_arrays(value)):
+                return found or f"{prefix}{name}"
+        elif _are_rows(value):
+            return f"{prefix}{name}"
+    return ""
+
+
+def _are_rows(value: Any) -> bool:
+    """Return whether a value is a matrix, or a list of rows or of mappings."""
+    if not isinstance(value, list | np.ndarray) or len(value) < MIN_ROWS:
+        return False
+    return isinstance(value[0], Mapping) or (not isinstance(value[0], str) and np.size(value[0]) > 1)
+
+
+def as_numbers(value: Any) -> Values | None:
+    """Return an array of numbers in one direction as float64 (n,), None for anything else."""
+    if value is None or isinstance(value, str | Mapping):
+        return None
+    try:
+        numbers = np.asarray(value, dtype=np.float64).squeeze()
+    except (ValueError, TypeError):
+        return None
+    return numbers if numbers.ndim == 1 else None
+
+
+def _keys(tree: Any) -> str:
+    if not isinstance(tree, Mapping):
+        return "no names"
+    return ", ".join(str(key) for key in tree if not str(key).startswith(("__", "#")))

@@ -1,0 +1,161 @@
+"""Recordings as tables, and back: what was exported and imported again is the same recording."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ces_cli.bags import export_data, import_
+from ces_cli.terminal import terminal
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.recordings.signals_file import load_signals
+from ces_observer.model import load_model
+
+ROOT = Path(__file__).parents[3]
+pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
+START = 1_700_000_000_123_456_789
+SIGNALS = ("position", "current", "force")
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """Position at 1 kHz with jitter, current at 100 Hz, force at 500 Hz with a gap."""
+    random = np.random.default_rng(5)
+    n = 1500
+    fast = START + np.arange(n) * 1_000_000 + random.integers(0, 9000, n)
+    t = (fast - START) * 1e-9
+    x = 0.02 * np.sin(2 * np.pi * 2 * t)
+    slow = START + 333 + np.arange(n // 10) * 10_000_000
+    middle = START + 777_777 + np.arange(n // 2) * 2_000_000
+    middle = middle[(middle < START + 600_000_000) | (middle > START + 700_000_000)]
+    force = 4000 * 0.04 * np.pi * np.cos(2 * np.pi * 2 * (middle - START) * 1e-9) + random.normal(0, 1, len(middle))
+    channels = {
+        "position": Channel("position", "m", fast, x),
+        "current": Channel("current", "A", slow, 0.3 + 0.1 * (np.arange(n // 10) // 25)),
+        "force": Channel("force", "N", middle, force),
+    }
+    path = tmp_path_factory.mktemp("bags") / "run"
+    write_bag(path, recording_topics(Recording("run", channels), load_signals()))
+    return path
+
+
+def run(*words):
+    return terminal.run("export-data", export_data.main, [str(word) for word in words])
+
+
+def columns(path):
+    names = path.read_text().splitlines()[0].split(",")
+    table = np.genfromtxt(path, delimiter=",", skip_header=1)
+    return dict(zip(names, table.T, strict=True))
+
+
+def assert_same(one, other, names=SIGNALS):
+    for name in names:
+        np.testing.assert_array_equal(one.channel(name).stamps_ns, other.channel(name).stamps_ns)
+        np.testing.assert_array_equal(one.channel(name).values, other.channel(name).values)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_as_logged_and_imported_again_is_the_same(bag, tmp_path, suffix):
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    file = tmp_path / f"run{suffix}"
+    assert run(bag, "--as-logged", "--out", file) == 0
+    assert terminal.run("import", import_.main, [str(file), "--out", str(tmp_path / "again")]) == 0
+    assert_same(read_recording(bag, load_signals()), read_recording(tmp_path / "again", load_signals()))
+
+
+def test_a_sample_bag_comes_back_equal(tmp_path):
+    assert run(ROOT / "bags" / "sine_4hz", "--as-logged", "--out", tmp_path / "sine.csv") == 0
+    assert terminal.run("import", import_.main, [str(tmp_path / "sine.csv"), "--out", str(tmp_path / "again")]) == 0
+    assert_same(
+        read_recording(ROOT / "bags" / "sine_4hz", load_signals()), read_recording(tmp_path / "again", load_signals())
+    )
+
+
+def test_the_position_gives_the_rows_and_names_say_what_was_held(bag, tmp_path):
+    assert run(bag, "--out", tmp_path / "run.csv") == 0
+    table, recording = columns(tmp_path / "run.csv"), read_recording(bag, load_signals())
+    assert list(table) == ["stamp_ns", "time_s", "position_m", "current_held_A", "force_interp_N"]
+    position, current, force = (recording.channel(name) for name in SIGNALS)
+    np.testing.assert_array_equal(table["position_m"], position.values)
+    newest = np.searchsorted(current.stamps_ns, position.stamps_ns, side="right") - 1
+    held = np.where(newest >= 0, current.values[newest], np.nan)
+    np.testing.assert_array_equal(table["current_held_A"], held)
+    gap = (table["time_s"] > 0.602) & (table["time_s"] < 0.698)
+    assert np.isnan(table["force_interp_N"][gap]).all()
+    inside = ~np.isnan(table["force_interp_N"])
+    expected = np.interp(position.stamps_ns - START, force.stamps_ns - START, force.values)
+    np.testing.assert_allclose(table["force_interp_N"][inside], expected[inside], rtol=1e-9)
+    assert inside.mean() > 0.9
+
+
+def test_a_uniform_rate(bag, tmp_path, capsys):
+    assert run(bag, "--rate", 200, "--out", tmp_path / "run.csv") == 0
+    table = columns(tmp_path / "run.csv")
+    np.testing.assert_allclose(np.diff(table["time_s"]), 0.005, atol=1e-9)
+    assert "position_interp_m" in table
+    np.testing.assert_allclose(table["position_interp_m"], 0.02 * np.sin(4 * np.pi * table["time_s"]), atol=1e-5)
+    assert run(bag, "--rate", 5000, "--out", tmp_path / "more.csv") == 2
+    assert "more than twice the 1000 Hz of its fastest channel; nothing was recorded between" in capsys.readouterr().err
+    assert not (tmp_path / "more.csv").exists()
+
+
+def test_parquet_states_units_and_origin(bag, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    assert run(bag, "--out", tmp_path / "run.parquet") == 0
+    table = parquet.read_table(tmp_path / "run.parquet")
+    units = {field.name: field.metadata[b"unit"].decode() for field in table.schema}
+    assert units == {"stamp_ns": "ns", "time_s": "s", "position_m": "m", "current_held_A": "A", "force_interp_N": "N"}
+    assert table.schema.metadata[b"recording"] == b"run"
+    assert len(table.schema.metadata[b"source_sha256"]) == 64
+    assert table.column("force_interp_N").null_count > 40
+    assert (
+        table.column("stamp_ns").to_numpy()[0] == read_recording(bag, load_signals()).channel("position").stamps_ns[0]
+    )
+
+
+def test_a_model_adds_its_estimates(tmp_path):
+    model = ROOT / "config" / "models" / "sample.json"
+    recording = read_recording(ROOT / "bags" / "sine_4hz", load_signals())
+    part = recording.first_part(0.1)
+    write_bag(tmp_path / "short", recording_topics(part, load_signals()))
+    assert run(tmp_path / "short", "--model", model, "--out", tmp_path / "short.csv") == 0
+    table = columns(tmp_path / "short.csv")
+    assert {"estimated_speed_m_s", "estimated_force_N"} < set(table)
+    there = ~np.isnan(table["estimated_force_N"])
+    assert 0.5 < there.mean() < 1.0  # none while the estimator warms up
+    speed = np.gradient(table["position_m"], table["time_s"])
+    assert np.corrcoef(speed[there], table["estimated_speed_m_s"][there])[0, 1] > 0.9
+    assert ("estimated_force_lower_N" in table) == (load_model(model).band is not None)
+
+
+def test_several_bags_go_into_a_folder(bag, tmp_path, capsys):
+    write_bag(
+        tmp_path / "two", [TopicData("x", "std_msgs/msg/Float64", np.arange(3), {"data": np.zeros(3)})], overwrite=True
+    )
+    write_bag(tmp_path / "three", recording_topics(read_recording(bag, load_signals()), load_signals()))
+    assert run(bag, tmp_path / "three", "--out", tmp_path / "tables") == 0
+    assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["run.csv", "three.csv"]
+    assert run(bag, tmp_path / "three", "--out", tmp_path / "one.csv") == 2
+    assert "2 bags need a folder, which gets a file for each" in capsys.readouterr().err
+    assert run(bag, bag, tmp_path / "two", "--out", tmp_path / "others") == 2
+    assert "'ces signals" in capsys.readouterr().err
+
+
+def test_mistakes_are_found_before_the_work(bag, tmp_path, capsys):
+    (tmp_path / "there.csv").write_text("mine")
+    for words, message in (
+        (("--out", tmp_path / "there.csv"), "exists; choose another name, or replace it with --overwrite"),
+        (("--out", tmp_path / "run.xlsx"), "expected a name that ends in .csv, .parquet, .pq, or a folder"),
+        (("--out", tmp_path / "run.csv", "--format", "parquet"), "is a csv file by its name; omit --format"),
+        (("--out", tmp_path / "run.csv", "--model", tmp_path / "none.json"), "none.json"),
+    ):
+        assert run(bag, *words) == 2
+        assert message in capsys.readouterr().err
+    assert (tmp_path / "there.csv").read_text() == "mine"
+    with pytest.raises(SystemExit):
+        run(bag, "--out", tmp_path / "run.csv", "--as-logged", "--rate", 100)
+    assert "give one of them" in capsys.readouterr().err

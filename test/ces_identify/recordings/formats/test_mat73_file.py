@@ -1,0 +1,123 @@
+"""MATLAB 7.3 files in MATLAB's layout: user block, transposed arrays, structures, references, texts."""
+
+import numpy as np
+import pytest
+from log_examples import CURRENT, I_SLOW, T_SLOW, F, T, X, assert_recording
+
+from ces_identify.proposal.mapping_proposal import propose_mapping
+from ces_identify.recordings.log_import import import_log, to_recording
+from ces_identify.recordings.log_mapping import parse_dyno_mapping
+from ces_observer.errors import CesError
+
+h5py = pytest.importorskip("h5py", reason="h5py is not installed")
+TABLE = "time: {column: t}\nposition: {column: x_mm, unit: mm}\ncurrent: {column: i}\nforce: {column: F}\n"
+
+
+def mapping(text):
+    return parse_dyno_mapping(text, "map.yaml")
+
+
+def save(path, variables):
+    """Write variables as MATLAB's save -v7.3 does."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in variables.items():
+            add(file, name, value)
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Wed May 01 12:00:00 2024 HDF5 schema 1.00 ."
+    with path.open("r+b") as file:
+        file.write(head.ljust(116) + bytes(8) + b"\x00\x02IM")
+    return path
+
+
+def add(group, name, value):
+    if isinstance(value, dict):
+        inner = group.create_group(name)
+        inner.attrs["MATLAB_class"] = np.bytes_("struct")
+        for key, one in value.items():
+            add(inner, key, one)
+        return
+    if isinstance(value, list):
+        hidden = group.file.require_group("#refs#")
+        references = []
+        for one in value:
+            inner = f"{name}{len(hidden)}"
+            add(hidden, inner, one)
+            references.append(hidden[inner].ref)
+        data = group.create_dataset(name, data=np.array([references], dtype=h5py.ref_dtype).T)
+        data.attrs["MATLAB_class"] = np.bytes_("cell")
+        return
+    text = isinstance(value, str)
+    array = np.array([[ord(c) for c in value]], dtype=np.uint16) if text else np.atleast_2d(np.asarray(value))
+    data = group.create_dataset(name, data=array.T)
+    data.attrs["MATLAB_class"] = np.bytes_("char" if text else "double")
+
+
+def column(values):
+    return np.asarray(values)[:, None]  # n x 1, as MATLAB's columns
+
+
+@pytest.mark.parametrize("shape", [column, np.asarray], ids=["columns", "rows"])
+def test_variables_as_columns_and_as_rows(tmp_path, shape):
+    path = save(
+        tmp_path / "log.mat", {"t": shape(T), "x_mm": shape(1000 * X), "i": shape(CURRENT), "F": shape(F), "rig": "7"}
+    )
+    assert_recording(import_log(path, mapping(TABLE)), slow=False)
+
+
+def test_a_structure_and_a_matrix(tmp_path):
+    matrix = np.column_stack([T, 1000 * X, CURRENT, F])
+    path = save(
+        tmp_path / "log.mat",
+        {"run": {"name": "sweep", "log": {"t": T, "x_mm": 1000 * X, "i": CURRENT, "F": F}}, "m": matrix},
+    )
+    assert_recording(import_log(path, mapping(TABLE + "rows: run.log\n")), slow=False)
+    numbered = TABLE.replace("column: t}", "column: 0}").replace("x_mm,", "1,").replace("column: i}", "column: 2}")
+    assert_recording(import_log(path, mapping(numbered.replace("column: F}", "column: 3}") + "rows: m\n")), slow=False)
+
+
+def test_time_series_keep_their_own_times(tmp_path):
+    series = {
+        "position_mm": {"time": column(T), "signals": {"values": column(1000 * X), "dimensions": 1.0}},
+        "current_A": {"Time": column(T_SLOW), "Data": column(I_SLOW)},
+        "force_N": {"time": column(T), "data": column(F)},
+    }
+    path = save(tmp_path / "log.mat", {"out": series})
+    text = (
+        "rows: out\nposition: {column: position_mm, unit: mm}\ncurrent: {column: current_A}\nforce: {column: force_N}\n"
+    )
+    assert_recording(import_log(path, mapping(text)))
+    proposal = propose_mapping(path)
+    assert proposal.doubts == ()
+    assert_recording(to_recording(proposal.log, proposal.mapping))
+    (tmp_path / "map.yaml").write_text(proposal.text)
+    assert_recording(import_log(path, mapping(proposal.text)))
+
+
+def test_a_cell_of_columns(tmp_path):
+    path = save(tmp_path / "log.mat", {"log": [column(T), column(1000 * X), column(CURRENT), column(F)]})
+    with pytest.raises(CesError):
+        import_log(path, mapping(TABLE + "rows: log\n"))
+
+
+def test_a_proposal_needs_no_mapping(tmp_path):
+    path = save(tmp_path / "log.mat", {"time_s": T, "stroke_mm": 1000 * X, "current_A": CURRENT, "force_N": F})
+    proposal = propose_mapping(path)
+    assert proposal.doubts == ()
+    assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
+
+
+def test_an_object_is_refused_with_what_to_save_instead(tmp_path):
+    path = save(tmp_path / "log.mat", {"t": T, "x_mm": X, "i": CURRENT, "F": F})
+    with h5py.File(path, "r+") as file:
+        file["F"].attrs["MATLAB_class"] = np.bytes_("timeseries")
+        file["F"].attrs["MATLAB_object_decode"] = np.int32(3)
+    with pytest.raises(
+        CesError, match=r"'F' is a MATLAB object \(timeseries\), which is not read; save it as a structure"
+    ):
+        import_log(path, mapping(TABLE))
+
+
+def test_a_damaged_file(tmp_path):
+    path = save(tmp_path / "log.mat", {"t": T})
+    path.write_bytes(path.read_bytes()[:700])
+    with pytest.raises(CesError, match=r"not a MATLAB 7\.3 file, or damaged"):
+        import_log(path, mapping(TABLE))
