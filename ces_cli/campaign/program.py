@@ -96,7 +96,8 @@ def _write_and_print(summary: Summary, folder: Path) -> None:
     write_markdown(summary, folder / "results.md")
     for suffix in ("svg", "png"):
         save_pareto_picture(summary, folder / f"pareto.{suffix}")
-    terminal.out.print(*summary_tables(summary, MAX_ROWS_SHOWN))
+    for table in summary_tables(summary, MAX_ROWS_SHOWN):
+        terminal.print_table(table)
     for line in summary.lines():
         terminal.out.print(line, highlight=False, soft_wrap=True)
     print(f"results: {folder}/results.md, results.csv, pareto.svg, pareto.png, models/")

@@ -39,7 +39,7 @@ def with_folds(
             return select_identify_function(options)(training, held_out, fold, progress.listen)
 
     folds = cross_validate(recordings, options.folds, identify, how)
-    terminal.out.print(fold_table(folds))
+    terminal.print_table(fold_table(folds))
     history = {**result.model.provenance, "cross_validation": [_as_row(row) for row in folds.rows]}
     return replace(result, model=replace(result.model, provenance=history))
 

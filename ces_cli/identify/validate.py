@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
     evaluations = _evaluations(model, paths, options)
     weighting = weighting.with_common_stroke([e.series for e in evaluations])
-    terminal.out.print(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
+    terminal.print_table(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
     print_band(model, evaluations)
     _print_details(evaluations, weighting)
     if options.picture is not None:

@@ -259,10 +259,9 @@ def test_field_that_is_not_there(tmp_path, field, phrase):
 def test_fields_that_a_message_has_are_spelled_as_in_ros(tmp_path):
     path = tiny.write(tmp_path / "bag", tiny.drive())
     message = failure(path, signals(force={"field": "wrench.force"}), SignalsError)
-    assert message.endswith(
-        "signal 'force': field 'wrench.force' is a geometry_msgs/msg/Vector3, not a number; "
-        "geometry_msgs/msg/WrenchStamped has wrench.force.x, wrench.force.y, wrench.force.z, wrench.torque.x, wrench.torque.y, wrench.torque.z"
-    )
+    assert "signal 'force': field 'wrench.force' is a geometry_msgs/msg/Vector3, not a number; geometry_msgs" in message
+    listed = "has wrench.force.x, wrench.force.y, wrench.force.z, wrench.torque.x, wrench.torque.y, wrench.torque.z"
+    assert message.endswith(listed)
     names = list(
         list_number_fields(tiny.joints(0, ["a", "b"], [1.0, 2.0], efforts=[3.0, 4.0]), tiny.JOINTS, tiny.JAZZY)
     )
