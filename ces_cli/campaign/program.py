@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from ces_cli.campaign.tables import Summary, summary_tables, write_csv, write_markdown
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import with_distinct_names
 from ces_cli.terminal.many_jobs import ONE_PLACE, add_jobs, report_failures, run_jobs
 from ces_cli.terminal.option_rules import ALL, never_with, only_with
 from ces_cli.terminal.outputs import require_folder
@@ -53,10 +55,13 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     require_folder(options.out)
     campaign = load_campaign(options.campaign)
     signals = load_signals(campaign.signals)
-    recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
+    recordings = with_distinct_names(
+        {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
+    )
     todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())))
     with open_results(options.out / RESULTS, "a campaign") as results:
-        finished = _compute(todo, results, recordings, options)
+        describe = partial(_describe_cell, Summary.from_rows(campaign, todo, {}))
+        finished = _compute(todo, results, recordings, options, describe)
         summary = Summary.from_rows(campaign, todo, results.rows)
         _write_and_print(summary, options.out)
     return report_failures(summary.rows, summary.planned, finished, "cells", summary.describe)
@@ -67,6 +72,7 @@ def _compute(
     results: ResultsFolder,
     recordings: Mapping[Path, Recording],
     options: argparse.Namespace,
+    describe: Callable[[Row], str],
 ) -> bool:
     """Compute the cells that have no result yet; returns False if Ctrl-C came before the last."""
     missing = [job for job in todo if not results.has(job)]
@@ -75,11 +81,11 @@ def _compute(
     tasks = [Task(job, job.paths) for job in missing]
     threads = max(job.limits.threads for job in missing)
     progress = JobsProgress(len(todo), len(todo) - len(missing), "cells")
-    return run_jobs(compute_cell, tasks, recordings, threads, options, results, progress, _describe_cell)
+    return run_jobs(compute_cell, tasks, recordings, threads, options, results, progress, describe)
 
 
-def _describe_cell(row: Row) -> str:
-    name = f"{row['bags']}, {row['structure']}, seed {row['seed']}"
+def _describe_cell(summary: Summary, row: Row) -> str:
+    name = summary.describe(row)
     if row["status"] != DONE:
         return f"{name}: {row['status']}: {row['reason']}"
     cost = "diverged" if row["selection_J"] is None else f"{row['selection_J']:.2f} %"

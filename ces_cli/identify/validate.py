@@ -11,7 +11,7 @@ from typing import Any
 
 from ces_cli.identify.certificate_check import verify_certificate
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import add_bags, find_bags
+from ces_cli.terminal.bag_paths import add_bags, find_bags, with_distinct_names
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.option_rules import OptionRule
@@ -61,7 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _evaluations(model: Model, paths: Sequence[Path], options: argparse.Namespace) -> list[Evaluation]:
     signals = terminal.load_described_signals(options)
-    recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in paths]
+    recordings = with_distinct_names(
+        {path: terminal.read_one(path, signals, terminal.FORCE) for path in paths}
+    ).values()
     shares = _read_identified_shares(model.provenance)
     evaluations = []
     for recording in recordings:
