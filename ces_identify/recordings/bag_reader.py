@@ -19,11 +19,11 @@ from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
+from ces_identify.recordings.bag_fields import format_fields, spell_as_ros
 from ces_identify.recordings.bag_layout import describe_layout
 from ces_identify.recordings.bag_opening import open_bag
 from ces_identify.recordings.bag_storage import Bag, Topic
 from ces_identify.recordings.bulk_decode import Block, BulkDecoder, Floats, Index
-from ces_identify.recordings.message_fields import format_fields, spell_as_ros
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.recordings.stamp_order import LateSamples, sort_late_samples
 from ces_observer.errors import RecordingError, SignalsError
