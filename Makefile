@@ -23,10 +23,10 @@ demo: $(VENV)/.installed
 	@mkdir -p $(OUT)
 	@echo "== the default, a polynomial NARX"
 	$(RUN)/ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road \
-	  --out $(OUT)/model.json --report $(OUT)/report.html
+	  --out $(OUT)/model.json --report $(OUT)/report.html --overwrite
 	@echo "== the structure that suits these recordings best"
 	$(RUN)/ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --structure auto \
-	  --out $(OUT)/best.json --report $(OUT)/best.html
+	  --out $(OUT)/best.json --report $(OUT)/best.html --overwrite
 
 test: lint test-ros suite
 

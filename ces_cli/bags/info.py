@@ -101,7 +101,7 @@ def _print_report(reports: list[BagReport], covered: Coverage, signals: Signals)
         others = [t for t in report.topics if not any(s.matches(t.name) for s in signals.list_topic_signals())]
         if others:
             _print_line("  other topics: " + ", ".join(f"{t.name} ({t.type}, {t.count})" for t in others))
-        terminal.out.print(_table(report))
+        terminal.print_table(_table(report))
         for finding in report.findings:
             _print_line(f"  {finding.severity}: {finding.text}", COLOURS[finding.severity])
         _print_line("")
@@ -122,10 +122,11 @@ def _describe_source(signal: Signal | Constant) -> str:
 def _table(report: BagReport) -> Table:
     headings = ("samples", "s", "Hz", "jitter\nms", "longest\nms", "gaps", "from", "to")
     table = terminal.make_table(None, ("signal",), headings)
+    table.columns[0].no_wrap = True
     for name, stats in report.stats.items():
         table.add_row(f"{name} {report.recording.channel(name).unit}", *_cells(stats))
     for name, value in report.recording.constants.items():
-        table.add_row(f"{name} {UNITS[name]}", *[""] * 6, f"{value:.4g}", f"{value:.4g}")
+        table.add_row(f"{name} {UNITS[name]}", *[""] * 6, _format_value(value), _format_value(value))
     return table
 
 
@@ -137,9 +138,14 @@ def _cells(stats: ChannelStats) -> tuple[str, ...]:
         f"{1e3 * stats.jitter_s:.3f}",
         f"{1e3 * stats.longest_s:.3f}",
         f"{stats.gaps}",
-        f"{stats.low:.4g}",
-        f"{stats.high:.4g}",
+        _format_value(stats.low),
+        _format_value(stats.high),
     )
+
+
+def _format_value(value: float) -> str:
+    """Return a value with four digits, and large ones, such as forces in N, without an exponent."""
+    return f"{value:.0f}" if 1e4 <= abs(value) < 1e9 else f"{value:.4g}"
 
 
 def _as_json(reports: list[BagReport], covered: Coverage) -> dict[str, Any]:

@@ -188,8 +188,12 @@ def _interval(metric: Metric, figure: Statistic) -> str:
 
 
 def _goal(metric: Metric, target: float, figure: Statistic) -> str:
-    sign, met = ("≥", figure.value >= target) if metric.target_is_minimum else ("≤", figure.value <= target)
-    return f"{sign} {_number(target, metric.percent)} {'met' if met else '**not met**'}"
+    """Return the target, and whether it is met: undecided where the interval of the figure contains it."""
+    low, high = figure.interval()
+    at_least = metric.target_is_minimum
+    met, missed = (low >= target, high < target) if at_least else (high <= target, low > target)
+    decided = "met" if met else "**not met**" if missed else "undecided"
+    return f"{'≥' if at_least else '≤'} {_number(target, metric.percent)} {decided}"
 
 
 def _number(value: float, percent: bool) -> str:

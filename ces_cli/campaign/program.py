@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from ces_cli.campaign.live_page import LivePage, write_recommended_reports
 from ces_cli.campaign.tables import Summary, summary_facts, summary_tables, write_csv, write_markdown
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import with_distinct_names
 from ces_cli.terminal.json_output import print_document, without_text
 from ces_cli.terminal.many_jobs import ONE_PLACE, add_jobs, report_failures, run_jobs
 from ces_cli.terminal.option_rules import ALL, never_with, only_with
@@ -56,7 +58,9 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     require_folder(options.out)
     campaign = load_campaign(options.campaign)
     signals = load_signals(campaign.signals)
-    recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
+    recordings = with_distinct_names(
+        {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
+    )
     found = sense_each(list(recordings.values()))
     forced = require_sensible(found, options.force)
     for finding in found:
@@ -64,7 +68,8 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), forced)
     with open_results(options.out / RESULTS, "a campaign") as results:
         page = LivePage(options.out, campaign, todo, results)
-        finished = _compute(todo, results, recordings, options, page.refresh)
+        describe = partial(_describe_cell, Summary.from_rows(campaign, todo, {}))
+        finished = _compute(todo, results, recordings, options, describe, page.refresh)
         summary = Summary.from_rows(campaign, todo, results.rows)
         write_recommended_reports(page.rows(), options.out, recordings, todo)
         page.write(running=False)
@@ -80,6 +85,7 @@ def _compute(
     results: ResultsFolder,
     recordings: Mapping[Path, Recording],
     options: argparse.Namespace,
+    describe: Callable[[Row], str],
     after_each: Callable[[], None],
 ) -> bool:
     """Compute the cells that have no result yet; returns False if Ctrl-C came before the last."""
@@ -89,11 +95,11 @@ def _compute(
     tasks = [Task(job, job.paths) for job in missing]
     threads = max(job.limits.threads for job in missing)
     progress = JobsProgress(len(todo), len(todo) - len(missing), "cells")
-    return run_jobs(compute_cell, tasks, recordings, threads, options, results, progress, _describe_cell, after_each)
+    return run_jobs(compute_cell, tasks, recordings, threads, options, results, progress, describe, after_each)
 
 
-def _describe_cell(row: Row) -> str:
-    name = f"{row['bags']}, {row['structure']}, seed {row['seed']}"
+def _describe_cell(summary: Summary, row: Row) -> str:
+    name = summary.describe(row)
     if row["status"] != DONE:
         return f"{name}: {row['status']}: {row['reason']}"
     cost = "diverged" if row["selection_J"] is None else f"{row['selection_J']:.2f} %"
@@ -110,7 +116,8 @@ def _write_and_print(summary: Summary, folder: Path) -> None:
     write_markdown(summary, folder / "results.md")
     for suffix in ("svg", "png"):
         save_pareto_picture(summary, folder / f"pareto.{suffix}")
-    terminal.out.print(*summary_tables(summary, MAX_ROWS_SHOWN))
+    for table in summary_tables(summary, MAX_ROWS_SHOWN):
+        terminal.print_table(table)
     for line in summary.lines():
         terminal.out.print(line, highlight=False, soft_wrap=True)
     print(f"results: {folder}/campaign.html, results.md, results.csv, pareto.svg, pareto.png, models/, reports/")

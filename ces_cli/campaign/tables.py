@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ class Summary:
     bags: tuple[str, ...]
     sets: tuple[str, ...]
     varied: tuple[str, ...]
+    planned_by_bags: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def from_rows(cls, campaign: Campaign, todo: Sequence[CampaignJob], results: Mapping[str, Row]) -> Summary:
@@ -44,7 +46,8 @@ class Summary:
         axes = [(name, axis) for own in campaign.structures.values() for name, axis in own.items()]
         axes += list(campaign.common.items())
         varied = tuple(dict.fromkeys(name for name, axis in axes if len(axis) > 1))
-        return cls(tuple(rows), len(todo), bags, tuple(s for s in sets if s != IDENTIFICATION), varied)
+        held_out = tuple(s for s in sets if s != IDENTIFICATION)
+        return cls(tuple(rows), len(todo), bags, held_out, varied, Counter(job.cell.bags for job in todo))
 
     def of_bags(self, name: str) -> list[Row]:
         """Return the rows of one set of bags."""
@@ -92,12 +95,11 @@ def summary_tables(summary: Summary, max_rows: int) -> list[Table]:
     marks = summary.marks()
     done = [row for row in summary.rows if row["status"] == DONE]
     shown = [row for row in done if row["key"] in marks] if len(done) > max_rows else done
-    count = f"{len(done)} models of {summary.planned} cells" + (
-        "; only those on a front" if len(shown) < len(done) else ""
-    )
     tables = []
     for name in dict.fromkeys(row["bags"] for row in shown):
         headings = [heading.removeprefix("J ").replace(IDENTIFICATION, "fit") for heading in _headings(summary)[4:-1]]
+        count = f"{sum(row['bags'] == name for row in done)} of {summary.planned_by_bags[name]} models done"
+        count += "; only those on the front" if len(shown) < len(done) else ""
         tables.append(make_table(f"identified on {name} ({count}); costs J in %", ("", "model"), headings))
         for row in (row for row in shown if row["bags"] == name):
             mark, _, structure, settings, *numbers, _ = _cells(summary, row, marks)

@@ -40,7 +40,7 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     _print_lines([f"[{style}]{name}[/]: {escape(diagnosis.sentence)}"], markup=True)
     _print_lines(_gap_lines(diagnosis))
     if diagnosis.causes and diagnosis.verdict != NO_GAP:
-        terminal.out.print(_cause_table(diagnosis))
+        terminal.print_table(_cause_table(diagnosis))
     _print_lines([*_parameter_lines(diagnosis), *_witness_lines(diagnosis), *_where_lines(diagnosis)])
     _print_lines([*_doubt_lines(diagnosis), *_next_lines(diagnosis, folder)])
     print(f"written: {folder}/{', '.join(files)}")

@@ -122,7 +122,7 @@ def _write_and_print(rows: Sequence[Row], folder: Path) -> None:
     write_csv(rows, folder / "fleet.csv")
     write_page(rows, folder / "fleet.html")
     if any(row["status"] == DONE for row in rows):
-        terminal.out.print(fleet_table(rows))
+        terminal.print_table(fleet_table(rows))
         if dashes := explain_dashes(rows):
             print(dashes)
     print(f"written: {folder}/fleet.html, fleet.csv, fleet.jsonl, units/")

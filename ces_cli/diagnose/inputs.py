@@ -52,5 +52,6 @@ def take_simulation(
     if given is not None:
         return given, str(options.sim)
     baseline = identify_baseline(reference, options.structure or AUTO, threads, progress)
+    options.out.mkdir(parents=True, exist_ok=True)
     saved = baseline.save(options.out / MODEL)
     return saved, saved.name

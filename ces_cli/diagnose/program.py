@@ -75,7 +75,6 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
     doubts = check_recordings(real, held_out, reference)
     for text in doubts:
         terminal.print_warning(text)
-    options.out.mkdir(parents=True, exist_ok=True)
     with DiagnoseProgress() as progress:
         simulation, spec = take_simulation(given, reference, options, how.threads, progress.listen)
         diagnosis = diagnose(simulation, spec, real, held_out, reference, how, progress.listen)
@@ -83,6 +82,7 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
         progress.listen("writing the report", 1.0)
         name = name_simulation(spec, options.out)
         files = result_files(diagnosis, name, list(recordings.items()), {"Command": command})
+    options.out.mkdir(parents=True, exist_ok=True)
     for optional in OPTIONAL_FILES:
         (options.out / optional).unlink(missing_ok=True)  # from an earlier diagnosis
     write_all_atomically({options.out / name: text for name, text in files.items()})

@@ -45,7 +45,7 @@ def print_teacher(result: IdentificationResult) -> None:
         costs = (row["model_to_teacher"], row["teacher_to_measured"], row["model_to_measured"])
         loss = NONE if row["loss"] is None else f"{row['loss']:+.2f}"
         table.add_row(row["recording"], *(NONE if c is None else percent(c) for c in costs), loss)
-    terminal.out.print(table)
+    terminal.print_table(table)
     if any(None in row.values() for row in rows):
         print(f"{NONE}: a recording without a measured force, or a free run that diverged")
 

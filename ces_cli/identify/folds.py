@@ -39,7 +39,7 @@ def with_folds(
             return select_identify_function(options)(training, held_out, fold, progress.listen)
 
     folds = cross_validate(recordings, options.folds, identify, how)
-    terminal.out.print(fold_table(folds))
+    terminal.print_table(fold_table(folds))
     if any(row.interval is None for row in folds.rows):
         print(f"{NONE}: the free run diverged, or the recording is too short for an interval")
     history = {**result.model.provenance, "cross_validation": [_as_row(row) for row in folds.rows]}

@@ -12,7 +12,7 @@ from typing import Protocol
 from ces_cli.identify.distillation import with_teacher
 from ces_cli.identify.structures import candidate_rules, select_identify_function
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import find_bags
+from ces_cli.terminal.bag_paths import find_bags, with_distinct_names
 from ces_cli.terminal.outputs import require_outputs
 from ces_cli.terminal.simulations import find_file, open_simulation, with_teacher_force
 from ces_identify.identification import IdentificationResult, count_starts
@@ -122,7 +122,7 @@ def _read_recordings(options: argparse.Namespace, paths: Sequence[Path]) -> dict
     """Return the recordings as logged; with a teacher, the force may be missing."""
     signals = terminal.load_described_signals(options)
     need = terminal.FORCE if options.teacher is None else terminal.FORCE[:2]
-    return {path: terminal.read_one(path, signals, need) for path in paths}
+    return with_distinct_names({path: terminal.read_one(path, signals, need) for path in paths})
 
 
 def _apply_teacher(

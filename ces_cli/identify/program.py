@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _print_result(result: IdentificationResult, options: argparse.Namespace, argv: Sequence[str] | None) -> None:
     best = result.search_results[0]
     weighting = parse_weighting(options.weight).with_common_stroke([e.series for e in result.evaluations])
-    terminal.out.print(cost_table(result.evaluations, result.model.size, weighting))
+    terminal.print_table(cost_table(result.evaluations, result.model.size, weighting))
     print_missing(result.evaluations)
     print_outside(result.evaluations)
     print_teacher(result)

@@ -11,7 +11,7 @@ from typing import Any
 
 from ces_cli.identify.certificate_check import certificate_facts, verify_certificate
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import add_bags, find_bags
+from ces_cli.terminal.bag_paths import add_bags, find_bags, with_distinct_names
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.json_costs import cost_rows, held_out_row, model_facts
@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _print_evaluations(
     model: Model, evaluations: Sequence[Evaluation], weighting: Weighting, options: argparse.Namespace
 ) -> None:
-    terminal.out.print(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
+    terminal.print_table(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
     print_missing(evaluations)
     print_outside(evaluations)
     print_band(model, evaluations)
@@ -115,7 +115,9 @@ def _residual_facts(evaluation: Evaluation) -> dict[str, Any] | None:
 
 def _evaluations(model: Model, paths: Sequence[Path], options: argparse.Namespace) -> list[Evaluation]:
     signals = terminal.load_described_signals(options)
-    recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in paths]
+    recordings = list(
+        with_distinct_names({path: terminal.read_one(path, signals, terminal.FORCE) for path in paths}).values()
+    )
     for finding in sense_each(recordings):
         terminal.print_warning(finding.text)
     evaluations = []

@@ -11,6 +11,7 @@ import argparse
 import io
 import json
 import os
+import re
 import shlex
 import sys
 import threading
@@ -43,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         terminal.interrupt_as_exception()
         send({"result": _identify(list(sys.argv[1:] if argv is None else argv), send)})
     except CesError as error:
-        send({"error": str(error)})
+        send({"error": name_parameters(str(error))})
         return terminal.USER_ERROR
     except OSError as error:
         send({"error": f"{error.filename}: {error.strerror}" if error.filename else str(error)})
@@ -133,7 +134,12 @@ def _options(words: list[str]) -> argparse.Namespace:
             return make_parser().parse_args(words)
     except SystemExit:
         text = message.getvalue().strip().removeprefix("ces identify: error: ").partition("; see ")[0]
-        raise CesError(text.replace("argument --", "parameter ", 1)) from None
+        raise CesError(text.removeprefix("argument ")) from None
+
+
+def name_parameters(text: str) -> str:
+    """Return an error of the program with its options named as the node's parameters."""
+    return re.sub(r"(?<![\w-])--([a-z][a-z-]*[a-z])", lambda match: f"parameter {match[1].replace('-', '_')}", text)
 
 
 def _redirect_stdout() -> Send:

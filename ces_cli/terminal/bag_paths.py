@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import glob
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ces_identify.recordings.foreign_files import explain_import, is_foreign
+from ces_identify.recordings.recording import Recording
 from ces_observer.errors import CesError
 
 FILES = (".mcap", ".db3", ".bag")
@@ -102,6 +103,15 @@ def _is_unfinished(folder: Path) -> bool:
     parts = [PART.fullmatch(file.name) for file in files]
     numbers = {int(match.group(2) or 0) for match in parts if match and match.group(1) == folder.name}
     return 0 in numbers and len(numbers) == len(files)
+
+
+def with_distinct_names(recordings: Mapping[Path, Recording]) -> dict[Path, Recording]:
+    """Return the recordings; if two have the same name, all get the shortest ends of their paths that differ."""
+    if len({recording.name for recording in recordings.values()}) == len(recordings):
+        return dict(recordings)
+    names = make_distinct_names([path.resolve() for path in recordings])
+    pairs = zip(recordings.items(), names, strict=True)
+    return {path: replace(recording, name=name) for (path, recording), name in pairs}
 
 
 def make_distinct_names(paths: Sequence[Path]) -> list[str]:

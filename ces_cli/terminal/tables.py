@@ -45,7 +45,7 @@ def cost_table(
         cells = [e.name, describe_use(e, exact), percent(e.cost), interval_text(cost_interval([e]))]
         cells += [f"{floor.floor:.2f}" if isinstance(floor, CycleNoise) else NONE] if has_floor else []
         cells += [_format_weighted_cost(e, weighting)] if weighting else []
-        cells += [f"{e.rms_N:.1f}" if math.isfinite(e.rms_N) else NONE, f"{100 * e.clamped_share:.1f}"]
+        cells += [_format_newtons(e.rms_N), f"{100 * e.clamped_share:.1f}"]
         table.add_row(*cells, *([NONE if e.coverage is None else f"{100 * e.coverage:.1f}"] if has_band else []))
     held_out = [e for e in evaluations if e.role == VALIDATION and math.isfinite(e.cost)]
     if len(held_out) > 1:
@@ -112,6 +112,11 @@ def percent(cost: float) -> str:
 def interval_text(interval: CostInterval | None) -> str:
     """Return an interval as text, a dash if there is none."""
     return NONE if interval is None else f"{interval.low:.2f}-{interval.high:.2f}"
+
+
+def _format_newtons(value: float) -> str:
+    """Return a force as text; a run that left its force envelope has none."""
+    return NONE if not math.isfinite(value) else f"{value:.1f}" if value < 1e4 else f"{value:.0f}"
 
 
 def _test(evaluations: Sequence[Evaluation]) -> str:

@@ -13,12 +13,14 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn, TextIO, TypeVar
 
 from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from ces_cli.terminal.option_rules import OptionRule, find_given, require_applicable
 from ces_identify.preparation.weighting import FORMS
@@ -33,6 +35,7 @@ Number = TypeVar("Number", int, float)
 
 FORCE = ("position", "current", "force")  # signals of a recording with a measured force
 USER_ERROR = 2
+MIN_TEXT_WIDTH = 12  # characters of a column of texts that may wrap
 INTERRUPTED = 130
 
 _said: set[str] = set()  # warnings that a run prints once; `run` empties it
@@ -182,6 +185,45 @@ def make_table(title: str | None, left: Sequence[str], right: Sequence[str], pad
     for heading in right:
         table.add_column(heading, justify="right", no_wrap=True)
     return table
+
+
+def print_table(table: Table) -> None:
+    """Print a table; one that is wider than the terminal in parts, each with the first column."""
+    for part in _split_table(table, out.width):
+        out.print(part)
+
+
+def _split_table(table: Table, width: int) -> list[Table]:
+    """Return the table, or parts of it with the first column and as many others as fit."""
+    first, *others = table.columns
+    parts: list[list[Column]] = [[first]]
+    for column in others:
+        if len(parts[-1]) > 1 and _measure_width([*parts[-1], column], table) > width:
+            parts.append([first])
+        parts[-1].append(column)
+    return [table] if len(parts) == 1 else [_pick_columns(table, columns, parts) for columns in parts]
+
+
+def _measure_width(columns: Sequence[Column], table: Table) -> int:
+    """Return the width that a table of these columns needs at least."""
+    around = sum(table.padding[1::2]) + 1
+    return 1 + sum(_measure_column(column) + around for column in columns)
+
+
+def _measure_column(column: Column) -> int:
+    """Return the width of a column; a text that may wrap needs no more than MIN_TEXT_WIDTH."""
+    lines = [line for cell in [column.header, *column.cells] for line in str(cell).splitlines()]
+    longest = max((cell_len(line) for line in lines), default=0)
+    return longest if column.no_wrap else min(longest, column.min_width or MIN_TEXT_WIDTH)
+
+
+def _pick_columns(table: Table, columns: Sequence[Column], parts: Sequence[Sequence[Column]]) -> Table:
+    """Return a part of a table; the first one keeps the title."""
+    part = Table(title_justify="left", header_style=table.header_style, padding=table.padding, box=table.box)
+    part.title = table.title if columns is parts[0] else None
+    part.columns = [replace(column, _index=i) for i, column in enumerate(columns)]
+    part.rows = list(table.rows)
+    return part
 
 
 def as_csv(rows: Iterable[Sequence[object]]) -> str:

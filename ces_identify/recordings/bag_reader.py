@@ -19,6 +19,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
+from ces_identify.recordings.message_fields import format_fields, spell_as_ros
 from ces_identify.recordings.bag_layout import describe_layout
 from ces_identify.recordings.bag_opening import open_bag
 from ces_identify.recordings.bag_storage import Bag, Topic
@@ -134,7 +135,8 @@ class _TopicReader:
     """Collects the samples of all signals in one topic, block by block."""
 
     def __init__(self, bag: Bag, topic: Topic, signals: list[Signal]) -> None:
-        typestore = bag.typestore(topic)
+        self.typestore = typestore = bag.typestore(topic)
+        self.first = b""
         fields = dict(typestore.get_msgdef(topic.type).fields)
         self.stamp = STAMP if fields.get("header") == HEADER else ()
         paths = (*self.stamp, *(signal.field for signal in signals))
@@ -146,6 +148,7 @@ class _TopicReader:
 
     def add(self, block: Block) -> None:
         """Decode a block of this topic's messages."""
+        self.first = self.first or block.payload(0)
         values, present = self.decoder.decode(block)
         header_ns = np.zeros(len(block), dtype=np.int64)
         if self.stamp:
@@ -163,7 +166,8 @@ class _TopicReader:
         samples = self.samples[signal.name]
         count = sum(map(len, samples.values))
         if samples.messages and not count:
-            raise SignalsError(f"{self.where}: signal '{signal.name}': {self.decoder.reasons[i]}")
+            reason = spell_as_ros(str(self.decoder.reasons[i]))
+            raise SignalsError(f"{self.where}: signal '{signal.name}': {reason}; {self._format_fields()}")
         if count < samples.messages:
             missing = f"missing in {samples.messages - count} of {samples.messages} messages on {self.topic.name}"
             warnings.warn(f"{signal.name}: {missing}: {self.decoder.reasons[i]}", RecordingWarning, stacklevel=2)
@@ -173,6 +177,12 @@ class _TopicReader:
             warnings.warn(f"{signal.name}: {text}", LogTimeWarning, stacklevel=2)
         stamps_ns = samples.stamps() - signal.delay_ns
         return Channel(signal.name, signal.unit, stamps_ns, _concatenate(samples.values, np.float64))
+
+    def _format_fields(self) -> str:
+        """Return the fields that the first message has."""
+        return format_fields(
+            self.typestore.deserialize_cdr(self.first, self.topic.type), self.topic.type, self.typestore
+        )
 
 
 class _Samples:

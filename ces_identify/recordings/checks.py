@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import chain, combinations
 
 import numpy as np
@@ -42,13 +43,14 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
 
     Errors: constant position; an empty channel, or one with more than 1 % NaN or infinite samples; a value beyond all
     units; time running backwards, or standing still; rates a factor of 100 apart; current absent for more than 1 % of
-    the time. Warnings: fewer NaN or infinite samples, a short absence of the current.
+    the time. Warnings: fewer NaN or infinite samples, a pause of all signals, a short absence of the current.
     """
     start_ns = min((int(c.stamps_ns[0]) for c in recording.channels.values() if len(c)), default=0)
     return sort_findings(
         *(_check_channel(channel, start_ns) for channel in recording.channels.values()),
         _check_position(recording),
         _check_rates(recording),
+        _check_pauses(recording, start_ns),
         _check_current(recording, start_ns),
     )
 
@@ -147,23 +149,56 @@ def _check_rates(recording: Recording) -> Iterator[Finding]:
             )
 
 
+def find_pauses(recording: Recording) -> list[tuple[int, int]]:
+    """Return begin and end [ns] of the stretches in which all signals pause: the recorder did, not a sensor."""
+    stamps = [channel.stamps_ns for channel in recording.channels.values() if len(channel)]
+    gaps = [missing_stretches(one, one) for one in stamps] if len(stamps) > 1 else [[]]
+    return reduce(_intersect, gaps)
+
+
+def _intersect(first: list[tuple[int, int]], second: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return the stretches that are in both lists."""
+    both = ((max(a, c), min(b, d)) for a, b in first for c, d in second)
+    return [(begin, end) for begin, end in both if end - begin > MISSING_S * SECOND]
+
+
+def _check_pauses(recording: Recording, start_ns: int) -> Iterator[Finding]:
+    """Report once that all signals pause, instead of a gap in each."""
+    pauses = find_pauses(recording)
+    if pauses:
+        span = _describe_stretches(pauses, start_ns)
+        yield Finding(WARNING, f"all signals pause {span} (was the recorder paused?); nothing is bridged")
+
+
 def _check_current(recording: Recording, start_ns: int) -> Iterator[Finding]:
     """Report the longest stretch without current; an error if all together exceed MISSING_SHARE."""
     if not all(len(recording.channels.get(name, ())) for name in ("position", "current")):
         return
     position = recording.channel("position").stamps_ns
-    stretches = missing_stretches(position, recording.channel("current").stamps_ns)
+    pauses = find_pauses(recording)
+    absent = missing_stretches(position, recording.channel("current").stamps_ns)
+    stretches = [one for one in absent if _length_without(one, pauses) > MISSING_S * SECOND]
     if not stretches:
         return
-    begin, end = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
-    share = sum(end - begin for begin, end in stretches) / int(np.ptp(position))
-    span = f"from {(begin - start_ns) / SECOND:.3f} s to {(end - start_ns) / SECOND:.3f} s"
-    if len(stretches) > 1:
-        span += f" and {len(stretches) - 1} times more"
+    share = sum(_length_without(one, pauses) for one in stretches) / int(np.ptp(position))
+    span = _describe_stretches(stretches, start_ns)
     severity = ERROR if share > MISSING_SHARE else WARNING
     yield Finding(
         severity, f"current: absent {span}, {share:.1%} of the time; expected it wherever position is recorded"
     )
+
+
+def _describe_stretches(stretches: Sequence[tuple[int, int]], start_ns: int) -> str:
+    """Return when the longest stretch is, and how many there are besides."""
+    begin, end = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
+    more = f" and {len(stretches) - 1} times more" if len(stretches) > 1 else ""
+    return f"from {(begin - start_ns) / SECOND:.3f} s to {(end - start_ns) / SECOND:.3f} s{more}"
+
+
+def _length_without(stretch: tuple[int, int], pauses: Sequence[tuple[int, int]]) -> int:
+    """Return the length [ns] of a stretch without the pauses in it."""
+    begin, end = stretch
+    return end - begin - sum(max(0, min(end, last) - max(begin, first)) for first, last in pauses)
 
 
 def finite_values(recording: Recording, signal: str) -> Values:

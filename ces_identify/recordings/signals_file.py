@@ -5,6 +5,7 @@ Aliases are refused, as in the parameter parser of ROS 2.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,8 @@ from ces_observer.errors import SignalsError
 from ces_observer.signals import NAMES, Signals, override, quote
 
 _Sections = list[tuple[str, yaml.MappingNode]]
+PARAMETERS = "ros__parameters"
+SIMILAR = 0.7  # of two names, by difflib: 'postion' and 'position' are 0.93, 'seed' and 'speed' 0.89
 KEYS = frozenset({"topic", "type", "field", "scale", "offset", "constant"})
 
 
@@ -51,7 +54,10 @@ def load_signals(path: Path | None = None) -> Signals:
     common = _signals_of("", sections, path)
     own = _signals_of(damper, sections, path) if damper else {}
     if not common and not own:
-        raise SignalsError(f"{path}: describes no signal; expected at least one of {', '.join(NAMES)} with its topic")
+        hint = _find_misspelled_section(root)
+        raise SignalsError(
+            f"{path}: describes no signal; {hint}expected at least one of {', '.join(NAMES)} with its topic"
+        )
     merged = {}
     for name in {**common, **own}:
         (_, general), (line, special) = common.get(name, (0, None)), own.get(name, common.get(name, (0, None)))
@@ -99,11 +105,23 @@ def _signals_of(damper: str, sections: _Sections, path: Path) -> dict[str, tuple
         for name, key, value in _below(damper, parameters):
             signal, dot, rest = name.partition(".")
             if signal not in NAMES:
+                _refuse_typo(signal, rest, value, f"{path}:{key.start_mark.line + 1}")
                 continue
             content = {rest: to_python(value, path, SignalsError)} if dot else to_python(value, path, SignalsError)
             if _is_signal(content, sections):
                 parts.setdefault(signal, []).append(_Description(section, key.start_mark.line + 1, content))
     return {name: _merge(name, own, path) for name, own in parts.items()}
+
+
+def _refuse_typo(name: str, rest: str, value: yaml.Node, where: str) -> None:
+    """Raise SignalsError for a description of a signal whose name is almost a signal's.
+
+    Another name is one of the node's other parameters.
+    """
+    keys = {str(key.value) for key, _ in value.value} if isinstance(value, yaml.MappingNode) else {rest}
+    similar = difflib.get_close_matches(name.lower(), NAMES, n=1, cutoff=SIMILAR)
+    if similar and not keys.isdisjoint(KEYS):
+        raise SignalsError(f"{where}: no signal '{name}'; did you mean {similar[0]}? Signals are {', '.join(NAMES)}")
 
 
 def _below(damper: str, parameters: yaml.MappingNode) -> Iterator[tuple[str, yaml.Node, yaml.Node]]:
@@ -121,10 +139,21 @@ def _below(damper: str, parameters: yaml.MappingNode) -> Iterator[tuple[str, yam
 def _sections(node: yaml.MappingNode, name: str) -> Iterator[tuple[str, yaml.MappingNode]]:
     for key, value in node.value:
         if isinstance(value, yaml.MappingNode):
-            if key.value == "ros__parameters":
+            if key.value == PARAMETERS:
                 yield name, value
             else:
                 yield from _sections(value, f"{name}/{str(key.value).strip('/')}")
+
+
+def _find_misspelled_section(node: yaml.MappingNode) -> str:
+    """Return a hint at a key that is almost 'ros__parameters', empty if there is none."""
+    for key, value in node.value:
+        name = str(key.value)
+        if name != PARAMETERS and difflib.get_close_matches(name, [PARAMETERS], cutoff=SIMILAR):
+            return f"line {key.start_mark.line + 1}: '{name}': did you mean {PARAMETERS}? "
+        if isinstance(value, yaml.MappingNode) and (hint := _find_misspelled_section(value)):
+            return hint
+    return ""
 
 
 def _is_signal(content: object, sections: _Sections) -> bool:

@@ -23,6 +23,7 @@ from ces_identify.sense.consistency import require_consistent
 from ces_identify.structures.auto import default_sizes, select_fitter
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.registry import KITS
+from ces_identify.validation.cost_interval import cost_interval
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_iterate.loop.interruption import interruptible
 from ces_iterate.plan.plan import IdentifyPlan
@@ -76,6 +77,13 @@ def identify_all(
 def evaluate_fresh(model: Model, recording: Recording) -> Evaluation:
     """Return the free run of a model on a recording that it has not seen."""
     return evaluate(model, [prepare(recording, model.sampling)], VALIDATION)[0]
+
+
+def score_fresh(model: Model, recording: Recording) -> dict[str, float | None]:
+    """Return the cost [%] of a model on a recording that it has not seen, and the upper end of its 95 % interval."""
+    evaluation = evaluate_fresh(model, recording)
+    interval = cost_interval([evaluation])
+    return {"fresh_J": evaluation.cost, "fresh_high_J": None if interval is None else interval.high}
 
 
 def pooled_cost(evaluations: Sequence[Evaluation]) -> float:

@@ -22,7 +22,7 @@ from ces_iterate.design.pool import Pool, draw_pool
 from ces_iterate.design.recorded import recorded_commands, recorded_power
 from ces_iterate.design.regions import least_known
 from ces_iterate.loop.heat import make_power_model, plan_rest
-from ces_iterate.loop.identification import Identified, evaluate_fresh, identify_all
+from ces_iterate.loop.identification import Identified, evaluate_fresh, identify_all, score_fresh
 from ces_iterate.loop.progress import IterateListener, SilentListener
 from ces_iterate.loop.stopping import find_stop
 from ces_iterate.loop.store import MODEL, NEED, ROWS, Iteration, Step
@@ -104,11 +104,11 @@ class Iterations:
         commands = self._find_commands(step)
         recording = self._find_recording(step, commands)
         model = self.done.model
-        fresh = evaluate_fresh(model, recording).cost if model is not None else None
+        fresh: dict[str, object] = {"fresh_J": None} if model is None else {**score_fresh(model, recording)}
         self.listener.begin(step.number, "identifying from all recordings")
         self.done.recordings.append(recording)
         identified = self._identify([*self.given, *self.done.recordings])
-        return self._keep(step, identified, self._describe(commands, recording) | {"fresh_J": fresh})
+        return self._keep(step, identified, self._describe(commands, recording) | fresh)
 
     def _find_commands(self, step: Step) -> RigCommands:
         """Return the step's experiment, designed if it is new; raises IterateError if it leaves the limits."""

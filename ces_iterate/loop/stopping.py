@@ -11,9 +11,10 @@ from ces_iterate.plan.plan import REPEATED, Plan
 def find_stop(plan: Plan, history: Sequence[Iteration], next_s: float) -> str:
     """Return which rule of the plan says stop before an experiment of `next_s` seconds; nothing if none does."""
     stop = plan.stop
-    newest = history[-1].fresh_J if history else None
-    if newest is not None and newest <= stop.target_J:
-        return f"target reached: J {newest:.2f} % on the newest recording before it was used"
+    newest = history[-1] if history else None
+    if newest is not None and newest.fresh_high_J is not None and newest.fresh_high_J <= stop.target_J:
+        cost = f"J {newest.fresh_J:.2f} %, with 95 % confidence at most {newest.fresh_high_J:.2f} %"
+        return f"target reached: {cost}, on the newest recording before it was used"
     tried = sum(one.number > 0 for one in history)
     if tried >= stop.max_iterations:
         return f"{tried} iterations, the most that the plan allows"

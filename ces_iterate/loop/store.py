@@ -38,7 +38,8 @@ NEED = ("position", "current", "force")
 class Iteration:
     """A finished iteration, as its line in `iterations.jsonl`.
 
-    `fresh_J` is the cost [%] of the previous model on this recording, None for the first; `fit_J` that of the new model
+    `fresh_J` is the cost [%] of the previous model on this recording, None for the first, and `fresh_high_J` the upper
+    end of its 95 % interval, None if the recording is too short for one; `fit_J` that of the new model
     on all recordings together, `validation_J` those on the plan's validation recordings. `coverage` is the share of the
     states within the limits that the recordings show; `disagreement` and `band` are relative errors to expect there
     (RMS), and `regions` what is least known.
@@ -58,6 +59,7 @@ class Iteration:
     band: float
     regions: list[dict[str, Any]]
     model: str
+    fresh_high_J: float | None = None
 
     def to_row(self) -> dict[str, Any]:
         """Return the line's content."""

@@ -16,7 +16,7 @@ from ces_observer.errors import CesError
 GOOD_BAG, MODEL, NOTES = "good_bag", "model.json", "notes.txt"
 UNUSABLE_BAGS = ("cut_bag", "bad_metadata", "empty_folder", "random.mcap", "random.db3", "missing", NOTES)
 UNUSABLE_FILES = (NOTES, "binary.yaml", "tabs.yaml", "alias.yaml", "list.json", "cut.json", "empty.yaml", "nan.json")
-TEXT = st.text(st.characters(exclude_characters="\0", exclude_categories=("Cs",)), min_size=1, max_size=12)
+ALPHABETS = (range(1, 128), range(128, 0xD800), range(0xE000, 0x110000))  # without surrogates
 NUMBERS = ("nan", "inf", "-inf", "1e999", "-1", "0", "1e5.5", "0x10", "99999999999999999999", "1_0_", "½", "9" * 5000)
 PATHS = (f"{NOTES}/x", "n" * 300, f"{NOTES}/é/\u2028/x", f"{NOTES}/\udcff")  # the last is not UTF-8
 
@@ -71,98 +71,113 @@ def written(action, word):
 @st.composite
 def wrong_lines(draw, parser):
     """Draw a command line for `parser` that has to be refused."""
+    return _make_line(draw(st.randoms(use_true_random=True)), parser)
+
+
+def _make_line(dice, parser):
     actions = list_actions(parser)
     kinds = [kind for kind in KINDS if kind[0](actions)]
     kinds += 2 * [kind for kind in kinds if kind[1] in DEEP]  # those that pass the parser
-    if getattr(parser, "rules", ()) and draw(st.integers(0, 9)) == 0:
-        return option_that_does_not_apply(draw, actions, parser)
-    _, make = draw(st.sampled_from(kinds))
-    return make(draw, actions)
+    if getattr(parser, "rules", ()) and dice.randrange(10) == 0:
+        return option_that_does_not_apply(dice, actions, parser)
+    _, make = dice.choice(kinds)
+    return make(dice, actions)
 
 
-def base(draw, actions, without=(), more=()):
+def make_text(dice, keep=lambda text: True):
+    """Return a text of any characters that `keep` is true for."""
+    while True:
+        letters = (chr(dice.choice(dice.choice(ALPHABETS))) for _ in range(dice.randint(1, 12)))
+        if keep(text := "".join(letters)):
+            return text
+
+
+def base(dice, actions, without=(), more=()):
     """Return plausible words for all arguments, --out and required options, and for some others, in drawn order."""
     usual = [a for a in actions if a.required or not a.option_strings or a.dest == "out"]
     some = [a for a in actions if a.nargs != 0 and a not in usual]
-    extra = draw(st.lists(st.sampled_from(some), max_size=2, unique_by=id)) if some else []
+    extra = dice.sample(some, min(len(some), dice.randrange(3)))
     chosen = [a for a in [*usual, *extra] if a not in without]
     options = [written(a, word_for(a)) for a in chosen if a.option_strings]
-    options = draw(st.permutations([*options, *more]))
+    options = [*options, *more]
+    dice.shuffle(options)
     positionals = [word_for(a) for a in chosen if not a.option_strings]
     return [*positionals, *(word for words in options for word in words)]
 
 
-def _with(draw, actions, action, word):
+def _with(dice, actions, action, word):
     if action.option_strings:
-        return base(draw, actions, [action], [written(action, word)])
-    words = base(draw, actions, [action])
-    return [word.lstrip("-") or "x", *words] if draw(st.booleans()) else [*words, "--", word]
+        return base(dice, actions, [action], [written(action, word)])
+    words = base(dice, actions, [action])
+    return [word.lstrip("-") or "x", *words] if dice.random() < 0.5 else [*words, "--", word]
 
 
-def _choose(draw, actions, keep):
-    return draw(st.sampled_from([action for action in actions if keep(action)]))
+def _choose(dice, actions, keep):
+    return dice.choice([action for action in actions if keep(action)])
 
 
 def _typed(action):
     return callable(action.type) and not is_path(action) and action.choices is None and bool(action.option_strings)
 
 
-def wrong_type(draw, actions):
-    action = _choose(draw, actions, _typed)
-    word = draw(st.one_of(st.sampled_from(NUMBERS), TEXT).filter(lambda text: not accepts(action, text)))
-    return _with(draw, actions, action, word)
+def wrong_type(dice, actions):
+    action = _choose(dice, actions, _typed)
+    wrong = [number for number in NUMBERS if not accepts(action, number)]
+    word = dice.choice([*wrong, make_text(dice, lambda text: not accepts(action, text))])
+    return _with(dice, actions, action, word)
 
 
-def wrong_choice(draw, actions):
-    action = _choose(draw, actions, lambda a: a.choices and a.option_strings)
-    return _with(draw, actions, action, draw(TEXT.filter(lambda text: text not in map(str, action.choices))))
+def wrong_choice(dice, actions):
+    action = _choose(dice, actions, lambda a: a.choices and a.option_strings)
+    return _with(dice, actions, action, make_text(dice, lambda text: text not in map(str, action.choices)))
 
 
-def flag_with_value(draw, actions):
-    action = _choose(draw, actions, lambda a: a.nargs == 0)
-    return [*base(draw, actions, [action]), f"{action.option_strings[-1]}={draw(TEXT)}"]
+def flag_with_value(dice, actions):
+    action = _choose(dice, actions, lambda a: a.nargs == 0)
+    return [*base(dice, actions, [action]), f"{action.option_strings[-1]}={make_text(dice)}"]
 
 
-def unknown_option(draw, actions):
+def unknown_option(dice, actions):
     known = [text for action in actions for text in action.option_strings] + ["--help", "--version"]
-    letters = st.text("abcdefghijklmnopqrstuvwxyzäß-", min_size=1, max_size=9).map(lambda text: f"--{text.strip('-')}x")
-    name = draw(letters.filter(lambda text: not any(option.startswith(text) for option in known)))
-    return [*base(draw, actions), *draw(st.sampled_from([[name], [f"{name}=1"], [name, "1"]]))]
+    name = "--help"
+    while any(option.startswith(name) for option in known):
+        name = f"--{''.join(dice.choices('abcdefghijklmnopqrstuvwxyzäß', k=dice.randint(1, 9)))}x"
+    return [*base(dice, actions), *dice.choice([[name], [f"{name}=1"], [name, "1"]])]
 
 
-def missing_required(draw, actions):
-    action = _choose(draw, actions, lambda a: a.required)
-    return base(draw, actions, [action])
+def missing_required(dice, actions):
+    action = _choose(dice, actions, lambda a: a.required)
+    return base(dice, actions, [action])
 
 
-def missing_value(draw, actions):
-    action = _choose(draw, actions, lambda a: a.option_strings and a.nargs in (None, "+"))
-    return [*base(draw, actions, [action]), action.option_strings[-1]]
+def missing_value(dice, actions):
+    action = _choose(dice, actions, lambda a: a.option_strings and a.nargs in (None, "+"))
+    return [*base(dice, actions, [action]), action.option_strings[-1]]
 
 
-def empty_value(draw, actions):
-    action = _choose(draw, actions, lambda a: a.nargs != 0)
-    return _with(draw, actions, action, "") if action.option_strings else [*base(draw, actions, [action]), ""]
+def empty_value(dice, actions):
+    action = _choose(dice, actions, lambda a: a.nargs != 0)
+    return _with(dice, actions, action, "") if action.option_strings else [*base(dice, actions, [action]), ""]
 
 
-def path_below_a_file(draw, actions):
-    path = draw(st.one_of(st.sampled_from(PATHS), TEXT.map(lambda text: f"{NOTES}/{text}")))
-    return _with(draw, actions, _choose(draw, actions, is_path), path)
+def path_below_a_file(dice, actions):
+    path = dice.choice([*PATHS, *(f"{NOTES}/{make_text(dice)}" for _ in PATHS)])
+    return _with(dice, actions, _choose(dice, actions, is_path), path)
 
 
-def file_of_another_kind(draw, actions):
-    return _with(draw, actions, _choose(draw, actions, is_path), NOTES)
+def file_of_another_kind(dice, actions):
+    return _with(dice, actions, _choose(dice, actions, is_path), NOTES)
 
 
-def folder_for_a_file(draw, actions):
-    return _with(draw, actions, _choose(draw, actions, _names_file), draw(st.sampled_from(["empty_folder", GOOD_BAG])))
+def folder_for_a_file(dice, actions):
+    return _with(dice, actions, _choose(dice, actions, _names_file), dice.choice(["empty_folder", GOOD_BAG]))
 
 
-def option_that_does_not_apply(draw, actions, parser):
+def option_that_does_not_apply(dice, actions, parser):
     """Draw an option that the table of rules forbids beside the others."""
-    action = _choose(draw, actions, lambda a: a.option_strings)
+    action = _choose(dice, actions, lambda a: a.option_strings)
     more = [action.option_strings[-1]] if action.nargs == 0 else written(action, word_for(action))
-    words = base(draw, actions, [action], [more])
+    words = base(dice, actions, [action], [more])
     with redirect_stderr(io.StringIO()):
         try:
             parser.parse_args(words)
@@ -173,13 +188,13 @@ def option_that_does_not_apply(draw, actions, parser):
     return reject()
 
 
-def unusable_bag(draw, actions):
-    return _with(draw, actions, _choose(draw, actions, _reads_bags), draw(st.sampled_from(UNUSABLE_BAGS)))
+def unusable_bag(dice, actions):
+    return _with(dice, actions, _choose(dice, actions, _reads_bags), dice.choice(UNUSABLE_BAGS))
 
 
-def unusable_file(draw, actions):
-    action = _choose(draw, actions, _reads_file)
-    return _with(draw, actions, action, draw(st.sampled_from(UNUSABLE_FILES)))
+def unusable_file(dice, actions):
+    action = _choose(dice, actions, _reads_file)
+    return _with(dice, actions, action, dice.choice(UNUSABLE_FILES))
 
 
 def _reads_bags(action):

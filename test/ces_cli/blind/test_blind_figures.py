@@ -111,9 +111,16 @@ def test_targets_apply_from_a_gap_of_three_times_the_noise_and_of_the_identified
     model = replace(RIGHT, mode=Mode("identified", 2), gap_N=30.0, figures={"error_N": 29.0})
     small = [replace(RIGHT, gap_to_noise=1.0), replace(model, figures={"error_N": 31.0})]
     assert cases_with_targets([*small, RIGHT, model]) == [RIGHT, model]
+
+
+def test_a_target_is_met_or_not_only_if_the_whole_interval_says_so():
+    model = replace(RIGHT, mode=Mode("identified", 2), gap_N=30.0, figures={"error_N": 29.0})
     table = summary_table({"run_2": [RIGHT] * 9 + [WRONG], "identified_2": [model]})
-    assert "90.0 % (59.6 % to 98.2 %; 10); ≥ 95.0 % **not met**" in table
-    assert "; 1); ≥ 90.0 % met" in table
+    assert "90.0 % (59.6 % to 98.2 %; 10); ≥ 95.0 % undecided" in table
+    assert "; 1); ≥ 90.0 % undecided" in table
+    many = summary_table({"run_2": [RIGHT] * 400, "identified_2": [replace(WRONG, mode=model.mode)] * 40})
+    assert "100.0 % (99.0 % to 100.0 %; 400); ≥ 95.0 % met" in many
+    assert "0.0 % (0.0 % to 8.8 %; 40); ≥ 90.0 % **not met**" in many
 
 
 def test_modes():

@@ -60,7 +60,7 @@ def test_a_fleet_has_one_model_beside_its_units(folder, capsys):
     ("words", "message"),
     [
         (("--identify",), "--identify needs --reference"),
-        (("--identify", "--sim", "m.json", "--reference", "new1"), "--sim and --identify: give one of them"),
+        (("--identify", "--sim", "m.json", "--reference", "new1"), "--sim does not apply with --identify"),
         ((), "no simulation: give --sim SIM, or --identify"),
         (("--sim", "m.json", "--structure", "chambers"), "--structure applies to --identify"),
     ],

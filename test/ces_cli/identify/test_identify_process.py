@@ -12,6 +12,7 @@ import pytest
 
 from ces_cli.identify.process import EXIT_STATUS, WARNING, IdentifyProcess
 from ces_cli.identify.progress import DONE, READING, SEARCHING, WRITING, SearchState
+from ces_cli.identify.worker import name_parameters
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -108,3 +109,14 @@ def test_progress_is_a_line_and_values():
     assert not state.changed
     state.update({"stage": DONE})
     assert (state.changed_stage, state.as_status()[1]["share"]) == (True, "1.000")
+
+
+def test_errors_name_parameters_instead_of_options(tmp_path):
+    out = tmp_path / "model.json"
+    out.touch()
+    errors = [message["error"] for message in read_until(start_identification(f"--out={out}")) if "error" in message]
+    assert errors == [f"{out}: exists; choose another name for parameter out, or replace it with parameter overwrite"]
+    assert (
+        name_parameters("--no-band: not --terms=3, a--b or --9")
+        == "parameter no_band: not parameter terms=3, a--b or --9"
+    )

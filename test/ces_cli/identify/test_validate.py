@@ -63,7 +63,10 @@ def printed(work, capsys):
     """Output of `ces validate` with weights for a held-out bag and a bag of repeated cycles."""
     capsys.readouterr()
     words = ("--weight", "zero_crossing:0.1=3", "--weight", "current:0.6..0.7=2", "--report", work / "v.html")
-    assert ces("validate", work / "model.json", work / "one", *words, "--part", "0.5:1", work / "cycles") == 0
+    assert (
+        ces("validate", work / "model.json", work / "one", *words, "--overwrite", "--part", "0.5:1", work / "cycles")
+        == 0
+    )
     return capsys.readouterr().out
 
 
@@ -184,9 +187,9 @@ def test_a_proof_with_tighter_bounds_than_the_file_is_accepted(work, tmp_path, c
     [
         (("validate", "model.json"), "no recording given"),
         (("validate", "model.json", "one", "--weight", "everything=2"), "--weight 'everything=2'"),
-        (("identify", "one", "two", "--folds", "3"), "--folds 3: 2 recordings"),
-        (("identify", "one", "two", "--folds", "1"), "expected at least 2"),
-        (("identify", "one", "--folds", "9"), "use fewer folds"),
+        (("identify", "--overwrite", "one", "two", "--folds", "3"), "--folds 3: 2 recordings"),
+        (("identify", "--overwrite", "one", "two", "--folds", "1"), "expected at least 2"),
+        (("identify", "--overwrite", "one", "--folds", "9"), "use fewer folds"),
     ],
 )
 def test_wrong_arguments(work, monkeypatch, capsys, words, expected):

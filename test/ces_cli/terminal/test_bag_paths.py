@@ -58,7 +58,7 @@ def test_another_log_is_pointed_to_import(tmp_path, monkeypatch, capsys, program
         "simulate": ["--sim", str(MODEL), name, "--out", "out"],
     }
     assert main([program, *words[program]]) == 2
-    assert f"not a rosbag2 bag; convert it: ces import {name} --mapping MAP.yaml --out BAG" in capsys.readouterr().err
+    assert f"not a rosbag2 bag; convert it: ces import {name} --out BAG" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 

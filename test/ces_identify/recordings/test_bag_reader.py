@@ -9,6 +9,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
+from ces_identify.recordings.message_fields import list_number_fields
 from ces_identify.recordings.bag_reader import RecordingWarning, list_topics, read_recording
 from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import Signals
@@ -253,6 +254,19 @@ def test_field_that_is_not_there(tmp_path, field, phrase):
     message = failure(path, signals(position={"field": field}), SignalsError)
     assert phrase in message
     assert "/joint_states: signal 'position'" in message
+    assert message.endswith("; sensor_msgs/msg/JointState has position[rear_damper]")
+
+
+def test_fields_that_a_message_has_are_spelled_as_in_ros(tmp_path):
+    path = tiny.write(tmp_path / "bag", tiny.drive())
+    message = failure(path, signals(force={"field": "wrench.force"}), SignalsError)
+    assert "signal 'force': field 'wrench.force' is a geometry_msgs/msg/Vector3, not a number; geometry_msgs" in message
+    listed = "has wrench.force.x, wrench.force.y, wrench.force.z, wrench.torque.x, wrench.torque.y, wrench.torque.z"
+    assert message.endswith(listed)
+    names = list(
+        list_number_fields(tiny.joints(0, ["a", "b"], [1.0, 2.0], efforts=[3.0, 4.0]), tiny.JOINTS, tiny.JAZZY)
+    )
+    assert names == ["position[a]", "position[b]", "effort[a]", "effort[b]"]
 
 
 def test_empty_bag(tmp_path):

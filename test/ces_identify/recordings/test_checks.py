@@ -121,6 +121,31 @@ def test_short_absence_is_a_warning_and_late_start_is_none():
     assert missing((800, 9500)) == ()
 
 
+def paused(*pauses, more=()):
+    """Position and current at 1 kHz and 100 Hz without the pauses (from, to) [ms]."""
+    keep = {}
+    for name, step in (("position", 1), ("current", 10)):
+        times = np.arange(0, 10_000, step)
+        kept = np.all(
+            [(times <= a) | (times >= b) for a, b in [*pauses, *more] if name == "current" or (a, b) in pauses], 0
+        )
+        keep[name] = Channel(name, "", START + times[kept] * MS, 0.02 * np.sin(times[kept]))
+    return recording(*keep.values())
+
+
+def test_a_pause_of_all_signals_is_named_once():
+    finding = only(paused((4000, 6500)))
+    assert finding.severity == "warning"
+    assert "all signals pause from 4.000 s to 6.500 s (was the recorder paused?)" in finding.text
+    assert "from 1.000 s to 5.000 s and 1 times more" in only(paused((1000, 5000), (6000, 8000))).text
+
+
+def test_a_current_that_is_absent_besides_is_named_without_the_pause():
+    error, pause = findings(paused((4000, 6500), more=[(8000, 9000)]))
+    assert "current: absent from 8.000 s to 9.000 s, 10.0% of the time" in error.text
+    assert "all signals pause" in pause.text
+
+
 def test_slow_current_is_not_taken_for_absent():
     assert missing_stretches(np.arange(0, 10**11, 10**7), np.arange(0, 10**11, 10**9)) == []
 

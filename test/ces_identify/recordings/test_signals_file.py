@@ -182,3 +182,30 @@ def test_a_file_whose_name_has_the_mark_is_found(tmp_path):
     path = tmp_path / "rig#2.yaml"
     path.write_text("position: {scale: 2.0}\n")
     assert load_signals(path)["position"].scale == 2.0
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "name", "meant"),
+    [
+        ("postion: {topic: a}\n", 1, "postion", "position"),
+        ("position: {scale: 2.0}\nCurrent: {constant: 0.0}\n", 2, "Current", "current"),
+        ("/**:\n  ros__parameters:\n    forces.topic: f\n", 3, "forces", "force"),
+        (SEVERAL.replace("front:\n      position", "front:\n      positon"), 8, "positon", "position"),
+    ],
+)
+def test_a_misspelled_signal_is_named_with_the_one_that_is_meant(tmp_path, text, line, name, meant):
+    damper = "#front" if "dampers" in text else ""
+    with pytest.raises(SignalsError, match=rf"observer.yaml:{line}: no signal '{name}'; did you mean {meant}\?"):
+        chosen(tmp_path, damper, text)
+
+
+def test_a_misspelled_section_is_named(tmp_path):
+    with pytest.raises(
+        SignalsError, match=r"describes no signal; line 2: 'ros_parameters': did you mean ros__parameters"
+    ):
+        chosen(tmp_path, "", "/**:\n  ros_parameters:\n    position: {scale: 2.0}\n")
+
+
+def test_other_parameters_of_a_node_are_no_misspelled_signals(tmp_path):
+    others = "seed: 1\ncurrents: [1]\ntorce: {kind: x}\npositions.gain: 2.0\nspeeds: fast\n"
+    assert chosen(tmp_path, "", "position: {scale: 2.0}\n" + others)["position"].scale == 2.0
