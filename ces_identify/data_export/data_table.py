@@ -44,7 +44,7 @@ class DataTable:
     @property
     def time_ns(self) -> Stamps:
         """Times from the first row [ns]."""
-        return self.stamps_ns - self.stamps_ns[0]
+        return np.asarray(self.stamps_ns - self.stamps_ns[0])
 
 
 def tabulate(recording: Recording, more: Mapping[str, Channel], *, rate_Hz: float | None = None) -> DataTable:
