@@ -16,7 +16,8 @@ from ces_identify.recordings.recording import Stamps, Values
 from ces_identify.recordings.units import Unit, find_unit, split_unit
 from ces_observer.errors import RecordingError
 
-MIN_SAMPLES = 3
+MIN_SAMPLES, MAX_USUAL_STEP_S = 3, 0.1
+EPOCHS = {"s": 1e8, "ms": 1e11, "us": 1e14, "ns": 1e17}  # smallest numbers of times since 1970, from 1973 on
 RATE_WORDS = frozenset({"fs", "rate", "hz", "frequency", "samplerate"})
 
 
@@ -24,7 +25,7 @@ RATE_WORDS = frozenset({"fs", "rate", "hz", "frequency", "samplerate"})
 class LogCandidates:
     """The candidates by the key that a mapping uses; the time's column or the rate [Hz], both None if not needed.
 
-    `time_text` says how the time is known, or is empty if it is not.
+    `time_text` says how the time is known, or is empty if it is not; `time_doubt` is what a person should check.
     """
 
     candidates: tuple[Candidate, ...]
@@ -32,6 +33,7 @@ class LogCandidates:
     time: Column | None = None
     rate: float | Column | None = None
     time_text: str = ""
+    time_doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,16 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
     keep = [c for c in columns if (time is None or c.key != time.key) and len(c.values) == len(stamps)]
     candidates = tuple(_candidate(c, stamps) for c in keep if np.isfinite(c.values).sum() >= MIN_SAMPLES)
     keys = {str(c.key): Column(c.key) for c in keep}
-    return LogCandidates(candidates, keys, time, known_rate, _describe_time(time, known_rate))
+    doubt = "" if time is None else _doubt_time(table, time, stamps)
+    return LogCandidates(candidates, keys, time, known_rate, _describe_time(time, known_rate), doubt)
+
+
+def _doubt_time(table: LogTable, time: Column, stamps: Stamps) -> str:
+    """Return why the unit of a time without one is doubtful, '' if it is not."""
+    usual = float(np.median(np.diff(stamps))) * 1e-9 if len(stamps) > 1 else 0.0
+    if time.unit or usual < MAX_USUAL_STEP_S or table.stamps(time) is not None:
+        return ""
+    return f"time: column {time.key!r} states no unit; in seconds its steps are {usual:g} s (is it in ms, or a number?)"
 
 
 def _read_columns(table: LogTable) -> list[_TableColumn]:
@@ -104,25 +115,43 @@ def _width(table: LogTable) -> int:
 
 
 def _find_time(table: LogTable, columns: Sequence[_TableColumn]) -> Column | None:
-    """Return the column of the time: exact stamps or dates first, then a time by name or unit that goes forward."""
-    for name in table.names:
-        plain, unit = split_unit(str(name))
-        exact = unit is not None and unit.text == "ns"
-        column = Column(str(name), 1e-9 if exact else 1.0, scaled=exact, unit="ns" if exact else "")
-        try:
-            if list(table.names).count(str(name)) == 1 and table.stamps(column) is not None:
-                return column
-        except RecordingError:
-            if read_meaning((plain,)).quantity == "time":
-                raise
+    """Return the column of the time: dates and exact stamps first, then a time by name or unit that goes forward."""
+    for c in columns:
+        unit = _stated_time_unit(c) or _epoch_unit(c)
+        column = Column(c.key, unit.scale, scaled=True, unit=unit.text) if unit else Column(c.key)
+        if read_meaning((c.name,)).quantity == "time" and table.stamps(column) is not None:
+            return column
+    texts = [name for name in table.names if list(table.names).count(name) == 1]
+    for name in texts:
+        if not any(c.key == name for c in columns) and _holds_dates(table, name):
+            return Column(name)
     rising = [c for c in columns if _goes_forward(c.values)]
-    for c in sorted(rising, key=lambda c: not (c.unit is not None and c.unit.quantity == "time")):
-        words = split_words(c.name)
-        by_unit = c.unit is not None and c.unit.quantity == "time"
-        if by_unit or read_meaning((c.name,)).quantity == "time" or words == ("s",):
-            scale = c.unit.scale if c.unit is not None and by_unit else 1.0
-            return Column(c.key, scale, scaled=by_unit, unit=c.unit.text if c.unit is not None and by_unit else "")
+    for c in sorted(rising, key=lambda c: _stated_time_unit(c) is None):
+        unit = _stated_time_unit(c)
+        if unit or read_meaning((c.name,)).quantity == "time" or split_words(c.name) == ("s",):
+            unit = unit or _epoch_unit(c)
+            return Column(c.key, unit.scale, scaled=True, unit=unit.text) if unit else Column(c.key)
     return next((Column(c.key) for c in columns if _is_named_time(c)), None)  # its fault is reported when it is read
+
+
+def _stated_time_unit(column: _TableColumn) -> Unit | None:
+    return column.unit if column.unit is not None and column.unit.quantity == "time" else None
+
+
+def _epoch_unit(column: _TableColumn) -> Unit | None:
+    """Return the unit in which a time counts from 1970, by its size; None for a time that counts from the start."""
+    first = float(column.values[0]) if len(column.values) else np.nan
+    return next((find_unit(text) for text, low in EPOCHS.items() if low <= first < 1000.0 * low), None)
+
+
+def _holds_dates(table: LogTable, name: str) -> bool:
+    """Return whether a column holds dates; raises RecordingError for a bad one in a column that is named as a time."""
+    try:
+        return table.stamps(Column(name)) is not None
+    except RecordingError:
+        if read_meaning((split_unit(name)[0],)).quantity == "time":
+            raise
+        return False
 
 
 def _is_named_time(column: _TableColumn) -> bool:
@@ -163,7 +192,7 @@ def _stamps(
 
 def _describe_time(time: Column | None, rate: float | Column | None) -> str:
     if time is not None:
-        return f"time from {time.key!r}" + (f" [{time.unit}]" if time.unit else "")
+        return f"time from {time.key!r} [{time.unit or 's'}]"
     if isinstance(rate, Column):
         return f"rate from {rate.key!r}"
     return f"rate {rate:g} Hz" if rate else ""

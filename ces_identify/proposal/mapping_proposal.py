@@ -95,6 +95,8 @@ class _Writer:
     def doubts(self) -> tuple[str, ...]:
         """What a person should check."""
         texts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
+        if self.found.time_doubt:
+            texts.append(self.found.time_doubt)
         if self.names:
             texts.append(f"several dampers ({', '.join(self.names)}); this mapping is for {self.names[0]}")
         return tuple(texts)

@@ -23,6 +23,7 @@ from ces_identify.recordings.units import QUANTITIES, find_unit
 from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS
 
+MAX_TIME_S, MIN_RATE_HZ = 9.0e9, 1.0e-6  # stamps in nanoseconds end at 9.2e9 s, in the year 2262
 NO_COLUMN = "no signal has a column; expected at least position and force"
 
 
@@ -171,7 +172,7 @@ def _rate(table: LogTable, source: float | Column | None) -> float:
     if not isinstance(source, Column):
         return source or 1.0
     rate = source.scale * table.first(source.key) + source.offset
-    if not np.isfinite(rate) or rate <= 0.0:
+    if not np.isfinite(rate) or rate < MIN_RATE_HZ:
         raise RecordingError(f"{table.path}: the rate in column {source.key!r} is {rate:g} Hz; expected more than 0")
     return rate
 
@@ -180,6 +181,12 @@ def _require_finite(seconds: Values, table: LogTable) -> None:
     if not np.isfinite(seconds).all():
         row = int(np.argmin(np.isfinite(seconds)))
         raise RecordingError(f"{table.path}: {table.place(row)}: the time is {seconds[row]}; expected seconds")
+    if len(seconds) and np.abs(seconds).max() > MAX_TIME_S:
+        row = int(np.argmax(np.abs(seconds)))
+        raise RecordingError(
+            f"{table.path}: {table.place(row)}: the time is {seconds[row]:g} s; expected below {MAX_TIME_S:g} s (is "
+            "it in ms, us or ns? Give the time its unit)"
+        )
 
 
 def _require_forward(stamps: Stamps, table: LogTable) -> None:

@@ -19,6 +19,7 @@ from ces_identify.recordings.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
 EXACT_DIGITS = 15  # a whole number of more digits is kept as text, since a float would round it
+EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
 NAN = float("nan")
 
 
@@ -73,9 +74,13 @@ class CsvTable(LogTable):
         if cells.texts is None:
             return None
         try:
-            if column.unit == "ns":
-                return np.array([int(text) for text in cells.texts], dtype=np.int64)
+            if column.unit in EXACT_UNITS and cells.texts[0].isdigit():
+                return np.array([int(text) * EXACT_UNITS[column.unit] for text in cells.texts], dtype=np.int64)
             return parse_dates(cells.texts, column.date)
+        except OverflowError:
+            raise RecordingError(
+                f"{self.path}: column {name} has a time beyond the year 2262; check its unit"
+            ) from None
         except ValueError as error:
             text, row = error.args if len(error.args) == 2 else ("", 0)
             raise RecordingError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -60,17 +60,22 @@ class TreeTable(LogTable):
         if isinstance(self.root, Mapping):
             return self.root[key] if key in self.root else follow_route(self.path, self.root, str(key))
         if isinstance(key, str) and isinstance(self.root[0], Mapping):
+            self._require_rows(lambda row: isinstance(row, Mapping), key)
             first = self.root[0]
             return [row.get(key) for row in self.root] if key in first else follow_route(self.path, first, key)
-        if np.ndim(self.root[0]) == 0:
+        if not isinstance(self.root[0], list | np.ndarray):
             raise RecordingError(f"{self.path}: a list of single values; expected rows, or columns by name")
-        i = self._index(key, np.size(self.root[0]))
+        i = self._index(key, len(self.root[0]))
         if isinstance(self.root, np.ndarray):
             return self.root[:, i]
-        short = next((n for n, row in enumerate(self.root) if not isinstance(row, list) or len(row) <= i), None)
-        if short is not None:
-            raise RecordingError(f"{self.path}: row {short}: column {key!r} is missing")
+        self._require_rows(lambda row: isinstance(row, list | np.ndarray) and len(row) > i, key)
         return [row[i] for row in self.root]
+
+    def _require_rows(self, is_good: Callable[[Any], bool], key: str | int) -> None:
+        """Raise RecordingError at the first row that does not have the form of the others."""
+        bad = next((number for number, row in enumerate(self.root) if not is_good(row)), None)
+        if bad is not None:
+            raise RecordingError(f"{self.path}: row {bad}: column {key!r} is missing")
 
     def _bad_cell(self, cells: Any, key: str | int) -> RecordingError:
         for row, cell in enumerate(cells if isinstance(cells, list | np.ndarray) else ()):
@@ -175,7 +180,7 @@ def _are_rows(value: Any) -> bool:
     """Return whether a value is a matrix, or a list of rows or of mappings."""
     if not isinstance(value, list | np.ndarray) or len(value) < MIN_ROWS:
         return False
-    return isinstance(value[0], Mapping) or (not isinstance(value[0], str) and np.size(value[0]) > 1)
+    return isinstance(value[0], Mapping) or (isinstance(value[0], list | np.ndarray) and len(value[0]) > 1)
 
 
 def as_numbers(value: Any) -> Values | None:

@@ -14,6 +14,7 @@ from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.log_import import import_log, to_recording
 from ces_identify.recordings.log_mapping import load_dyno_mapping, parse_dyno_mapping
 from ces_identify.recordings.signals_file import load_signals
+from ces_observer.errors import RecordingError
 
 ROOT = Path(__file__).parents[3]
 DATA = Path(os.environ.get("CES_DATA", ROOT.parent / "shared" / "data"))
@@ -119,6 +120,44 @@ def test_dates_are_kept_as_absolute_times(tmp_path, pattern):
     stamps = recording_of(propose_mapping(path)).channel("position").stamps_ns
     first = np.datetime64("2024-05-01T11:59:50", "ns").astype(np.int64)
     np.testing.assert_array_equal(stamps, first + np.rint(T * 1e9).astype(np.int64))
+
+
+@pytest.mark.parametrize(("name", "factor"), [("time", 1e-9), ("timestamp", 1e-6), ("t_ns", 1.0), ("epoch_time", 1e-9)])
+def test_times_since_1970_are_read_in_the_unit_of_their_size(tmp_path, name, factor):
+    exact = 1_714_564_800_000_000_000 + np.rint(T * 1e9).astype(np.int64)
+    times = exact if factor == 1.0 else [round(stamp * factor, 3) for stamp in exact.tolist()]
+    if factor == 1e-6:
+        times = [stamp // 1_000_000 for stamp in exact.tolist()]  # whole milliseconds
+    path = write(tmp_path / "log.csv", {name: times, **{k: PLAIN[k] for k in list(PLAIN)[1:]}})
+    stamps = recording_of(propose_mapping(path)).channel("position").stamps_ns
+    np.testing.assert_allclose(stamps - exact[0], exact - exact[0], atol=1_000_000)
+    assert (stamps == exact).all() or factor != 1.0
+
+
+def test_a_time_in_steps_of_one_is_not_taken_for_seconds(tmp_path):
+    path = write(tmp_path / "log.csv", {"time": np.arange(len(T)), **{k: PLAIN[k] for k in list(PLAIN)[1:]}})
+    (doubt,) = propose_mapping(path).doubts
+    assert doubt == "time: column 'time' states no unit; in seconds its steps are 1 s (is it in ms, or a number?)"
+
+
+def test_a_time_that_runs_backwards_is_named(tmp_path):
+    path = write(tmp_path / "log.csv", {**PLAIN, "time_s": T[::-1]})
+    with pytest.raises(RecordingError, match="line 3: time runs backwards"):
+        propose_mapping(path)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-16", "utf-8-sig"])
+def test_encodings_of_windows(tmp_path, encoding):
+    columns = {"Zeit [s]": T, "Weg [mm]": 1000 * X, "Strom [A]": CURRENT, "Kraft [N]": F, "T_Öl [°C]": 40 + np.sin(T)}
+    path = write(tmp_path / "log.csv", columns, ";", ",")
+    path.write_bytes(path.read_text(encoding="utf-8").encode(encoding))
+    assert_reads(recording_of(propose_mapping(path)))
+
+
+def test_binary_data_is_no_table(tmp_path):
+    (tmp_path / "log.csv").write_bytes(bytes(range(256)))
+    with pytest.raises(RecordingError, match="not a text table, but binary data"):
+        propose_mapping(tmp_path / "log.csv")
 
 
 def test_blank_cells_are_samples_that_were_not_taken(tmp_path):
