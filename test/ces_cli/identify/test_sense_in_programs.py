@@ -48,8 +48,8 @@ def ride(name="run", seed=1, force=1.0, stroke_m=0.02, seconds=12.0, current_A=0
     dice = np.random.default_rng(seed)
     t = np.arange(round(seconds * RATE)) / RATE
     phases = dice.uniform(0, 2 * np.pi, 12)
-    waves = zip(np.linspace(0.7, 7.0, 12), phases, strict=True)
-    x = 0.25 * stroke_m * sum(np.sin(2 * np.pi * hz * t + phase) for hz, phase in waves)
+    waves = zip(np.linspace(0.7, 14.0, 12), phases, strict=True)
+    x = 0.2 * stroke_m * sum(np.sin(2 * np.pi * hz * t + phase) for hz, phase in waves)
     i = current_A + 0.2 * np.sin(1.3 * t + seed)
     v = np.gradient(x, t)
     f = force * ((800.0 + 2000.0 * i) * v + dice.normal(0, 5.0, len(t)))
