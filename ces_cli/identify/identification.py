@@ -17,6 +17,7 @@ from ces_cli.terminal.simulations import open_simulation, with_teacher_force
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
+from ces_identify.progress_file import SearchProgressFile
 from ces_identify.recordings.consistency import require_consistent
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures.kit import IdentifyOptions
@@ -50,12 +51,28 @@ class Identification:
 
     def run(self, show_progress: ShowProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
-        with show_progress(self.how.limits) as progress:
-            result = select_identify_function(self.options)(self.bags, self.validation, self.how, progress.listen)
+        with show_progress(self.how.limits) as progress, self._open_progress_file() as file:
+
+            def listen(result: SearchResult) -> None:
+                progress.listen(result)
+                file.listen(result)
+
+            result = select_identify_function(self.options)(self.bags, self.validation, self.how, listen)
         if self.options.teacher is not None:
             result = with_teacher(result, self.options.teacher, self.measured)
         result.model.save(self.options.out)
         return result
+
+    def _open_progress_file(self) -> SearchProgressFile:
+        limits = self.how.limits
+        facts = {
+            "structure": self.options.structure,
+            "seconds": limits.seconds,
+            "starts": limits.starts,
+            "recordings": [recording.name for recording in self.bags],
+            "validation": [recording.name for recording in self.validation],
+        }
+        return SearchProgressFile("identify", self.options.out, facts)
 
 
 def prepare_identification(options: argparse.Namespace) -> Identification:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from ces_cli.iterate.progress import IterateProgress
 from ces_cli.terminal import terminal
+from ces_identify.progress_file import SearchProgressFile
 from ces_iterate.errors import IterateError
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.store import MODEL, PLAN, REPORT, keep_plan
@@ -52,10 +54,15 @@ def _iterate(options: argparse.Namespace) -> None:
     if out.exists() and not out.is_dir():
         raise IterateError(f"{out}: is not a folder; choose another --out")
     rig = open_rig(plan)
-    with IterateProgress(plan.stop.budget_s) as progress:
+    with IterateProgress(plan.stop.budget_s) as progress, ExitStack() as opened:
         iterations = _open_iterations(plan, rig, out, progress)
         progress.after_iteration = lambda: _write_results(iterations)
-        reason = iterations.run(lambda: keep_plan(out, plan, options.plan.read_text(encoding="utf-8")))
+
+        def begin() -> None:
+            keep_plan(out, plan, options.plan.read_text(encoding="utf-8"))
+            progress.file = opened.enter_context(SearchProgressFile("iterate", out, {"budget_s": plan.stop.budget_s}))
+
+        reason = iterations.run(begin)
     _write_results(iterations)
     print(f"stopped: {reason}")
     print(f"model:  {out / MODEL}\nreport: {out / REPORT}\nplan:   {out / PLAN}")

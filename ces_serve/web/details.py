@@ -1,0 +1,99 @@
+"""The page of one thing: its facts, tables and charts, and links to what belongs to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+
+from flask import Blueprint, Response, abort, render_template, url_for
+
+from ces_observer.errors import CesError
+from ces_serve.files import item
+from ces_serve.files.facts import WRONG_CONTENT
+from ces_serve.files.item import KINDS, MODEL, RECORDING, REPORT, Item
+from ces_serve.files.served_folder import NotServedError
+from ces_serve.web import contents
+from ces_serve.web.events import ALIVE, Event, streams
+from ces_serve.web.lists import item_url
+from ces_serve.web.recording_content import recording_content
+from ces_serve.web.site import Site, site, stamp
+from ces_serve.web.tables import Content
+from ces_serve.work.process import FAILED, RESULT, do_work
+
+INSPECT_LIMIT_S = 120.0
+CONTENTS: dict[str, Callable[[Site, Item], Content]] = {
+    item.MODEL: contents.model_content,
+    item.CAMPAIGN: contents.campaign_content,
+    item.DIAGNOSIS: contents.diagnosis_content,
+    item.FLEET: contents.fleet_content,
+    item.ITERATION: contents.iteration_content,
+    item.STROKE: contents.stroke_content,
+}
+
+pages = Blueprint("details", __name__)
+
+
+@pages.get("/view/<kind>/<path:path>")
+def show(kind: str, path: str) -> str:
+    """Return the page of a thing; a file that has become unreadable says why."""
+    one = _find(kind, path)
+    content = Content(headline=one.problem)
+    if kind in CONTENTS:
+        try:
+            content = CONTENTS[kind](site(), one)
+        except (CesError, OSError, *WRONG_CONTENT) as error:
+            content = Content(warnings=[f"cannot be read now: {error}"])
+    return render_template(
+        "detail.html",
+        title=one.name,
+        kind=kind,
+        names=KINDS[kind],
+        one=one,
+        content=content,
+        work=url_for("details.inspect", path=path) if kind == RECORDING else "",
+        can_compare=kind in (MODEL, item.CAMPAIGN),
+        beside=[(other.name, item_url(other), KINDS[other.kind][1]) for other in _beside(one)],
+    )
+
+
+@pages.get("/events/inspect/<path:path>")
+def inspect(path: str) -> Response:
+    """Stream what a recording holds; it is read in another process, and kept until the bag changes."""
+    one = _find(RECORDING, path)
+    try:
+        found = site().folder.find(one.path)
+        key = stamp(found)
+    except (NotServedError, OSError) as error:
+        abort(404, str(error))
+    task = {"name": "inspect", "path": str(found), "signals": site().signals}
+    return streams().respond(_inspect(site(), key, task))
+
+
+def _inspect(where: Site, key: object, task: dict[str, object]) -> Iterator[Event]:
+    kept = where.inspected.get(key)
+    if kept is not None:
+        yield "result", kept
+        return
+    with closing(do_work(task, INSPECT_LIMIT_S)) as messages:
+        for message in messages:
+            if RESULT in message:
+                html = render_template("content.html", content=recording_content(message[RESULT]))
+                where.inspected.keep(key, html)
+                yield "result", html
+            elif FAILED in message:
+                yield "failed", message[FAILED]
+            else:
+                yield ("progress", message["progress"]) if "progress" in message else ALIVE
+
+
+def _find(kind: str, path: str) -> Item:
+    one = site().catalogue.list().find(kind, path)
+    if one is None:
+        abort(404, f"{path}: no such {KINDS[kind][1] if kind in KINDS else 'thing'} in this folder")
+    return one
+
+
+def _beside(one: Item) -> list[Item]:
+    """Return the reports, models and results in the same folder, at most a dozen."""
+    found = [other for other in site().catalogue.list().items if other.folder == one.folder and other.path != one.path]
+    return [other for other in found if other.kind in (REPORT, *CONTENTS)][:12]
