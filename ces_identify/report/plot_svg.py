@@ -1,0 +1,110 @@
+"""The static figure of a chart: where its areas are, and their axes and marks as SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from markupsafe import Markup
+
+from ces_identify.numerics.arrays import F
+from ces_identify.report.drawing import Panel, around_zero, axes, note, panel, span_of, svg
+from ces_identify.report.marks import corridor, dots, line, shade
+from ces_identify.report.plot_marks import Plot, PlotArea, PlotBand, PlotBars, PlotDots, PlotLine, PlotMark
+
+LEFT, RIGHT, TOP = 62.0, 16.0, 26.0  # [px] around the areas
+BETWEEN, X_AXIS = 34.0, 44.0  # [px] above an area for its name, and below one for the labels of its x axis
+NO_DATA = "no values"
+
+
+def draw_svg(plot: Plot, panels: Sequence[Panel]) -> Markup:
+    """Return the figure of a plot in `panels`, one for each area."""
+    parts = []
+    for number, (area, p) in enumerate(zip(plot.areas, panels, strict=True)):
+        x_label = plot.x_label if has_x_axis(plot, number) else ""
+        parts.append(_clip(f"{plot.ident}-clip{number}", p))
+        parts.append(f'<g class="area">{_axes(area, p, x_label, plot.x_ticks)}')
+        marks = [draw_mark(p, mark) for mark in area.marks]
+        if area.whole and plot.x_view is not None:
+            marks.append(p.rect(*plot.x_view, "window"))
+        parts.append(f'<g clip-path="url(#{plot.ident}-clip{number})">{"".join(marks)}</g></g>')
+    size = (plot.width, panels[-1].y.start + X_AXIS)
+    return svg(plot.ident, size, plot.title, plot.text, parts)
+
+
+def lay_out(plot: Plot) -> list[Panel]:
+    """Return the panel of each area as it is shown at first."""
+    full = x_range(plot)
+    out, top = [], TOP
+    for number, area in enumerate(plot.areas):
+        view = full if area.whole or plot.x_view is None else plot.x_view
+        box = (LEFT, top, plot.width - LEFT - RIGHT, area.height)
+        out.append(panel(view, _y_range(area, view), box))
+        top += area.height + BETWEEN + (X_AXIS - 8.0 if has_x_axis(plot, number) else 0.0)
+    return out
+
+
+def has_x_axis(plot: Plot, number: int) -> bool:
+    """Return whether an area has labels at its x axis: the last one over the same range."""
+    last = number + 1 == len(plot.areas)
+    return last or plot.areas[number].whole != plot.areas[number + 1].whole
+
+
+def x_range(plot: Plot) -> tuple[float, float]:
+    """Return the range of all x; padded if both axes are free."""
+    every = [mark.edges if isinstance(mark, PlotBars) else mark.x for area in plot.areas for mark in area.marks]
+    if plot.free:
+        return span_of(*every, np.zeros(0))
+    values = np.concatenate([x[[0, -1]] for x in every if len(x)] or [np.array([0.0, 1.0])])
+    return float(values.min()), float(values.max())
+
+
+def draw_mark(p: Panel, mark: PlotMark) -> str:
+    """Return a mark within the range of x of a panel."""
+    if isinstance(mark, PlotBars):
+        css = mark.css
+        pairs = zip(mark.edges[:-1], mark.edges[1:], mark.values, strict=True)
+        return "".join(p.rect(a, b, css, min(v, 0.0), max(v, 0.0)) for a, b, v in pairs if np.isfinite(v) and v)
+    if isinstance(mark, PlotDots):
+        return dots(p, mark.x, mark.y, mark.css)
+    some = _visible(mark.x, p)
+    if isinstance(mark, PlotLine):
+        broken = None if mark.breaks is None else mark.breaks[some]
+        return line(p, mark.x[some], mark.y[some], mark.css, broken)
+    if isinstance(mark, PlotBand):
+        return corridor(p, mark.x[some], mark.low[some], mark.high[some], mark.css)
+    return shade(p, mark.x[some], mark.mask[some], mark.css)
+
+
+def _visible(x: F, p: Panel) -> slice:
+    """Return the points in the panel's range of x, if they are in its order; all of them otherwise."""
+    if len(x) < 2 or (np.diff(x) < 0.0).any():
+        return slice(None)
+    return slice(int(np.searchsorted(x, p.x.low)), int(np.searchsorted(x, p.x.high, "right")))
+
+
+def _y_range(area: PlotArea, view: tuple[float, float]) -> tuple[float, float]:
+    if area.y_range is not None:
+        return area.y_range
+    values = [*_values(area.marks, view), np.zeros(0)]
+    return around_zero(np.concatenate(values)) if area.around_zero else span_of(*values)
+
+
+def _values(marks: Sequence[PlotMark], view: tuple[float, float]) -> Iterator[F]:
+    """Yield the values of y that the range of the axis must show."""
+    for mark in marks:
+        if isinstance(mark, PlotBars):
+            yield from (mark.values, np.zeros(1))
+        elif isinstance(mark, PlotLine | PlotDots):
+            yield mark.y[(mark.x >= view[0]) & (mark.x <= view[1])]
+
+
+def _axes(area: PlotArea, p: Panel, x_label: str, x_ticks: int) -> str:
+    empty = not any(np.isfinite(values).any() for values in _values(area.marks, (-np.inf, np.inf)))
+    ticks = 0 if empty else None if area.around_zero else area.y_ticks
+    return axes(p, x_label, area.y_label, x_ticks, ticks) + (note(p, NO_DATA) if empty else "")
+
+
+def _clip(ident: str, p: Panel) -> str:
+    box = f'x="{p.x.start:.1f}" y="{p.y.stop - 2:.1f}" width="{p.x.stop - p.x.start:.1f}"'
+    return f'<clipPath id="{ident}"><rect {box} height="{p.y.start - p.y.stop + 4:.1f}"/></clipPath>'

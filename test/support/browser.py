@@ -1,0 +1,96 @@
+"""A real browser for tests of pages: one instance for all tests of a run, pages without network, and what went wrong.
+
+A test module that uses it skips in one line where playwright or Chromium is missing.
+"""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+
+FLAGS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+CHECKS = (Path(__file__).parent / "page_checks.js").read_text(encoding="utf-8").strip()
+A4_PX = {"width": 698, "height": 1032}  # the printable part of A4 with the page's margins, at 96 px an inch
+
+
+@cache
+def start_browser() -> Any:
+    """Return the browser of this test run; skips the test where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    session = playwright.sync_playwright().start()
+    atexit.register(session.stop)
+    try:
+        browser = session.chromium.launch(executable_path=program, args=list(FLAGS))
+    except playwright.Error as error:
+        pytest.skip(f"no browser: {str(error).splitlines()[0]}")
+    atexit.register(browser.close)
+    return browser
+
+
+@contextmanager
+def open_page(
+    address: Path | str,
+    *,
+    width: int = 1280,
+    height: int = 900,
+    scheme: Literal["light", "dark"] = "light",
+    media: Literal["screen", "print"] = "screen",
+    network: bool = False,
+    touch: bool = False,
+) -> Iterator[Any]:
+    """Yield a playwright page that shows a file or a URL, and close it.
+
+    Afterwards it must have had no error on its console and, without `network`, no request but for itself.
+    """
+    url = address.resolve().as_uri() if isinstance(address, Path) else address
+    context = start_browser().new_context(
+        viewport={"width": width, "height": height}, color_scheme=scheme, has_touch=touch, reduced_motion="reduce"
+    )
+    page = context.new_page()
+    wrong: list[str] = []
+    page.on("console", lambda m: wrong.append(f"console: {m.text}") if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda error: wrong.append(f"script: {error}"))
+    page.on("request", lambda r: None if network or r.url.split("#")[0] == url else wrong.append(f"request: {r.url}"))
+    try:
+        page.emulate_media(media=media, color_scheme=scheme)
+        page.goto(url)
+        yield page
+    finally:
+        context.close()
+    assert wrong == []
+
+
+def find_clipped(page: Any) -> list[str]:
+    """Return the elements of a page that are cut off, or wider than the page; those that scroll are not."""
+    return _check(page, "findClipped")
+
+
+def find_collisions(page: Any) -> list[str]:
+    """Return the pairs of texts in one figure whose boxes overlap."""
+    return _check(page, "findCollisions")
+
+
+def find_low_contrast(page: Any) -> list[str]:
+    """Return texts whose contrast with what is behind them is below 4.5 (WCAG 2.2 AA; 3 for large ones)."""
+    return _check(page, "findLowContrast")
+
+
+def _check(page: Any, name: str) -> list[str]:
+    found: list[str] = page.evaluate(f"{CHECKS}.{name}()")
+    return found
