@@ -224,6 +224,21 @@
       this.data = null;
       this.addControls();
       this.listen();
+      root.interactivePlot = this;
+    }
+
+    // New data for a figure that grows: for each area an object of y (its range) and marks, arrays for each mark. What the
+    // reader has zoomed or hidden stays.
+    replaceData(areas, full) {
+      const data = this.load(), first = this.isFirstView();
+      areas.forEach(({y, marks}, n) => {
+        const area = data.areas[n];
+        area.first = y;
+        marks.forEach((arrays, m) => Object.assign(area.marks[m], arrays, {rising: isRising(arrays.x)}));
+      });
+      data.full = this.first = full;
+      this.view = first ? full : this.limit(this.view);
+      this.redraw();
     }
 
     // The data are decoded when they are needed first.
@@ -665,6 +680,12 @@
     block.append(button);
   }
 
-  for (const root of document.querySelectorAll(".plot")) plots.push(new InteractivePlot(root));
-  for (const block of document.querySelectorAll(".command")) addCopyButton(block);
+  // Charts and commands in an element of the page, now or when it is added later.
+  function attachAll(element) {
+    for (const root of element.querySelectorAll(".plot:not(.live)")) plots.push(new InteractivePlot(root));
+    for (const block of element.querySelectorAll(".command:not(:has(.copy))")) addCopyButton(block);
+  }
+
+  globalThis.cesPlots = {attachAll};
+  attachAll(document);
 })();
