@@ -45,9 +45,10 @@ MEMBER = "ensemble_"  # models by which `ces iterate` measures disagreement
 
 @dataclass(frozen=True)
 class Search:
-    """A program that is running: the path of its progress file, and what that says."""
+    """A program that is running: the path of its output (relative), its progress file, and what that says."""
 
     path: str
+    file: Path
     progress: RunProgress
 
 
@@ -133,7 +134,8 @@ class Catalogue:
                 continue
             if entry.name.startswith("."):
                 if entry.name.endswith(SUFFIX) and (progress := read_progress(path)) and progress.alive:
-                    walk.searches.append(Search(self.folder.relative(path), progress))
+                    output = folder if entry.name == SUFFIX else folder / entry.name[1:].removesuffix(SUFFIX)
+                    walk.searches.append(Search(self.folder.relative(output), path, progress))
             elif (known := _kind_of(path)) is not None:
                 yield from self._remember(*known, before)
 

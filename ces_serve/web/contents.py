@@ -49,9 +49,9 @@ def campaign_content(where: Site, one: Item) -> Content:
     rows = read_rows(where.folder.find_file(one.path))
     done = [row for row in rows if row["status"] == DONE]
     content = Content(headline=one.summary)
-    for bags in dict.fromkeys(str(row["bags"]) for row in done):
+    for n, bags in enumerate(dict.fromkeys(str(row["bags"]) for row in done)):
         own = [row for row in done if str(row["bags"]) == bags]
-        content.charts += curves.campaign_chart(bags, own)
+        content.charts += curves.campaign_chart(n, bags, own)
         content.tables.append(_cells(one.folder, bags, own))
     failed = [row for row in rows if row["status"] != DONE]
     if failed:

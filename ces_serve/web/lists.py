@@ -76,7 +76,6 @@ def _page(kind: str, title: str) -> str:
         "list.html",
         title=title,
         kind=kind,
-        kinds=_counts(listing),
         query=query,
         order=order,
         headings=[_heading(column, order, query) for column in columns],
@@ -94,7 +93,7 @@ def _page(kind: str, title: str) -> str:
     )
 
 
-def _counts(listing: Listing) -> list[tuple[str, str, int]]:
+def count_kinds(listing: Listing) -> list[tuple[str, str, int]]:
     """Return name, heading and number of each kind that there is."""
     counts = [(kind, heading, len(listing.of_kind(kind))) for kind, (heading, *_) in KINDS.items()]
     return [row for row in counts if row[2]]

@@ -27,6 +27,16 @@ class PageTable:
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
 
+    @property
+    def picks(self) -> bool:
+        """Whether models in it can be chosen to compare."""
+        return any(cell.pick for row in self.rows for cell in row)
+
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """Which columns hold numbers."""
+        return tuple(cell.numeric for cell in self.rows[0]) if self.rows else (False,) * len(self.headings)
+
 
 @dataclass
 class Content:
