@@ -21,6 +21,7 @@ PROGRAMS = {  # module and summary by name
     "identify": ("identify.program", "identify a force model from recordings"),
     "iterate": ("iterate.program", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
+    "compare": ("compare.program", "compare models on the same recordings: costs, and whether they differ"),
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),
     "export": ("identify.export", "write a model as C source for a microcontroller, or as an FMU"),

@@ -2,8 +2,9 @@
 
 The rooms in reading order: `recordings` (bags and logs as logged), `preparation` (uniform ticks), `numerics` (kernels),
 `polynomial` and `trained` (the structures' fitters), `simulations` (anything that computes a force), `validation` (how
-good a model is), `export` (C and FMU), `report` (the page), `campaign` (many identifications) on `jobs` (many jobs at
-once). The names below are the public interface; they are imported when they are first used.
+good a model is), `comparison` (several models on the same recordings), `export` (C and FMU), `report` (the page),
+`campaign` (many identifications) on `jobs` (many jobs at once). The names below are the public interface; they are
+imported when they are first used.
 """
 
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from ces_observer.lazy_names import import_on_use
 
 if TYPE_CHECKING:
     from ces_identify.api import (
+        compare_models,
         identify,
         make_recording,
         plot,
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
         validate,
         write_recording,
     )
+    from ces_identify.comparison.comparison import Comparison
     from ces_identify.identification import IdentificationResult
     from ces_identify.polynomial.search_limits import Limits
     from ces_identify.recordings.recording import Channel, Recording
@@ -34,9 +37,10 @@ __getattr__ = import_on_use(
     __name__,
     {
     "ces_identify.api": (
-        "identify", "make_recording", "plot", "read_log", "read_recording", "simulate", "simulate_arrays", "validate",
-        "write_recording",
+        "compare_models", "identify", "make_recording", "plot", "read_log", "read_recording", "simulate", "simulate_arrays",
+        "validate", "write_recording",
     ),
+    "ces_identify.comparison.comparison": ("Comparison",),
     "ces_identify.identification": ("IdentificationResult",),
     "ces_identify.polynomial.search_limits": ("Limits",),
     "ces_identify.recordings.recording": ("Channel", "Recording"),
@@ -49,6 +53,7 @@ __getattr__ = import_on_use(
 
 __all__ = [
     "Channel",
+    "Comparison",
     "Evaluation",
     "FunctionSimulation",
     "IdentificationResult",
@@ -58,6 +63,7 @@ __all__ = [
     "ModelSimulation",
     "Recording",
     "Simulation",
+    "compare_models",
     "identify",
     "load_model",
     "make_recording",

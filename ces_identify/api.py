@@ -1,9 +1,9 @@
-"""The functions for scripts: read a recording, identify, simulate, validate, plot. Import them from `ces_identify`."""
+"""The functions for scripts: read a recording, identify, simulate, validate, compare, plot. Import them from `ces_identify`."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ces_identify import identification
+from ces_identify.comparison.compared_model import make_compared_model
+from ces_identify.comparison.comparison import Comparison, compare
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.search_limits import Listener
 from ces_identify.preparation.series import prepare
@@ -22,6 +24,7 @@ from ces_identify.recordings.log_mapping import load_dyno_mapping
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.simulations.simulate import sample_force
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.structures import KITS
 from ces_identify.structures.kit import IdentifyOptions, Size
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
@@ -113,6 +116,31 @@ def validate(model: Model, recordings: Recording | Sequence[Recording]) -> list[
     """
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
     return evaluate(model, [prepare(recording, model.sampling) for recording in given], VALIDATION)
+
+
+def compare_models(
+    models: Mapping[str, Model | Simulation],
+    recordings: Recording | Sequence[Recording],
+    *,
+    part: tuple[float, float] = (0.0, 1.0),
+    timing: bool = True,
+    seed: int = 0,
+) -> Comparison:
+    """Compare models, or other simulations, by name on the same recordings with a measured force.
+
+    Only the `part` (shares from 0 to 1) of each recording is scored; `timing` also measures the time of a tick. The
+    result's `pairs` say of every two models whether their costs differ by more than chance, its `notes()` which costs
+    are no test. Raises CesError for fewer than two models.
+
+        comparison = compare_models({"ours": a, "theirs": b}, [read_recording("bags/road")])
+        print(comparison.pairs[0].text, *comparison.notes())
+    """
+    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    named = [
+        make_compared_model(name, ModelSimulation(one) if isinstance(one, Model) else one)
+        for name, one in models.items()
+    ]
+    return compare(named, given, part, timing=timing, seed=seed)
 
 
 def simulate(model: Model, recording: Recording) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.checks import findings, mean_rate
 from ces_identify.recordings.log_import import import_log
@@ -30,8 +31,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     paths = _bag_paths(options.files, options.out)
     with terminal.err.status("reading"):
         recordings = [import_log(path, mapping) for path in options.files]
-    for recording, path in zip(recordings, paths, strict=True):
-        _write(recording, path, signals, options.overwrite)
+    with without_text(options.json):
+        for recording, path in zip(recordings, paths, strict=True):
+            _write(recording, path, signals, options.overwrite)
+    if options.json:
+        print_document("import", {"bags": list(map(_as_json, recordings, paths))})
     return 0
 
 
@@ -50,6 +54,7 @@ def make_parser() -> terminal.Parser:
     parser.add_argument("--out", type=Path, metavar="BAG", help="bag to write, or folder for several")
     terminal.add_signals(parser)
     parser.add_argument("--overwrite", action="store_true", help="replace existing bags (default: refuse)")
+    add_json(parser)
     parser.add_argument("--template", action="store_true", help="print a commented mapping file and exit")
     return parser
 
@@ -62,6 +67,19 @@ def _bag_paths(files: Sequence[Path], out: Path) -> list[Path]:
     if count > 1:
         raise RecordingError(f"{count} files are named '{stem}' and would give the same bag; import them one by one")
     return [out / path.stem for path in files]
+
+
+def _as_json(recording: Recording, path: Path) -> dict[str, object]:
+    """Return a bag for the document of --json."""
+    position = recording.channel("position")
+    return {
+        "file": recording.source,
+        "bag": path,
+        "samples": len(position),
+        "rate_Hz": mean_rate(position),
+        "channels": list(recording.channels),
+        "findings": findings(recording),
+    }
 
 
 def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool) -> None:

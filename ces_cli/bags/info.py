@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -14,6 +12,7 @@ from rich.table import Table
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.coverage_picture import require_picture_name, save_picture, terminal_picture
+from ces_cli.terminal.json_output import add_json, print_document
 from ces_identify.recordings.bag_reader import list_topics, read_recording
 from ces_identify.recordings.bag_storage import Topic
 from ces_identify.recordings.channel_stats import ChannelStats, channel_stats
@@ -46,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     reports = [_inspect_bag(path, signals) for path in options.bags]
     covered = coverage([report.recording for report in reports])
     if options.json:
-        print(json.dumps(_as_json(reports, covered), indent=1, allow_nan=False))
+        print_document("info", _as_json(reports, covered))
     else:
         _print_report(reports, covered, signals)
     if options.picture:
@@ -68,7 +67,7 @@ def make_parser() -> terminal.Parser:
     terminal.add_signals(parser)
     text = "draw the coverage of all bags (.png, .svg or .pdf)"
     parser.add_argument("--picture", type=Path, metavar="FILE", help=text)
-    parser.add_argument("--json", action="store_true", help="print JSON for other programs instead of tables")
+    add_json(parser)
     return parser
 
 
@@ -139,7 +138,7 @@ def _as_json(reports: list[BagReport], covered: Coverage) -> dict[str, Any]:
             "sha256": report.recording.sha256,
             "topics": [asdict(topic) for topic in report.topics],
             "channels": {
-                name: {"unit": report.recording.channel(name).unit, **_finite(asdict(stats))}
+                name: {"unit": report.recording.channel(name).unit, **asdict(stats)}
                 for name, stats in report.stats.items()
             },
             "constants": dict(report.recording.constants),
@@ -148,19 +147,14 @@ def _as_json(reports: list[BagReport], covered: Coverage) -> dict[str, Any]:
         for report in reports
     ]
     return {
-        "schema": "ces-info/1",
         "recordings": recordings,
         "coverage": {
-            "speed_edges_m_s": covered.speed_edges.tolist(),
-            "current_edges_A": covered.current_edges.tolist(),
-            "share": covered.share.tolist(),
+            "speed_edges_m_s": covered.speed_edges,
+            "current_edges_A": covered.current_edges,
+            "share": covered.share,
             "duration_s": covered.duration_s,
         },
     }
-
-
-def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    return {key: value if math.isfinite(value) else None for key, value in values.items()}
 
 
 def _title(reports: list[BagReport], covered: Coverage) -> str:

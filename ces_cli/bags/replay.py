@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json, print_document
 from ces_identify.preparation.series import hold_current, hold_motion
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Recording
@@ -35,11 +36,27 @@ def main(argv: Sequence[str] | None = None) -> int:
         estimates = [_estimate_topic(rows, signals), *([] if model.band is None else [_band_topic(rows, signals)])]
         topics = (*recording_topics(recording, signals), *estimates)
         write_bag(options.out, topics, overwrite=options.overwrite, notes={"model_sha256": model.digest()})
+    if options.json:
+        print_document("replay", _as_json(rows, reasons, recording, options.out))
+        return 0
     print(f"{len(rows)} forces estimated from {len(recording.channel('position'))} position samples")
     for reason, count in reasons.most_common():
         print(f"  withheld {count}: {reason}")
     print(f"bag: {options.out}")
     return 0
+
+
+def _as_json(rows: NDArray[np.float64], reasons: Counter[str], recording: Recording, out: Path) -> dict[str, object]:
+    """Return the document of --json."""
+    force = [float(row[3]) for row in rows]
+    return {
+        "recording": recording.name,
+        "bag": out,
+        "position_samples": len(recording.channel("position")),
+        "estimates": len(rows),
+        "withheld": dict(reasons.most_common()),
+        "force_N": [min(force), max(force)] if force else None,
+    }
 
 
 def _replay(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Counter[str]]:
@@ -101,4 +118,5 @@ def make_parser() -> terminal.Parser:
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="BAG2", help="bag folder to write")
     p.add_argument("--overwrite", action="store_true", help="replace BAG2 if it exists")
+    add_json(p)
     return p

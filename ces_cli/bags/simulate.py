@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.recording import Recording
@@ -29,8 +33,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     values = zip(((stamps - stamps[0]) * 1e-9).tolist(), *(c.tolist() for c in columns.values()), strict=True)
     rows = [f"{time:.9f},{','.join(map(repr, forces))}" for time, *forces in values]
     write_atomically(options.out, "\n".join([",".join(["time_s", *columns]), *rows]) + "\n")
-    print(f"{len(rows)} rows: {options.out}")
+    if options.json:
+        print_document("simulate", _as_json(recording, columns["force_N"], options))
+    else:
+        print(f"{len(rows)} rows: {options.out}")
     return 0
+
+
+def _as_json(recording: Recording, force: F, options: argparse.Namespace) -> dict[str, object]:
+    """Return the document of --json."""
+    known = force[np.isfinite(force)]
+    return {
+        "recording": recording.name,
+        "simulation": options.sim,
+        "csv": options.out,
+        "rows": len(force),
+        "rows_without_force": len(force) - len(known),
+        "force_N": [known.min(), known.max()] if len(known) else None,
+    }
 
 
 def _bounds(simulation: Simulation, recording: Recording) -> dict[str, F]:
@@ -53,4 +73,5 @@ def make_parser() -> terminal.Parser:
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
     p.add_argument("--band", action="store_true", help="add columns lower_N,upper_N: the bounds of the model's band")
+    add_json(p)
     return p

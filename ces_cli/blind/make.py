@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
+from ces_cli.terminal.json_output import print_document
 from ces_cli.terminal.progress import JobsProgress
 from ces_observer.errors import CesError
 from ces_rig.blind.make import make_cases
@@ -30,7 +31,11 @@ def make(options: argparse.Namespace) -> int:
             {"seed": options.seed, "planned": len(plan), "plants": list(levels.plants)},
             lambda label: progress.count(f"case {label['case']} created"),
         )
-    counts = ", ".join(f"{sum(case.kind == kind for case in plan)} {kind}" for kind in KINDS)
+    count_of = {kind: sum(case.kind == kind for case in plan) for kind in KINDS}
+    if options.json:
+        print_document("blind-make", {"folder": options.out, "cases": count_of, "sha256": digest})
+        return 0
+    counts = ", ".join(f"{number} {kind}" for kind, number in count_of.items())
     print(f"{options.out}/cases: {counts}; answers sealed, SHA-256 {digest}")
     return 0
 

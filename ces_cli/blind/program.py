@@ -12,6 +12,7 @@ from ces_cli.blind import run as blind_run
 from ces_cli.blind import score as blind_score
 from ces_cli.blind.mode import MAX_REFERENCES, RUN, SIMULATIONS
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json
 
 EXAMPLE = """\
 ces blind make --out cases_1 --seed 1 --cases 100
@@ -57,6 +58,7 @@ def _add_make_options(p: argparse.ArgumentParser) -> None:
     text = "length of a recording (default 10)"
     p.add_argument("--seconds", type=number(2.0, 600.0), default=10.0, metavar="S", help=text)
     _add_jobs(p)
+    add_json(p)
     p.set_defaults(program=blind_make.make)
 
 
@@ -70,6 +72,7 @@ def _add_run_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("--references", nargs="+", type=int, choices=counts, default=(2,), metavar="N", help=text)
     p.add_argument("--limit", type=terminal.integer_between(1, 100_000), metavar="K", help="only the first K cases")
     _add_jobs(p)
+    add_json(p)
     p.set_defaults(program=blind_run.run)
 
 
@@ -79,6 +82,7 @@ def _add_score_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("results", type=Path, nargs="+", metavar="RESULTS", help=text)
     p.add_argument("--out", type=Path, metavar="REPORT.md", help="also write the tables to this file")
     p.add_argument("--rows", type=Path, metavar="CASES.csv", help="also write one line for each case")
+    add_json(p)
     p.set_defaults(program=blind_score.score)
 
 

@@ -16,6 +16,7 @@ from typing import Any
 from ces_cli.blind.case import ROW, diagnose_case
 from ces_cli.blind.mode import Mode, combine_modes
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import print_document, without_text
 from ces_cli.terminal.progress import JobsProgress
 from ces_identify.jobs.workers import run_in_processes
 from ces_observer.errors import CesError
@@ -32,12 +33,21 @@ def run(options: argparse.Namespace) -> int:
         _require_same_settings(options.out / mode.name, {**asdict(mode), "seal": seal})
     failed = _diagnose(cases, options.out, modes, options.jobs)
     count = len(cases) * len(modes)
-    print(f"{options.out}: {count - len(failed)} of {count} diagnoses done ({', '.join(m.name for m in modes)})")
+    with without_text(options.json):
+        print(f"{options.out}: {count - len(failed)} of {count} diagnoses done ({', '.join(m.name for m in modes)})")
     for where, reason in failed:
         terminal.print_warning(f"{where}: {reason}")
     if len(failed) == count:
         raise CesError(f"{options.cases}: none of the cases could be diagnosed, for the reasons above")
+    if options.json:
+        print_document("blind-run", _as_json(options.out, modes, count, failed))
     return 0
+
+
+def _as_json(out: Path, modes: Sequence[Mode], count: int, failed: Sequence[tuple[str, str]]) -> dict[str, Any]:
+    """Return the document of --json."""
+    failures = [{"case": where, "reason": reason} for where, reason in failed]
+    return {"folder": out, "modes": [mode.name for mode in modes], "diagnoses": count, "failed": failures}
 
 
 def _diagnose(cases: Sequence[Path], results: Path, modes: Sequence[Mode], processes: int) -> list[tuple[str, str]]:

@@ -23,11 +23,13 @@ from ces_cli.blind.tables import (
     case_rows,
     confusion_table,
     headline_table,
+    mode_facts,
     no_effect_table,
     slice_table,
     summary_table,
 )
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import print_document
 from ces_observer.errors import CesError
 from ces_observer.json_checks import write_atomically
 from ces_rig.blind.draw import HELD_OUT, REAL
@@ -59,7 +61,10 @@ def score(options: argparse.Namespace) -> int:
             f"{options.results[0]}: contains no diagnosis of a case of {options.cases}; run 'ces blind run' first"
         )
     text = "\n\n".join(part for part in (*_summary(by_mode), *parts) if part)
-    print(text)
+    if options.json:
+        print_document("blind-score", {"modes": {name: mode_facts(cases) for name, cases in by_mode.items()}})
+    else:
+        print(text)
     if options.out is not None:
         write_atomically(options.out, text + "\n")
     if options.rows is not None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import isnan
+from typing import Any
 
-from ces_cli.blind.figures import BY_NAME, METRICS, Cases, Metric, baselines, cases_of_kind
+from ces_cli.blind.figures import BY_NAME, METRICS, Cases, Metric, baselines, cases_of_kind, cases_with_targets
 from ces_cli.blind.outcome import NONE, UNKNOWN, CaseOutcome
 from ces_cli.blind.statistics import Statistic
 from ces_cli.terminal.terminal import as_csv
@@ -69,6 +70,27 @@ def _row(metric: Metric, figure: Statistic, target_class: str) -> list[str]:
     target = metric.targets.get(target_class)
     numbers = [_text(metric, figure), _interval(metric, figure), str(figure.count)]
     return [metric.name, *numbers, "" if target is None else _goal(metric, target, figure)]
+
+
+def mode_facts(cases: Cases) -> dict[str, Any]:
+    """Return for --json every metric over the cases that the targets apply to, and over all."""
+    return {"cases": len(cases), "with_targets": _metric_facts(cases_with_targets(cases)), "all": _metric_facts(cases)}
+
+
+def _metric_facts(cases: Cases) -> list[dict[str, Any]]:
+    counted = [(metric, metric.count(cases)) for metric in METRICS] if cases else []
+    return [
+        {
+            "figure": metric.name,
+            "value": figure.value,
+            "ci95": figure.interval(),
+            "cases": figure.count,
+            "target": metric.targets.get(cases[0].mode.class_name),
+            "target_is_minimum": metric.target_is_minimum,
+        }
+        for metric, figure in counted
+        if figure.count > 0
+    ]
 
 
 def slice_table(cases: Cases, title: str, key: Callable[[CaseOutcome], object]) -> str:

@@ -6,8 +6,9 @@ import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ces_cli.campaign.tables import Summary, summary_tables, write_csv, write_markdown
+from ces_cli.campaign.tables import Summary, summary_facts, summary_tables, write_csv, write_markdown
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import print_document, without_text
 from ces_cli.terminal.many_jobs import add_jobs, report_failures, require_one_place, run_jobs
 from ces_cli.terminal.progress import JobsProgress
 from ces_identify.campaign.cell import compute_cell
@@ -21,7 +22,7 @@ from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_observer.errors import CesError
 
-CAMPAIGN_OPTIONS = frozenset({"campaign", "dask", "jobs", "out"})
+CAMPAIGN_OPTIONS = frozenset({"campaign", "dask", "jobs", "json", "out"})
 MAX_ROWS_SHOWN = 40  # rows in the terminal
 RESULTS = "results.jsonl"
 
@@ -46,7 +47,10 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     with open_results(options.out / RESULTS, "a campaign") as results:
         finished = _compute(todo, results, recordings, options)
         summary = Summary.from_rows(campaign, todo, results.rows)
-        _write_and_print(summary, options.out)
+        with without_text(options.json):
+            _write_and_print(summary, options.out)
+    if options.json:
+        print_document("campaign", summary_facts(summary, options.out))
     return report_failures(summary.rows, summary.planned, finished, "cells", summary.describe)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 
@@ -103,6 +104,22 @@ def summary_tables(summary: Summary, max_rows: int) -> list[Table]:
             model = ", ".join(filter(None, (structure, settings)))
             tables[-1].add_row(mark, model, *numbers, style="bold" if mark == BEST else "")
     return tables
+
+
+def summary_facts(summary: Summary, folder: Path) -> dict[str, Any]:
+    """Return the document of --json: every cell with its costs and its mark, and the recommended models."""
+    marks = {FRONT: "front", BEST: "recommended"}
+    mark_of = summary.marks()
+    return {
+        "folder": folder,
+        "planned": summary.planned,
+        "cells": [{**row, "mark": marks.get(mark_of.get(row["key"], ""))} for row in summary.rows],
+        "recommended": {
+            name: folder / "models" / f"{best['key']}.json"
+            for name in summary.bags
+            if (best := recommend_model(summary.of_bags(name))) is not None
+        },
+    }
 
 
 def write_markdown(summary: Summary, path: Path) -> None:

@@ -9,10 +9,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ces_cli.diagnose.fleet_page import write_page
-from ces_cli.diagnose.fleet_tables import describe_diagnosis, fleet_table, write_csv
+from ces_cli.diagnose.fleet_tables import describe_diagnosis, fleet_table, sort_rows, write_csv
 from ces_cli.diagnose.inputs import build_diagnose_options, read_with_predictions, require_one_source, take_simulation
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import FleetUnit, find_bags, find_fleet_units
+from ces_cli.terminal.json_output import print_document, without_text
 from ces_cli.terminal.many_jobs import report_failures, require_one_place, run_jobs
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress
 from ces_cli.terminal.simulations import open_simulation, with_predictions
@@ -49,7 +50,10 @@ def run_fleet(options: argparse.Namespace) -> int:
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
         finished = _compute(results, missing, request, signals, options, len(units))
         rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread
-        _write_and_print(rows, options.out)
+        with without_text(options.json):
+            _write_and_print(rows, options.out)
+    if options.json:
+        print_document("fleet", {"folder": options.out, "planned": len(units), "diagnoses": sort_rows(rows)})
     return report_failures(rows, len(units), finished, "diagnoses", lambda row: str(row["name"]))
 
 

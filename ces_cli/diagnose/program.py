@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import RECORDING, VEHICLE, find_bags
+from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.many_jobs import add_jobs
 from ces_cli.terminal.simulations import HELP, open_simulation
 from ces_observer.errors import CesError
@@ -46,6 +47,7 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
     from ces_gap.augmented.augmented_file import name_simulation
     from ces_gap.intake.checks import check_recordings
     from ces_gap.pipeline import diagnose
+    from ces_gap.report.gap_json import gap_content
     from ces_gap.report.result_files import result_files
 
     require_one_source(options)
@@ -70,7 +72,10 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
     for optional in OPTIONAL_FILES:
         (options.out / optional).unlink(missing_ok=True)  # from an earlier diagnosis
     write_all_atomically({options.out / name: text for name, text in files.items()})
-    print_diagnosis(diagnosis, options.out, tuple(files), printed_notes=len(doubts))
+    with without_text(options.json):
+        print_diagnosis(diagnosis, options.out, tuple(files), printed_notes=len(doubts))
+    if options.json:
+        print_document("diagnose", {"folder": options.out, "files": list(files), "diagnosis": gap_content(diagnosis)})
 
 
 def _make_folder(folder: Path) -> None:
@@ -120,4 +125,5 @@ def make_parser() -> terminal.Parser:
     )
     p.add_argument("--each", choices=(RECORDING, VEHICLE), help=text)
     add_jobs(p, "fleet")
+    add_json(p)
     return p

@@ -41,6 +41,12 @@ def verify_certificate(model: Model, name: str) -> int:
     return 0
 
 
+def certificate_facts(model: Model, proof: Certificate) -> dict[str, Any]:
+    """Return for --json whether a proof succeeded and covers the file's claims, and the bounds that it proves."""
+    doubt = _find_overclaim(model.certificate, proof) if proof.holds else proof.doubt
+    return {"proved": not doubt, "doubt": doubt or None, "bounds": proof.bounds}
+
+
 def _find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
     """Return the first bound in the file that is tighter than the proved one, as text; empty if there is none."""
     for key, proved in proof.bounds.items():

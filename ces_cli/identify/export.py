@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_identify.export.export_c import export_c, identifier, require_exportable
 from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
 from ces_identify.export.ros_package import (
@@ -28,9 +29,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
     _require_fitting_options(options)
-    certificate = _export_package(options) if options.ros_package else _export_file(options)
-    _print_certificate(certificate)
+    with without_text(options.json):
+        certificate = _export_package(options) if options.ros_package else _export_file(options)
+        _print_certificate(certificate)
+    if options.json:
+        print_document("export", _as_json(certificate, options))
     return 0
+
+
+def _as_json(certificate: Certificate, options: argparse.Namespace) -> dict[str, object]:
+    """Return the document of --json."""
+    return {
+        "model": options.model,
+        "written": options.ros_package or options.out,
+        "proved_stable": certificate.holds,
+        "bounds": certificate.bounds,
+    }
 
 
 def _export_file(options: argparse.Namespace) -> Certificate:
@@ -140,4 +154,5 @@ def make_parser() -> terminal.Parser:
     text = "export a model whose stability cannot be proved (unsafe)"
     p.add_argument("--allow-uncertified", action="store_true", help=text)
     terminal.add_signals(p)
+    add_json(p)
     return p

@@ -12,7 +12,7 @@ from ces_cli.identify.structures import select_identify_function
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.tables import fold_table
-from ces_identify.folds import HeldOutCost, cross_validate
+from ces_identify.folds import CrossValidation, HeldOutCost, cross_validate
 from ces_identify.identification import IdentificationResult
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures.kit import IdentifyOptions
@@ -29,8 +29,8 @@ def add_folds(to: argparse.ArgumentParser) -> None:
 
 def with_folds(
     result: IdentificationResult, options: argparse.Namespace, recordings: Sequence[Recording], how: IdentifyOptions
-) -> IdentificationResult:
-    """Cross-validate, print the table, and return `result` with the costs in its model's provenance."""
+) -> tuple[IdentificationResult, CrossValidation]:
+    """Cross-validate, print the table, and return `result` with the costs in its model's provenance, and the costs."""
 
     def identify(
         training: Sequence[Recording], held_out: Sequence[Recording], fold: IdentifyOptions
@@ -41,7 +41,7 @@ def with_folds(
     folds = cross_validate(recordings, options.folds, identify, how)
     terminal.out.print(fold_table(folds))
     history = {**result.model.provenance, "cross_validation": [_as_row(row) for row in folds.rows]}
-    return replace(result, model=replace(result.model, provenance=history))
+    return replace(result, model=replace(result.model, provenance=history)), folds
 
 
 def _as_row(row: HeldOutCost) -> dict[str, Any]:

@@ -13,10 +13,12 @@ from ces_cli.campaign.program import add_campaign, run_campaign
 from ces_cli.identify.distillation import print_teacher
 from ces_cli.identify.folds import add_folds, with_folds
 from ces_cli.identify.identification import AUTO, prepare_identification, write_report_page
+from ces_cli.identify.json_facts import identification_facts
 from ces_cli.identify.structures import add_candidates, add_structure
 from ces_cli.terminal import terminal
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
+from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.tables import cost_table, print_band
 from ces_identify.folds import split_folds
@@ -44,11 +46,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     work = prepare_identification(options)
     if options.folds:
         split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
-    result = work.run(SearchProgress)
-    if options.folds:
-        result = with_folds(result, options, work.bags, work.how)
-        result.model.save(options.out)
-    _print_result(result, options, argv)
+    result, folds = work.run(SearchProgress), None
+    with without_text(options.json):
+        if options.folds:
+            result, folds = with_folds(result, options, work.bags, work.how)
+            result.model.save(options.out)
+        _print_result(result, options, argv)
+    if options.json:
+        print_document("identify", identification_facts(result, folds, work, options))
     return 0
 
 
@@ -150,4 +155,5 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--differentiator", choices=(AUTO, *DIFFERENTIATORS), default=AUTO, help=text)
     add_folds(p)
     add_campaign(p)
+    add_json(p)
     return p

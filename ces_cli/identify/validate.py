@@ -9,10 +9,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ces_cli.identify.certificate_check import verify_certificate
+from ces_cli.identify.certificate_check import certificate_facts, verify_certificate
 from ces_cli.terminal import terminal
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
+from ces_cli.terminal.json_costs import cost_rows, held_out_row, model_facts
+from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.tables import cost_table, print_band
 from ces_identify.preparation.series import prepare
 from ces_identify.preparation.weighting import Weighting, parse_weighting
@@ -31,17 +33,36 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.picture is not None:
         require_picture_name(options.picture)
     model, weighting = load_model(options.model), parse_weighting(options.weight)
-    if options.certificate and (status := verify_certificate(model, str(options.model))):
-        return status
-    if not options.bags:
-        if options.certificate:
-            return 0
+    if not options.bags and not options.certificate:
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
-    evaluations = _evaluations(model, options)
-    weighting = weighting.with_common_stroke([e.series for e in evaluations])
+    with without_text(options.json):
+        status = verify_certificate(model, str(options.model)) if options.certificate else 0
+        evaluations = [] if status else _evaluations(model, options)
+        weighting = weighting.with_common_stroke([e.series for e in evaluations]) if evaluations else weighting
+        if evaluations:
+            _print_evaluations(model, evaluations, weighting, options)
+            _write_pages(model, evaluations, weighting, options, argv)
+    if options.json:
+        print_document("validate", _as_json(model, evaluations, weighting, options))
+    return status
+
+
+def _print_evaluations(
+    model: Model, evaluations: Sequence[Evaluation], weighting: Weighting, options: argparse.Namespace
+) -> None:
     terminal.out.print(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
     print_band(model, evaluations)
     _print_details(evaluations, weighting)
+
+
+def _write_pages(
+    model: Model,
+    evaluations: Sequence[Evaluation],
+    weighting: Weighting,
+    options: argparse.Namespace,
+    argv: Sequence[str] | None,
+) -> None:
+    """Write the picture and the report that the options ask for."""
     if options.picture is not None:
         save_cost_picture(evaluations, options.picture)
     if options.report is not None:
@@ -50,7 +71,36 @@ def main(argv: Sequence[str] | None = None) -> int:
         facts = {"command": shlex.join(["ces", "validate", *(sys.argv[2:] if argv is None else argv)])}
         write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts, weighting)
         print(f"report: {options.report}")
-    return 0
+
+
+def _as_json(
+    model: Model, evaluations: Sequence[Evaluation], weighting: Weighting, options: argparse.Namespace
+) -> dict[str, Any]:
+    """Return the document of --json."""
+    proof = model.certify() if options.certificate else None
+    return {
+        "model": {"path": options.model, **model_facts(model)},
+        "certificate": None if proof is None else certificate_facts(model, proof),
+        "weights": str(weighting) if weighting else None,
+        "recordings": cost_rows(evaluations, weighting),
+        "all_held_out": held_out_row(evaluations),
+        "residuals": {e.name: _residual_facts(e) for e in evaluations},
+        "error_cells": error_cells(evaluations) if evaluations else [],
+        "report": options.report,
+        "picture": options.picture,
+    }
+
+
+def _residual_facts(evaluation: Evaluation) -> dict[str, Any] | None:
+    """Return the residual tests of a recording; None where the free run diverged or is too short."""
+    tests = residual_tests(evaluation)
+    if tests is None:
+        return None
+    correlations = [
+        {"input": c.first, "residual": c.second, "share": c.share, "lag_s": c.lags_s[c.worst], "p_value": c.p_value}
+        for c in tests.inputs
+    ]
+    return {"whiteness_p_value": tests.whiteness.p_value, "ljung_box": tests.ljung_box, "inputs": correlations}
 
 
 def _evaluations(model: Model, options: argparse.Namespace) -> list[Evaluation]:
@@ -112,4 +162,5 @@ def make_parser() -> terminal.Parser:
     text = "prove the model stable again and compare with the file; exit status 1 if it cannot be proved"
     p.add_argument("--certificate", action="store_true", help=text)
     terminal.add_report_and_picture(p)
+    add_json(p)
     return p

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ces_cli.iterate.progress import IterateProgress
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json, print_document
 from ces_identify.progress_file import SearchProgressFile
 from ces_iterate.errors import IterateError
 from ces_iterate.loop.iterate import Iterations
@@ -45,6 +46,7 @@ def make_parser() -> terminal.Parser:
     text = "folder of all experiments, recordings and models (default: the plan's name without .yaml)"
     p.add_argument("--out", type=Path, metavar="DIR", help=text)
     p.add_argument("--template", action="store_true", help="print a plan with every key explained and exit")
+    add_json(p)
     return p
 
 
@@ -54,7 +56,8 @@ def _iterate(options: argparse.Namespace) -> None:
     if out.exists() and not out.is_dir():
         raise IterateError(f"{out}: is not a folder; choose another --out")
     rig = open_rig(plan)
-    with IterateProgress(plan.stop.budget_s) as progress, ExitStack() as opened:
+    shown = IterateProgress(plan.stop.budget_s, terminal.err if options.json else terminal.out)
+    with shown as progress, ExitStack() as opened:
         iterations = _open_iterations(plan, rig, out, progress)
         progress.after_iteration = lambda: _write_results(iterations)
 
@@ -64,6 +67,10 @@ def _iterate(options: argparse.Namespace) -> None:
 
         reason = iterations.run(begin)
     _write_results(iterations)
+    if options.json:
+        files = {"model": out / MODEL, "report": out / REPORT, "plan": out / PLAN}
+        print_document("iterate", {"stopped": reason, "iterations": iterations.done.history, **files})
+        return
     print(f"stopped: {reason}")
     print(f"model:  {out / MODEL}\nreport: {out / REPORT}\nplan:   {out / PLAN}")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from rich.console import Console
 from rich.progress import TextColumn, TimeElapsedColumn
 
 from ces_cli.terminal import terminal
@@ -16,12 +17,12 @@ from ces_iterate.loop.store import Iteration
 class IterateProgress(LiveBar):
     """Shows an iteration; `listen_search` may be called from any thread."""
 
-    def __init__(self, budget_s: float) -> None:
+    def __init__(self, budget_s: float, lines_to: Console = terminal.out) -> None:
         columns = (TextColumn("{task.completed:.0f} of {task.total:.0f} s recorded"), TimeElapsedColumn())
         super().__init__("iterating", *columns, total=budget_s, text="(Ctrl-C stops; the same command goes on)")
         self.after_iteration: Callable[[], None] = lambda: None
         self.file: SearchProgressFile | None = None  # once the folder of the iteration is there
-        self._recorded_s, self._step = 0.0, ""
+        self._lines_to, self._recorded_s, self._step = lines_to, 0.0, ""
 
     def begin(self, number: int, step: str) -> None:
         """Show the step that begins."""
@@ -44,7 +45,7 @@ class IterateProgress(LiveBar):
         """Print the result of an iteration."""
         self._recorded_s = iteration.total_s
         self.show(self._recorded_s, self._step)
-        terminal.out.print(format_iteration(iteration), highlight=False, soft_wrap=True)
+        self._lines_to.print(format_iteration(iteration), highlight=False, soft_wrap=True)
         self.after_iteration()
 
 

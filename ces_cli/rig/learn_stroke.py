@@ -9,15 +9,17 @@ import sys
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TextIO
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json, print_document
 from ces_iterate.stroke.errors import StrokeError
 from ces_iterate.stroke.figures import describe_kind
 from ces_iterate.stroke.goal import LearningRun
 from ces_iterate.stroke.learning import learn_stroke, require_learnable
 from ces_iterate.stroke.page import find_warnings, summary_sentence
 from ces_iterate.stroke.plan import load_plan
-from ces_iterate.stroke.result_files import COMMAND, EXPERIMENT, REPORT, RESULT, write_results
+from ces_iterate.stroke.result_files import COMMAND, EXPERIMENT, REPORT, RESULT, as_json, write_results
 from ces_iterate.stroke.rig import StoredRuns
 
 RUNS = "runs"
@@ -32,12 +34,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     rig = plan.open_rig(runs)
     _open_folder(options)
     with terminal.err.status(f"learning {plan.experiment.settings.name}"):
-        learned = learn_stroke(StoredRuns(rig, runs, plan.identity), plan.goal, _print_runs())
+        learned = learn_stroke(
+            StoredRuns(rig, runs, plan.identity), plan.goal, _print_runs(sys.stderr if options.json else sys.stdout)
+        )
     facts = {"Plan": str(options.plan), "Date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"}
     command = " ".join(["ces learn-stroke", *map(shlex.quote, argv or sys.argv[1:])])
     write_results(options.out, plan, learned, {**facts, "Command": command})
     for text in find_warnings(learned):
         terminal.print_warning(text)
+    if options.json:
+        files = [options.out / name for name in (COMMAND, EXPERIMENT, RESULT, REPORT)]
+        print_document("learn-stroke", {**as_json(learned), "files": files})
+        return 0
     print(f"{summary_sentence(learned)} Stopped: {learned.stopped}.")
     print(f"results: {options.out}/{COMMAND}, {EXPERIMENT}, {RESULT}, {REPORT}")
     return 0
@@ -61,6 +69,7 @@ def make_parser() -> terminal.Parser:
     )
     p.add_argument("--seed", type=seed_type, metavar="N", help=text)
     p.add_argument("--overwrite", action="store_true", help="delete the runs in DIR and start anew")
+    add_json(p)
     return p
 
 
@@ -76,13 +85,13 @@ def _open_folder(options: argparse.Namespace) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def _print_runs() -> Callable[[LearningRun], None]:
+def _print_runs(to: TextIO) -> Callable[[LearningRun], None]:
     """Return a function that prints a line for each run of the stroke."""
     count = 0
 
     def on_run(run: LearningRun) -> None:
         nonlocal count
         count += 1
-        print(f"run {count:2d}: {1e6 * run.error_m:7.1f} µm RMS  {describe_kind(run)}", flush=True)
+        print(f"run {count:2d}: {1e6 * run.error_m:7.1f} µm RMS  {describe_kind(run)}", flush=True, file=to)
 
     return on_run

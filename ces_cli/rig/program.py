@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json, print_document
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.recording import Recording
 from ces_rig.errors import RigError
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, packaged_experiments, run, with_seed
 
@@ -17,7 +19,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = make_parser()
     options = parser.parse_args(argv)
     if options.list:
-        return _list()
+        return _list(options.json)
     if options.experiment is None or options.out is None:
         parser.error("expected EXPERIMENT and --out BAG (or --list)")
     experiment = load_experiment(find_experiment(options.experiment))
@@ -39,12 +41,21 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--seed", type=seed_type, metavar="N", help=text)
     terminal.add_signals(p)
     p.add_argument("--overwrite", action="store_true", help="replace BAG if it exists")
+    add_json(p)
     p.add_argument("--list", action="store_true", help="list the packaged experiments and exit")
     return p
 
 
-def _list() -> int:
+def _list(as_json: bool) -> int:
     experiments = packaged_experiments()
+    if as_json:
+        loaded = [(name, path, load_experiment(path).settings) for name, path in experiments.items()]
+        rows = [
+            {"name": name, "duration_s": settings.duration_s, "description": settings.description, "path": path}
+            for name, path, settings in loaded
+        ]
+        print_document("rig", {"experiments": rows})
+        return 0
     width = max(map(len, experiments)) + 2
     for name, path in experiments.items():
         settings = load_experiment(path).settings
@@ -63,6 +74,18 @@ def _record(experiment: Experiment, options: argparse.Namespace) -> None:
         )
     notes = {"ces_rig": f"synthetic: experiment {recording.name}, seed {experiment.settings.seed}"}
     write_bag(options.out, topics, overwrite=options.overwrite, notes=notes)
+    if options.json:
+        print_document("rig", _as_json(recording, experiment, options.out))
+        return
     samples = ", ".join(f"{len(channel)} {name}" for name, channel in recording.channels.items())
     force = recording.channel("force").values
     print(f"{options.out}: {samples} samples; force {force.min():.0f} to {force.max():.0f} N")
+
+
+def _as_json(recording: Recording, experiment: Experiment, out: Path) -> dict[str, object]:
+    """Return the document of --json for a recorded experiment."""
+    channels = {
+        name: {"unit": channel.unit, "samples": len(channel), "low": channel.values.min(), "high": channel.values.max()}
+        for name, channel in recording.channels.items()
+    }
+    return {"experiment": recording.name, "seed": experiment.settings.seed, "bag": out, "channels": channels}

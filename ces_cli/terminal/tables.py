@@ -103,7 +103,12 @@ def _test(evaluations: Sequence[Evaluation]) -> str:
 
 
 def _format_weighted_cost(evaluation: Evaluation, weighting: Weighting) -> str:
+    value = find_weighted_cost(evaluation, weighting)
+    return NONE if math.isnan(value) else percent(value)
+
+
+def find_weighted_cost(evaluation: Evaluation, weighting: Weighting) -> float:
+    """Return the weighted J [%] of an evaluation, NaN where no weighted tick is scored."""
     scored = evaluation.series.scored
     weights = weighting.tick_weights(evaluation.series)[scored]
-    value = weighted_cost(evaluation.series.force[scored], evaluation.run.force[scored], weights)
-    return NONE if math.isnan(value) else percent(value)
+    return weighted_cost(evaluation.series.force[scored], evaluation.run.force[scored], weights)

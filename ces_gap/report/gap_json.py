@@ -38,9 +38,14 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
 
     Raises GapError if the recipe of the next experiment contains a value that JSON cannot represent.
     """
+    whole: dict[str, Any] = to_plain_json({"schema": SCHEMA, **gap_content(diagnosis)}, "gap.json")
+    return whole
+
+
+def gap_content(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return what `gap.json` says, its numbers as computed."""
     d = diagnosis
-    document = {
-        "schema": SCHEMA,
+    return {
         "verdict": d.verdict,
         "sentence": d.sentence,
         "simulation": d.simulation,
@@ -66,8 +71,6 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
         "held_out": [_held_out(s) for s in d.held_out],
         "notes": d.notes,
     }
-    whole: dict[str, Any] = to_plain_json(document, "gap.json")
-    return whole
 
 
 def _surrogate(diagnosis: Diagnosis) -> dict[str, Any] | None:

@@ -45,13 +45,24 @@ def outside_envelope(model: Model, series: Series) -> Mask:
     return np.asarray(np.any(outside, axis=0))
 
 
-def sample_force(model: Model, recording: Recording) -> F:
-    """Return the force [N] at every position sample (n,), as the estimator returns it.
+@dataclass(frozen=True)
+class SampleRun:
+    """The free run of a model at the position samples of a recording, as the estimator returns it.
 
-    NaN where the estimator withholds it: at unusable samples, in the warm-up, and from a divergence to the segment's
-    end (where the estimator would restart its warm-up).
+    `force` (n,) [N] is NaN where the estimator withholds it: at unusable samples, in the warm-up, and from a divergence
+    to the segment's end (where the estimator would restart its warm-up). `newest` (n,) is the newest tick of `series`
+    at each sample, -1 without one; `run` is the free run on the ticks.
     """
-    return _sample(model, recording)[0]
+
+    force: F
+    newest: I
+    series: Series
+    run: FreeRun
+
+
+def sample_force(model: Model, recording: Recording) -> F:
+    """Return the force [N] at every position sample (n,), as the estimator returns it, NaN where it withholds it."""
+    return sample_run(model, recording).force
 
 
 def sample_bounds(model: Model, recording: Recording) -> tuple[F, F]:
@@ -61,15 +72,16 @@ def sample_bounds(model: Model, recording: Recording) -> tuple[F, F]:
     """
     if model.band is None:
         raise ModelError("the model has no band; identify it again without --no-band")
-    force, newest, series, run = _sample(model, recording)
-    widths = np.append(band_half_width(model.band, series, run), np.nan)[newest]
-    return force - widths, force + widths
+    at = sample_run(model, recording)
+    widths = np.append(band_half_width(model.band, at.series, at.run.force), np.nan)[at.newest]
+    return at.force - widths, at.force + widths
 
 
-def _sample(model: Model, recording: Recording) -> tuple[F, I, Series, F]:
-    """Return the force [N] and newest tick (-1: none) at every position sample (n,), the series and its forces [N]."""
+def sample_run(model: Model, recording: Recording) -> SampleRun:
+    """Return the free run of `model` at the position samples of `recording`."""
     series = prepare(recording, model.sampling)
-    force = simulate_series(model, series).force
+    run = simulate_series(model, series)
+    force = run.force
     samples = select_samples(recording, model.sampling)
     *_, total, status, ahead, _ = track_samples(samples, model.sampling)
     newest = total - 1
@@ -81,4 +93,4 @@ def _sample(model: Model, recording: Recording) -> tuple[F, I, Series, F]:
     at_samples[~taken | (since < series.warm_up)] = np.nan
     out, ticks = np.full(len(recording.channel("position")), np.nan), np.full(len(recording.channel("position")), -1)
     out[samples.index], ticks[samples.index] = at_samples, newest
-    return out, ticks, series, force
+    return SampleRun(out, ticks, series, run)

@@ -22,6 +22,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from ces_identify.numerics.arrays import F, I
+from ces_identify.numerics.block_sums import average_bins, resample_sums
 from ces_identify.numerics.correlation import block_length, find_runs
 from ces_identify.validation.evaluate import Evaluation
 
@@ -29,7 +30,6 @@ LEVEL = 0.95
 REPLICATES = 2000
 BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
 MIN_BLOCKS = 8
-BATCH_BLOCKS = 2_000_000  # blocks drawn at a time
 
 
 @dataclass(frozen=True)
@@ -56,17 +56,21 @@ def cost_interval(evaluations: Sequence[Evaluation], seed: int = 0) -> CostInter
 
     Errors and forces are pooled, each force relative to its recording's mean; each recording is resampled separately.
     """
+    if not all(np.isfinite(evaluation.cost) for evaluation in evaluations):
+        return None
+    return interval_of_ticks([(scored_ticks(e), e.series.rate_Hz) for e in evaluations], seed)
+
+
+def interval_of_ticks(runs: Sequence[tuple[Ticks, float]], seed: int = 0) -> CostInterval | None:
+    """Return the interval of J over runs of finite forces, each with its rate [Hz]; None if one is too short."""
     random = np.random.default_rng(seed)
     total, blocks_of = np.zeros((REPLICATES, 2)), []
-    for evaluation in evaluations:
-        if not np.isfinite(evaluation.cost):
-            return None
-        ticks, bin_ticks = scored_ticks(evaluation), max(1, round(BIN_S * evaluation.series.rate_Hz))
-        length = influence_block(ticks, bin_ticks)
+    for ticks, rate_Hz in runs:
+        length = influence_block(ticks, max(1, round(BIN_S * rate_Hz)))
         if len(ticks.force) < MIN_BLOCKS * length:
             return None
         total += replicates(ticks, length, random)
-        blocks_of.append((length / evaluation.series.rate_Hz, len(ticks.force) // length))
+        blocks_of.append((length / rate_Hz, len(ticks.force) // length))
     blocks = sum(count for _, count in blocks_of)
     low, high = interval_of(100.0 * np.sqrt(total[:, 0] / total[:, 1]), blocks)
     return CostInterval(low, high, max(seconds for seconds, _ in blocks_of), blocks)
@@ -97,42 +101,14 @@ def influence_block(ticks: Ticks, bin_ticks: int) -> int:
     """Return the block length [ticks] for `ticks`, a multiple of `bin_ticks`."""
     centred = (ticks.force - ticks.force.mean()) ** 2
     influence = ticks.squares / max(float(ticks.squares.mean()), 1e-300) - centred / centred.mean()
-    binned, runs = _average_bins(influence, ticks.runs, bin_ticks)
+    binned, runs = average_bins(influence, ticks.runs, bin_ticks)
     return bin_ticks * block_length(binned, runs) if len(binned) > 3 * MIN_BLOCKS else len(influence)
 
 
 def replicates(ticks: Ticks, length: int, random: np.random.Generator) -> F:
     """Return sums of squared errors and of squared distances from the mean force (REPLICATES, 2), resampled."""
-    blocks, weights = _block_sums(ticks, length)
-    chosen = -(-len(ticks.force) // length)
-    edges = np.cumsum(weights) / weights.sum()
-    rows = max(1, BATCH_BLOCKS // chosen)
-    sums = np.concatenate(
-        [
-            blocks[np.searchsorted(edges, random.random((min(rows, REPLICATES - i), chosen)), "right")].sum(axis=1)
-            for i in range(0, REPLICATES, rows)
-        ]
-    )
-    spread = sums[:, 2] - sums[:, 1] ** 2 / sums[:, 3]
-    return np.stack([sums[:, 0], spread], axis=1) * (len(ticks.force) / sums[:, 3])[:, None]
-
-
-def _block_sums(ticks: Ticks, length: int) -> tuple[F, F]:
-    """Return for the block from each tick the sums (n, 4) of e^2, y, y^2 and 1, and its weight (n,) in the draw."""
     y = ticks.force - ticks.force.mean()
     columns = np.stack([ticks.squares, y, y**2, np.ones(len(y))], axis=1)
-    sums, weights = np.empty_like(columns), np.empty(len(y))
-    for start, stop in ticks.runs:
-        n = min(length, int(stop - start))  # a run shorter than a block is one block
-        circle = np.concatenate([columns[start:stop], columns[start : start + n]])
-        before = np.concatenate([np.zeros((1, 4)), np.cumsum(circle, axis=0)])
-        sums[start:stop] = before[n : n + stop - start] - before[: stop - start]
-        weights[start:stop] = 1.0 / n
-    return sums, weights
-
-
-def _average_bins(x: F, runs: I, ticks: int) -> tuple[F, I]:
-    """Return the means of x over whole bins of `ticks` inside the runs, and the runs in bins."""
-    parts = [x[a : a + (b - a) // ticks * ticks].reshape(-1, ticks).mean(axis=1) for a, b in runs if b - a >= ticks]
-    ends = np.cumsum([len(p) for p in parts])
-    return np.concatenate([np.empty(0), *parts]), np.stack([np.append(0, ends[:-1])[: len(ends)], ends], axis=1)
+    sums = resample_sums(columns, ticks.runs, length, REPLICATES, random)
+    spread = sums[:, 2] - sums[:, 1] ** 2 / sums[:, 3]
+    return np.stack([sums[:, 0], spread], axis=1) * (len(ticks.force) / sums[:, 3])[:, None]

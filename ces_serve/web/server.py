@@ -41,7 +41,7 @@ class PageServer:
         self._site = Site.open(folder, observer, signals)
         self._server = _listen(self._site, host, port)
         shown = f"[{host}]" if ":" in host else host
-        self.url = f"http://{shown}:{self._server.server_port}/"
+        self.url = f"http://{shown}:{self._server.port}/"
 
     def run(self) -> None:
         """Serve until KeyboardInterrupt or `stop`."""

@@ -46,9 +46,9 @@ def _do(task: Mapping[str, Any], report: Report) -> Any:
 
             return inspect_recording(task["path"], task["signals"], report)
         case "compare":
-            from ces_serve.work.comparison import compare
+            from ces_serve.work.comparison import compare_files
 
-            return compare(task["models"], task["bags"], task["signals"], report)
+            return compare_files(task["models"], task["bags"], task["signals"], report)
     raise CesError(f"unknown task {task['name']!r}")
 
 

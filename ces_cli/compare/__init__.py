@@ -1,0 +1,1 @@
+"""`ces compare`: models and other simulations on the same recordings."""

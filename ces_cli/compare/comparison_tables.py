@@ -1,0 +1,116 @@
+"""A comparison as tables for the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from rich.table import Table
+
+from ces_cli.terminal.tables import NONE, interval_text, percent
+from ces_cli.terminal.terminal import make_table
+from ces_identify.comparison.comparison import Comparison, ModelResult
+from ces_identify.comparison.pair_results import SHORT, Difference, PairResult
+from ces_identify.typesetting import minus
+
+BEST = "best"
+
+
+def model_table(comparison: Comparison) -> Table:
+    """Return a row for each model, lowest cost first: its cost, how much more than the best one, and what it is."""
+    tests = comparison.test_names
+    title = f"cost J over {', '.join(tests)}" if tests else "cost J over all recordings, which is not a test"
+    headings = ("J %", "95 %", "above best", "µs/tick", "bound kN", "out %")
+    table = make_table(title, ("model", "size"), headings)
+    ordered = sorted(range(len(comparison.models)), key=lambda i: comparison.models[i].pooled)
+    for i in ordered:
+        model = comparison.models[i]
+        above = BEST if i == ordered[0] else _above(comparison.pair(ordered[0], i), i)
+        table.add_row(model.name, _size(model), percent(model.pooled), interval_text(model.pooled_interval), above,
+                      _tick(model), _bound(model), _outside(comparison, i))  # fmt: skip
+    return table
+
+
+def recording_table(comparison: Comparison) -> Table:
+    """Return a row for each model on each recording."""
+    table = make_table("each recording", ("recording", "model", "use"), ("J %", "95 %", "RMS N"))
+    for n, recording in enumerate(comparison.recordings):
+        for i, model in enumerate(comparison.models):
+            cost = model.costs[n]
+            name = f"{recording.name}, {recording.seconds:.1f} s" if i == 0 else ""
+            rms = f"{cost.rms_N:.1f}" if math.isfinite(cost.rms_N) else NONE
+            table.add_row(name, model.name, cost.use, percent(cost.cost), interval_text(cost.interval), rms)
+        table.add_section()
+    return table
+
+
+def pair_table(comparison: Comparison) -> Table:
+    """Return a row for each pair of models with the difference of their costs."""
+    table = make_table("differences of J, first minus second", ("first", "second"), ("J", "interval", "p"))
+    table.add_column("verdict", overflow="fold")
+    for pair in comparison.pairs:
+        names = [comparison.models[i].name for i in (pair.first, pair.second)]
+        table.add_row(*names, _signed(pair.pooled.value), interval_of(pair.pooled), _p_value(pair), _verdict(pair, comparison))
+    return table
+
+
+def sentences(comparison: Comparison) -> Iterator[str]:
+    """Yield what the differences say, and what to know before believing them."""
+    if len(comparison.pairs) == 1:
+        (pair,) = comparison.pairs
+        shown = "" if pair.p_value is None else f" (p = {_p_value(pair)}, {pair.pooled.blocks} independent blocks)"
+        yield f"{pair.text}{shown}"
+    if comparison.machine:
+        yield f"µs/tick: the observer's estimator on this machine ({comparison.machine}), models in turns"
+    yield from (f"note: {note}" for note in comparison.notes())
+
+
+def interval_of(difference: Difference) -> str:
+    """Return the interval of a difference as text, a dash without one."""
+    if difference.low is None or difference.high is None:
+        return NONE
+    return f"{_signed(difference.low)} to {_signed(difference.high)}"
+
+
+def _above(pair: PairResult, model: int) -> str:
+    """Return how much higher the cost of `model` is than the other's, with its interval."""
+    difference = pair.pooled
+    if difference.low is None or difference.high is None:
+        return SHORT if math.isfinite(difference.value) else NONE
+    sign = 1.0 if pair.first == model else -1.0
+    low, high = sorted((sign * difference.low, sign * difference.high))
+    return f"{_signed(sign * difference.value)} ({_signed(low)} to {_signed(high)})"
+
+
+def _verdict(pair: PairResult, comparison: Comparison) -> str:
+    return pair.verdict if pair.better is None else f"{comparison.models[pair.better].name} is better"
+
+
+def _p_value(pair: PairResult) -> str:
+    if pair.p_value is None:
+        return NONE
+    return "< 0.001" if pair.p_value < 0.001 else f"{pair.p_value:.3f}"
+
+
+def _signed(value: float) -> str:
+    return minus(f"{value:+.2f}") if math.isfinite(value) else NONE
+
+
+def _size(model: ModelResult) -> str:
+    return NONE if model.model.model is None else model.model.model.size
+
+
+def _tick(model: ModelResult) -> str:
+    return NONE if model.tick is None else f"{model.tick.median_us:.1f}"
+
+
+def _bound(model: ModelResult) -> str:
+    return NONE if model.force_bound_N is None else f"{model.force_bound_N / 1000:.3g}"
+
+
+def _outside(comparison: Comparison, i: int) -> str:
+    """Return the largest share of a recording's ticks with some signal outside the model's envelope."""
+    if comparison.models[i].model.model is None:
+        return NONE
+    shares = [max((one.share for one in r.exits[i]), default=0.0) for r in comparison.recordings]
+    return f"{100 * max(shares):.1f}"

@@ -1,0 +1,77 @@
+"""`ces compare`: models and other simulations on the same recordings, with the differences of their costs."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ces_cli.compare.arguments import open_models, read_recordings, sort_words
+from ces_cli.compare.comparison_tables import model_table, pair_table, recording_table, sentences
+from ces_cli.terminal import terminal
+from ces_cli.terminal.json_output import add_json, print_document
+from ces_cli.terminal.outputs import add_overwrite, require_new_file
+from ces_identify.comparison.comparison import Comparison, compare
+from ces_identify.comparison.comparison_json import comparison_document
+from ces_observer.errors import CesError
+
+USAGE = "usage: ces compare A.json B.json ... BAG..."
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit status."""
+    options = make_parser().parse_intermixed_args(argv)  # arguments may follow options
+    require_new_file(options.report, options.overwrite)
+    words = sort_words(options.words)
+    if len(words.simulations) < 2:
+        raise CesError(f"{len(words.simulations)} models given; expected at least two; {USAGE}")
+    if not words.bags:
+        raise CesError(f"no recording given; {USAGE}")
+    comparison = _compare(words.simulations, words.bags, options)
+    _print(comparison, options.json)
+    return 0
+
+
+def _compare(specs: Sequence[str], bags: Sequence[str], options: argparse.Namespace) -> Comparison:
+    signals = terminal.load_described_signals(options)
+    recordings = read_recordings(bags, signals)
+    models = open_models(specs, recordings, signals)
+    with terminal.err.status(f"simulating {len(recordings)} recordings with {len(models)} models"):
+        return compare(models, [recording for _, recording in recordings], options.part)
+
+
+def _print(comparison: Comparison, as_json: bool) -> None:
+    if as_json:
+        print_document("compare", comparison_document(comparison))
+        return
+    terminal.out.print(model_table(comparison))
+    if len(comparison.pairs) > 1:
+        terminal.out.print(pair_table(comparison))
+    if len(comparison.recordings) > 1:
+        terminal.out.print(recording_table(comparison))
+    for line in sentences(comparison):
+        terminal.out.print(line, highlight=False, soft_wrap=True)
+
+
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
+    p = terminal.parser(
+        "compare",
+        "Compare models, or any other simulations, on the same recordings with a measured force: the cost J of each "
+        "free run with its interval, whether the differences are larger than chance (paired block bootstrap, Holm's "
+        "correction), and what each model is. A recording that a model was identified on is no test and is marked.",
+        "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html",
+    )
+    text = (
+        "simulations to compare (MODEL.json, AUGMENTED.json, RIG.yaml, FILE.fmu, module:function, topic:/name), the "
+        "folder of a campaign for the models on its front, and recordings"
+    )
+    p.add_argument("words", nargs="+", metavar="SIM|BAG", help=text)
+    terminal.add_signals(p)
+    terminal.add_part(p)
+    p.add_argument("--report", type=Path, metavar="FILE", help="write a page with charts (HTML)")
+    add_json(p)
+    add_overwrite(p)
+    return p

@@ -1,0 +1,1 @@
+"""Comparison of models on the same recordings: costs, differences with paired intervals, time a tick, envelopes."""

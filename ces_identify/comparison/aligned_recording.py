@@ -1,0 +1,154 @@
+"""All models on one recording: their forces and the measured one at the same stamps.
+
+Each model runs freely at its own rate, with its own differentiator, over the whole recording. Its force at a position
+sample is the one that the observer would publish for it, so all forces have the recording's own position stamps; the
+measured force is interpolated to them. Only stamps count at which every model has a force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ces_identify.comparison.compared_model import ComparedModel
+from ces_identify.numerics.arrays import F, Mask
+from ces_identify.preparation.series import force_at
+from ces_identify.recordings.recording import Recording
+from ces_identify.simulations.simulate import SampleRun, sample_run
+from ces_observer.errors import RecordingError
+
+WARM_UP_S = 0.5  # [s] not scored after the start and after each gap, for models that ask for less
+MAX_GAP_S = 0.05  # [s] over which the measured force is interpolated, as in `ces_observer.model.Sampling`
+MIN_SCORED = 50
+
+
+@dataclass(frozen=True)
+class EnvelopeExit:
+    """A signal of a recording that leaves a model's envelope: both ranges, and the share of ticks outside."""
+
+    signal: str
+    recorded: tuple[float, float]
+    known: tuple[float, float]
+    share: float
+
+
+@dataclass(frozen=True)
+class AlignedRecording:
+    """Forces of all models on one recording, at its position samples (n,).
+
+    `time_s` counts from the first sample; `position` [m] and `speed` [m/s] are shown only. `measured` (n,) and `forces`
+    (models, n) [N] are NaN where there is none; `scored` (n,) is true where all of them count. `diverged` lists the
+    models that left their force envelope, `exits` the signals outside each model's input envelope.
+    """
+
+    name: str
+    sha256: str
+    source: str
+    rate_Hz: float
+    time_s: F
+    position: F
+    speed: F
+    measured: F
+    forces: F
+    scored: Mask
+    diverged: tuple[bool, ...]
+    exits: tuple[tuple[EnvelopeExit, ...], ...]
+
+    @property
+    def seconds(self) -> float:
+        """Scored time [s]."""
+        return float(self.scored.sum()) / self.rate_Hz
+
+    @property
+    def errors(self) -> F:
+        """Measured minus simulated force [N] at the scored samples (models, m), NaN for a model that diverged."""
+        return np.asarray(self.measured[self.scored] - self.forces[:, self.scored])
+
+
+def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[float, float]) -> AlignedRecording:
+    """Run all models over `recording`; stamps outside its `part` (shares from 0 to 1) are not scored.
+
+    Raises RecordingError if there are too few stamps at which all models and the measurement have a force.
+    """
+    if "force" not in recording.channels:
+        raise RecordingError(f"{recording.name}: no measured force to compare with; describe it in the signals file")
+    position = recording.channel("position")
+    stamps = position.stamps_ns
+    measured = force_at(recording, stamps, MAX_GAP_S)
+    runs = [_run(model, recording) for model in models]
+    forces = np.stack([force for force, _ in runs])
+    diverged = tuple(run is not None and run.run.diverged >= 0 for _, run in runs)
+    time_s = (stamps - stamps[0]) * 1e-9
+    counted = np.isfinite(measured) & np.isfinite(position.values) & _past_warm_up(time_s) & _in_part(len(stamps), part)
+    for force, lost in zip(forces, diverged, strict=True):
+        counted &= np.isfinite(force) | lost
+    _require_enough(recording.name, counted, measured)
+    return AlignedRecording(
+        name=recording.name,
+        sha256=recording.sha256,
+        source=recording.source,
+        rate_Hz=1.0 / float(np.median(np.diff(time_s))),
+        time_s=time_s,
+        position=position.values,
+        speed=_speed(runs, time_s, position.values),
+        measured=measured,
+        forces=forces,
+        scored=counted,
+        diverged=diverged,
+        exits=tuple(
+            _find_exits(model, run, counted) for model, (_, run) in zip(models, runs, strict=True)
+        ),
+    )
+
+
+def _run(model: ComparedModel, recording: Recording) -> tuple[F, SampleRun | None]:
+    if model.model is None:
+        return model.simulation.force(recording), None
+    run = sample_run(model.model, recording)
+    return run.force, run
+
+
+def _past_warm_up(time_s: F) -> Mask:
+    """Return where the last start or gap is at least WARM_UP_S ago."""
+    starts = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > MAX_GAP_S)
+    began = time_s[starts[np.searchsorted(starts, np.arange(len(time_s)), side="right") - 1]]
+    return np.asarray(time_s - began >= WARM_UP_S)
+
+
+def _in_part(n: int, part: tuple[float, float]) -> Mask:
+    index = np.arange(n)
+    return np.asarray((index >= round(part[0] * n)) & (index < round(part[1] * n)))
+
+
+def _require_enough(name: str, counted: Mask, measured: F) -> None:
+    count = int(counted.sum())
+    if count < MIN_SCORED:
+        raise RecordingError(
+            f"{name}: {count} samples at which all models and the measurement have a force past warm-up; expected at "
+            f"least {MIN_SCORED}: compare on a longer recording, or leave out the model that has no force there"
+        )
+    if np.ptp(measured[counted]) == 0.0:
+        raise RecordingError(f"{name}: measured force is constant; check its topic and field in the signals file")
+
+
+def _speed(runs: Sequence[tuple[F, SampleRun | None]], time_s: F, position: F) -> F:
+    """Return a speed [m/s] (n,) for charts: that of the first model, else the slope of the position."""
+    for _, run in runs:
+        if run is not None:
+            return np.append(run.series.speed, np.nan)[run.newest]
+    return np.asarray(np.gradient(position, time_s))
+
+
+def _find_exits(model: ComparedModel, run: SampleRun | None, counted: Mask) -> tuple[EnvelopeExit, ...]:
+    if model.model is None or run is None:
+        return ()
+    ticks = np.unique(run.newest[counted & (run.newest >= 0)])
+    found = []
+    for signal, (low, high) in model.model.envelope.by_signal.items():
+        values = getattr(run.series, signal)[ticks]
+        outside = float(np.mean((values < low) | (values > high))) if len(values) else 0.0
+        if outside > 0.0:
+            found.append(EnvelopeExit(signal, (float(values.min()), float(values.max())), (low, high), outside))
+    return tuple(found)

@@ -1,0 +1,219 @@
+"""Models compared on the same recordings: costs, differences between them, and what each model is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ces_identify.comparison.aligned_recording import AlignedRecording, EnvelopeExit, align
+from ces_identify.comparison.compared_model import TRAINED, UNKNOWN, ComparedModel
+from ces_identify.comparison.pair_results import PairResult, compare_pairs
+from ces_identify.comparison.paired_bootstrap import pooled_costs
+from ces_identify.comparison.tick_time import TickTime, describe_machine, measure_tick_times
+from ces_identify.numerics.arrays import I
+from ces_identify.recordings.recording import Recording
+from ces_identify.validation.cost_interval import CostInterval, Ticks, interval_of_ticks
+from ces_observer.errors import CesError
+
+MAX_MODELS = 12
+SIGNAL_UNITS = {"position": "m", "speed": "m/s", "current": "A"}
+
+
+@dataclass(frozen=True)
+class RecordingCost:
+    """The cost J [%] of a model on a recording, infinite if it diverged; its `interval`, None if too short.
+
+    `use` says whether the model was identified on the recording (TRAINED), not (TEST), or nobody knows (UNKNOWN).
+    """
+
+    recording: str
+    cost: float
+    rms_N: float
+    interval: CostInterval | None
+    use: str
+
+
+@dataclass(frozen=True)
+class ModelResult:
+    """One model's costs on each recording and over `pooled_over` recordings on which no model was identified.
+
+    If there are none, `pooled` is the cost over all recordings and `pooled_over` is empty. `tick` and `force_bound_N`
+    are None for a simulation that is not a model, and the bound where stability is not proved.
+    """
+
+    name: str
+    model: ComparedModel
+    costs: tuple[RecordingCost, ...]
+    pooled: float
+    pooled_interval: CostInterval | None
+    tick: TickTime | None
+    force_bound_N: float | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Models on the same recordings. `pairs` holds every two models once; `machine` is where ticks were timed."""
+
+    models: tuple[ModelResult, ...]
+    recordings: tuple[AlignedRecording, ...]
+    pairs: tuple[PairResult, ...]
+    part: tuple[float, float]
+    machine: str
+
+    @property
+    def test_names(self) -> tuple[str, ...]:
+        """Recordings on which no model was identified."""
+        return tuple(
+            r.name
+            for i, r in enumerate(self.recordings)
+            if all(model.costs[i].use != TRAINED for model in self.models)
+        )
+
+    def pair(self, first: int, second: int) -> PairResult:
+        """Return the comparison of two models, whichever comes first."""
+        return next(p for p in self.pairs if {p.first, p.second} == {first, second})
+
+    def notes(self) -> list[str]:
+        """Return what a reader must know before believing the costs, one sentence each."""
+        return [*_training_notes(self), *_exit_notes(self), *_divergence_notes(self)]
+
+
+def compare(
+    models: Sequence[ComparedModel],
+    recordings: Sequence[Recording],
+    part: tuple[float, float] = (0.0, 1.0),
+    *,
+    timing: bool = True,
+    seed: int = 0,
+) -> Comparison:
+    """Run all models over all recordings and compare them; `timing` measures the time of a tick, too.
+
+    Raises CesError for fewer than two models, equal names, or recordings without a force.
+    """
+    _require_comparable(models, recordings)
+    aligned = [align(models, recording, part) for recording in recordings]
+    uses = [[model.use_of(recording, part) for recording in recordings] for model in models]
+    results = _model_results(models, aligned, uses, _measure(models, recordings[0]) if timing else {}, seed)
+    pairs = compare_pairs([model.name for model in models], aligned, uses, seed)
+    return Comparison(tuple(results), tuple(aligned), tuple(pairs), part, describe_machine() if timing else "")
+
+
+def _require_comparable(models: Sequence[ComparedModel], recordings: Sequence[Recording]) -> None:
+    if not 2 <= len(models) <= MAX_MODELS:
+        raise CesError(f"{len(models)} models to compare; expected 2 to {MAX_MODELS}")
+    names = [model.name for model in models]
+    if len(set(names)) < len(names):
+        raise CesError(f"two models are named '{max(names, key=names.count)}'; give each a name of its own")
+    if not recordings:
+        raise CesError("no recording to compare on")
+    hashes = [recording.sha256 for recording in recordings if recording.sha256]
+    if len(set(hashes)) < len(hashes):
+        twice = [r.name for r in recordings if hashes.count(r.sha256) > 1]
+        raise CesError(f"{' and '.join(twice)}: the same recording twice; it would count double: keep one")
+
+
+def _measure(models: Sequence[ComparedModel], recording: Recording) -> dict[int, TickTime]:
+    timed = {i: model.model for i, model in enumerate(models) if model.model is not None}
+    return dict(zip(timed, measure_tick_times(list(timed.values()), recording), strict=True))
+
+
+def _model_results(
+    models: Sequence[ComparedModel],
+    aligned: Sequence[AlignedRecording],
+    uses: Sequence[Sequence[str]],
+    ticks: dict[int, TickTime],
+    seed: int,
+) -> list[ModelResult]:
+    tests = [r for i, r in enumerate(aligned) if all(use[i] != TRAINED for use in uses)] or list(aligned)
+    pooled = pooled_costs(tests)
+    return [
+        ModelResult(
+            name=model.name,
+            model=model,
+            costs=tuple(_cost(i, r, use, seed) for r, use in zip(aligned, uses[i], strict=True)),
+            pooled=_finite_cost(pooled[i]),
+            pooled_interval=_interval(i, tests, seed),
+            tick=ticks.get(i),
+            force_bound_N=_force_bound(model),
+        )
+        for i, model in enumerate(models)
+    ]
+
+
+def _cost(i: int, recording: AlignedRecording, use: str, seed: int) -> RecordingCost:
+    cost = _finite_cost(pooled_costs([recording])[i])
+    rms = float(np.sqrt(np.mean(recording.errors[i] ** 2)))
+    return RecordingCost(recording.name, cost, rms, _interval(i, [recording], seed), use)
+
+
+def _finite_cost(cost: float) -> float:
+    return float(cost) if np.isfinite(cost) else float("inf")
+
+
+def _interval(i: int, recordings: Sequence[AlignedRecording], seed: int) -> CostInterval | None:
+    """Return the interval of the model's pooled J, None if it diverged or a recording is too short."""
+    if any(r.diverged[i] for r in recordings):
+        return None
+    return interval_of_ticks([(_ticks(i, r), r.rate_Hz) for r in recordings], seed)
+
+
+def _ticks(i: int, recording: AlignedRecording) -> Ticks:
+    force = recording.measured[recording.scored]
+    whole: I = np.array([[0, len(force)]], dtype=np.int64)
+    return Ticks(recording.errors[i] ** 2, force, whole)
+
+
+def _force_bound(model: ComparedModel) -> float | None:
+    certificate = None if model.model is None else model.model.certificate
+    bound = None if certificate is None else certificate.get("force_bound_N")
+    return float(bound) if isinstance(bound, int | float) else None
+
+
+def _training_notes(comparison: Comparison) -> list[str]:
+    """Return where a cost is not a test, and for which models nobody knows."""
+    notes = [
+        f"{model.name} was identified on {cost.recording}; its cost there is not a test"
+        for model in comparison.models
+        for cost in model.costs
+        if cost.use == TRAINED
+    ]
+    unknown = [m.name for m in comparison.models if any(cost.use == UNKNOWN for cost in m.costs)]
+    if unknown:
+        notes.append(
+            f"nobody wrote down what {_join(unknown)} {'was' if len(unknown) == 1 else 'were'} identified on; "
+            "whether these recordings are a test is not known"
+        )
+    return notes
+
+
+def _exit_notes(comparison: Comparison) -> list[str]:
+    """Return where a recording leaves the envelope of a model."""
+    return [
+        f"{recording.name} leaves the envelope of {model.name}: {describe_exit(one)}"
+        for recording in comparison.recordings
+        for model, exits in zip(comparison.models, recording.exits, strict=True)
+        for one in exits
+    ]
+
+
+def describe_exit(one: EnvelopeExit) -> str:
+    """Return a signal outside the envelope with both ranges, in one phrase."""
+    unit = SIGNAL_UNITS[one.signal]
+    recorded, known = (f"{low:.4g} to {high:.4g} {unit}" for low, high in (one.recorded, one.known))
+    share = f"{100 * one.share:.1f}" if one.share >= 0.0005 else "less than 0.1"
+    return f"{one.signal} {recorded}, model knows {known}; {share} % of the ticks outside"
+
+
+def _divergence_notes(comparison: Comparison) -> list[str]:
+    return [
+        f"{model.name} left its force envelope on {recording.name}: it has no cost there"
+        for recording in comparison.recordings
+        for model, lost in zip(comparison.models, recording.diverged, strict=True)
+        if lost
+    ]
+
+
+def _join(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
