@@ -22,6 +22,7 @@ PROGRAMS = {  # module and summary by name
     "iterate": ("iterate.program", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
     "compare": ("compare.program", "compare models on the same recordings: costs, and whether they differ"),
+    "serve": ("serve.program", "browse models, reports, results and running searches of a folder as pages"),
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),
     "export": ("identify.export", "write a model as C source for a microcontroller, or as an FMU"),

@@ -71,25 +71,34 @@ class ProgressFile:
 
 
 class SearchProgressFile(ProgressFile):
-    """The progress file of a search: a row for each better model and for each start that ends.
+    """The progress file of a search: a row for each better model and for each start that ends, or goes on after that.
 
     A program with several searches calls `begin_step` before each.
     """
 
     _best = float("inf")
+    _ended: frozenset[int] = frozenset()  # seeds of the starts that have ended
 
     def begin_step(self, step: str) -> None:
         """Write what begins; the next search starts without a best cost."""
-        self._best = float("inf")
+        self._best, self._ended = float("inf"), frozenset()
         self.write({"step": step})
 
     def listen(self, result: SearchResult) -> None:
         """Write a result if it says something new."""
-        if result.ended == RUNNING and not result.cost < self._best:
+        if not self._is_news(result):
             return
-        self._best = min(self._best, result.cost)
         cost = round(result.cost, 6) if result.cost < float("inf") else None
         self.write({"seed": result.seed, "cost": cost, "size": len(result.chosen), "ended": result.ended})
+
+    def _is_news(self, result: SearchResult) -> bool:
+        """Return whether a result is to be written, and remember it."""
+        with self._lock:
+            runs, better = result.ended == RUNNING, result.cost < self._best
+            goes_on = runs and result.seed in self._ended
+            self._ended = self._ended - {result.seed} if runs else self._ended | {result.seed}
+            self._best = min(self._best, result.cost)
+            return better or goes_on or not runs
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""A page to browse what is in a folder: models, reports, campaigns, diagnoses, recordings, searches, a live observer."""
+"""Pages to browse a folder: models, reports, results and recordings; running searches and a running observer, live."""

@@ -6,7 +6,7 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,7 +28,8 @@ GENERATOR = b'content="ces_observer'
 FOOTER = b"<footer>ces_observer"
 
 FactsOf = Callable[[Path], facts.Facts]
-Memory = dict[tuple[str, str], tuple[tuple[int, int, int], Item | None]]  # by kind and path: stamp of the file, and its thing
+# By kind and path: the stamp of the main file, and the thing.
+Memory = dict[tuple[str, str], tuple[tuple[int, int, int], Item | None]]
 JSON_KINDS: dict[bytes, tuple[str, FactsOf]] = {
     b"ces-model": (item.MODEL, facts.model_facts),
     b"ces-gap": (item.DIAGNOSIS, facts.diagnosis_facts),
@@ -65,6 +66,11 @@ class Listing:
         """Return the things of one kind."""
         return tuple(one for one in self.items if one.kind == kind)
 
+    def outermost(self) -> tuple[Item, ...]:
+        """Return the things that are not part of another, such as the models of a campaign are."""
+        owners = {one.folder: one for one in self.items if one.kind in item.FOLDERS and one.folder}
+        return tuple(one for one in self.items if not _is_part(one, owners))
+
     def find(self, kind: str, path: str) -> Item | None:
         """Return the thing of a kind at a path, None if there is none."""
         return next((one for one in self.items if one.kind == kind and one.path == path), None)
@@ -87,7 +93,7 @@ class Catalogue:
         self._known: Memory = {}
         self._listing: Listing | None = None
 
-    def list(self) -> Listing:
+    def listing(self) -> Listing:
         """Return the present list, or one that is half a second old."""
         with self._lock:
             if self._listing is None or time.monotonic() - self._listing.made_s > FRESH_S:
@@ -121,9 +127,7 @@ class Catalogue:
             if not entry.name.startswith(".") and entry.name not in SKIPPED and entry.is_dir(follow_symlinks=False):
                 yield from self._folders(folder / entry.name, depth + 1, walk)
 
-    def _visit(
-        self, folder: Path, entries: list[os.DirEntry[str]], walk: _Walk, before: Memory
-    ) -> Iterator[Item]:
+    def _visit(self, folder: Path, entries: list[os.DirEntry[str]], walk: _Walk, before: Memory) -> Iterator[Item]:
         if any(entry.name == METADATA for entry in entries):
             if folder != self.folder.root:
                 yield from self._remember(item.RECORDING, folder, folder / METADATA, facts.recording_facts, before)
@@ -139,9 +143,7 @@ class Catalogue:
             elif (known := _kind_of(path)) is not None:
                 yield from self._remember(*known, before)
 
-    def _remember(
-        self, kind: str, path: Path, main: Path, facts_of: FactsOf, before: Memory
-    ) -> Iterator[Item]:
+    def _remember(self, kind: str, path: Path, main: Path, facts_of: FactsOf, before: Memory) -> Iterator[Item]:
         """Yield the thing whose main file is `main`, from memory if that has not changed."""
         try:
             status = main.stat()
@@ -177,13 +179,23 @@ class Catalogue:
         if schema is not None:
             known = JSON_KINDS.get(schema[1])
             return None if known is None else self._read(known[0], path, modified_s, known[1])
-        if path.name in OUR_NAMES or not head.lstrip()[:1] in (b"{", b"["):
+        if path.name in OUR_NAMES or head.lstrip()[:1] not in (b"{", b"["):
             what = "empty" if not head.strip() else "no schema of ces_observer at its beginning"
             return Item(item.UNREADABLE, where, modified_s, {}, what)
         return None
 
 
 JSON = "json"
+
+
+def _is_part(one: Item, owners: Mapping[str, Item]) -> bool:
+    """Return whether a thing is in the folder of an owner, or below it; owners in one folder are not of each other."""
+    folder = one.folder
+    while folder:
+        if folder in owners and owners[folder] is not one and (folder != one.folder or one.kind not in item.FOLDERS):
+            return True
+        folder = folder.rpartition("/")[0]
+    return False
 
 
 def _kind_of(path: Path) -> tuple[str, Path, Path, FactsOf] | None:

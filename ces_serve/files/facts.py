@@ -99,7 +99,8 @@ def fleet_facts(path: Path) -> Facts:
     return {
         "count": len(rows),
         "largest_gap_N": max(map(float, gaps), default=None),
-        "summary": f"{len(rows)} units: " + (", ".join(f"{n} {v}" for v, n in verdicts.most_common()) or "none diagnosed"),
+        "summary": f"{len(rows)} units: "
+        + (", ".join(f"{n} {v}" for v, n in verdicts.most_common()) or "none diagnosed"),
         "search": " ".join(str(row["name"]) for row in rows),
     }
 

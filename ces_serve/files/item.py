@@ -48,6 +48,11 @@ class Item:
         return self.path.rpartition("/")[0]
 
     @property
+    def place(self) -> str:
+        """Where its name is, empty at the top."""
+        return self.folder.rpartition("/")[0] if self.folder and self.kind in FOLDERS else self.folder
+
+    @property
     def cost_J(self) -> float | None:
         """Its cost [%], by which things are sorted, if it has one."""
         cost = self.facts.get("cost_J")

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import suppress
 from functools import cache
 from typing import Any
@@ -37,7 +37,7 @@ class ObserverLink:
         self._process: subprocess.Popen[str] | None = None
         self._topics: Message = {}  # the newest message that says which topics there are
 
-    def messages(self) -> Iterator[Message]:
+    def messages(self) -> Generator[Message, None, None]:
         """Yield messages as they come, an empty one at least every second; MISSING or ENDED is the last."""
         python = find_python()
         if python is None:

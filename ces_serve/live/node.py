@@ -10,6 +10,7 @@ import json
 import os
 import sys
 import threading
+from contextlib import suppress
 from math import isfinite
 from typing import Any
 
@@ -32,7 +33,7 @@ QUEUE = 1000  # messages: a second at 1 kHz
 LISTEN = QoSProfile(depth=QUEUE, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 
 
-class ObserverListener(Node):
+class ObserverListener(Node):  # type: ignore[misc]
     """Listens to the observers whose node is named `observer`, or to all if that is empty."""
 
     def __init__(self, observer: str) -> None:
@@ -108,10 +109,8 @@ def main(argv: list[str]) -> int:
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     executor = make_executor(AUTO)
     executor.add_node(ObserverListener(argv[0] if argv else ""))
-    try:
+    with suppress(ExternalShutdownException):
         executor.spin()
-    except ExternalShutdownException:
-        pass
     return 0
 
 

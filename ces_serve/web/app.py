@@ -11,12 +11,11 @@ from ces_observer import __version__
 from ces_serve.files.item import KINDS
 from ces_serve.web import assets, compare, details, files, lists, observer, searches
 from ces_serve.web.columns import format_time
-from ces_serve.web.events import Streams
+from ces_serve.web.events import SERVER_ERROR, Streams
 from ces_serve.web.security import protect
 from ces_serve.web.site import Site
 
 ROOMS = (assets.pages, lists.pages, details.pages, files.pages, searches.pages, compare.pages, observer.pages)
-SERVER_ERROR = "This page failed; the terminal of ces serve has the reason."
 
 
 def make_app(site: Site, host: str) -> Flask:
@@ -40,7 +39,7 @@ def make_app(site: Site, host: str) -> Flask:
 
     @app.context_processor
     def navigation() -> dict[str, Any]:
-        return {"nav_kinds": lists.count_kinds(site.catalogue.list())}
+        return {"nav_kinds": lists.count_kinds(site.catalogue.listing())}
 
     @app.errorhandler(HTTPException)
     def problem(error: HTTPException) -> tuple[str, int]:

@@ -65,7 +65,7 @@ NAME = Column("name", "name", lambda one: one.name, lambda one: one.path.lower()
 CHANGED = Column(
     "changed", "changed", lambda one: format_time(one.modified_s), lambda one: one.modified_s, falling=True
 )
-KIND = Column("kind", "kind", lambda one: KINDS[one.kind][1], lambda one: one.kind)
+KIND = Column("kind", "kind", lambda one: KINDS[one.kind][1].replace(" ", "\u00a0"), lambda one: one.kind)
 SUMMARY = Column("summary", "says", lambda one: one.summary, lambda one: one.summary.lower() or None)
 PROOF = Column(
     "proof",

@@ -1,4 +1,4 @@
-"""Comparing models by clicking: choose recordings, compute in another process, show the page that `ces compare` writes."""
+"""Comparing models by clicking: choose recordings, compute in another process, show the page of `ces compare`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ pages = Blueprint("compare", __name__)
 @pages.get("/compare")
 def choose() -> str:
     """Return the page where recordings are chosen for the chosen models."""
-    listing = site().catalogue.list()
+    listing = site().catalogue.listing()
     models = _chosen(MODEL, "model")
     recordings = listing.of_kind(RECORDING)
     return render_template(
@@ -47,7 +47,7 @@ def result() -> str:
     """Return the page that waits for a comparison and then shows it."""
     models, bags = _chosen(MODEL, "model"), _chosen(RECORDING, "bag")
     problem = _check(models, bags)
-    given = {"model": [one.path for one in models], "bag": [one.path for one in bags]}
+    given: dict[str, Any] = {"model": [one.path for one in models], "bag": [one.path for one in bags]}
     return render_template(
         "comparing.html",
         title="Comparing",
@@ -69,11 +69,11 @@ def compute() -> Response:
         abort(400, problem)
     where = site()
     try:
-        paths = [[where.folder.find(one.path) for one in chosen] for chosen in (models, bags)]
-        key = _key(*paths, where.signals)
+        files, recordings = ([where.folder.find(one.path) for one in chosen] for chosen in (models, bags))
+        key = _key(files, recordings, where.signals)
     except OSError as error:
         abort(404, str(error))
-    named = {"models": [str(path) for path in paths[0]], "bags": [str(path) for path in paths[1]]}
+    named = {"models": [str(path) for path in files], "bags": [str(path) for path in recordings]}
     task = {"name": "compare", "signals": where.signals, **named}
     return streams().respond(_compute(where, key, task))
 
@@ -113,7 +113,7 @@ def _compute(where: Site, key: str, task: dict[str, Any]) -> Iterator[Event]:
 
 def _chosen(kind: str, name: str) -> list[Item]:
     """Return the things that the address names, each once and only those that the folder has."""
-    listing = site().catalogue.list()
+    listing = site().catalogue.listing()
     paths = dict.fromkeys(request.args.getlist(name)[: 10 * MAX_CHOSEN])
     return [one for path in paths if (one := listing.find(kind, path)) is not None]
 

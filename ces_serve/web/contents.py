@@ -75,7 +75,12 @@ def diagnosis_content(where: Site, one: Item) -> Content:
         ("simulation", str(found.get("simulation", "–"))),
     ]
     rows = tuple(
-        (Cell(str(c["effect"]).replace("_", " ")), cell(c["probability"], ".2f"), cell(c["gap_after_N"], ".1f"), cell(c["shrink"], ".0f", 100.0))
+        (
+            Cell(str(c["effect"]).replace("_", " ")),
+            cell(c["probability"], ".2f"),
+            cell(c["gap_after_N"], ".1f"),
+            cell(c["shrink"], ".0f", 100.0),
+        )
         for c in causes
     )
     if rows:
@@ -84,7 +89,10 @@ def diagnosis_content(where: Site, one: Item) -> Content:
     purpose = (found.get("next_experiment") or {}).get("purpose")
     if purpose:
         content.facts.append(("next experiment", str(purpose)))
-    content.links = [*_files(where, one, ("report.html", "augmented.json")), ("gap.json", url_for("files.send", path=one.path))]
+    content.links = [
+        *_files(where, one, ("report.html", "augmented.json")),
+        ("gap.json", url_for("files.send", path=one.path)),
+    ]
     return content
 
 
@@ -136,7 +144,10 @@ def _envelope(model: Model) -> list[tuple[str, str]]:
     e = model.envelope
     named = (("position", e.position_m, "m"), ("speed", e.speed_m_s, "m/s"), ("current", e.current_A, "A"))
     rows = [(*one,) for one in (*named, ("force", model.force_envelope_N, "N"))]
-    return [(f"{name} of the recordings", f"{number(r[0], '.4g')} to {number(r[1], '.4g')} {unit}") for name, r, unit in rows]
+    return [
+        (f"{name} of the recordings", f"{number(r[0], '.4g')} to {number(r[1], '.4g')} {unit}")
+        for name, r, unit in rows
+    ]
 
 
 def _cells(folder: str, bags: str, rows: list[Row]) -> PageTable:
@@ -150,7 +161,7 @@ def _cells(folder: str, bags: str, rows: list[Row]) -> PageTable:
         f"Identified on {bags}",
         headings,
         tuple(_campaign_cells(folder, row, marks, sets) for row in ordered),
-        "The selection cost, which the search used, decides the front and the recommendation; other costs decide nothing.",
+        "The selection cost, which the search used, decides front and recommendation; other costs decide nothing.",
     )
 
 
@@ -176,9 +187,14 @@ def _mean_cost(row: Row, name: str) -> float | None:
 
 def _unit(where: Site, one: Item, row: Row) -> tuple[Cell, ...]:
     if row["status"] != DONE:
-        return (Cell(str(row["name"])), Cell(str(row["status"])), *[Cell("–", numeric=True)] * 3, Cell(str(row["reason"])))
+        return (
+            Cell(str(row["name"])),
+            Cell(str(row["status"])),
+            *[Cell("–", numeric=True)] * 3,
+            Cell(str(row["reason"])),
+        )
     path = f"{one.folder}/{row['folder']}/gap.json".lstrip("/")
-    listed = where.catalogue.list().find(item.DIAGNOSIS, path)
+    listed = where.catalogue.listing().find(item.DIAGNOSIS, path)
     verdict = ": ".join(filter(None, (str(row["verdict"]).replace("_", " "), " + ".join(map(str, row["effects"])))))
     return (
         Cell(str(row["name"]), view_url(item.DIAGNOSIS, path) if listed else ""),
@@ -192,7 +208,7 @@ def _unit(where: Site, one: Item, row: Row) -> tuple[Cell, ...]:
 
 def _iteration(where: Site, one: Item, row: Row) -> tuple[Cell, ...]:
     path = f"{one.folder}/{row['model']}".lstrip("/")
-    listed = where.catalogue.list().find(item.MODEL, path)
+    listed = where.catalogue.listing().find(item.MODEL, path)
     return (
         Cell(str(row["name"])),
         cell(row["total_s"], ".0f"),

@@ -9,19 +9,20 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_identify.campaign.front import front, recommend_model
+from ces_identify.jobs.row_log import Row
 from ces_identify.numerics.arrays import F
 from ces_identify.report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, draw_plot, series_css
 
-WIDTH = 900.0
+WIDTH = 760.0
 LIVE_S = 10.0  # [s] that the view of a running observer shows
 NO_LINE: F = np.array([-LIVE_S, 0.0])
 NOTHING: F = np.full(2, np.nan)
 UNITS = {"position": "Position [m]", "current": "Current [A]", "force": "Force [N]"}
 
 
-def campaign_chart(number: int, bags: str, rows: Sequence[Mapping[str, Any]]) -> list[Markup]:
+def campaign_chart(number: int, bags: str, rows: Sequence[Row]) -> list[Markup]:
     """Return selection cost against parameters, with the front; nothing if no model has a cost."""
-    rows = [dict(row) for row in rows if row["selection_J"] is not None]
+    rows = [row for row in rows if row["selection_J"] is not None]
     if not rows:
         return []
     structures = list(dict.fromkeys(str(row["structure"]) for row in rows))
@@ -51,20 +52,24 @@ def iteration_chart(rows: Sequence[Mapping[str, Any]]) -> list[Markup]:
         cost = _array(row[key] for row in rows)
         marks += [PlotLine(name, time_s, cost, series_css(k)), PlotDots(name, time_s, cost, f"{series_css(k)} spot")]
     text = "Cost of the models on each new recording before it was used, and on all recordings after the fit."
-    plot = Plot("iterations", "Cost against recorded time", text, "Recorded [s]", [PlotArea("Cost J [%]", marks)], WIDTH)
+    plot = Plot(
+        "iterations", "Cost against recorded time", text, "Recorded [s]", [PlotArea("Cost J [%]", marks)], WIDTH
+    )
     return [draw_plot(plot)]
 
 
 def stroke_chart(runs: Sequence[Mapping[str, Any]], repeatability_m: float) -> list[Markup]:
     """Return the error of each run."""
     number, error = np.arange(1.0, len(runs) + 1.0), _array(1e3 * run["error_m"] for run in runs)
-    marks = [
+    marks: list[PlotLine | PlotDots] = [
         PlotLine("error", number, error, series_css(0)),
         PlotDots("error", number, error, f"{series_css(0)} spot"),
         PlotLine("repeatability", number, np.full(len(runs), 1e3 * repeatability_m), "error"),
     ]
     area = PlotArea("Error [mm RMS]", marks)
-    plot = Plot("runs", "Error of each run", "RMS error of the stroke in each run, and the repeatability.", "Run", [area], WIDTH)
+    plot = Plot(
+        "runs", "Error of each run", "RMS error of the stroke in each run, and the repeatability.", "Run", [area], WIDTH
+    )
     return [draw_plot(plot)] if len(runs) > 1 else []
 
 
@@ -92,13 +97,14 @@ def search_chart(rows: Sequence[Mapping[str, Any]], title: str) -> list[Markup]:
     best = np.minimum.accumulate(cost)
     steps = np.repeat(time_s, 2)[1:], np.repeat(best, 2)[:-1]
     ended = np.array([row.get("ended") != "running" for row in found])
-    marks = [
+    marks: list[PlotLine | PlotDots] = [
         PlotLine("best so far", *steps, series_css(0)),
         PlotDots("improvement", time_s[~ended], cost[~ended], f"{series_css(0)} spot"),
         PlotDots("end of a start", time_s[ended], cost[ended], f"{series_css(1)} spot"),
     ]
     text = f"Selection cost of the best model so far: {best[-1]:.2f} % after {time_s[-1]:.1f} s."
-    plot = Plot("search", title, text, "Time [s]", [PlotArea("Selection cost J [%]", marks, height=240.0)], WIDTH)
+    area = PlotArea("Selection cost J [%]", marks, height=240.0)
+    plot = Plot("search", title, text, "Time [s]", [area], WIDTH, x_view=(0.0, 1.03 * float(time_s[-1])))
     return [draw_plot(plot)]
 
 

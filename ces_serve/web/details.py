@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 
 from flask import Blueprint, Response, abort, render_template, url_for
@@ -69,7 +69,7 @@ def inspect(path: str) -> Response:
     return streams().respond(_inspect(site(), key, task))
 
 
-def _inspect(where: Site, key: object, task: dict[str, object]) -> Iterator[Event]:
+def _inspect(where: Site, key: object, task: Mapping[str, object]) -> Iterator[Event]:
     kept = where.inspected.get(key)
     if kept is not None:
         yield "result", kept
@@ -87,7 +87,7 @@ def _inspect(where: Site, key: object, task: dict[str, object]) -> Iterator[Even
 
 
 def _find(kind: str, path: str) -> Item:
-    one = site().catalogue.list().find(kind, path)
+    one = site().catalogue.listing().find(kind, path)
     if one is None:
         abort(404, f"{path}: no such {KINDS[kind][1] if kind in KINDS else 'thing'} in this folder")
     return one
@@ -95,5 +95,7 @@ def _find(kind: str, path: str) -> Item:
 
 def _beside(one: Item) -> list[Item]:
     """Return the reports, models and results in the same folder, at most a dozen."""
-    found = [other for other in site().catalogue.list().items if other.folder == one.folder and other.path != one.path]
+    found = [
+        other for other in site().catalogue.listing().items if other.folder == one.folder and other.path != one.path
+    ]
     return [other for other in found if other.kind in (REPORT, *CONTENTS)][:12]

@@ -43,7 +43,7 @@ def send(path: str) -> Response:
 
 def _type_of(path: str, found: Path) -> str | None:
     """Return the type of a file that may be sent, None for others."""
-    listing = site().catalogue.list()
+    listing = site().catalogue.listing()
     if listing.find(REPORT, path):
         return "text/html; charset=utf-8"
     listed = {one.path for one in listing.items}

@@ -48,7 +48,7 @@ def list_kind(kind: str) -> str:
 @pages.get("/events/overview")
 def watch() -> Response:
     """Stream an event whenever the list or the running searches have changed."""
-    return streams().respond(_watch(site().catalogue.list))
+    return streams().respond(_watch(site().catalogue.listing))
 
 
 def item_url(one: Item) -> str:
@@ -64,9 +64,9 @@ def search_url(search: Search) -> str:
 
 
 def _page(kind: str, title: str) -> str:
-    listing = site().catalogue.list()
+    listing = site().catalogue.listing()
     query, order = request.args.get("q", "")[:MAX_QUERY], request.args.get("sort", "")[:40]
-    candidates = listing.items if kind == ALL else listing.of_kind(kind)
+    candidates = listing.of_kind(kind) if kind != ALL else listing.items if query else listing.outermost()
     words = tuple(query.lower().split())
     columns = (NAME, *columns_of(kind))
     found = sort_items([one for one in candidates if one.matches(words)], order, columns)
@@ -86,6 +86,7 @@ def _page(kind: str, title: str) -> str:
         first=first,
         older=_url(query, order, number + 1) if first + PAGE_ROWS < len(found) else "",
         newer=_url(query, order, number - 1) if number > 1 else "",
+        inside=len(listing.items) - len(candidates) if kind == ALL else 0,
         searches=listing.searches,
         cut=listing.cut,
         can_compare=kind == MODEL,

@@ -16,7 +16,10 @@ def recording_content(found: dict[str, Any]) -> Content:
         charts=curves.recording_chart(found["channels"]),
     )
     rows = [_signal(channel) for channel in found["channels"]]
-    rows += [(Cell(name), *[Cell("–", numeric=True)] * 5, cell(value, ".4g"), cell(value, ".4g")) for name, value in found["constants"].items()]
+    rows += [
+        (Cell(name), *[Cell("–", numeric=True)] * 5, cell(value, ".4g"), cell(value, ".4g"))
+        for name, value in found["constants"].items()
+    ]
     headings = ("signal", "samples", "s", "Hz", "jitter ms", "gaps", "from", "to")
     content.tables = [PageTable("Signals", headings, tuple(rows))]
     topics = tuple((Cell(t["name"]), Cell(t["type"]), cell(t["count"], "d")) for t in found["topics"])

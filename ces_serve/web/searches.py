@@ -9,7 +9,7 @@ from typing import Any
 
 from flask import Blueprint, Response, abort, render_template, url_for
 
-from ces_identify.progress_file import RunProgress, read_progress
+from ces_identify.progress_file import RUNNING, RunProgress, read_progress
 from ces_observer.errors import CesError
 from ces_serve.files.catalogue import Search
 from ces_serve.files.facts import WRONG_CONTENT
@@ -69,8 +69,10 @@ def search_content(where: Site, search: Search, progress: RunProgress) -> Conten
     if head.get("program") == "jobs":
         return _jobs_content(where, search, progress, facts[1:])
     rows = _last_step(progress)
-    content = Content(headline=describe_search(search).partition(": ")[2].capitalize() + ".")
-    ended = [row for row in rows if row.get("cost") is not None and row.get("ended") not in (None, "running")]
+    said = describe_search(Search(search.path, search.file, progress)).partition(": ")[2]
+    content = Content(headline=f"{said[:1].upper()}{said[1:]}.")
+    newest = {row["seed"]: row["ended"] for row in rows if "seed" in row}
+    ended = [seed for seed, state in newest.items() if state != RUNNING]
     content.facts = [*facts, *_limits(head), ("starts done", _count(len(ended), head.get("starts")))]
     content.charts = curves.search_chart(rows, f"Search for {search.path}")
     content.tables = _starts(rows)
@@ -81,7 +83,7 @@ def _jobs_content(where: Site, search: Search, progress: RunProgress, facts: lis
     """Return the content of a campaign or fleet with its results so far."""
     content = Content()
     folder = "" if search.path == "." else search.path
-    campaign = where.catalogue.list().find(CAMPAIGN, f"{folder}/results.jsonl".lstrip("/"))
+    campaign = where.catalogue.listing().find(CAMPAIGN, f"{folder}/results.jsonl".lstrip("/"))
     if campaign is not None:
         content = contents.campaign_content(where, campaign)
     done = progress.rows[-1] if progress.rows else {"done": progress.head.get("done"), "failed": 0}
@@ -118,11 +120,11 @@ def _outcome(where: Site, path: str) -> list[Item]:
     """Return what a program with this output has written."""
     results = ("results.jsonl", "iterations.jsonl", "fleet.jsonl")
     paths = {path, *(f"{path}/{name}".removeprefix("./") for name in results)}
-    return [one for one in where.catalogue.list().items if one.path in paths and one.kind != REPORT]
+    return [one for one in where.catalogue.listing().items if one.path in paths and one.kind != REPORT]
 
 
 def _find(path: str) -> Search | None:
-    return next((one for one in site().catalogue.list().searches if one.path == path), None)
+    return next((one for one in site().catalogue.listing().searches if one.path == path), None)
 
 
 def _size(path: Path) -> tuple[int, int] | None:
@@ -147,7 +149,10 @@ def _step(progress: RunProgress) -> str:
 
 def _limits(head: Mapping[str, Any]) -> list[tuple[str, str]]:
     known = [("structure", str(head.get("structure") or "")), ("time limit", number(head.get("seconds"), "g", "s"))]
-    known += [("identified on", join(head.get("recordings") or ())), ("validated on", join(head.get("validation") or ()))]
+    known += [
+        ("identified on", join(head.get("recordings") or ())),
+        ("validated on", join(head.get("validation") or ())),
+    ]
     return [(name, value) for name, value in known if value not in ("", "–")]
 
 
@@ -160,7 +165,13 @@ def _starts(rows: list[dict[str, Any]]) -> list[PageTable]:
     newest = {row["seed"]: row for row in rows if "seed" in row}
     known = sorted(newest.values(), key=lambda row: (row["cost"] is None, row["cost"] or 0.0))
     cells = tuple(
-        (cell(row["seed"], "d"), cell(row["cost"], ".3f"), cell(row["size"], "d"), cell(row["elapsed_s"], ".1f"), Cell(str(row["ended"])))
+        (
+            cell(row["seed"], "d"),
+            cell(row["cost"], ".3f"),
+            cell(row["size"], "d"),
+            cell(row["elapsed_s"], ".1f"),
+            Cell(str(row["ended"])),
+        )
         for row in known
     )
     headings = ("start (seed)", "selection cost J %", "terms or parameters", "at s", "state")

@@ -59,8 +59,8 @@ def number(value: object, form: str, unit: str = "") -> str:
 
 def cell(value: object, form: str, scale: float = 1.0) -> Cell:
     """Return a cell with a number, a dash for None."""
-    scaled = value * scale if isinstance(value, int | float) and not isinstance(value, bool) else None
-    return Cell(number(scaled, form), numeric=True)
+    shown = value * scale if scale != 1.0 and isinstance(value, int | float) else value
+    return Cell(number(shown, form), numeric=True)
 
 
 def join(texts: Iterable[object]) -> str:

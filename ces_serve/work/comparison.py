@@ -19,7 +19,9 @@ NEED = ("position", "current", "force")
 WHOLE = (0.0, 1.0)
 
 
-def compare_files(models: Sequence[str], bags: Sequence[str], signals: str | None, report: Callable[[str], None]) -> str:
+def compare_files(
+    models: Sequence[str], bags: Sequence[str], signals: str | None, report: Callable[[str], None]
+) -> str:
     """Return the page that compares model files on bags; raises CesError."""
     described = load_signals(Path(signals) if signals else None)
     recordings = []

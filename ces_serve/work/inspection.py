@@ -51,7 +51,10 @@ def _line(channel: Channel, start_ns: int) -> dict[str, Any]:
     order = np.argsort(time_s, kind="stable")
     if len(order) > 2 * MAX_BINS:
         parts = np.array_split(order, MAX_BINS)
-        ends = [sorted((part[np.argmin(value[part])], part[np.argmax(value[part])]), key=time_s.__getitem__) for part in parts]
+        ends = [
+            sorted((part[np.argmin(value[part])], part[np.argmax(value[part])]), key=time_s.__getitem__)
+            for part in parts
+        ]
         order = np.array(ends).ravel()
     return {"time_s": np.round(time_s[order], 4).tolist(), "value": [float(f"{v:.6g}") for v in value[order]]}
 

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -23,7 +23,7 @@ MAX_LINE = 64_000_000
 RESULT, FAILED = "result", "failed"
 
 
-def do_work(task: Mapping[str, Any], limit_s: float) -> Iterator[Message]:
+def do_work(task: Mapping[str, Any], limit_s: float) -> Generator[Message, None, None]:
     """Yield the messages of a task, an empty one at least every second; the last has a key RESULT or FAILED.
 
     The process ends with the generator: when the result is there, after `limit_s` seconds, or when it is closed.

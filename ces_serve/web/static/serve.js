@@ -48,7 +48,7 @@
     if (number !== newest) return;
     const focused = results.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
     results.innerHTML = page.getElementById("results").innerHTML;
-    document.querySelector(".bar nav").innerHTML = page.querySelector(".bar nav").innerHTML;
+    document.querySelector(".topbar nav").innerHTML = page.querySelector(".topbar nav").innerHTML;
     restoreChoice(results);
     if (focused) results.querySelector(`a[href="${CSS.escape(focused)}"]`)?.focus();
     if (keep) history.replaceState(null, "", url);
@@ -134,7 +134,7 @@
   for (const place of document.querySelectorAll("[data-follow]")) {
     follow(place.dataset.follow, {
       content: html => { if (!place.querySelector(".plot-frame:focus, .plot-frame:hover")) fill(place, html); },
-      ended: (html, stop) => { stop(); place.insertAdjacentHTML("afterbegin", html); },
+      ended: (html, stop) => { stop(); document.querySelector(".kind").textContent = "ended"; place.insertAdjacentHTML("afterbegin", html); },
     });
   }
 
