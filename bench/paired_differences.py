@@ -48,7 +48,7 @@ def make_recording(kind: MadeErrors, random: np.random.Generator) -> AlignedReco
     forces = measured - np.stack([common + kind.ratio * sizes[0] * first, common + sizes[1] * second])
     still, all_scored = np.zeros(n), np.ones(n, bool)
     return AlignedRecording(
-        "made", "", "", RATE_HZ, time_s, still, still, measured, forces, all_scored, (False, False), ((), ())
+        "made", "", "", RATE_HZ, time_s, still, still, measured, forces, all_scored, (False, False), ((), ()), {}
     )
 
 

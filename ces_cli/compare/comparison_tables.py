@@ -10,24 +10,30 @@ from rich.table import Table
 from ces_cli.terminal.tables import NONE, interval_text, percent
 from ces_cli.terminal.terminal import make_table
 from ces_identify.comparison.comparison import Comparison, ModelResult
+from ces_identify.comparison.conclusions import best_model, headline, join, p_text, signed
 from ces_identify.comparison.pair_results import SHORT, Difference, PairResult
-from ces_identify.typesetting import minus
 
-BEST = "best"
+LOWEST = "lowest"
+
+
+def cost_table(comparison: Comparison) -> Table:
+    """Return a row for each model, lowest cost first: its cost, and how much more that is than the lowest."""
+    tests = comparison.test_names
+    title = f"cost J over {join(tests)}" if tests else "cost J over all recordings, which is not a test"
+    table = make_table(title, ("model",), ("J %", "95 %", "above the lowest"))
+    best = best_model(comparison)
+    for i in sorted(range(len(comparison.models)), key=lambda i: comparison.models[i].pooled):
+        model = comparison.models[i]
+        above = LOWEST if i == best else _above(comparison, best, i)
+        table.add_row(model.name, percent(model.pooled), interval_text(model.pooled_interval), above)
+    return table
 
 
 def model_table(comparison: Comparison) -> Table:
-    """Return a row for each model, lowest cost first: its cost, how much more than the best one, and what it is."""
-    tests = comparison.test_names
-    title = f"cost J over {', '.join(tests)}" if tests else "cost J over all recordings, which is not a test"
-    headings = ("J %", "95 %", "above best", "µs/tick", "bound kN", "out %")
-    table = make_table(title, ("model", "size"), headings)
-    ordered = sorted(range(len(comparison.models)), key=lambda i: comparison.models[i].pooled)
-    for i in ordered:
-        model = comparison.models[i]
-        above = BEST if i == ordered[0] else _above(comparison.pair(ordered[0], i), i)
-        table.add_row(model.name, _size(model), percent(model.pooled), interval_text(model.pooled_interval), above,
-                      _tick(model), _bound(model), _outside(comparison, i))  # fmt: skip
+    """Return a row for each model with what it is."""
+    table = make_table("models", ("model", "size"), ("µs/tick", "bound kN", "out %"))
+    for i, model in enumerate(comparison.models):
+        table.add_row(model.name, _size(model), _tick(model), _bound(model), _outside(comparison, i))
     return table
 
 
@@ -50,16 +56,13 @@ def pair_table(comparison: Comparison) -> Table:
     table.add_column("verdict", overflow="fold")
     for pair in comparison.pairs:
         names = [comparison.models[i].name for i in (pair.first, pair.second)]
-        table.add_row(*names, _signed(pair.pooled.value), interval_of(pair.pooled), _p_value(pair), _verdict(pair, comparison))
+        table.add_row(*names, _signed(pair.pooled.value), interval_of(pair.pooled), p_text(pair.p_value), _verdict(pair, comparison))
     return table
 
 
 def sentences(comparison: Comparison) -> Iterator[str]:
     """Yield what the differences say, and what to know before believing them."""
-    if len(comparison.pairs) == 1:
-        (pair,) = comparison.pairs
-        shown = "" if pair.p_value is None else f" (p = {_p_value(pair)}, {pair.pooled.blocks} independent blocks)"
-        yield f"{pair.text}{shown}"
+    yield headline(comparison)
     if comparison.machine:
         yield f"µs/tick: the observer's estimator on this machine ({comparison.machine}), models in turns"
     yield from (f"note: {note}" for note in comparison.notes())
@@ -72,8 +75,11 @@ def interval_of(difference: Difference) -> str:
     return f"{_signed(difference.low)} to {_signed(difference.high)}"
 
 
-def _above(pair: PairResult, model: int) -> str:
-    """Return how much higher the cost of `model` is than the other's, with its interval."""
+def _above(comparison: Comparison, best: int, model: int) -> str:
+    """Return how much higher the pooled cost of `model` is than the lowest; a dash if that is not a test."""
+    if not comparison.test_names:
+        return NONE
+    pair = comparison.pair(best, model)
     difference = pair.pooled
     if difference.low is None or difference.high is None:
         return SHORT if math.isfinite(difference.value) else NONE
@@ -86,14 +92,8 @@ def _verdict(pair: PairResult, comparison: Comparison) -> str:
     return pair.verdict if pair.better is None else f"{comparison.models[pair.better].name} is better"
 
 
-def _p_value(pair: PairResult) -> str:
-    if pair.p_value is None:
-        return NONE
-    return "< 0.001" if pair.p_value < 0.001 else f"{pair.p_value:.3f}"
-
-
 def _signed(value: float) -> str:
-    return minus(f"{value:+.2f}") if math.isfinite(value) else NONE
+    return signed(value) if math.isfinite(value) else NONE
 
 
 def _size(model: ModelResult) -> str:
@@ -105,7 +105,7 @@ def _tick(model: ModelResult) -> str:
 
 
 def _bound(model: ModelResult) -> str:
-    return NONE if model.force_bound_N is None else f"{model.force_bound_N / 1000:.3g}"
+    return NONE if model.force_bound_N is None else f"{model.force_bound_N / 1000:.4g}"
 
 
 def _outside(comparison: Comparison, i: int) -> str:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli.compare.arguments import open_models, read_recordings, sort_words
-from ces_cli.compare.comparison_tables import model_table, pair_table, recording_table, sentences
+from ces_cli.compare.comparison_tables import cost_table, model_table, pair_table, recording_table, sentences
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.outputs import add_overwrite, require_new_file
 from ces_identify.comparison.comparison import Comparison, compare
 from ces_identify.comparison.comparison_json import comparison_document
+from ces_identify.comparison.comparison_page import write_comparison
 from ces_observer.errors import CesError
 
 USAGE = "usage: ces compare A.json B.json ... BAG..."
@@ -30,7 +33,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not words.bags:
         raise CesError(f"no recording given; {USAGE}")
     comparison = _compare(words.simulations, words.bags, options)
+    if options.report is not None:
+        facts = {"command": shlex.join(["ces", "compare", *(sys.argv[2:] if argv is None else argv)])}
+        write_comparison(options.report, comparison, facts)
     _print(comparison, options.json)
+    if options.report is not None and not options.json:
+        print(f"report: {options.report}")
     return 0
 
 
@@ -46,11 +54,8 @@ def _print(comparison: Comparison, as_json: bool) -> None:
     if as_json:
         print_document("compare", comparison_document(comparison))
         return
-    terminal.out.print(model_table(comparison))
-    if len(comparison.pairs) > 1:
-        terminal.out.print(pair_table(comparison))
-    if len(comparison.recordings) > 1:
-        terminal.out.print(recording_table(comparison))
+    several = [recording_table(comparison)] if len(comparison.recordings) > 1 else []
+    terminal.out.print(cost_table(comparison), *several, pair_table(comparison), model_table(comparison))
     for line in sentences(comparison):
         terminal.out.print(line, highlight=False, soft_wrap=True)
 

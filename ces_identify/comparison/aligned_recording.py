@@ -7,14 +7,14 @@ measured force is interpolated to them. Only stamps count at which every model h
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ces_identify.comparison.compared_model import ComparedModel
 from ces_identify.numerics.arrays import F, Mask
-from ces_identify.preparation.series import force_at
+from ces_identify.preparation.series import force_at, hold_current
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulate import SampleRun, sample_run
 from ces_observer.errors import RecordingError
@@ -40,7 +40,8 @@ class AlignedRecording:
 
     `time_s` counts from the first sample; `position` [m] and `speed` [m/s] are shown only. `measured` (n,) and `forces`
     (models, n) [N] are NaN where there is none; `scored` (n,) is true where all of them count. `diverged` lists the
-    models that left their force envelope, `exits` the signals outside each model's input envelope.
+    models that left their force envelope, `exits` the signals outside each model's input envelope, `ranges` the lowest
+    and highest position [m], speed [m/s] and current [A] at the scored samples.
     """
 
     name: str
@@ -55,6 +56,7 @@ class AlignedRecording:
     scored: Mask
     diverged: tuple[bool, ...]
     exits: tuple[tuple[EnvelopeExit, ...], ...]
+    ranges: Mapping[str, tuple[float, float]]
 
     @property
     def seconds(self) -> float:
@@ -85,6 +87,7 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
     for force, lost in zip(forces, diverged, strict=True):
         counted &= np.isfinite(force) | lost
     _require_enough(recording.name, counted, measured)
+    speed, current = _speed(runs, time_s, position.values), hold_current(recording, stamps, 1e6)
     return AlignedRecording(
         name=recording.name,
         sha256=recording.sha256,
@@ -92,7 +95,7 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
         rate_Hz=1.0 / float(np.median(np.diff(time_s))),
         time_s=time_s,
         position=position.values,
-        speed=_speed(runs, time_s, position.values),
+        speed=speed,
         measured=measured,
         forces=forces,
         scored=counted,
@@ -100,6 +103,10 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
         exits=tuple(
             _find_exits(model, run, counted) for model, (_, run) in zip(models, runs, strict=True)
         ),
+        ranges={
+            name: (float(np.nanmin(values[counted])), float(np.nanmax(values[counted])))
+            for name, values in (("position", position.values), ("speed", speed), ("current", current))
+        },
     )
 
 

@@ -17,7 +17,7 @@ from ces_identify.recordings.recording import Recording
 from ces_identify.validation.cost_interval import CostInterval, Ticks, interval_of_ticks
 from ces_observer.errors import CesError
 
-MAX_MODELS = 12
+MAX_MODELS = 8  # colours of the charts
 SIGNAL_UNITS = {"position": "m", "speed": "m/s", "current": "A"}
 
 
@@ -182,7 +182,7 @@ def _training_notes(comparison: Comparison) -> list[str]:
     unknown = [m.name for m in comparison.models if any(cost.use == UNKNOWN for cost in m.costs)]
     if unknown:
         notes.append(
-            f"nobody wrote down what {_join(unknown)} {'was' if len(unknown) == 1 else 'were'} identified on; "
+            f"nobody wrote down what {' and '.join(unknown)} {'was' if len(unknown) == 1 else 'were'} identified on; "
             "whether these recordings are a test is not known"
         )
     return notes
@@ -213,7 +213,3 @@ def _divergence_notes(comparison: Comparison) -> list[str]:
         for model, lost in zip(comparison.models, recording.diverged, strict=True)
         if lost
     ]
-
-
-def _join(names: Sequence[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]

@@ -35,8 +35,8 @@ class Difference:
 class PairResult:
     """Two models compared: `first` and `second` are their indices.
 
-    `pooled` is over the recordings on which neither was identified (over all if there are none), its interval at the
-    level of its step in Holm's procedure. `each` holds the difference on each recording, with plain 95 % intervals.
+    `pooled` is over the recordings on which no model of the comparison was identified; without any, over those on which
+    neither of the two was, else over all. Its interval is at the level of its step in Holm's procedure. `each` holds the difference on each recording, with plain 95 % intervals.
     `verdict` is one of BETTER, SAME, SHORT, NO_TEST and DIVERGED; `better` is the index of the better model, None if
     neither is. `p_value` is Holm's adjusted one, None without a test. `text` says it in a sentence.
     """
@@ -59,7 +59,8 @@ def compare_pairs(
     The pairs that can be tested are tested together, by Holm's procedure.
     """
     pairs = all_pairs(range(len(names)))
-    tests = {pair: [i for i in range(len(recordings)) if _is_test(uses, pair, i)] for pair in pairs}
+    common = _find_tests(uses, range(len(names)))
+    tests = {pair: common or _find_tests(uses, pair) for pair in pairs}
     used = {pair: [recordings[i] for i in tests[pair] or range(len(recordings))] for pair in pairs}
     errors = _find_errors(used, seed)
     tested = [pair for pair, one in errors.items() if tests[pair] and one.enough]
@@ -80,8 +81,9 @@ def compare_pairs(
     ]
 
 
-def _is_test(uses: Sequence[Sequence[str]], pair: Pair, recording: int) -> bool:
-    return all(uses[model][recording] != TRAINED for model in pair)
+def _find_tests(uses: Sequence[Sequence[str]], models: Sequence[int]) -> list[int]:
+    """Return the recordings on which none of these models was identified."""
+    return [i for i in range(len(uses[0])) if all(uses[model][i] != TRAINED for model in models)]
 
 
 def _find_errors(used: dict[Pair, list[AlignedRecording]], seed: int) -> dict[Pair, DifferenceErrors]:

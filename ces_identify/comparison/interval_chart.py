@@ -1,0 +1,60 @@
+"""A static chart of intervals, one row each, over a common axis; every row is readable as text, too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from ces_identify.report.drawing import Panel, axes, label, panel, span_of, svg
+
+WIDTH, LEFT, RIGHT, TOP, ROW, AXIS = 760.0, 250.0, 150.0, 12.0, 24.0, 46.0
+INDENT = 18.0
+MAX_NAME = 36  # letters of a row's name
+
+
+@dataclass(frozen=True)
+class IntervalRow:
+    """A row: its name, the interval (NaN: none), the value inside it (NaN: none), its text, and style-sheet classes.
+
+    A row that `starts` a group has a rule above it; one that does not is `indent`ed if it belongs to the one above.
+    """
+
+    name: str
+    low: float
+    high: float
+    value: float
+    text: str
+    css: str = "outline"
+    starts: bool = False
+    indent: bool = False
+
+
+def draw_intervals(ident: str, title: str, x_label: str, rows: Sequence[IntervalRow], zero: bool = False) -> Markup:
+    """Return the chart; with `zero` the axis includes zero."""
+    values = np.array([v for row in rows for v in (row.low, row.high, row.value)] + ([0.0] if zero else []))
+    height = ROW * len(rows)
+    p = panel(span_of(values), (float(len(rows)), 0.0), (LEFT, TOP, WIDTH - LEFT - RIGHT, height))
+    parts = [axes(p, x_label, "", 6, 0), *(_row(p, i, row) for i, row in enumerate(rows))]
+    text = "; ".join(f"{row.name}: {row.text}" for row in rows)
+    return svg(ident, (WIDTH, TOP + height + AXIS), title, text, parts)
+
+
+def _row(p: Panel, i: int, row: IntervalRow) -> str:
+    y = TOP + ROW * (i + 0.5)
+    out = [label(INDENT if row.indent else 0.0, y + 4, _shorten(row.name), "name"), label(WIDTH, y + 4, row.text, "tick end")]
+    if row.starts and i:
+        out.append(f'<path class="grid" d="M0,{y - ROW / 2:.1f}H{WIDTH:.1f}"/>')
+    if math.isfinite(row.low) and math.isfinite(row.high):
+        low, high = (float(p.x.px(v)) for v in (row.low, row.high))
+        out.append(f'<path class="{row.css}" d="M{low:.1f},{y:.1f}H{high:.1f}M{low:.1f},{y - 4:.1f}v8M{high:.1f},{y - 4:.1f}v8"/>')
+    if math.isfinite(row.value):
+        out.append(f'<path class="{row.css} spot" d="M{float(p.x.px(row.value)):.1f},{y:.1f}h0"/>')
+    return "".join(out)
+
+
+def _shorten(name: str) -> str:
+    return name if len(name) <= MAX_NAME else f"…{name[-MAX_NAME + 1 :]}"
