@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ces_identify.comparison.compared_model import make_compared_model, name_sources
 from ces_identify.comparison.comparison import compare
-from ces_identify.comparison.page import comparison_page
+from ces_identify.comparison.comparison_page import comparison_page
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.checks import require_usable
 from ces_identify.recordings.signals_file import load_signals
