@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import webbrowser
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -60,7 +61,6 @@ def _serve(options: argparse.Namespace) -> None:
     print(f"{options.folder}: {server.url}  (Ctrl-C ends it)", flush=True)
     if options.open:
         webbrowser.open(server.url)
-    try:
+    with suppress(KeyboardInterrupt):
         server.run()
-    except KeyboardInterrupt:
-        print("stopped")
+    print("stopped")

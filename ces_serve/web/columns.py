@@ -56,7 +56,7 @@ def _fact(key: str, heading: str, form: str = "", scale: float = 1.0, falling: b
         found = value(one)
         if found is None:
             return "–"
-        return format(found * scale, form).replace("-", "−") if form else str(found)
+        return format(found if scale == 1.0 else found * scale, form).replace("-", "−") if form else str(found)
 
     return Column(key, heading, text, value, numeric=bool(form), falling=falling)
 

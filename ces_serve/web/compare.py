@@ -121,9 +121,9 @@ def _chosen(kind: str, name: str) -> list[Item]:
 def _check(models: Sequence[Item], bags: Sequence[Item]) -> str:
     """Return what is wrong with a choice, empty if nothing is."""
     if not 2 <= len(models) <= MAX_CHOSEN:
-        return f"{len(models)} models chosen; choose 2 to {MAX_CHOSEN}"
+        return f"models chosen: {len(models)}; choose 2 to {MAX_CHOSEN}"
     if not 1 <= len(bags) <= MAX_CHOSEN:
-        return f"{len(bags)} recordings chosen; choose 1 to {MAX_CHOSEN}"
+        return f"recordings chosen: {len(bags)}; choose 1 to {MAX_CHOSEN}"
     return ""
 
 

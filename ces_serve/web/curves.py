@@ -79,13 +79,15 @@ def recording_chart(channels: Sequence[Mapping[str, Any]]) -> list[Markup]:
     areas = [
         PlotArea(
             UNITS.get(channel["name"], f"{channel['name']} [{channel['unit']}]"),
-            [PlotLine("", _array(channel["time_s"]), _array(channel["value"]), series_css(k))],
+            [PlotLine(channel["name"], _array(channel["time_s"]), _array(channel["value"]), series_css(k))],
             height=110.0,
         )
         for k, channel in enumerate(shown)
     ]
     text = "The signals as logged; of long recordings the lowest and highest value of each of 600 parts."
-    return [draw_plot(Plot("signals", "Signals over time", text, "Time [s]", areas, WIDTH))] if areas else []
+    return (
+        [draw_plot(Plot("signals", "Signals over time", text, "Time [s]", areas, WIDTH, legend=False))] if areas else []
+    )
 
 
 def search_chart(rows: Sequence[Mapping[str, Any]], title: str) -> list[Markup]:

@@ -44,7 +44,7 @@ class PageServer:
         self.url = f"http://{shown}:{self._server.port}/"
 
     def run(self) -> None:
-        """Serve until KeyboardInterrupt or `stop`."""
+        """Serve until Ctrl-C or `stop`."""
         try:
             self._server.serve_forever(poll_interval=0.2)
         finally:
