@@ -48,9 +48,11 @@ setup(
     package_data={
         "*": ["py.typed"],
         "ces_identify": ["**/*.yaml", "**/*.j2", "**/*.html", "**/*.css", "**/*.js", "**/*.hpp", "**/*.cpp"],
+        "ces_cli": ["**/*.j2", "**/*.css"],
         "ces_rig": ["**/*.yaml"],
         "ces_iterate": ["**/*.j2", "**/*.css"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
+        "ces_serve": ["**/*.html", "**/*.css", "**/*.js"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
@@ -79,6 +81,7 @@ setup(
         "fuzz": ["atheris>=2.3"],  # coverage-guided fuzzing: bench/fuzz/guided.py
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
+        "serve": ["flask>=3.0"],  # ces serve
         "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
         "docs": ["mkdocs-material>=9.5", "mkdocstrings[python]>=0.26", "ruff>=0.6"],  # make docs
         "dev": [
@@ -87,6 +90,8 @@ setup(
             "hypothesis>=6.98",
             "distributed>=2022.12",
             "fmpy>=0.3.20",
+            "flask>=3.0",
+            "playwright>=1.40",  # with a Chromium that is installed: the pages in a real browser
             "ruff>=0.6",
             "mypy>=1.11",
             "types-PyYAML",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,17 @@ from numpy.typing import NDArray
 F = NDArray[np.float64]
 
 SYMBOLS = {"force": "F", "speed": "v", "current": "i", "position": "x"}
+MAX_NAMES = 5  # of recordings in a title
 UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
+MEANINGS = {
+    "speed": "speed [m/s], positive in compression",
+    "current": "current [A]",
+    "position": "position [m], positive in compression",
+    "force": "force [N]: on the right-hand side the model’s own past output",
+}
+
+
+Symbols = tuple[tuple[Markup, str], ...]
 
 
 @dataclass(frozen=True)
@@ -50,8 +61,7 @@ class Chart:
 class ModelTable:
     """A section of a report with a model's parameters; `ident` is the section's HTML id.
 
-    The notes come before and after the sentence that explains the symbols, which `symbols` False leaves out. Charts
-    come below the table.
+    `symbols` are the symbols in the table with their meanings. The notes come before and after them, charts below.
     """
 
     ident: str
@@ -62,13 +72,22 @@ class ModelTable:
     note_before: str = ""
     note_after: str = ""
     charts: tuple[Chart, ...] = ()
-    symbols: bool = True
+    symbols: Symbols = ()
 
 
-def parameter_table(about: str, heads: tuple[Markup, ...], rows: tuple[tuple[Markup, ...], ...]) -> ModelTable:
+def parameter_table(
+    about: str, heads: tuple[Markup, ...], rows: tuple[tuple[Markup, ...], ...], symbols: Symbols
+) -> ModelTable:
     """Return a table with a first column of names and columns of numbers; `about` explains it."""
     columns = (TableColumn(heads[0], "", "formula"), *map(TableColumn, heads[1:]))
-    return ModelTable("parameters", "Parameters", Markup(""), columns, rows, note_before=about)
+    return ModelTable("parameters", "Parameters", Markup(""), columns, rows, note_before=about, symbols=symbols)
+
+
+def describe_signals(signals: Iterable[str], rate_Hz: float) -> Symbols:
+    """Return the symbols of the logged signals and of the tick with their meanings, in a fixed order."""
+    used = set(signals)
+    symbols = [(Markup("<var>{}</var>").format(SYMBOLS[s]), meaning) for s, meaning in MEANINGS.items() if s in used]
+    return (*symbols, (Markup("<var>k</var>"), f"the tick: one every {1e3 / rate_Hz:.4g} ms"))
 
 
 def signal_symbol(signal: str, lag: int) -> Markup:
@@ -92,3 +111,10 @@ def three_figures(value: float) -> str:
 def minus(text: str) -> str:
     """Return `text` with true minus signs."""
     return text.replace("-", "\N{MINUS SIGN}")
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Return names as a list; of many, the first ones and how many more there are."""
+    names = list(dict.fromkeys(names))
+    more = len(names) - MAX_NAMES
+    return ", ".join(names) if more <= 1 else f"{', '.join(names[:MAX_NAMES])} and {more} more"

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ces_cli.diagnose.fleet_page import write_page
-from ces_cli.diagnose.fleet_tables import describe_diagnosis, fleet_table, sort_rows, write_csv
+from ces_cli.diagnose.fleet_tables import describe_diagnosis, explain_dashes, fleet_table, sort_rows, write_csv
 from ces_cli.diagnose.inputs import build_diagnose_options, read_with_predictions, require_one_source, take_simulation
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import FleetUnit, find_bags, find_fleet_units
@@ -122,4 +122,6 @@ def _write_and_print(rows: Sequence[Row], folder: Path) -> None:
     write_page(rows, folder / "fleet.html")
     if any(row["status"] == DONE for row in rows):
         terminal.out.print(fleet_table(rows))
+        if dashes := explain_dashes(rows):
+            print(dashes)
     print(f"written: {folder}/fleet.html, fleet.csv, fleet.jsonl, units/")

@@ -49,6 +49,16 @@ def format_number(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
+def explain_dashes(rows: Sequence[Row]) -> str:
+    """Return why rows have a dash instead of a figure, nothing if none has one."""
+    done = [row for row in rows if row["status"] == DONE]
+    unnamed = any(not row["effects"] or row["probability"] is None for row in done)
+    unknown = any(row["gap_N"] is None or row["gap_after_N"] is None for row in done)
+    texts = ["no effect was named, so there is no probability or shrink"] * unnamed
+    texts += ["the gap could not be computed from these recordings"] * unknown
+    return f"-: {'; or '.join(texts)}." if texts else ""
+
+
 def fleet_table(rows: Sequence[Row]) -> Table:
     """Return a table of the diagnoses for the terminal."""
     done = [row for row in sort_rows(rows) if row["status"] == DONE]

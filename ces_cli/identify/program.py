@@ -20,7 +20,7 @@ from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.progress import SearchProgress
-from ces_cli.terminal.tables import cost_table, print_band
+from ces_cli.terminal.tables import cost_table, print_band, print_missing
 from ces_identify.folds import split_folds
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.regressors import built_in_rules
@@ -61,6 +61,7 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace, arg
     best = result.search_results[0]
     weighting = parse_weighting(options.weight).with_common_stroke([e.series for e in result.evaluations])
     terminal.out.print(cost_table(result.evaluations, result.model.size, weighting))
+    print_missing(result.evaluations)
     print_teacher(result)
     print(RULE)
     print(f"best of {len(result.search_results)} starts: seed {best.seed}; stopped: {best.ended}")

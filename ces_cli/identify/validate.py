@@ -15,7 +15,7 @@ from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.json_costs import cost_rows, held_out_row, model_facts
 from ces_cli.terminal.json_output import add_json, print_document, without_text
-from ces_cli.terminal.tables import cost_table, print_band
+from ces_cli.terminal.tables import cost_table, print_band, print_missing
 from ces_identify.preparation.series import prepare
 from ces_identify.preparation.weighting import Weighting, parse_weighting
 from ces_identify.validation.error_regions import error_cells
@@ -51,6 +51,7 @@ def _print_evaluations(
     model: Model, evaluations: Sequence[Evaluation], weighting: Weighting, options: argparse.Namespace
 ) -> None:
     terminal.out.print(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
+    print_missing(evaluations)
     print_band(model, evaluations)
     _print_details(evaluations, weighting)
 

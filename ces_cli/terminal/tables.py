@@ -16,6 +16,7 @@ from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.validation.cost_interval import CostInterval, cost_interval, pooled_cost
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
+from ces_identify.validation.missing_figures import explain_missing
 from ces_observer.model import Model
 
 NONE = "-"
@@ -52,6 +53,15 @@ def cost_table(
         costs = (percent(pooled_cost(held_out)), interval_text(cost_interval(held_out)))
         table.add_row("all held out", _test(held_out), *costs)
     return table
+
+
+def print_missing(evaluations: Sequence[Evaluation]) -> None:
+    """Print why figures of the cost table are missing."""
+    floors = [cycle_noise(e.series) for e in evaluations]
+    if not any(isinstance(floor, CycleNoise) for floor in floors):  # then there is no such column
+        floors = [CycleNoise(0.0, 0, 0.0, 0.0)] * len(floors)
+    for line in explain_missing(evaluations, [cost_interval([e]) for e in evaluations], floors):
+        print(f"{NONE}: {line}")
 
 
 def print_band(model: Model, evaluations: Sequence[Evaluation]) -> None:

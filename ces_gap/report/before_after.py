@@ -9,17 +9,13 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_gap.diagnosis import HeldOutSeries, NextExperiment
-from ces_identify.report.drawing import F, around_zero, axes, legend, note, panel, span_of, svg
-from ces_identify.report.marks import dots, line
+from ces_identify.report.drawing import F, around_zero, span_of
+from ces_identify.report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot
 
 MAX_DOTS = 2400  # of each force
-LAYERS = 12  # measured and simulated dots are drawn in alternate layers, so that neither hides the other
-SPEED_FORCE = (530.0, 446.0)
-TIME = (660.0, 430.0)
-EXPERIMENT = (530.0, 300.0)
 WORST_S = 1.0  # [s]
-MAX_LEGEND_LETTERS = 13  # per entry
 LEFT_OVER = "Gap, measured \N{MINUS SIGN} simulated [N]"
+LINES = {"simulated": "simulation", "augmented": "with effects"}
 
 
 @dataclass(frozen=True)
@@ -45,47 +41,46 @@ def worst_second(held_out: Sequence[HeldOutSeries]) -> Worst | None:
 
 
 def time_plot(ident: str, worst: Worst, effects: str) -> Markup:
-    """Return forces and gap over the worst second; if there are `effects`, with the augmented simulation as well."""
-    series, ticks = worst.series, slice(worst.start, worst.stop)
-    time, measured = series.trace.time_s[ticks], series.trace.force[ticks]
-    forces = {"simulated": series.trace.simulated[ticks], "augmented": series.augmented[ticks]}
-    shown = {css: f for css, f in forces.items() if effects or css == "simulated"}
-    span = float(time[0]), float(time[-1])
-    top = panel(span, span_of(measured, *shown.values()), (58, 34, 590, 196))
-    rests = {css: measured - f for css, f in shown.items()}
-    low = panel(span, around_zero(np.concatenate(list(rests.values()))), (58, 272, 590, 110))
-    parts = [axes(top, "", "Force [N]", 8, 5), line(top, time, measured, "measured")]
-    parts += [line(top, time, f, css) for css, f in shown.items()]
-    parts.append(axes(low, "Time [s]", LEFT_OVER, 8, None))
-    parts += [line(low, time, f, css) for css, f in rests.items()]
-    words = {"measured": "measured", "simulated": "simulation", "augmented": "with effect"}
-    parts.append(legend(top.x.stop, 23, [(css, words[css]) for css in ("measured", *shown)]))
-    return svg(ident, TIME, "The worst second", f"{series.trace.name}, {span[0]:.2f} to {span[1]:.2f} s.", parts)
+    """Return forces and gap of the recording with the worst second, at first over that second.
+
+    If there are `effects`, the augmented simulation is shown as well.
+    """
+    trace, time = worst.series.trace, worst.series.trace.time_s
+    forces = {"simulated": trace.simulated, "augmented": worst.series.augmented}
+    shown = {css: force for css, force in forces.items() if effects or css == "simulated"}
+    gaps = [
+        PlotLine(LINES[css], time, np.where(trace.usable, trace.force - force, np.nan), css)
+        for css, force in shown.items()
+    ]
+    lines = [PlotLine("measured", time, trace.force), *(PlotLine(LINES[c], time, f, c) for c, f in shown.items())]
+    areas = [
+        PlotArea("Force [N]", lines, height=196.0),
+        PlotArea(LEFT_OVER, gaps, height=110.0, around_zero=True),
+        PlotArea("Gap over the whole recording [N]", gaps, height=50.0, around_zero=True, whole=True),
+    ]
+    view = float(time[worst.start]), float(time[worst.stop - 1])
+    text = f"{trace.name}, at first {view[0]:.2f} to {view[1]:.2f} s."
+    plot = Plot(ident, "The worst second", text, "Time [s]", areas, width=660.0, x_view=view)
+    return draw_plot(plot)
 
 
 def experiment_plot(ident: str, experiment: NextExperiment) -> Markup:
     """Return stroke [mm] and current [A] of an experiment over time."""
     time, stroke = experiment.time_s, 1e3 * experiment.position_m
-    if len(time) < 2:
-        p = panel((0.0, 1.0), (0.0, 1.0), (48, 34, 470, 220))
-        return svg(ident, EXPERIMENT, "The next experiment", "No signals.", [note(p, "no signals")])
-    span = float(time[0]), float(time[-1])
-    top = panel(span, span_of(stroke), (48, 30, 470, 124))
-    low = panel(span, span_of(experiment.current_A, np.zeros(1)), (48, 194, 470, 64))
-    parts = [
-        axes(top, "", "Stroke [mm]", 8, 4),
-        line(top, time, stroke, "stroke"),
-        axes(low, "Time [s]", "Current [A]", 8, 2),
-        line(low, *_find_kinks(time, experiment.current_A), "feed"),
+    current = experiment.current_A
+    areas = [
+        PlotArea("Stroke [mm]", [PlotLine("stroke", time, stroke, "stroke")], height=124.0, y_ticks=4),
+        PlotArea(
+            "Current [A]",
+            [PlotLine("current", time, current, "feed")],
+            height=64.0,
+            y_range=span_of(current, np.zeros(1)),
+            y_ticks=2,
+        ),
     ]
-    return svg(ident, EXPERIMENT, "The next experiment", f"{experiment.name}, {span[1]:.3g} s.", parts)
-
-
-def _find_kinks(time: F, values: F) -> tuple[F, F]:
-    """Return the points that a polyline needs: its ends and the points where its slope changes."""
-    bent = np.abs(np.diff(values, 2)) > 1e-9 * max(float(np.ptp(values)), 1e-9)
-    mask = np.concatenate([[True], bent, [True]])
-    return time[mask], values[mask]
+    length = f"{float(time[-1]):.3g} s" if len(time) else "no signals"
+    text = f"{experiment.name}, {length}."
+    return draw_plot(Plot(ident, "The next experiment", text, "Time [s]", areas, width=530.0, legend=False))
 
 
 def _sample_ticks(held_out: Sequence[HeldOutSeries]) -> dict[str, F]:
@@ -109,17 +104,37 @@ def _sample_ticks(held_out: Sequence[HeldOutSeries]) -> dict[str, F]:
 def _speed_force(ident: str, of: dict[str, F], css: str, name: str) -> Markup:
     """Return measured force and the force of style `css`, labelled `name`, over speed, and their difference."""
     speed, measured = of["speed"], of["measured"]
-    top = panel(span_of(speed), span_of(measured, of["simulated"], of["augmented"]), (58, 34, 460, 226))
-    rest = around_zero(np.concatenate([measured - of["simulated"], measured - of["augmented"]]))
-    low = panel(span_of(speed), rest, (58, 302, 460, 104))
-    parts = [axes(top, "", "Force [N]", 6, 6)]
-    for layer in np.array_split(np.arange(len(speed)), LAYERS):
-        parts += [dots(top, speed[layer], of[c][layer], f"{c} dots") for c in ("measured", css)]
-    parts.append(axes(low, "Speed [m/s], positive in compression", LEFT_OVER, 6, None))
-    parts.append(dots(low, speed, measured - of[css], f"{css} dots"))
-    entry = name if len(name) <= MAX_LEGEND_LETTERS else "with effects"
-    parts.append(legend(top.x.stop, 23, (("measured", "measured"), (css, entry))))
-    return svg(ident, SPEED_FORCE, f"Force over speed, measured and {name}", f"{len(speed)} ticks.", parts)
+    rest = np.concatenate([measured - of["simulated"], measured - of["augmented"]])
+    forces = [PlotDots("measured", speed, measured), PlotDots(name, speed, of[css], f"{css} dots")]
+    areas = [
+        PlotArea(
+            "Force [N]",
+            forces,
+            height=226.0,
+            y_range=span_of(measured, of["simulated"], of["augmented"]),
+            y_ticks=6,
+        ),
+        PlotArea(
+            LEFT_OVER,
+            [PlotDots(name, speed, measured - of[css], f"{css} dots")],
+            height=104.0,
+            y_range=around_zero(rest),
+            around_zero=True,
+        ),
+    ]
+    title = f"Force over speed, measured and {name}"
+    plot = Plot(
+        ident,
+        title,
+        f"{len(speed)} ticks.",
+        "Speed [m/s], positive in compression",
+        areas,
+        width=530.0,
+        group="speed-force",
+        free=True,
+        x_ticks=6,
+    )
+    return draw_plot(plot)
 
 
 def _find_worst(series: HeldOutSeries) -> tuple[float, Worst] | None:

@@ -37,6 +37,7 @@ from ces_identify.typesetting import three_figures
 
 CLEAR_Q, MAX_REGIONS = 0.05, 10  # false-discovery rate and number of the regions in the before-after table
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
+UNKNOWN_FIGURE = "\N{EN DASH}"
 SIGNIFICANT = 0.05  # p-value of the test over all regions
 EXPERIMENT_FILES = {
     "next_experiment.yaml": "recipe for ces rig",
@@ -60,6 +61,7 @@ def report_page(
         gap_steps=build_gap_steps(d),
         key_figure=_key_figure(d),
         rows=rows,
+        unknown_figures=any(UNKNOWN_FIGURE in (r.gap_after, r.shrink, r.interval, r.probability) for r in rows),
         others=effects_without_row(d, rows) if has_gap else [],
         together=composition_rows(d),
         rest_rows=_probabilities(d),
@@ -89,7 +91,8 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
         text = f"between simulation and measurement; the measurement noise is {three_figures(d.gap.noise_floor_N)} N."
         return {"figure": three_figures(d.gap.rms_N), "unit": "N", "text": text}
     names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
-    text = f"of the gap on held-out recordings closed by {names}; 95 % interval {percents(c.shrink_ci95)}."
+    interval = f"95\N{NO-BREAK SPACE}% interval {percents(c.shrink_ci95)}"
+    text = f"of the gap on held-out recordings closed by {names}; {interval}."
     return {"figure": percent(c.shrink), "unit": "%", "text": text}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import PurePath
 from typing import Any
 
 from ces_gap.augmented.augmented_file import augmented_text
@@ -13,6 +14,7 @@ from ces_gap.optional_steps import OptionalSteps
 from ces_gap.report import report_page
 from ces_gap.report.gap_json import format_document, gap_document
 from ces_identify.recordings.recording import Recording
+from ces_identify.typesetting import join_names
 
 GAP, AUGMENTED, REPORT = "gap.json", "augmented.json", "report.html"
 
@@ -31,7 +33,7 @@ def result_files(
     """
     optional = OptionalSteps()
     nothing: dict[str, str] = {}
-    page = optional.run(REPORT, lambda: {REPORT: report_page(diagnosis, facts=facts)}, nothing)
+    page = optional.run(REPORT, lambda: {REPORT: report_page(diagnosis, _title(diagnosis, sources), facts)}, nothing)
     experiment = optional.run("next experiment", lambda: _experiment_texts(diagnosis), nothing)
     document = gap_document(replace(diagnosis, notes=(*diagnosis.notes, *optional.notes)))
     provenance = {role: [_origin(r) for r in recordings] for role, recordings in sources}
@@ -47,6 +49,14 @@ def result_files(
         **page,
         **experiment,
     }
+
+
+def _title(diagnosis: Diagnosis, sources: Sequence[tuple[str, Sequence[Recording]]]) -> str:
+    """Return which simulation was compared with which recordings, for the report's title."""
+    names = {role: join_names([r.name for r in recordings]) for role, recordings in sources}
+    real = join_names([r.name for role, found in sources if role != "reference" for r in found])
+    reference = f" (reference {names['reference']})" if names.get("reference") else ""
+    return f"Gap of {PurePath(diagnosis.simulation).name} against {real}{reference}"
 
 
 def _experiment_texts(diagnosis: Diagnosis) -> dict[str, str]:

@@ -15,7 +15,7 @@ from ces_identify.typesetting import three_figures
 
 SIZE = (300.0, 186.0)
 BOX = (34.0, 30.0, 258.0, 122.0)  # left, top, width, height [px]
-LETTER = 7.0  # [px] of a tick's label
+LETTER = 8.4  # [px] of a tick's label in print
 FALSE_DISCOVERIES = 0.05  # rate below which a region exceeds the rest of its axis
 ROOM = 1.08
 
@@ -87,7 +87,7 @@ def _samples(p: Panel, regions: Sequence[GapRegion]) -> str:
 
 def _ticks(p: Panel, regions: Sequence[GapRegion]) -> str:
     """Return labels of as many edges as fit; the sides of a direction by name."""
-    axis, y = regions[0].axis, p.y.start + 17
+    axis, y = regions[0].axis, p.y.start + 19
     if axis == "direction" and len(regions) == 2:
         return "\n".join(label(float(p.x.px(k + 0.5)), y, SIDES[k], "tick mid") for k in (0, 1))
     edges = [*(r.low for r in regions), regions[-1].high]

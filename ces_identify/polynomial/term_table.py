@@ -10,6 +10,7 @@ from markupsafe import Markup
 from ces_identify.numerics import kernels
 from ces_identify.numerics.arrays import F
 from ces_identify.polynomial.free_run import powers_of_inputs
+from ces_identify.polynomial.term_symbols import describe_symbols
 from ces_identify.preparation.simulated_series import SimulatedSeries
 from ces_identify.typesetting import UNITS, ModelTable, TableColumn, minus, signal_symbol, three_figures
 from ces_observer.model import Envelope, Model
@@ -22,6 +23,7 @@ NOTE = (
     "RMS of each term along the free run over the {} recordings, and its ratio to the RMS of the simulated force; "
     "terms may cancel, so the shares need not add up to 100\N{NO-BREAK SPACE}%."
 )
+NO_RUN = "–: no simulated force to compare a term with, since no recording was run or every run diverged at once."
 COLUMNS = (
     TableColumn(Markup("Regressor"), "", "formula"),
     TableColumn(Markup("Coefficient")),
@@ -41,7 +43,9 @@ def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSer
         formula, coefficient = format_term(term, model.envelope), Markup("{}").format(minus(f"{term.coefficient:.5g}"))
         rows.append((formula, coefficient, coefficient_unit(term), *_share_cells(part, whole)))
     equation = Markup("<var>F</var>(<var>k</var>) = Σ coefficient · regressor")
-    return ModelTable("terms", "Regressors", equation, COLUMNS, tuple(rows), note_after=NOTE.format(role))
+    symbols = describe_symbols(polynomial.terms, model.sampling.rate_Hz)
+    after = NOTE.format(role) if whole > 0.0 else NO_RUN
+    return ModelTable("terms", "Regressors", equation, COLUMNS, tuple(rows), note_after=after, symbols=symbols)
 
 
 def _share_cells(part: float | None, whole: float) -> tuple[Markup, Markup]:

@@ -2,61 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.report.drawing import Panel, axes, label, panel, span_of, svg
-from ces_identify.report.marks import line, ribbon
+from ces_identify.report.plot import Plot, PlotArea, PlotBand, PlotLine, PlotMark, curve_css, draw_plot
 from ces_identify.typesetting import Chart, ChartCurve
 
-SIZES = ((620, 446), (440, 446))  # of the first and the second chart of a section
-COLOURS = 4
-SPACING = 16.0  # [px] between the curves' names
+SIZES = ((620.0, 446.0), (440.0, 446.0))  # of the first and the second chart of a section
 
 
 def draw_chart(ident: str, chart: Chart, size: tuple[float, float]) -> Markup:
-    """Return a chart of `size` (width, height) [px], with each curve's name at its end."""
+    """Return a chart of about `size` (width, height) [px]."""
     width, height = size
     curves = chart.curves
-    named = 58.0 if any(curve.name for curve in curves) else 12.0
-    box = (58.0, 34.0, width - 58.0 - named, height - 84.0)
-    spans = [edge for one in curves for edge in (one.y - one.half, one.y + one.half)]
-    p = panel(span_of(*(one.x for one in curves)), span_of(*spans), box)
-    parts = [axes(p, chart.x_label, chart.y_label, 7, 7)]
-    for n, curve in enumerate(curves):
-        parts += _draw_curve(p, curve, f"c{_colour(n, len(curves))}")
-    parts += _names(p, curves)
-    return svg(ident, size, chart.title, chart.caption, parts)
+    marks = [mark for n, one in enumerate(curves) for mark in _marks(one, curve_css(n, len(curves)))]
+    area = PlotArea(chart.y_label, marks, height=height - 84.0, y_range=_range(curves), y_ticks=7)
+    return draw_plot(Plot(ident, chart.title, chart.caption, chart.x_label, [area], width, x_ticks=7))
 
 
-def _colour(n: int, count: int) -> int:
-    return round(n * (COLOURS - 1) / (count - 1)) if count > 1 else COLOURS - 3
+def _range(curves: tuple[ChartCurve, ...]) -> tuple[float, float]:
+    low, high = min(float((c.y - c.half).min()) for c in curves), max(float((c.y + c.half).max()) for c in curves)
+    room = 0.05 * (high - low)
+    return low - room, high + room
 
 
-def _draw_curve(p: Panel, curve: ChartCurve, css: str) -> list[str]:
+def _marks(curve: ChartCurve, css: str) -> Iterator[PlotMark]:
     low, high = curve.recorded
-    return [
-        ribbon(p, curve.x, curve.y - curve.half, curve.y + curve.half, f"interval {css}"),
-        _draw_piece(p, curve, -np.inf, low, f"curve beyond {css}"),
-        _draw_piece(p, curve, high, np.inf, f"curve beyond {css}"),
-        _draw_piece(p, curve, low, high, f"curve {css}"),
-    ]
+    if curve.half.any():
+        yield PlotBand(curve.name, curve.x, curve.y - curve.half, curve.y + curve.half, f"interval {css.split()[1]}")
+    yield from _piece(curve, low, high, css)
+    yield from _piece(curve, -np.inf, low, f"{css} beyond")
+    yield from _piece(curve, high, np.inf, f"{css} beyond")
 
 
-def _draw_piece(p: Panel, curve: ChartCurve, first: float, last: float, css: str) -> str:
-    """Return the part of a curve from `first` to `last`; nothing if there is none."""
+def _piece(curve: ChartCurve, first: float, last: float, css: str) -> Iterator[PlotLine]:
+    """Yield the part of a curve from `first` to `last`, if there is one."""
     low, high = np.clip([first, last], curve.x[0], curve.x[-1])
-    if not low < high:
-        return ""
-    x = np.concatenate([[low], curve.x[(curve.x > low) & (curve.x < high)], [high]])
-    return line(p, x, np.interp(x, curve.x, curve.y), css)
-
-
-def _names(p: Panel, curves: tuple[ChartCurve, ...]) -> list[str]:
-    """Return the curves' names at their right ends, from the lowest up, moved apart where they would overlap."""
-    ends = sorted((float(p.y.px(curve.y[-1])), curve.name) for curve in curves if curve.name)[::-1]
-    out, below = [], np.inf
-    for y, name in ends:
-        below = min(y, below - SPACING)
-        out.append(label(p.x.stop + 8, below + 4, name, "tick"))
-    return out
+    if low < high:
+        x = np.concatenate([[low], curve.x[(curve.x > low) & (curve.x < high)], [high]])
+        yield PlotLine(curve.name, x, np.interp(x, curve.x, curve.y), css)

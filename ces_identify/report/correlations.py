@@ -58,7 +58,7 @@ def _axes(p: Panel, last: bool) -> str:
         out.append(f'<path class="{"grid" if value else "zero"}" d="M{p.x.start:.1f},{y:.1f}H{p.x.stop:.1f}"/>')
         out.append(label(p.x.start - 6, y + 4, text, "tick end"))
     for value, text in p.x.ticks(3):
-        out.append(label(float(p.x.px(value)), p.y.start + 17, minus(text), "tick mid"))
+        out.append(label(float(p.x.px(value)), p.y.start + 19, minus(text), "tick mid"))
     if last:
         out.append(label(p.x.stop, p.y.start + 34, "Lag [ms]", "name end"))
     return "\n".join(out)

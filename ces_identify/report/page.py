@@ -10,13 +10,16 @@ from typing import Any
 from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.report.charts import SIZES, draw_chart
 from ces_identify.report.correlations import correlation_figure
-from ces_identify.report.figures import MAX_DOTS, speed_force, time_plot
+from ces_identify.report.figures import MAX_DOTS, count_lines, speed_force, time_plot
 from ces_identify.report.grid import make_grid
 from ces_identify.report.maps import coverage_map, error_map
+from ces_identify.report.plot import share_points
 from ces_identify.report.shell import format_key, page_template, replace_unencodable
 from ces_identify.report.summary import (
     cost_rows,
+    describe_recordings,
     headline,
+    missing_figures,
     pooled_row,
     select_role,
     structure_advice,
@@ -36,6 +39,7 @@ from ces_observer.model import Model
 
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 SHOWN_ABOVE = (ERRORS, "structure", "structures")  # of the provenance's selection
+MAX_DRAWN = 12  # recordings with charts, so that the page stays below 3 MB
 WORST_CELLS = 6  # rows in the table of errors
 
 
@@ -55,20 +59,25 @@ def write_report(
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
     held_out = select_role(ordered, VALIDATION)
     shown = held_out or ordered
+    drawn = _find_drawn(ordered)
+    points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     table = model_table(model, shown, VALIDATION if held_out else IDENTIFICATION)
     page = page_template("report.html.j2").render(
         title=title,
+        subject=describe_recordings(ordered),
         headline=headline(ordered),
         warnings=warnings(ordered),
-        facts=facts,
+        facts={"Model": _describe_model(model), **facts},
         model=model,
         rows=cost_rows(ordered, weighting),
         weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
+        missing=missing_figures(ordered),
         pooled=pooled_row(held_out),
         structures=structure_rows(model),
         advice=structure_advice(model),
-        recordings=[_recording(i, e, model) for i, e in enumerate(ordered)],
+        recordings=[_recording(i, ordered[i], model, points) for i in drawn],
+        drawn=drawn,
         most_dots=MAX_DOTS,
         table=table,
         charts=[
@@ -85,15 +94,27 @@ def write_report(
     write_atomically(path, replace_unencodable(page))
 
 
-def _recording(number: int, evaluation: Evaluation, model: Model) -> dict[str, Any]:
+def _find_drawn(evaluations: Sequence[Evaluation]) -> list[int]:
+    """Return the numbers of the recordings with charts: of many, those with the highest costs."""
+    worst = sorted(range(len(evaluations)), key=lambda i: -evaluations[i].cost)[:MAX_DRAWN]
+    return sorted(worst)
+
+
+def _describe_model(model: Model) -> str:
+    kind = model.structure.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
+    return f"{kind}, {model.size}, {model.sampling.rate_Hz:g} Hz"
+
+
+def _recording(number: int, evaluation: Evaluation, model: Model, max_points: int) -> dict[str, Any]:
     window, tests = choose_window(evaluation), residual_tests(evaluation)
     return {
+        "number": number,
         "correlations": correlation_figure(f"rc{number}", tests, evaluation.name) if tests else None,
         "verdicts": verdicts(tests) if tests else (),
         "window": window,
         "outside": bool(evaluation.run.clamped.any()),
         "speed_force": speed_force(f"sf{number}", evaluation, model),
-        "time_plot": time_plot(f"tp{number}", evaluation, window),
+        "time_plot": time_plot(f"tp{number}", evaluation, window, max_points),
         "from_s": evaluation.series.time_s[window.start],
         "to_s": evaluation.series.time_s[window.stop - 1],
     }

@@ -35,6 +35,7 @@ __all__ = [
     "PlotBars",
     "PlotDots",
     "PlotLine",
+    "PlotMark",
     "PlotShade",
     "curve_css",
     "draw_plot",

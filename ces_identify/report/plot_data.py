@@ -16,7 +16,9 @@ from ces_identify.report.plot_marks import Plot, PlotBand, PlotBars, PlotDots, P
 from ces_identify.report.plot_svg import has_x_axis, x_range
 
 MAX_POINTS = 60_000  # of a line
-PAGE_BYTES = 1_900_000  # of the data of all charts of a page, so that the page stays below 3 MB
+PAGE_BYTES = 2_700_000  # of a page with the data of all its charts
+FIGURE_BYTES = 200_000  # of the figures of a recording, without data
+MIN_BYTES = 300_000  # of the data of all charts of a page
 POINT_BYTES = 2 / 3 * 4  # of one value of a line in base64
 MISSING = 65535  # stands for a value that is not finite
 STEPS = MISSING - 1
@@ -31,9 +33,13 @@ class PackedPlot:
     samples: int
 
 
-def share_points(values: int) -> int:
-    """Return the points that each line may have if a page has `values` lines in all (a band counts as two)."""
-    return int(min(MAX_POINTS, PAGE_BYTES / (POINT_BYTES * max(values, 1))))
+def share_points(lines: int, recordings: int = 4) -> int:
+    """Return the points that each line may have on a page of `lines` lines in all, so that it stays below 3 MB.
+
+    A band counts as two lines. `recordings` is the number of those with figures of their own.
+    """
+    data = max(PAGE_BYTES - FIGURE_BYTES * recordings, MIN_BYTES)
+    return int(min(MAX_POINTS, data / (POINT_BYTES * max(lines, 1))))
 
 
 def pack(plot: Plot, panels: Sequence[Panel], max_points: int = MAX_POINTS) -> PackedPlot:
@@ -157,9 +163,10 @@ def _encode(values: F, wide: bool) -> dict[str, Any]:
     finite = np.isfinite(values)
     if not finite.any():
         return {"n": n, "even": [None, 0.0]}
-    step = (values[-1] - values[0]) / max(n - 1, 1) if finite.all() else np.nan
-    if n < 2 or np.allclose(values, values[0] + step * np.arange(n), rtol=0.0, atol=1e-6 * abs(step)):
-        return {"n": n, "even": [float(values[0]), float(step)]}
+    if finite.all():
+        step = float(values[-1] - values[0]) / max(n - 1, 1)
+        if np.abs(values - values[0] - step * np.arange(n)).max() <= 1e-6 * abs(step):
+            return {"n": n, "even": [float(values[0]), step]}
     steps, kind = (2**32 - 2, "<u4") if wide else (STEPS, "<u2")
     low, high = float(values[finite].min()), float(values[finite].max())
     unit = (high - low) / steps or 1.0
@@ -174,9 +181,9 @@ def _encode(values: F, wide: bool) -> dict[str, Any]:
 
 
 def _spans(mark: PlotShade) -> list[list[float]]:
-    """Return the ranges of x where the mask is true."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], mark.mask, [False]]).astype(np.int8)))
-    return [[float(mark.x[a]), float(mark.x[b - 1])] for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    """Return the ranges of x of a shade; what is closer than the finest pixel is one."""
+    room = float(np.ptp(mark.x)) / MAX_POINTS if len(mark.x) else 0.0
+    return [[float(a), float(b)] for a, b in mark.spans(room)]
 
 
 def _as_text(content: dict[str, Any]) -> str:

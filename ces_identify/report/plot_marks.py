@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ces_identify.numerics.arrays import F, Mask
 
 SERIES = 8  # classes s0 to s7: colours of things that have no order
@@ -60,12 +62,20 @@ class PlotBars:
 
 @dataclass(frozen=True)
 class PlotShade:
-    """A shade over the whole height where `mask` (n,) is true at x (n,)."""
+    """A shade over the whole height where `mask` (n,) is true at x (n,) in its order."""
 
     name: str
     x: F
     mask: Mask
     css: str = "outside"
+
+    def spans(self, room: float = 0.0) -> F:
+        """Return the ranges of x (m, 2) where the mask is true; those that are no more than `room` apart are one."""
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], self.mask, [False]]).astype(np.int8)))
+        first, last = self.x[ends[::2]], self.x[ends[1::2] - 1]
+        apart = np.concatenate([[True], first[1:] - last[:-1] > room])[: len(first)]
+        kept = np.append(np.flatnonzero(apart), len(first))
+        return np.stack([first[kept[:-1]], last[kept[1:] - 1]], axis=1)
 
 
 PlotMark = PlotLine | PlotDots | PlotBand | PlotBars | PlotShade

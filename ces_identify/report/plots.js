@@ -6,8 +6,9 @@
   const ZOOM = 1.25, MOVE = 0.2;  // factor of one step of zoom; share of the view of one step sideways
   const CLICK = 5;                // [px] below which a drag is a click
   const MAX_ZOOM = 1e6;
-  const HELP = "Drag: zoom. Shift+drag: move. Wheel (after a click): zoom. Double-click: reset. " +
-    "Keys: arrows read values, + and − zoom, Page Up and Page Down move, Home and End, A all, 0 reset.";
+  const HELP = "Drag to zoom, double-click to reset.";
+  const MORE = "Shift and drag: move. Click, then wheel: zoom. Keys: arrows read values, + and − zoom, Page Up and Page " +
+    "Down move, Home and End go to the first and the last value, A shows all, 0 resets.";
   const plots = [];
 
   // ---- data -------------------------------------------------------------------------------------------------------
@@ -198,7 +199,7 @@
     for (const tick of findTicks(scale.view[0], scale.view[1], xTicks)) {
       const x = scale.px(tick.value);
       out.push(`<path class="${css(tick.value)}" d="M${at(x)},${at(scale.top)}V${at(scale.bottom)}"/>`);
-      if (area.xLabel) text("tick mid", x, scale.bottom + 17, tick.text);
+      if (area.xLabel) text("tick mid", x, scale.bottom + 19, tick.text);
     }
     const three = area.zero && !area.chosen;
     for (const tick of three ? findThreeTicks(scale.y[1], scale.height) : findTicks(scale.y[0], scale.y[1], area.yTicks)) {
@@ -263,7 +264,8 @@
       const bar = document.createElement("div"), title = this.svg.querySelector("title").textContent;
       bar.className = "plot-controls";
       const actions = [["+", "Zoom in", () => this.zoom(1 / ZOOM ** 2)], ["−", "Zoom out", () => this.zoom(ZOOM ** 2)],
-        ["All", "Show all data", () => this.showAll()], ["Reset", "Back to the first view", () => this.reset()]];
+        ["All", "Show all data", () => this.showAll()], ["Reset", "Back to the first view", () => this.reset()],
+        ["?", "How to use this chart", () => this.showHelp(`${HELP} ${MORE}`)]];
       for (const [text, label, act] of actions) {
         const button = document.createElement("button");
         Object.assign(button, {type: "button", textContent: text, title: label});
@@ -276,7 +278,7 @@
       this.frame = document.createElement("div");
       this.frame.className = "plot-frame";
       Object.assign(this.frame, {tabIndex: 0});
-      for (const [key, value] of [["role", "application"], ["aria-roledescription", "interactive chart"], ["aria-label", `${title}. ${HELP}`]]) {
+      for (const [key, value] of [["role", "application"], ["aria-roledescription", "interactive chart"], ["aria-label", `${title}. ${HELP} ${MORE}`]]) {
         this.frame.setAttribute(key, value);
       }
       this.svg.replaceWith(this.frame);
@@ -410,7 +412,7 @@
 
     // ---- reading values ----
 
-    showHelp() { this.readout.textContent = HELP; this.readout.classList.add("idle"); }
+    showHelp(text = HELP) { this.readout.textContent = text; this.readout.classList.add("idle"); }
 
     setCursor(x, nearest = null, spoken = false) {
       this.load();
@@ -464,7 +466,9 @@
         const i = findIndex(mark.x, x) - 1;
         return i < 0 || i >= mark.y.length ? null : {x: (mark.x[i] + mark.x[i + 1]) / 2, y: mark.y[i], text: formatNumber(mark.y[i])};
       }
-      const i = findNearest(mark.x, x);
+      const i = findNearest(mark.x, x), last = mark.x.length - 1;
+      const room = last ? 0.51 * (mark.x[last] - mark.x[0]) / last : 0;
+      if (x < mark.x[0] - room || x > mark.x[last] + room) return null;
       if (mark.kind !== "band") return {x: mark.x[i], y: mark.y[i], text: formatNumber(mark.y[i])};
       return {x: mark.x[i], y: NaN, text: `${formatNumber(mark.low[i])} to ${formatNumber(mark.high[i])}`};
     }

@@ -34,7 +34,7 @@ def page_template(name: str, package: str = HERE, styles: tuple[str, ...] = ()) 
     css = [_resource(HERE, "report.css"), *(_resource(package, style) for style in styles)]
     environment.globals.update(css=Markup("\n".join(css)), version=__version__)  # our own style sheets: no escaping
     environment.globals.update(script=Markup(_script()), policy=Markup(_policy()))
-    environment.filters.update(readable=format_key, three_figures=three_figures)
+    environment.filters.update(readable=format_key, three_figures=three_figures, command=command_block)
     return environment.get_template(name)
 
 

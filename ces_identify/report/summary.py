@@ -9,18 +9,26 @@ from typing import Any
 from ces_identify.preparation.cost import weighted_cost
 from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.structures.auto import advise
-from ces_identify.typesetting import three_figures
+from ces_identify.typesetting import join_names, three_figures
 from ces_identify.validation.cost_interval import CostInterval, cost_interval, pooled_cost
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
-from ces_identify.validation.evaluate import VALIDATION, Evaluation
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
+from ces_identify.validation.missing_figures import explain_missing
 from ces_observer.model import Model
 
+ROLES = (VALIDATION, IDENTIFICATION)
 MUCH_OUTSIDE = 0.05  # share of the ticks outside the envelope that calls for a warning
 
 
 def select_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation]:
     """Return the evaluations of `role`."""
     return [e for e in evaluations if e.role == role]
+
+
+def describe_recordings(evaluations: Sequence[Evaluation]) -> str:
+    """Return the recordings of the report in a phrase, such as `road (validation); noise, sweep (identification)`."""
+    named = ((role, join_names([e.name for e in select_role(evaluations, role)])) for role in ROLES)
+    return "; ".join(f"{names} ({role})" for role, names in named if names)
 
 
 def headline(evaluations: Sequence[Evaluation]) -> str:
@@ -54,6 +62,12 @@ def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -
     highest = [i.high for i in intervals if i is not None]
     longest = max([e.cost for e in evaluations if math.isfinite(e.cost)] + highest + [1e-9])
     return [_row(i, e, longest, intervals[i], weighting) for i, e in enumerate(evaluations)]
+
+
+def missing_figures(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Return why figures of the cost table are missing, a sentence for each reason."""
+    intervals, floors = [cost_interval([e]) for e in evaluations], [cycle_noise(e.series) for e in evaluations]
+    return [f"{line[0].upper()}{line[1:]}." for line in explain_missing(evaluations, intervals, floors)]
 
 
 def pooled_row(held_out: Sequence[Evaluation]) -> dict[str, Any] | None:

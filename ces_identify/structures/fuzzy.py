@@ -18,7 +18,15 @@ from ces_identify.trained.fuzzy_kernels import FuzzyArrays
 from ces_identify.trained.lagged_kernels import lagged_free_run
 from ces_identify.trained.lagged_table import regressor_table, unscaled_inputs
 from ces_identify.trained.training import LAGS, LagCounts, Lags, Training, build_regressors
-from ces_identify.typesetting import UNITS, ModelTable, four_figures, minus, parameter_table, signal_symbol
+from ces_identify.typesetting import (
+    UNITS,
+    ModelTable,
+    describe_signals,
+    four_figures,
+    minus,
+    parameter_table,
+    signal_symbol,
+)
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.structures.fuzzy import Fuzzy, Rule
@@ -112,7 +120,8 @@ def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], rol
         (_place(fuzzy, rule), *(four_figures(fuzzy.scale_N * number) for number in (rule.constant, *rule.linear)))
         for rule in fuzzy.rules
     ]
-    return parameter_table(about, heads, tuple(rows))
+    symbols = describe_signals((r.signal for r in fuzzy.regressors), model.sampling.rate_Hz)
+    return parameter_table(about, heads, tuple(rows), symbols)
 
 
 def _place(fuzzy: Fuzzy, rule: Rule) -> Markup:

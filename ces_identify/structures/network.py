@@ -18,7 +18,7 @@ from ces_identify.trained.lagged_table import regressor_table
 from ces_identify.trained.network_fit import NetworkFit
 from ces_identify.trained.network_kernels import NetworkArrays
 from ces_identify.trained.training import LAGS, LagCounts, Lags, Training, build_regressors
-from ces_identify.typesetting import ModelTable, four_figures, parameter_table, signal_symbol
+from ces_identify.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 from ces_observer.model import Model
 from ces_observer.structures.network import Network
 
@@ -76,7 +76,8 @@ def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries
         (signal_symbol(r.signal, r.lag), *map(four_figures, (r.mean, r.spread, *_steps(network, j))))
         for j, r in enumerate(network.regressors)
     ]
-    return parameter_table(about, tuple(map(Markup, heads)), tuple(rows))
+    symbols = describe_signals((r.signal for r in network.regressors), model.sampling.rate_Hz)
+    return parameter_table(about, tuple(map(Markup, heads)), tuple(rows), symbols)
 
 
 def _steps(network: Network, j: int) -> tuple[float, float]:

@@ -45,7 +45,7 @@ def physical_table(body: Body, model: Model, runs: Sequence[SimulatedSeries], ro
     )
     charts = (_steady_chart(body, model, errors), _setting_chart(body, errors))
     note = ABOUT if errors else NO_ERRORS
-    return ModelTable("damper", "The damper", Markup(""), columns, rows, note, charts=charts, symbols=False)
+    return ModelTable("damper", "The damper", Markup(""), columns, rows, note, charts=charts)
 
 
 def _row(name: str, value: float, error: float) -> tuple[Markup, ...]:

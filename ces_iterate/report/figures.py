@@ -2,80 +2,75 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from ces_identify.report.drawing import Panel, axes, label, legend, panel, svg
-from ces_identify.report.marks import dots, line
+from ces_identify.report.plot import Plot, PlotArea, PlotDots, PlotLine, PlotMark, draw_plot
 from ces_iterate.commands import RigCommands
 from ces_iterate.loop.store import Iteration
 
 F = NDArray[np.float64]
 
-SIZE = (550.0, 330.0)
-BOX = (58.0, 44.0, 476.0, 220.0)
-WIDE = (1120.0, 250.0)
-UPPER, LOWER = (62.0, 30.0, 1040.0, 104.0), (62.0, 164.0, 1040.0, 44.0)
 SECONDS = "Recorded time in all [s]"
+WIDTH, HEIGHT = 550.0, 220.0
+WIDE = 1120.0
+COMMAND_POINTS = 20_000  # of stroke and of current, so that a page of many experiments stays small
 
 
 def cost_chart(ident: str, history: Sequence[Iteration]) -> Markup:
     """Return the costs over the recorded time: on the newest recording before it was used, and after the fit."""
-    at = np.array([one.total_s for one in history])
     fresh = np.array([np.nan if one.fresh_J is None else one.fresh_J for one in history])
     fit = np.array([one.fit_J for one in history])
     validation = np.array([np.mean(list(one.validation_J.values()) or [np.nan]) for one in history])
-    curves = [(fresh, "simulated"), (fit, "measured"), (validation, "error")]
-    shown = [(values, css) for values, css in curves if np.isfinite(values).any()]
-    top = 1.08 * max(float(np.nanmax(values)) for values, _ in shown)
-    p = panel((0.0, 1.03 * max(float(at.max()), 1.0)), (0.0, top), BOX)
-    names = {"simulated": "fresh", "measured": "after the fit", "error": "validation"}
-    parts = [axes(p, SECONDS, "Cost J [%]", 7, 5), legend(p.x.stop, 20, [(css, names[css]) for _, css in shown])]
-    for values, css in shown:
-        parts += _points(p, at, values, css)
-    return svg(ident, SIZE, "Cost over the iterations", f"Newest cost after the fit: {fit[-1]:.2f} %.", parts)
+    curves = {"fresh": (fresh, "series s1"), "after the fit": (fit, "series s0"), "validation": (validation, "error")}
+    shown = {name: curve for name, curve in curves.items() if np.isfinite(curve[0]).any()}
+    top = 1.08 * max(float(np.nanmax(values)) for values, _ in shown.values())
+    text = f"Newest cost after the fit: {fit[-1]:.2f} %."
+    return _progress(ident, "Cost over the iterations", text, "Cost J [%]", history, shown, top)
 
 
 def coverage_chart(ident: str, history: Sequence[Iteration]) -> Markup:
     """Return over the recorded time the share of covered states and the error to expect."""
-    at = np.array([one.total_s for one in history])
     shares = {
-        "c1": ("covered", np.array([100.0 * one.coverage for one in history])),
-        "error": ("band", np.array([100.0 * one.band for one in history])),
-        "simulated": ("disagreement", np.array([100.0 * one.disagreement for one in history])),
+        "covered": (np.array([100.0 * one.coverage for one in history]), "curve c1"),
+        "band": (np.array([100.0 * one.band for one in history]), "error"),
+        "disagreement": (np.array([100.0 * one.disagreement for one in history]), "series s1"),
     }
-    p = panel((0.0, 1.03 * max(float(at.max()), 1.0)), (0.0, 104.0), BOX)
-    entries = [(f"curve {css}" if css == "c1" else css, name) for css, (name, _) in shares.items()]
-    parts = [axes(p, SECONDS, "[%]", 7, 5), legend(p.x.stop, 20, entries)]
-    for css, (_, values) in shares.items():
-        parts += _points(p, at, values, f"curve {css}" if css == "c1" else css)
-    return svg(ident, SIZE, "What is known over the iterations", f"Covered: {shares['c1'][1][-1]:.0f} %.", parts)
+    text = f"Covered: {shares['covered'][0][-1]:.0f} %."
+    return _progress(ident, "What is known over the iterations", text, "Share [%]", history, shares, 104.0)
 
 
 def commands_figure(ident: str, commands: RigCommands) -> Markup:
     """Return stroke and current of an experiment over time."""
-    time, span = commands.time_s, (0.0, commands.duration_s)
-    stroke, current = 1e3 * commands.stroke_m, commands.current_A
-    above = panel(span, _range(stroke), UPPER)
-    below = panel(span, _range(current), LOWER)
-    parts = [
-        axes(above, "", "Stroke [mm]", 9, 4),
-        line(above, time, stroke, "measured thin"),
-        axes(below, "", "Current [A]", 9, 2),
-        line(below, time, current, "simulated"),
-        *(
-            label(float(below.x.px(at)), LOWER[1] + LOWER[3] + 17, f"{text} s", "tick mid")
-            for at, text in below.x.ticks(9)
-        ),
+    time, stroke, current = commands.time_s, 1e3 * commands.stroke_m, commands.current_A
+    areas = [
+        PlotArea("Stroke [mm]", [PlotLine("stroke", time, stroke, "error")], 104.0, _range(stroke), y_ticks=4),
+        PlotArea("Current [A]", [PlotLine("current", time, current, "series s1")], 54.0, _range(current), y_ticks=2),
     ]
-    return svg(ident, WIDE, f"Stroke and current of {commands.name}", f"{commands.duration_s:g} s.", parts)
+    title = f"Stroke and current of {commands.name}"
+    plot = Plot(ident, title, f"{commands.duration_s:g} s.", "Time [s]", areas, WIDE, x_ticks=9, legend=False)
+    return draw_plot(plot, COMMAND_POINTS)
 
 
-def _points(p: Panel, x: F, y: F, css: str) -> list[str]:
-    return [line(p, x, y, css), dots(p, x, y, f"{css} dots")]
+def _progress(
+    ident: str,
+    title: str,
+    text: str,
+    y_label: str,
+    history: Sequence[Iteration],
+    curves: Mapping[str, tuple[F, str]],
+    top: float,
+) -> Markup:
+    """Return curves (values, classes) by name over the recorded time, with a dot for each iteration."""
+    at = np.array([one.total_s for one in history])
+    marks: list[PlotMark] = [PlotLine(name, at, values, css) for name, (values, css) in curves.items()]
+    marks += [PlotDots(name, at, values, f"{css} spot") for name, (values, css) in curves.items()]
+    view = (0.0, 1.03 * max(float(at.max()), 1.0))
+    area = PlotArea(y_label, marks, HEIGHT, (0.0, top))
+    return draw_plot(Plot(ident, title, text, SECONDS, [area], WIDTH, x_view=view, group="progress", x_ticks=7))
 
 
 def _range(values: F) -> tuple[float, float]:

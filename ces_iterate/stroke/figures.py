@@ -8,14 +8,16 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from ces_identify.report.drawing import Panel, around_zero, axes, label, legend, panel, span_of, svg
+from ces_identify.report.drawing import Panel, label, legend, panel, svg
 from ces_identify.report.marks import dots, line
+from ces_identify.report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot
 from ces_iterate.stroke.goal import FIRST, LEARNED, REPEATED, LearnedStroke, LearningRun
 from ces_iterate.stroke.learning_filter import MAX_CONTRACTION
 
 Array = NDArray[np.float64]
 
-RUNS_SIZE, TRACKING_SIZE, HALF_SIZE = (440, 446), (660, 446), (550, 330)
+RUNS_SIZE = (440, 446)
+FREQUENCY = "Frequency [Hz]"
 WINDOW_S = 1.0
 BEST_BAND = 1.5  # of the repeatability: the band in the figure of the runs
 MANTISSAS = (1, 2, 5)
@@ -51,53 +53,46 @@ def draw_runs(learned: LearnedStroke) -> Markup:
 
 
 def draw_tracking(learned: LearnedStroke) -> Markup:
-    """Return wanted and measured positions before and after learning in a window, and both errors."""
+    """Return wanted and measured positions before and after learning, at first in a window, and both errors."""
     goal, first, last = learned.goal, learned.first, learned.confirmation
     some = _worst_window(goal.wanted_m - first.position_m, goal.interval_s)
-    time = np.arange(len(goal.wanted_m), dtype=np.float64)[some] * goal.interval_s
-    wanted, before, after = (1e3 * values[some] for values in (goal.wanted_m, first.position_m, last.position_m))
-    span = float(time[0]), float(time[-1])
-    top = panel(span, span_of(wanted, before), (58, 46, 586, 150))
-    middle = panel(span, around_zero(wanted - before), (58, 244, 586, 56))
-    bottom = panel(span, around_zero(1e3 * (wanted - after)), (58, 348, 586, 48))
-    parts = [
-        axes(top, "", "Position [mm]", 8, 5),
-        line(top, time, wanted, "wanted"),
-        line(top, time, before, "before"),
-        line(top, time, after, "after"),
-        axes(middle, "", "Error before [mm]", 8, None),
-        line(middle, time, wanted - before, "before thin"),
-        axes(bottom, "Time [s]", "Error after [µm]", 8, None),
-        line(bottom, time, 1e3 * (wanted - after), "after thin"),
-        legend(top.x.stop + 8, 16, (("wanted", "wanted"), ("before", "before"), ("after", "after"))),
+    time = np.arange(len(goal.wanted_m), dtype=np.float64) * goal.interval_s
+    wanted, before, after = (1e3 * values for values in (goal.wanted_m, first.position_m, last.position_m))
+    positions = [
+        PlotLine("wanted", time, wanted, "wanted"),
+        PlotLine("before", time, before, "before"),
+        PlotLine("after", time, after, "after"),
     ]
-    text = "The second with the largest first error. The wanted stroke lies below the curve after learning."
-    return svg("tracking", TRACKING_SIZE, "Tracking before and after learning", text, parts)
+    error, rest = wanted - before, 1e3 * (wanted - after)
+    areas = [
+        PlotArea("Position [mm]", positions, height=150.0),
+        PlotArea("Error before [mm]", [PlotLine("before", time, error, "before thin")], 56.0, around_zero=True),
+        PlotArea("Error after [µm]", [PlotLine("after", time, rest, "after thin")], 48.0, around_zero=True),
+    ]
+    text = "At first the second with the largest first error. The wanted stroke lies below the curve after learning."
+    view = float(time[some][0]), float(time[some][-1])
+    title = "Tracking before and after learning"
+    return draw_plot(Plot("tracking", title, text, "Time [s]", areas, width=660.0, x_view=view))
 
 
 def draw_robustness(learned: LearnedStroke) -> Markup:
     """Return the bounds on |Q (1 - L G)|, its value for an exact model, and Q, over the frequency."""
     f = learned.learning_filter
-    p = panel((0.0, float(f.frequency_Hz[-1])), (0.0, 1.25), (52, 46, 480, 226))
-    measured = (("again", "measured"),) if learned.measured is not None else ()
-    parts = [
-        axes(p, "Frequency [Hz]", "Factor of the error from run to run", 8, 6),
-        line(p, np.array([p.x.low, p.x.high]), np.ones(2), "limit"),
-        line(p, f.frequency_Hz, f.share, "filter"),
-        line(p, f.frequency_Hz, f.nominal, "before"),
-        line(p, f.frequency_Hz, f.share * f.bound_measured, "again"),
-        line(p, f.frequency_Hz, f.share * f.bound_in_tolerance, "after"),
-        legend(
-            p.x.stop + 8,
-            16,
-            (("after", f"{100.0 * f.tolerance:.0f} % wrong"), *measured, ("before", "exact"), ("filter", "Q")),
-        ),
+    frequency = f.frequency_Hz
+    measured = f.share * f.bound_measured if learned.measured is not None else None
+    marks = [
+        PlotLine("limit", frequency[[0, -1]], np.ones(2), "limit"),
+        PlotLine("Q", frequency, f.share, "filter"),
+        PlotLine("exact", frequency, f.nominal, "before"),
+        *([PlotLine("measured", frequency, measured, "again")] if measured is not None else []),
+        PlotLine(f"{100.0 * f.tolerance:.0f} % wrong", frequency, f.share * f.bound_in_tolerance, "after"),
     ]
     text = (
         f"|Q(1 - LG)| for all plants considered; it stays below 1, at most {f.contraction.max():.2f} "
         f"(allowed {MAX_CONTRACTION})."
     )
-    return svg("robustness", HALF_SIZE, "Condition of convergence", text, parts)
+    area = PlotArea("Factor of the error from run to run", marks, 226.0, (0.0, 1.25), y_ticks=6)
+    return draw_plot(Plot("robustness", "Condition of convergence", text, FREQUENCY, [area], 550.0, group="frequency"))
 
 
 def draw_response(learned: LearnedStroke) -> Markup:
@@ -109,19 +104,17 @@ def draw_response(learned: LearnedStroke) -> Markup:
     found = model[:0] if measured is None else measured.response
     phase = np.degrees(np.unwrap(np.angle(model)))
     found_phase = np.degrees(np.angle(found / f.model.response(at))) + np.interp(at, frequency, phase)
-    span = (0.0, float(frequency[-1]))
-    top = panel(span, (0.0, 1.1 * float(max(np.abs(model).max(), np.abs(found).max(initial=0.0)))), (52, 46, 480, 96))
-    bottom = panel(span, span_of(phase, found_phase), (52, 186, 480, 86))
-    parts = [
-        axes(top, "", "Gain", 8, 4),
-        line(top, frequency, np.abs(model), "before"),
-        dots(top, at, np.abs(found), "after spot small"),
-        axes(bottom, "Frequency [Hz]", "Phase [°]", 8, 4),
-        line(bottom, frequency, phase, "before"),
-        dots(bottom, at, found_phase, "after spot small"),
-        legend(top.x.stop + 8, 16, (("before", "model"), *((("after", "measured"),) if measured else ()))),
-    ]
-    return svg("response", HALF_SIZE, "Response of the actuator", "Position over command: gain and phase.", parts)
+    top = 1.1 * float(max(np.abs(model).max(), np.abs(found).max(initial=0.0)))
+    gains = _model_and_measured(frequency, np.abs(model), at, np.abs(found))
+    phases = _model_and_measured(frequency, phase, at, found_phase)
+    areas = [PlotArea("Gain", gains, 96.0, (0.0, top), y_ticks=4), PlotArea("Phase [°]", phases, 86.0, y_ticks=4)]
+    text = "Position over command: gain and phase."
+    return draw_plot(Plot("response", "Response of the actuator", text, FREQUENCY, areas, 550.0, group="frequency"))
+
+
+def _model_and_measured(x: Array, model: Array, at: Array, found: Array) -> list[PlotLine | PlotDots]:
+    dots = [PlotDots("measured", at, found, "after spot small")] if len(at) else []
+    return [PlotLine("model", x, model, "before"), *dots]
 
 
 def _worst_window(error: Array, interval_s: float) -> slice:

@@ -1,0 +1,33 @@
+"""Why a figure of a recording is missing: the reasons behind the dashes in tables of costs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ces_identify.validation.cost_interval import MIN_BLOCKS, CostInterval
+from ces_identify.validation.cycle_noise import CycleNoise
+from ces_identify.validation.evaluate import Evaluation
+
+DIVERGED = "no interval and no RMS error (the free run diverged)"
+SHORT = f"no interval (shorter than {MIN_BLOCKS} times the time over which its errors are alike)"
+
+
+def explain_missing(
+    evaluations: Sequence[Evaluation],
+    intervals: Sequence[CostInterval | None],
+    floors: Sequence[CycleNoise | str],
+) -> list[str]:
+    """Return a line for each reason, with the names of the recordings; intervals and floors are those of `evaluations`.
+
+    The line is such as `no noise floor (the stroke does not repeat): noise, road`.
+    """
+    names: dict[str, list[str]] = {}
+    for evaluation, interval, floor in zip(evaluations, intervals, floors, strict=True):
+        if not math.isfinite(evaluation.cost):
+            names.setdefault(DIVERGED, []).append(evaluation.name)
+        elif interval is None:
+            names.setdefault(SHORT, []).append(evaluation.name)
+        if isinstance(floor, str):
+            names.setdefault(f"no noise floor ({floor})", []).append(evaluation.name)
+    return [f"{reason}: {', '.join(which)}" for reason, which in names.items()]
