@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,6 +21,7 @@ KINDS = {  # by kind: the heading of its page, one, and several of them
     UNREADABLE: ("Unreadable", "unreadable file", "unreadable files"),
 }
 
+HASHED = re.compile(r"[0-9a-f]{16,}\.json")
 FOLDERS = {CAMPAIGN, DIAGNOSIS, FLEET, ITERATION, STROKE}  # known by one file in them, named for the folder
 
 
@@ -41,6 +43,11 @@ class Item:
         """The last part of its path, or of its folder's path if it is a folder of results."""
         folder, _, last = self.path.rpartition("/")
         return folder.rpartition("/")[2] if folder and self.kind in FOLDERS else last
+
+    @property
+    def label(self) -> str:
+        """Its name, shortened if that is a hash, as of a campaign's models."""
+        return f"{self.name[:8]}…" if HASHED.fullmatch(self.name) else self.name
 
     @property
     def folder(self) -> str:

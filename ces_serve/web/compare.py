@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from flask import Blueprint, Response, abort, render_template, request, url_for
 
 from ces_serve.files.item import MODEL, RECORDING, Item
-from ces_serve.web.events import ALIVE, Event, streams
+from ces_serve.web.events import ALIVE, Events, streams
 from ces_serve.web.security import FILE_POLICY, POLICY
 from ces_serve.web.site import Site, site, stamp
 from ces_serve.work.process import FAILED, RESULT, do_work
@@ -89,7 +89,7 @@ def page(key: str) -> Response:
     return response
 
 
-def _compute(where: Site, key: str, task: dict[str, Any]) -> Iterator[Event]:
+def _compute(where: Site, key: str, task: dict[str, Any]) -> Events:
     """Yield progress, then the address of the page; one comparison at a time."""
     address = url_for("compare.page", key=key)
     if where.compared.get(key) is not None:

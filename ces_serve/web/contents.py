@@ -5,6 +5,10 @@ Every function raises CesError, OSError or one of WRONG_CONTENT if the file has 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
 from flask import url_for
 
 from ces_identify.campaign.front import front, is_proved, recommend_model
@@ -19,6 +23,7 @@ from ces_serve.web import curves
 from ces_serve.web.site import Site
 from ces_serve.web.tables import Cell, Content, PageTable, cell, join, number
 
+MIN_CAUSES, SHOWN_FROM = 4, 0.01  # causes in any case, and the probability of further ones
 FRONT, BEST = "○ on the front", "● recommended"
 
 
@@ -51,13 +56,12 @@ def campaign_content(where: Site, one: Item) -> Content:
     content = Content(headline=one.summary)
     for n, bags in enumerate(dict.fromkeys(str(row["bags"]) for row in done)):
         own = [row for row in done if str(row["bags"]) == bags]
-        content.charts += curves.campaign_chart(n, bags, own)
-        content.tables.append(_cells(one.folder, bags, own))
+        content.tables.append(replace(_cells(one.folder, bags, own), chart=curves.campaign_chart(n, bags, own)))
     failed = [row for row in rows if row["status"] != DONE]
     if failed:
         cells = tuple((Cell(str(r["bags"])), Cell(str(r["structure"])), Cell(str(r["reason"]))) for r in failed)
         content.tables.append(PageTable("Failed", ("recordings", "structure", "reason"), cells))
-    content.links = _files(where, one, ("results.csv", "results.md", "pareto.svg"))
+    content.links = _files(where, one, ("campaign.html", "results.csv", "results.md", "pareto.svg"))
     return content
 
 
@@ -74,18 +78,7 @@ def diagnosis_content(where: Site, one: Item) -> Content:
         ("left after the repair", number(found["composition"]["gap_after_N"], ".1f", "N RMS")),
         ("simulation", str(found.get("simulation", "–"))),
     ]
-    rows = tuple(
-        (
-            Cell(str(c["effect"]).replace("_", " ")),
-            cell(c["probability"], ".2f"),
-            cell(c["gap_after_N"], ".1f"),
-            cell(c["shrink"], ".0f", 100.0),
-        )
-        for c in causes
-    )
-    if rows:
-        headings = ("effect alone", "probability", "gap after N", "shrink %")
-        content.tables = [PageTable("Causes, most probable first", headings, rows)]
+    content.tables = _causes(causes)
     purpose = (found.get("next_experiment") or {}).get("purpose")
     if purpose:
         content.facts.append(("next experiment", str(purpose)))
@@ -148,6 +141,24 @@ def _envelope(model: Model) -> list[tuple[str, str]]:
         (f"{name} of the recordings", f"{number(r[0], '.4g')} to {number(r[1], '.4g')} {unit}")
         for name, r, unit in rows
     ]
+
+
+def _causes(causes: Sequence[Mapping[str, Any]]) -> list[PageTable]:
+    """Return the table of the causes, without the improbable ones after the first few."""
+    shown = [cause for n, cause in enumerate(causes) if n < MIN_CAUSES or (cause["probability"] or 0.0) >= SHOWN_FROM]
+    rows = tuple(
+        (
+            Cell(str(c["effect"]).replace("_", " ")),
+            cell(c["probability"], ".2f"),
+            cell(c["gap_after_N"], ".1f"),
+            cell(c["shrink"], ".0f", 100.0),
+        )
+        for c in shown
+    )
+    rest = len(causes) - len(shown)
+    note = f"{rest} more effects with a probability below {SHOWN_FROM:g} are in the report." if rest else ""
+    headings = ("effect alone", "probability", "gap after N", "shrink %")
+    return [PageTable("Causes, most probable first", headings, rows, note)] if rows else []
 
 
 def _cells(folder: str, bags: str, rows: list[Row]) -> PageTable:

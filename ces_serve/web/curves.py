@@ -20,11 +20,11 @@ NOTHING: F = np.full(2, np.nan)
 UNITS = {"position": "Position [m]", "current": "Current [A]", "force": "Force [N]"}
 
 
-def campaign_chart(number: int, bags: str, rows: Sequence[Row]) -> list[Markup]:
-    """Return selection cost against parameters, with the front; nothing if no model has a cost."""
+def campaign_chart(number: int, bags: str, rows: Sequence[Row]) -> Markup | None:
+    """Return selection cost against parameters, with the front; None if no model has a cost."""
     rows = [row for row in rows if row["selection_J"] is not None]
     if not rows:
-        return []
+        return None
     structures = list(dict.fromkeys(str(row["structure"]) for row in rows))
     best = front(rows)
     marks: list[PlotLine | PlotDots] = [PlotLine("front", *_steps(best), "outline")]
@@ -38,7 +38,7 @@ def campaign_chart(number: int, bags: str, rows: Sequence[Row]) -> list[Markup]:
     label = "Parameters (for a polynomial: terms)"
     area = PlotArea("Selection cost J [%]", marks, height=220.0)
     plot = Plot(f"front{number}", f"Cost against size, {bags}", text, label, [area], WIDTH, free=True)
-    return [draw_plot(plot)]
+    return draw_plot(plot)
 
 
 def iteration_chart(rows: Sequence[Mapping[str, Any]]) -> list[Markup]:
@@ -52,10 +52,8 @@ def iteration_chart(rows: Sequence[Mapping[str, Any]]) -> list[Markup]:
         cost = _array(row[key] for row in rows)
         marks += [PlotLine(name, time_s, cost, series_css(k)), PlotDots(name, time_s, cost, f"{series_css(k)} spot")]
     text = "Cost of the models on each new recording before it was used, and on all recordings after the fit."
-    plot = Plot(
-        "iterations", "Cost against recorded time", text, "Recorded [s]", [PlotArea("Cost J [%]", marks)], WIDTH
-    )
-    return [draw_plot(plot)]
+    area, view = PlotArea("Cost J [%]", marks), (0.0, 1.03 * float(time_s.max()))
+    return [draw_plot(Plot("iterations", "Cost against recorded time", text, "Recorded [s]", [area], WIDTH, view))]
 
 
 def stroke_chart(runs: Sequence[Mapping[str, Any]], repeatability_m: float) -> list[Markup]:
@@ -66,10 +64,9 @@ def stroke_chart(runs: Sequence[Mapping[str, Any]], repeatability_m: float) -> l
         PlotDots("error", number, error, f"{series_css(0)} spot"),
         PlotLine("repeatability", number, np.full(len(runs), 1e3 * repeatability_m), "error"),
     ]
-    area = PlotArea("Error [mm RMS]", marks)
-    plot = Plot(
-        "runs", "Error of each run", "RMS error of the stroke in each run, and the repeatability.", "Run", [area], WIDTH
-    )
+    text = "RMS error of the stroke in each run, and the repeatability."
+    area, view = PlotArea("Error [mm RMS]", marks), (0.7, len(runs) + 0.3)
+    plot = Plot("runs", "Error of each run", text, "Run", [area], WIDTH, view, x_ticks=min(len(runs), 12))
     return [draw_plot(plot)] if len(runs) > 1 else []
 
 

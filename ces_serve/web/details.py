@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 
 from flask import Blueprint, Response, abort, render_template, url_for
@@ -10,10 +10,10 @@ from flask import Blueprint, Response, abort, render_template, url_for
 from ces_observer.errors import CesError
 from ces_serve.files import item
 from ces_serve.files.facts import WRONG_CONTENT
-from ces_serve.files.item import KINDS, MODEL, RECORDING, REPORT, Item
+from ces_serve.files.item import KINDS, RECORDING, REPORT, Item
 from ces_serve.files.served_folder import NotServedError
 from ces_serve.web import contents
-from ces_serve.web.events import ALIVE, Event, streams
+from ces_serve.web.events import ALIVE, Events, streams
 from ces_serve.web.lists import item_url
 from ces_serve.web.recording_content import recording_content
 from ces_serve.web.site import Site, site, stamp
@@ -21,6 +21,7 @@ from ces_serve.web.tables import Content
 from ces_serve.work.process import FAILED, RESULT, do_work
 
 INSPECT_LIMIT_S = 120.0
+MAX_BESIDE = 12
 CONTENTS: dict[str, Callable[[Site, Item], Content]] = {
     item.MODEL: contents.model_content,
     item.CAMPAIGN: contents.campaign_content,
@@ -51,8 +52,8 @@ def show(kind: str, path: str) -> str:
         one=one,
         content=content,
         work=url_for("details.inspect", path=path) if kind == RECORDING else "",
-        can_compare=kind in (MODEL, item.CAMPAIGN),
-        beside=[(other.name, item_url(other), KINDS[other.kind][1]) for other in _beside(one)],
+        can_compare=any(table.picks for table in content.tables),
+        beside=_beside(one, content),
     )
 
 
@@ -69,7 +70,7 @@ def inspect(path: str) -> Response:
     return streams().respond(_inspect(site(), key, task))
 
 
-def _inspect(where: Site, key: object, task: Mapping[str, object]) -> Iterator[Event]:
+def _inspect(where: Site, key: object, task: Mapping[str, object]) -> Events:
     kept = where.inspected.get(key)
     if kept is not None:
         yield "result", kept
@@ -93,9 +94,11 @@ def _find(kind: str, path: str) -> Item:
     return one
 
 
-def _beside(one: Item) -> list[Item]:
-    """Return the reports, models and results in the same folder, at most a dozen."""
+def _beside(one: Item, content: Content) -> list[tuple[str, str, str]]:
+    """Return name, address and kind of what is in the same folder and has no link yet, at most a dozen."""
+    linked = {address for _, address in content.links}
     found = [
         other for other in site().catalogue.listing().items if other.folder == one.folder and other.path != one.path
     ]
-    return [other for other in found if other.kind in (REPORT, *CONTENTS)][:12]
+    rows = [(o.label, item_url(o), KINDS[o.kind][1]) for o in found if o.kind in (REPORT, *CONTENTS)]
+    return [row for row in rows if row[1] not in linked][:MAX_BESIDE]

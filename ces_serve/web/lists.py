@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from urllib.parse import urlencode
 
@@ -12,7 +12,7 @@ from flask import Blueprint, Response, abort, render_template, request, url_for
 from ces_serve.files.catalogue import Listing, Search
 from ces_serve.files.item import KINDS, MODEL, REPORT, UNREADABLE, Item
 from ces_serve.web.columns import ALL, NAME, Column, columns_of, sort_items
-from ces_serve.web.events import ALIVE, Event, streams
+from ces_serve.web.events import ALIVE, Events, streams
 from ces_serve.web.site import site
 
 PAGE_ROWS = 200
@@ -112,7 +112,7 @@ def _url(query: str, order: str, page: int) -> str:
     return "?" + urlencode({key: value for key, value in given.items() if value})
 
 
-def _watch(listing_of: Callable[[], Listing]) -> Iterator[Event]:
+def _watch(listing_of: Callable[[], Listing]) -> Events:
     before = None
     while True:
         now = _fingerprint(listing_of())

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import closing
 
 from flask import Blueprint, Response, render_template, url_for
 
 from ces_serve.live.link import ObserverLink
 from ces_serve.web import curves
-from ces_serve.web.events import ALIVE, Event, streams
+from ces_serve.web.events import ALIVE, Events, streams
 from ces_serve.web.site import site
 
 pages = Blueprint("observer", __name__)
@@ -27,7 +26,7 @@ def listen() -> Response:
     return streams().respond(_listen(site().link))
 
 
-def _listen(link: ObserverLink) -> Iterator[Event]:
+def _listen(link: ObserverLink) -> Events:
     shown: list[str] = []
     with closing(link.messages()) as messages:
         for message in messages:

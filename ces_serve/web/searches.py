@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from ces_serve.files.catalogue import Search
 from ces_serve.files.facts import WRONG_CONTENT
 from ces_serve.files.item import CAMPAIGN, REPORT, Item
 from ces_serve.web import contents, curves
-from ces_serve.web.events import ALIVE, Event, streams
+from ces_serve.web.events import ALIVE, Events, streams
 from ces_serve.web.site import Site, site
 from ces_serve.web.tables import Cell, Content, PageTable, cell, join, number
 
@@ -93,7 +93,7 @@ def _jobs_content(where: Site, search: Search, progress: RunProgress, facts: lis
     return content
 
 
-def _follow(where: Site, search: Search) -> Iterator[Event]:
+def _follow(where: Site, search: Search) -> Events:
     before, looks = (-1, -1), 0
     while True:
         now = _size(search.file)

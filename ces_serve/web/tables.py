@@ -20,12 +20,13 @@ class Cell:
 
 @dataclass(frozen=True)
 class PageTable:
-    """A table with a caption; `headings` are texts, rows of cells below them."""
+    """A table with a caption, perhaps a chart above it; `headings` are texts, rows of cells below them."""
 
     caption: str
     headings: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
+    chart: Markup | None = None
 
     @property
     def picks(self) -> bool:

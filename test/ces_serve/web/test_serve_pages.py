@@ -242,3 +242,8 @@ def test_what_cannot_be_compared_is_said(client: FlaskClient) -> None:
     assert re.search(r'value="recordings/sine_4hz" checked', page)  # both were validated on it
     assert client.get("/events/compare?model=first.json").status_code == 400
     assert client.get("/compare/page/0123").status_code == 404
+
+
+def test_an_error_in_a_stream_is_its_last_event(client: FlaskClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ces_serve.web.lists._fingerprint", lambda listing: 1 / 0)
+    assert "terminal of ces serve" in read_events(client, "/events/overview", ("failed",))["failed"][0]
