@@ -51,17 +51,21 @@ class Identification:
 
     def run(self, show_progress: ShowProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
-        with show_progress(self.how.limits) as progress, self._open_progress_file() as file:
+        with self._open_progress_file() as file:
+            result = self._search(show_progress, file)
+            if self.options.teacher is not None:
+                result = with_teacher(result, self.options.teacher, self.measured)
+            result.model.save(self.options.out)
+        return result
+
+    def _search(self, show_progress: ShowProgress, file: SearchProgressFile) -> IdentificationResult:
+        with show_progress(self.how.limits) as progress:
 
             def listen(result: SearchResult) -> None:
                 progress.listen(result)
                 file.listen(result)
 
-            result = select_identify_function(self.options)(self.bags, self.validation, self.how, listen)
-        if self.options.teacher is not None:
-            result = with_teacher(result, self.options.teacher, self.measured)
-        result.model.save(self.options.out)
-        return result
+            return select_identify_function(self.options)(self.bags, self.validation, self.how, listen)
 
     def _open_progress_file(self) -> SearchProgressFile:
         limits = self.how.limits

@@ -93,10 +93,10 @@ class Catalogue:
         self._known: Memory = {}
         self._listing: Listing | None = None
 
-    def listing(self) -> Listing:
-        """Return the present list, or one that is half a second old."""
+    def listing(self, anew: bool = False) -> Listing:
+        """Return the present list, or one of the last half second unless `anew`."""
         with self._lock:
-            if self._listing is None or time.monotonic() - self._listing.made_s > FRESH_S:
+            if anew or self._listing is None or time.monotonic() - self._listing.made_s > FRESH_S:
                 self._listing = self._walk()
             return self._listing
 

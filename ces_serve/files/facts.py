@@ -152,8 +152,8 @@ def recording_facts(path: Path) -> Facts:
 
 
 def structure_name(name: str) -> str:
-    """Return a structure's name for people."""
-    return str(name).replace("_narx", " NARX").replace("anfis", "ANFIS")
+    """Return a structure's name as in the option --structure."""
+    return str(name).removesuffix("_narx")
 
 
 def number(value: object) -> float | None:

@@ -21,7 +21,7 @@ from ces_serve.files.facts import structure_name
 from ces_serve.files.item import Item
 from ces_serve.web import curves
 from ces_serve.web.site import Site
-from ces_serve.web.tables import Cell, Content, PageTable, cell, join, number
+from ces_serve.web.tables import Cell, Content, PageTable, cell, join, number, upper_first
 
 MIN_CAUSES, SHOWN_FROM = 4, 0.01  # causes in any case, and the probability of further ones
 FRONT, BEST = "○ on the front", "● recommended"
@@ -31,7 +31,7 @@ def model_content(where: Site, one: Item) -> Content:
     """Return the page of a model, checked as the observer checks it."""
     model = load_model(where.folder.find_file(one.path))
     content = Content(
-        headline=f"{structure_name(model.structure)}, {model.size}. {str(one.facts['certificate']).capitalize()}."
+        headline=f"{structure_name(model.structure)}, {model.size}. {upper_first(str(one.facts['certificate']))}."
     )
     content.facts = [
         ("rate", number(model.sampling.rate_Hz, "g", "Hz")),
@@ -206,7 +206,7 @@ def _unit(where: Site, one: Item, row: Row) -> tuple[Cell, ...]:
         )
     path = f"{one.folder}/{row['folder']}/gap.json".lstrip("/")
     listed = where.catalogue.listing().find(item.DIAGNOSIS, path)
-    verdict = ": ".join(filter(None, (str(row["verdict"]).replace("_", " "), " + ".join(map(str, row["effects"])))))
+    verdict = ": ".join(filter(None, (str(row["verdict"]), " + ".join(map(str, row["effects"]))))).replace("_", " ")
     return (
         Cell(str(row["name"]), view_url(item.DIAGNOSIS, path) if listed else ""),
         Cell(verdict),

@@ -70,7 +70,7 @@ def search_content(where: Site, search: Search, progress: RunProgress) -> Conten
         return _jobs_content(where, search, progress, facts[1:])
     rows = _last_step(progress)
     said = describe_search(Search(search.path, search.file, progress)).partition(": ")[2]
-    content = Content(headline=f"{said[:1].upper()}{said[1:]}.")
+    content = Content(headline=f"{said}.")
     newest = {row["seed"]: row["ended"] for row in rows if "seed" in row}
     ended = [seed for seed, state in newest.items() if state != RUNNING]
     content.facts = [*facts, *_limits(head), ("starts done", _count(len(ended), head.get("starts")))]
@@ -120,7 +120,7 @@ def _outcome(where: Site, path: str) -> list[Item]:
     """Return what a program with this output has written."""
     results = ("results.jsonl", "iterations.jsonl", "fleet.jsonl")
     paths = {path, *(f"{path}/{name}".removeprefix("./") for name in results)}
-    return [one for one in where.catalogue.listing().items if one.path in paths and one.kind != REPORT]
+    return [one for one in where.catalogue.listing(anew=True).items if one.path in paths and one.kind != REPORT]
 
 
 def _find(path: str) -> Search | None:

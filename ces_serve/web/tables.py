@@ -51,6 +51,11 @@ class Content:
     links: list[tuple[str, str]] = field(default_factory=list)
 
 
+def upper_first(text: str) -> str:
+    """Return a text that begins with a capital letter."""
+    return text[:1].upper() + text[1:]
+
+
 def number(value: object, form: str, unit: str = "") -> str:
     """Return a number with its unit as text, a dash for None."""
     if not isinstance(value, int | float) or isinstance(value, bool):

@@ -128,7 +128,7 @@ def test_a_running_search_grows_and_ends(tmp_path: Path) -> None:
             described_model().save(tmp_path / "new.json")
             file.__exit__(None, None, None)
             page.get_by_role("link", name="new.json").click(timeout=PATIENCE_MS)
-            expect(page.locator(".headline")).to_contain_text("polynomial NARX, 3 terms")
+            expect(page.locator(".headline")).to_contain_text("Polynomial, 3 terms")
 
 
 def test_a_recording_shows_its_signals(url: str) -> None:

@@ -1,4 +1,4 @@
-"""The live view of `ces serve` on a real ROS 2: it hears an observer, its band and its health, and publishes nothing."""
+"""The live view of `ces serve` on a real ROS 2: it hears an observer, its band and health, and publishes nothing."""
 
 from __future__ import annotations
 

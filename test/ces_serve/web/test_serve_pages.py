@@ -109,7 +109,7 @@ def test_long_lists_have_pages(tmp_path: Path) -> None:
 
 
 CONTENT = {
-    "/view/model/first.json": ("polynomial NARX, 3 terms", "sine_4hz", "4.00", "1000 Hz"),
+    "/view/model/first.json": ("Polynomial, 3 terms", "sine_4hz", "4.00", "1000 Hz"),
     "/view/campaign/sizes/results.jsonl": ("recommended", "too few ticks", "/view/model/sizes/models/bb22.json"),
     "/view/diagnosis/worn/gap.json": ("friction", "Causes, most probable first", "/files/worn/report.html"),
     "/view/fleet/fleet/fleet.jsonl": ("car_1", "no force", "/view/diagnosis/fleet/units/car_1/gap.json", "40.0"),
