@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import webbrowser
 from collections.abc import Sequence
 from contextlib import suppress
@@ -46,16 +47,22 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--host", default=LOOPBACK, metavar="ADDRESS", help=text)
     p.add_argument("--open", action="store_true", help="open the page in the browser")
     text = "show only the observer of this node name, such as observer or car/observer (default: all)"
-    p.add_argument("--observer", default="", metavar="NAME", help=text)
+    p.add_argument("--observer", type=_parse_node_name, metavar="NAME", help=text)
     terminal.add_signals(p)
     return p
+
+
+def _parse_node_name(text: str) -> str:
+    if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", text, re.ASCII):
+        raise argparse.ArgumentTypeError(f"'{text}' is not the name of a node, such as observer or car/observer")
+    return text
 
 
 def _serve(options: argparse.Namespace) -> None:
     from ces_serve.web.security import is_loopback
     from ces_serve.web.server import PageServer
 
-    server = PageServer(options.folder, options.host, options.port, options.observer, options.signals)
+    server = PageServer(options.folder, options.host, options.port, options.observer or "", options.signals)
     if not is_loopback(options.host):
         terminal.print_warning(f"--host {options.host}: everyone on that network can read {options.folder}")
     print(f"{options.folder}: {server.url}  (Ctrl-C ends it)", flush=True)

@@ -20,6 +20,7 @@ from ces_serve.files.served_folder import ServedFolder
 MAX_DEPTH = 12
 MAX_FILES = 100_000
 FRESH_S = 0.5  # a list younger than this is shown again
+SLOW_S, WALKS = 0.1, 5.0  # a walk that takes longer is slow: its list is fresh for as long as so many walks
 METADATA = "metadata.yaml"
 BAG_FILES = (".mcap", ".db3")
 SKIPPED = {"node_modules", "__pycache__", "site-packages"}
@@ -92,12 +93,16 @@ class Catalogue:
         self._lock = threading.Lock()
         self._known: Memory = {}
         self._listing: Listing | None = None
+        self._fresh_s = FRESH_S
 
     def listing(self, anew: bool = False) -> Listing:
-        """Return the present list, or one of the last half second unless `anew`."""
+        """Return the present list, or a fresh enough one unless `anew`."""
         with self._lock:
-            if anew or self._listing is None or time.monotonic() - self._listing.made_s > FRESH_S:
+            if anew or self._listing is None or time.monotonic() - self._listing.made_s > self._fresh_s:
+                began_s = time.monotonic()
                 self._listing = self._walk()
+                walked_s = self._listing.made_s - began_s
+                self._fresh_s = FRESH_S if walked_s < SLOW_S else WALKS * walked_s
             return self._listing
 
     def _walk(self) -> Listing:

@@ -74,6 +74,9 @@ def test_mistakes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "is not a folder" in error_line(capsys, tmp_path / "file", "--port", 0)
     assert "cannot listen on 203.0.113.7" in error_line(capsys, tmp_path, "--port", 0, "--host", "203.0.113.7")
     assert "cannot listen on no name at all" in error_line(capsys, tmp_path, "--port", 0, "--host", "no name at all")
+    with pytest.raises(SystemExit):
+        main(["serve", str(tmp_path), "--port", "0", "--observer", "not a name"])
+    assert "'not a name' is not the name of a node" in capsys.readouterr().err
     assert "signals.yaml" in error_line(capsys, tmp_path, "--port", 0, "--signals", tmp_path / "signals.yaml")
 
 
