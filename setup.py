@@ -63,6 +63,7 @@ setup(
         "ces_rig": ["**/*.yaml"],
         "ces_iterate": ["**/*.j2", "**/*.css"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
+        "ces_serve": ["**/*.html", "**/*.css", "**/*.js"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
@@ -99,6 +100,7 @@ setup(
         "fuzz": ["atheris>=2.3"],  # coverage-guided fuzzing: bench/fuzz/guided.py
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
+        "serve": ["flask>=3.0"],  # ces serve
         "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
         "notebook": ["notebook>=7", "ipykernel>=6.25"],  # examples/own_data.ipynb
         "docs": ["mkdocs-material>=9.5", "mkdocstrings[python]>=0.26", "ruff>=0.6"],  # make docs
@@ -112,6 +114,7 @@ setup(
             *MAT73,
             *CAN,
             *PARQUET,
+            "flask>=3.0",
             "ruff>=0.6",
             "mypy>=1.11",
             "playwright>=1.40",  # drives the Chromium of the system in tests of pages

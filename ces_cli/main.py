@@ -28,6 +28,7 @@ PROGRAMS: ProgramTable = {  # module and summary by name
     "iterate": ("iterate.program", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
     "compare": ("compare.program", "compare models on the same recordings: costs, and whether they differ"),
+    "serve": ("serve.program", "browse models, reports, results and running searches of a folder as pages"),
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),
     "export-data": ("bags.export_data", "write recordings and a model's estimates as CSV or Parquet"),

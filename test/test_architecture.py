@@ -11,14 +11,15 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("ces_observer", "ces_identify", "ces_rig", "ces_iterate", "ces_gap", "ces_cli")
+PACKAGES = ("ces_observer", "ces_identify", "ces_rig", "ces_iterate", "ces_gap", "ces_serve", "ces_cli")
 MAY_IMPORT = {
     "ces_observer": set(),
     "ces_identify": {"ces_observer"},
     "ces_rig": {"ces_observer", "ces_identify"},
     "ces_gap": {"ces_observer", "ces_identify"},
     "ces_iterate": {"ces_observer", "ces_identify", "ces_rig"},
-    "ces_cli": {"ces_observer", "ces_identify", "ces_rig", "ces_iterate", "ces_gap"},
+    "ces_serve": {"ces_observer", "ces_identify"},
+    "ces_cli": {"ces_observer", "ces_identify", "ces_rig", "ces_iterate", "ces_gap", "ces_serve"},
 }
 ROS = {
     "rclpy",
@@ -54,6 +55,7 @@ NODE_MODULES = {
     "ces_rig.live.node",
     "ces_rig.live.patched_message",
     "ces_rig.live.topics",
+    "ces_serve.live.node",
     "ces_cli.identify.node",
 }
 ROOMS = {  # what each room of a package imports, from the bottom up
@@ -99,6 +101,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "sense": "numerics preparation recordings",
         "typesetting": "",
         "polynomial": "config_file numerics preparation typesetting",
+        "progress_file": "polynomial",
         "trained": "numerics polynomial preparation",
         "physical": "numerics polynomial trained",
         "structures": "numerics physical polynomial preparation trained typesetting",
@@ -169,6 +172,12 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "api": "augmented baseline diagnosis intake pipeline progress report",
         "fleet": "augmented diagnosis effects intake pipeline",
     },
+    "ces_serve": {
+        "files": "",
+        "work": "",
+        "live": "",
+        "web": "files live work",
+    },
     "ces_cli": {
         "terminal": "",
         "bags": "terminal",
@@ -182,6 +191,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "discovery": "identify main terminal",
         "rig": "terminal",
         "ros_program": "main",
+        "serve": "terminal",
     },
 }
 BAG_MODULES = {
@@ -247,6 +257,11 @@ def test_only_node_modules_touch_ros(name: str, path: Path) -> None:
 def test_only_bag_modules_touch_rosbags_and_mcap(name: str, path: Path) -> None:
     assert "rosbags" not in tops(name, path) or name in BAG_MODULES
     assert "mcap" not in tops(name, path) or name in MCAP_MODULES
+
+
+@pytest.mark.parametrize(("name", "path"), ALL)
+def test_only_the_pages_touch_flask(name: str, path: Path) -> None:
+    assert not tops(name, path) & {"flask", "werkzeug"} or name.startswith("ces_serve.web.")
 
 
 @pytest.mark.parametrize(("name", "path"), [p for p in ALL if str(p.id).startswith("ces_observer")])

@@ -18,6 +18,7 @@ from ces_cli.terminal.simulations import find_file, open_simulation, with_teache
 from ces_identify.identification import IdentificationResult, count_starts
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
+from ces_identify.progress_file import SearchProgressFile
 from ces_identify.recordings.recording import Recording
 from ces_identify.sense.content import require_distinct
 from ces_identify.sense.sense import require_sensible, sense_together
@@ -54,13 +55,33 @@ class Identification:
 
     def run(self, show_progress: ShowProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
-        with show_progress(self.how.limits) as progress:
-            result = select_identify_function(self.options)(self.bags, self.validation, self.how, progress.listen)
-        if self.options.teacher is not None:
-            result = with_teacher(result, self.options.teacher, self.measured)
-        result = result.with_forced(self.forced)
-        result.model.save(self.options.out)
+        with self._open_progress_file() as file:
+            result = self._search(show_progress, file)
+            if self.options.teacher is not None:
+                result = with_teacher(result, self.options.teacher, self.measured)
+            result = result.with_forced(self.forced)
+            result.model.save(self.options.out)
         return result
+
+    def _search(self, show_progress: ShowProgress, file: SearchProgressFile) -> IdentificationResult:
+        with show_progress(self.how.limits) as progress:
+
+            def listen(result: SearchResult) -> None:
+                progress.listen(result)
+                file.listen(result)
+
+            return select_identify_function(self.options)(self.bags, self.validation, self.how, listen)
+
+    def _open_progress_file(self) -> SearchProgressFile:
+        limits = self.how.limits
+        facts = {
+            "structure": self.options.structure,
+            "seconds": limits.seconds,
+            "starts": limits.starts,
+            "recordings": [recording.name for recording in self.bags],
+            "validation": [recording.name for recording in self.validation],
+        }
+        return SearchProgressFile("identify", self.options.out, facts)
 
 
 def prepare_identification(options: argparse.Namespace) -> Identification:

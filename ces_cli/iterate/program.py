@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from ces_cli.iterate.progress import IterateProgress
@@ -12,6 +13,7 @@ from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.option_rules import ALL, never_with
 from ces_cli.terminal.outputs import require_folder
+from ces_identify.progress_file import SearchProgressFile
 from ces_identify.schema_files import schema_line
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.store import MODEL, PLAN, REPORT, keep_plan
@@ -56,10 +58,16 @@ def _iterate(options: argparse.Namespace) -> None:
     out = options.out if options.out is not None else options.plan.with_suffix("")
     require_folder(out)
     rig = open_rig(plan)
-    with IterateProgress(plan.stop.budget_s, terminal.err if options.json else terminal.out) as progress:
+    shown = IterateProgress(plan.stop.budget_s, terminal.err if options.json else terminal.out)
+    with shown as progress, ExitStack() as opened:
         iterations = _open_iterations(plan, rig, out, progress)
         progress.after_iteration = lambda: _write_results(iterations)
-        reason = iterations.run(lambda: keep_plan(out, plan, options.plan.read_text(encoding="utf-8")))
+
+        def begin() -> None:
+            keep_plan(out, plan, options.plan.read_text(encoding="utf-8"))
+            progress.file = opened.enter_context(SearchProgressFile("iterate", out, {"budget_s": plan.stop.budget_s}))
+
+        reason = iterations.run(begin)
     _write_results(iterations)
     if options.json:
         files = {"model": out / MODEL, "report": out / REPORT, "plan": out / PLAN}

@@ -10,6 +10,7 @@ from rich.progress import TextColumn, TimeElapsedColumn
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import LiveBar
 from ces_identify.polynomial.search_limits import SearchResult
+from ces_identify.progress_file import SearchProgressFile
 from ces_iterate.loop.store import Iteration
 
 
@@ -20,11 +21,14 @@ class IterateProgress(LiveBar):
         columns = (TextColumn("{task.completed:.0f} of {task.total:.0f} s recorded"), TimeElapsedColumn())
         super().__init__("iterating", *columns, total=budget_s, text="(Ctrl-C stops; the same command goes on)")
         self.after_iteration: Callable[[], None] = lambda: None
+        self.file: SearchProgressFile | None = None  # once the folder of the iteration is there
         self._lines_to, self._recorded_s, self._step = lines_to, 0.0, ""
 
     def begin(self, number: int, step: str) -> None:
         """Show the step that begins."""
         self._step = f"iteration {number}: {step}"
+        if self.file is not None:
+            self.file.begin_step(self._step)
         self.show(self._recorded_s, self._step)
         self.log(f"{self.elapsed_s:5.0f} s  {self._step}")
 
@@ -34,6 +38,8 @@ class IterateProgress(LiveBar):
             text = f"{self._step}: selection cost J = {result.cost:.2f} %"
             self.show(self._recorded_s, text)
             self.log_seldom(text)
+            if self.file is not None:
+                self.file.listen(result)
 
     def finish(self, iteration: Iteration) -> None:
         """Print the result of an iteration."""

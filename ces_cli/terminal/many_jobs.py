@@ -14,6 +14,7 @@ from ces_identify.jobs.job import DONE
 from ces_identify.jobs.results_folder import ResultsFolder
 from ces_identify.jobs.row_log import Row
 from ces_identify.jobs.workers import Shared, Task, Work, run_on_cluster, run_on_this_machine
+from ces_identify.progress_file import ProgressFile
 from ces_observer.errors import CesError
 
 ONE_PLACE = never_with("jobs", "dask", "applies to this machine; with --dask the cluster sets the number of workers")
@@ -46,10 +47,12 @@ def run_jobs(
     else:
         running = run_on_this_machine(work, tasks, shared, options.jobs or os.cpu_count() or 1, threads)
     try:
-        with progress, closing(running):
+        facts = {"things": progress.things, "total": progress.total, "done": progress.finished}
+        with progress, closing(running), ProgressFile("jobs", results.folder, facts) as file:
             for result in running:
                 results.add(result)
                 progress.count(describe(result.row), failed=result.row["status"] != DONE)
+                file.write({"done": progress.finished, "failed": progress.failed})
                 after_each()
     except KeyboardInterrupt:
         results.refresh()

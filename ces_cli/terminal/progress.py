@@ -127,7 +127,7 @@ class JobsProgress(LiveBar):
     """Counts finished jobs out of `total`, `already` of them from an earlier run; `things` is their name."""
 
     def __init__(self, total: int, already: int, things: str) -> None:
-        self.total, self.finished, self.failed = total, already, 0
+        self.total, self.finished, self.failed, self.things = total, already, 0, things
         columns = (MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
         text = f"{already} from an earlier run" if already else "(Ctrl-C keeps finished results)"
         super().__init__(things, *columns, total=total, text=text, done=already)

@@ -1,0 +1,1 @@
+"""`ces serve`: a page to browse a folder of results."""

@@ -1,0 +1,152 @@
+"""The progress file of a program that runs for long: a hidden file beside its output, gone when the program ends.
+
+Other programs, such as `ces serve`, read it to show the work. Its first line says who writes what; one line of JSON
+follows for each result so far. A program that was killed leaves its file behind; the process that is named there shows
+that it has ended, and the next run with the same output replaces it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TextIO
+
+from ces_identify.polynomial.search_limits import SearchResult
+
+SCHEMA = "ces-progress/1"
+SUFFIX = ".progress"
+MAX_BYTES = 8_000_000
+FOREIGN_SILENCE_S = 60.0  # without a new line for so long, a run on another computer is taken for ended
+RUNNING = "running"
+
+
+def progress_path(output: Path) -> Path:
+    """Return the progress file of the file or folder `output`."""
+    return output / SUFFIX if output.is_dir() else output.with_name(f".{output.name}{SUFFIX}")
+
+
+class ProgressFile:
+    """Writes the progress file of `output` while its context is open; `write` may be called from any thread.
+
+    `facts` describe the work. A file that cannot be written, such as on a full disk, never stops the work.
+    """
+
+    def __init__(self, program: str, output: Path, facts: Mapping[str, Any]) -> None:
+        self._path = progress_path(output)
+        self._head = {"schema": SCHEMA, "program": program, "output": output.name, **_own_process(), **facts}
+        self._lock = threading.Lock()
+        self._began_s = time.monotonic()
+        self._file: TextIO | None = None
+
+    def __enter__(self) -> Self:
+        with suppress(OSError):
+            self._file = self._path.open("w", encoding="utf-8")
+            self._write_line(self._head)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
+        with self._lock, suppress(OSError):
+            if self._file is not None:
+                self._file.close()
+                self._path.unlink(missing_ok=True)
+            self._file = None
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Append a row, with the seconds since the start as `elapsed_s`."""
+        with self._lock, suppress(OSError):
+            self._write_line({"elapsed_s": round(time.monotonic() - self._began_s, 3), **row})
+
+    def _write_line(self, row: Mapping[str, Any]) -> None:
+        if self._file is not None:
+            self._file.write(json.dumps(row, ensure_ascii=False) + "\n")
+            self._file.flush()
+
+
+class SearchProgressFile(ProgressFile):
+    """The progress file of a search: a row for each better model and for each start that ends, or goes on after that.
+
+    A program with several searches calls `begin_step` before each.
+    """
+
+    _best = float("inf")
+    _ended: frozenset[int] = frozenset()  # seeds of the starts that have ended
+
+    def begin_step(self, step: str) -> None:
+        """Write what begins; the next search starts without a best cost."""
+        self._best, self._ended = float("inf"), frozenset()
+        self.write({"step": step})
+
+    def listen(self, result: SearchResult) -> None:
+        """Write a result if it says something new."""
+        if not self._is_news(result):
+            return
+        cost = round(result.cost, 6) if result.cost < float("inf") else None
+        self.write({"seed": result.seed, "cost": cost, "size": len(result.chosen), "ended": result.ended})
+
+    def _is_news(self, result: SearchResult) -> bool:
+        """Return whether a result is to be written, and remember it."""
+        with self._lock:
+            runs, better = result.ended == RUNNING, result.cost < self._best
+            goes_on = runs and result.seed in self._ended
+            self._ended = self._ended - {result.seed} if runs else self._ended | {result.seed}
+            self._best = min(self._best, result.cost)
+            return better or goes_on or not runs
+
+
+@dataclass(frozen=True)
+class RunProgress:
+    """What a progress file says: `head` about the work, `rows` in their order; whether its program is still running."""
+
+    head: Mapping[str, Any]
+    rows: tuple[Mapping[str, Any], ...]
+    alive: bool
+
+
+def read_progress(path: Path) -> RunProgress | None:
+    """Return the content of a progress file; None if there is none, or not one that can be read."""
+    try:
+        with path.open("rb") as file:
+            lines = file.read(MAX_BYTES).rpartition(b"\n")[0].splitlines()
+            written_s = os.fstat(file.fileno()).st_mtime
+        rows = [json.loads(line) for line in lines]
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not rows or not all(isinstance(row, dict) for row in rows) or rows[0].get("schema") != SCHEMA:
+        return None
+    return RunProgress(rows[0], tuple(rows[1:]), _is_alive(rows[0], written_s))
+
+
+def _own_process() -> dict[str, Any]:
+    pid = os.getpid()
+    began = {"began_s": round(time.time(), 3)}
+    return {"host": socket.gethostname(), "pid": pid, "process_start": _process_start(pid), **began}
+
+
+def _is_alive(head: Mapping[str, Any], written_s: float) -> bool:
+    """Return whether the process that wrote `head` is running; a number that was used again has another start."""
+    pid = head.get("pid")
+    if head.get("host") != socket.gethostname() or not isinstance(pid, int):
+        return time.time() - written_s < FOREIGN_SILENCE_S
+    try:
+        os.kill(pid, 0)
+    except PermissionError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return _process_start(pid) == head.get("process_start")
+
+
+def _process_start(pid: int) -> str:
+    """Return when a process started, in the kernel's ticks; empty where the system has no /proc."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[19]
+    except (OSError, IndexError):
+        return ""

@@ -1,0 +1,65 @@
+"""Estimates and bands of one observer go in, as they arrive; batches of a few points for a chart come out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+BINS = 4  # of a batch: the lowest and highest force of each are kept
+MAX_WAITING = 2000  # bands or estimates without the other
+
+Sample = tuple[float, float, float]  # position [m], speed [m/s], force [N]
+Bounds = tuple[float, float]  # [N]
+
+
+@dataclass
+class EstimateBatches:
+    """Pairs estimates with their bands by stamp [ns], and thins them out."""
+
+    samples: dict[int, Sample] = field(default_factory=dict)
+    bounds: dict[int, Bounds] = field(default_factory=dict)
+
+    def add_estimate(self, stamp_ns: int, position_m: float, speed_m_s: float, force_N: float) -> None:
+        """Receive an estimate."""
+        self.samples[stamp_ns] = (position_m, speed_m_s, force_N)
+
+    def add_band(self, stamp_ns: int, lower_N: float, upper_N: float) -> None:
+        """Receive the bounds of an estimate, which may be still to come."""
+        self.bounds[stamp_ns] = (lower_N, upper_N)
+        while len(self.bounds) > MAX_WAITING:
+            del self.bounds[next(iter(self.bounds))]
+
+    def take(self) -> dict[str, Any] | None:
+        """Return the points since the last call, None if there are none.
+
+        `count` is the number of estimates behind them; lists `time_ns` (text: JSON's numbers lose nanoseconds),
+        `force`, `lower`, `upper` (null without a band), `position` and `speed`.
+        """
+        samples, self.samples = sorted(self.samples.items()), {}
+        if not samples:
+            return None
+        points = _thin_out(samples)
+        bands = [self.bounds.get(stamp, (None, None)) for stamp, _ in points]
+        for stamp, _ in samples:
+            self.bounds.pop(stamp, None)
+        return {
+            "count": len(samples),
+            "time_ns": [str(stamp) for stamp, _ in points],
+            "position": [sample[0] for _, sample in points],
+            "speed": [sample[1] for _, sample in points],
+            "force": [sample[2] for _, sample in points],
+            "lower": [band[0] for band in bands],
+            "upper": [band[1] for band in bands],
+        }
+
+
+def _thin_out(samples: list[tuple[int, Sample]]) -> list[tuple[int, Sample]]:
+    """Return the samples with the lowest and the highest force of each of BINS parts, in time order."""
+    if len(samples) <= 2 * BINS:
+        return samples
+    kept = set()
+    for part in range(BINS):
+        first, end = part * len(samples) // BINS, (part + 1) * len(samples) // BINS
+        indices = range(first, end)
+        kept |= {min(indices, key=lambda k: samples[k][1][2]), max(indices, key=lambda k: samples[k][1][2])}
+    return [samples[k] for k in sorted(kept)]

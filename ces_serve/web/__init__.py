@@ -1,0 +1,1 @@
+"""The pages: requests in, HTML and streams of events out. Flask is imported in this room alone."""

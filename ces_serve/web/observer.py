@@ -1,0 +1,43 @@
+"""The live view of running observers: one page, and a stream of what the listening process sends."""
+
+from __future__ import annotations
+
+from contextlib import closing
+
+from flask import Blueprint, Response, render_template, url_for
+
+from ces_serve.live.link import ObserverLink
+from ces_serve.web import curves
+from ces_serve.web.events import ALIVE, Events, streams
+from ces_serve.web.site import site
+
+pages = Blueprint("observer", __name__)
+
+
+@pages.get("/observer")
+def show() -> str:
+    """Return the page."""
+    return render_template("observer.html", title="Observer", kind="observer", events=url_for("observer.listen"))
+
+
+@pages.get("/events/observer")
+def listen() -> Response:
+    """Stream topics (each with its chart), estimates and statuses as they come."""
+    return streams().respond(_listen(site().link))
+
+
+def _listen(link: ObserverLink) -> Events:
+    shown: list[str] = []
+    with closing(link.messages()) as messages:
+        for message in messages:
+            if "topics" in message:
+                shown = message["topics"]
+                yield "topics", [{"topic": topic, "chart": _chart(n, topic)} for n, topic in enumerate(shown)]
+            elif message:
+                yield "observer", message
+            else:
+                yield ALIVE
+
+
+def _chart(number: int, topic: str) -> str:
+    return str(curves.observer_chart(f"observer{number}", topic.removesuffix("/estimate")))

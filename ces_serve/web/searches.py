@@ -1,0 +1,178 @@
+"""The page of a program that is running: what its progress file says, and how it goes on, as events."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from flask import Blueprint, Response, abort, render_template, url_for
+
+from ces_identify.progress_file import RUNNING, RunProgress, read_progress
+from ces_observer.errors import CesError
+from ces_serve.files.catalogue import Search
+from ces_serve.files.facts import WRONG_CONTENT
+from ces_serve.files.item import CAMPAIGN, REPORT, Item
+from ces_serve.web import contents, curves
+from ces_serve.web.events import ALIVE, Events, streams
+from ces_serve.web.site import Site, site
+from ces_serve.web.tables import Cell, Content, PageTable, cell, join, number
+
+POLL_S, REPORT_EVERY = 0.3, 4  # [s] between looks at the file; looks between signs of life
+
+pages = Blueprint("searches", __name__)
+
+
+@pages.get("/search/<path:path>")
+def show(path: str) -> str:
+    """Return the page of a running program; of one that has ended, what it wrote."""
+    search = _find(path)
+    content = search_content(site(), search, search.progress) if search else Content()
+    return render_template(
+        "search.html",
+        title=path if path != "." else site().folder.root.name,
+        kind="",
+        running=search is not None,
+        content=content,
+        outcome=_outcome(site(), path),
+        events=url_for("searches.follow", path=path),
+        can_compare=False,
+    )
+
+
+@pages.get("/events/search/<path:path>")
+def follow(path: str) -> Response:
+    """Stream the content of the page whenever the program has written more, until it ends."""
+    search = _find(path)
+    if search is None:
+        abort(404, f"{path}: nothing is running with this output")
+    return streams().respond(_follow(site(), search))
+
+
+def describe_search(search: Search) -> str:
+    """Return what a running program does, in one line."""
+    head, rows = search.progress.head, search.progress.rows
+    if head.get("program") == "jobs":
+        done = rows[-1].get("done") if rows else head.get("done")
+        return f"{search.path}: {done} of {head.get('total')} {head.get('things')}"
+    costs = [row["cost"] for row in _last_step(search.progress) if isinstance(row.get("cost"), int | float)]
+    best = f"best selection cost J = {min(costs):.2f} %" if costs else "no model yet"
+    return f"{search.path}: {_step(search.progress) or head.get('program')}, {best}"
+
+
+def search_content(where: Site, search: Search, progress: RunProgress) -> Content:
+    """Return what a running program has found so far."""
+    head = progress.head
+    elapsed_s = max(0.0, time.time() - float(head.get("began_s") or time.time()))
+    facts = [("program", f"ces {head.get('program')}"), ("running for", number(elapsed_s, ".0f", "s"))]
+    if head.get("program") == "jobs":
+        return _jobs_content(where, search, progress, facts[1:])
+    rows = _last_step(progress)
+    said = describe_search(Search(search.path, search.file, progress)).partition(": ")[2]
+    content = Content(headline=f"{said}.")
+    newest = {row["seed"]: row["ended"] for row in rows if "seed" in row}
+    ended = [seed for seed, state in newest.items() if state != RUNNING]
+    content.facts = [*facts, *_limits(head), ("starts done", _count(len(ended), head.get("starts")))]
+    content.charts = curves.search_chart(rows, f"Search for {search.path}")
+    content.tables = _starts(rows)
+    return content
+
+
+def _jobs_content(where: Site, search: Search, progress: RunProgress, facts: list[tuple[str, str]]) -> Content:
+    """Return the content of a campaign or fleet with its results so far."""
+    content = Content()
+    folder = "" if search.path == "." else search.path
+    campaign = where.catalogue.listing().find(CAMPAIGN, f"{folder}/results.jsonl".lstrip("/"))
+    if campaign is not None:
+        content = contents.campaign_content(where, campaign)
+    done = progress.rows[-1] if progress.rows else {"done": progress.head.get("done"), "failed": 0}
+    content.headline = f"{done.get('done')} of {progress.head.get('total')} {progress.head.get('things')} done."
+    content.facts = [*facts, ("failed", str(done.get("failed")))]
+    content.links = []
+    return content
+
+
+def _follow(where: Site, search: Search) -> Events:
+    before, looks = (-1, -1), 0
+    while True:
+        now = _size(search.file)
+        progress = read_progress(search.file) if now != before or looks % REPORT_EVERY == 0 else None
+        if now is None or (progress is not None and not progress.alive):
+            yield "ended", render_template("outcome.html", outcome=_outcome(where, search.path))
+            return
+        if progress is not None:
+            yield "content", render_template("content.html", content=_content_now(where, search, progress))
+        else:
+            yield ALIVE
+        before, looks = now, looks + 1
+        time.sleep(POLL_S)
+
+
+def _content_now(where: Site, search: Search, progress: RunProgress) -> Content:
+    try:
+        return search_content(where, Search(search.path, search.file, progress), progress)
+    except (CesError, OSError, *WRONG_CONTENT) as error:
+        return Content(warnings=[f"cannot be read now: {error}"])
+
+
+def _outcome(where: Site, path: str) -> list[Item]:
+    """Return what a program with this output has written."""
+    results = ("results.jsonl", "iterations.jsonl", "fleet.jsonl")
+    paths = {path, *(f"{path}/{name}".removeprefix("./") for name in results)}
+    return [one for one in where.catalogue.listing(anew=True).items if one.path in paths and one.kind != REPORT]
+
+
+def _find(path: str) -> Search | None:
+    return next((one for one in site().catalogue.listing().searches if one.path == path), None)
+
+
+def _size(path: Path) -> tuple[int, int] | None:
+    try:
+        state = path.stat()
+    except OSError:
+        return None
+    return state.st_mtime_ns, state.st_size
+
+
+def _last_step(progress: RunProgress) -> list[dict[str, Any]]:
+    """Return the rows of the present search."""
+    rows = [dict(row) for row in progress.rows]
+    begins = [k for k, row in enumerate(rows) if "step" in row]
+    return rows[begins[-1] + 1 :] if begins else rows
+
+
+def _step(progress: RunProgress) -> str:
+    """Return the present step of a program with several searches, empty for others."""
+    return str(next((row["step"] for row in reversed(progress.rows) if "step" in row), ""))
+
+
+def _limits(head: Mapping[str, Any]) -> list[tuple[str, str]]:
+    known = [("structure", str(head.get("structure") or "")), ("time limit", number(head.get("seconds"), "g", "s"))]
+    known += [
+        ("identified on", join(head.get("recordings") or ())),
+        ("validated on", join(head.get("validation") or ())),
+    ]
+    return [(name, value) for name, value in known if value not in ("", "–")]
+
+
+def _count(done: int, total: object) -> str:
+    return f"{done} of {total}" if isinstance(total, int) else str(done)
+
+
+def _starts(rows: list[dict[str, Any]]) -> list[PageTable]:
+    """Return the table of the starts, the best first."""
+    newest = {row["seed"]: row for row in rows if "seed" in row}
+    known = sorted(newest.values(), key=lambda row: (row["cost"] is None, row["cost"] or 0.0))
+    cells = tuple(
+        (
+            cell(row["seed"], "d"),
+            cell(row["cost"], ".3f"),
+            cell(row["size"], "d"),
+            cell(row["elapsed_s"], ".1f"),
+            Cell(str(row["ended"])),
+        )
+        for row in known
+    )
+    headings = ("start (seed)", "selection cost J %", "terms or parameters", "at s", "state")
+    return [PageTable("Starts, best first", headings, cells)] if cells else []

@@ -1,0 +1,63 @@
+"""What `ces info` says of a recording, as plain values, with its signals reduced to a chart's points."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ces_identify.recordings.bag_reader import list_topics, read_recording
+from ces_identify.recordings.channel_stats import channel_stats
+from ces_identify.recordings.checks import Finding, findings
+from ces_identify.recordings.recording import Channel
+from ces_identify.recordings.signals_file import load_signals
+
+MAX_BINS = 600  # of a chart's line: the lowest and highest value of each
+SECOND = 1e9
+
+
+def inspect_recording(path: str, signals: str | None, report: Callable[[str], None]) -> dict[str, Any]:
+    """Return signals with statistics, findings, other topics and lines of a recording. Raises CesError."""
+    described = load_signals(Path(signals) if signals else None)
+    report("reading the bag")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        recording = read_recording(Path(path), described)
+        topics = list_topics(Path(path))
+    found = findings(recording) + tuple(Finding("warning", str(warning.message)) for warning in caught)
+    used = described.list_topic_signals()
+    start_ns = min((int(c.stamps_ns.min()) for c in recording.channels.values() if len(c)), default=0)
+    return {
+        "sha256": recording.sha256,
+        "channels": [
+            {"name": name, "unit": channel.unit, **_finite(asdict(channel_stats(channel))), **_line(channel, start_ns)}
+            for name, channel in recording.channels.items()
+        ],
+        "constants": dict(recording.constants),
+        "findings": [asdict(finding) for finding in found],
+        "topics": [asdict(topic) for topic in topics if not any(signal.matches(topic.name) for signal in used)],
+    }
+
+
+def _line(channel: Channel, start_ns: int) -> dict[str, Any]:
+    """Return the channel's line: `time_s` and `value`, at most two points a bin, the extremes of each."""
+    good = np.isfinite(channel.values)
+    time_s, value = (channel.stamps_ns[good] - start_ns) / SECOND, channel.values[good]
+    order = np.argsort(time_s, kind="stable")
+    if len(order) > 2 * MAX_BINS:
+        parts = np.array_split(order, MAX_BINS)
+        ends = [
+            sorted((part[np.argmin(value[part])], part[np.argmax(value[part])]), key=time_s.__getitem__)
+            for part in parts
+        ]
+        order = np.array(ends).ravel()
+    return {"time_s": np.round(time_s[order], 4).tolist(), "value": [float(f"{v:.6g}") for v in value[order]]}
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: value if math.isfinite(value) else None for key, value in values.items()}

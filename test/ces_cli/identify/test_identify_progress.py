@@ -1,0 +1,49 @@
+"""A running `ces identify` can be followed by other programs, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from campaign_parts import RULES, made
+
+from ces_cli.main import main
+from ces_identify.progress_file import RunProgress, read_progress
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.signals_file import load_signals
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    write_bag(tmp_path / "bag", recording_topics(made(1), load_signals()))
+    (tmp_path / "rules.yaml").write_text(RULES)
+    return tmp_path / "bag"
+
+
+def test_the_search_can_be_read_while_it_runs(bag: Path, tmp_path: Path) -> None:
+    path, seen, ended = tmp_path / ".model.json.progress", [], threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(0.02):
+            progress = read_progress(path)
+            if progress is not None:
+                seen.append((time.monotonic(), progress))
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        words = ["--terms", "4", "--starts", "2", "--time", "3", "--threads", "1", "--no-band"]
+        words += ["--candidates", str(tmp_path / "rules.yaml")]
+        assert main(["identify", str(bag), "--out", str(tmp_path / "model.json"), *words]) == 0
+    finally:
+        ended.set()
+        watcher.join()
+    last: RunProgress = seen[-1][1]
+    assert last.alive
+    assert (last.head["program"], last.head["starts"], last.head["recordings"]) == ("identify", 2, ["bag"])
+    costs = [row["cost"] for row in last.rows]
+    assert costs and min(costs) < 50.0
+    assert {row["seed"] for row in last.rows} <= {1, 2}
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["bag", "model.json", "rules.yaml"]

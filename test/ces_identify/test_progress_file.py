@@ -1,0 +1,112 @@
+"""The progress file: what a search writes is read while it runs, and gone after it; no failure of it stops the work."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+
+from ces_identify.polynomial.search_limits import SearchResult
+from ces_identify.progress_file import ProgressFile, SearchProgressFile, progress_path, read_progress
+
+
+def found(cost: float, seed: int = 1, ended: str = "running", size: int = 3) -> SearchResult:
+    return SearchResult(np.arange(size), np.ones(size), cost, seed, 10, ended)
+
+
+def costs(path: Path) -> list[float]:
+    progress = read_progress(path)
+    assert progress is not None
+    return [row["cost"] for row in progress.rows if "cost" in row]
+
+
+def test_a_search_is_there_while_it_runs_and_gone_after_it(tmp_path: Path) -> None:
+    path = tmp_path / ".model.json.progress"
+    with SearchProgressFile("identify", tmp_path / "model.json", {"starts": 2}) as file:
+        file.listen(found(9.0))
+        file.listen(found(7.5))
+        progress = read_progress(path)
+        assert progress is not None and progress.alive
+        assert (progress.head["output"], progress.head["starts"], progress.head["pid"]) == (
+            "model.json",
+            2,
+            os.getpid(),
+        )
+        assert [row["cost"] for row in progress.rows] == [9.0, 7.5]
+        assert progress.rows[0]["elapsed_s"] <= progress.rows[1]["elapsed_s"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_it_is_gone_after_an_error_too(tmp_path: Path) -> None:
+    try:
+        with ProgressFile("identify", tmp_path / "model.json", {}):
+            raise KeyboardInterrupt
+    except KeyboardInterrupt:
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_what_is_new_is_written(tmp_path: Path) -> None:
+    with SearchProgressFile("identify", tmp_path / "m", {}) as file:
+        for result in (
+            found(9.0),
+            found(9.5, seed=2),
+            found(9.5, seed=2, ended="no candidates left"),
+            found(9.4, seed=2),
+        ):
+            file.listen(result)
+        file.listen(found(9.3, seed=2))
+        assert costs(progress_path(tmp_path / "m")) == [9.0, 9.5, 9.4]  # the second start goes on once
+        file.begin_step("the next search")
+        file.listen(found(20.0))
+        assert costs(progress_path(tmp_path / "m"))[-1] == 20.0
+
+
+def test_many_threads_write_whole_lines(tmp_path: Path) -> None:
+    with ProgressFile("jobs", tmp_path, {}) as file:
+        threads = [threading.Thread(target=lambda: [file.write({"cost": 1.0}) for _ in range(50)]) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(costs(tmp_path / ".progress")) == 200
+
+
+def test_a_folder_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path) -> None:
+    with SearchProgressFile("identify", tmp_path / "missing" / "model.json", {}) as file:
+        file.listen(found(9.0))
+
+
+def test_the_file_of_a_killed_program_is_not_alive(tmp_path: Path) -> None:
+    code = (
+        "import os; from pathlib import Path; from ces_identify.progress_file import ProgressFile\n"
+        f"ProgressFile('identify', Path({str(tmp_path / 'm')!r}), {{}}).__enter__(); os._exit(9)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9
+    progress = read_progress(tmp_path / ".m.progress")
+    assert progress is not None and not progress.alive
+
+
+def test_another_process_with_the_same_number_is_not_the_one(tmp_path: Path) -> None:
+    with ProgressFile("identify", tmp_path / "m", {}):
+        path = tmp_path / ".m.progress"
+        head = json.loads(path.read_text())
+        path.write_text(json.dumps({**head, "process_start": "1"}) + "\n")
+        progress = read_progress(path)
+        assert progress is not None and not progress.alive
+
+
+def test_what_is_not_a_progress_file_is_none(tmp_path: Path) -> None:
+    for n, content in enumerate(
+        (b"", b"\xff\x00\n", b"[]\n", b'{"schema": "other"}\n', b'{"schema": "ces-progress/1"')
+    ):
+        path = tmp_path / f"{n}"
+        path.write_bytes(content)
+        assert read_progress(path) is None
+    assert read_progress(tmp_path) is None
+    assert read_progress(tmp_path / "missing") is None

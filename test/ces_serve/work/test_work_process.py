@@ -1,0 +1,60 @@
+"""Work in another process: its result, its failures in one line, its time limit, and its end when nobody waits."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+from served_folders import BAGS
+
+from ces_observer.errors import CesError
+from ces_serve.work import process
+from ces_serve.work.process import do_work, finish_work
+
+INSPECT = {"name": "inspect", "path": str(BAGS / "sine_4hz"), "signals": None}
+
+
+def children() -> set[str]:
+    """Return the worker processes of this one."""
+    found = Path(f"/proc/{os.getpid()}/task").glob("*/children")
+    pids = {pid for path in found for pid in path.read_text().split()}
+    return {pid for pid in pids if process.WORKER in Path(f"/proc/{pid}/cmdline").read_text()}
+
+
+def test_a_recording_is_inspected_as_by_ces_info() -> None:
+    found = finish_work(INSPECT, 60.0)
+    channels = {channel["name"]: channel for channel in found["channels"]}
+    assert set(channels) == {"position", "current", "force"}
+    force = channels["force"]
+    assert force["rate_Hz"] == pytest.approx(1000.0, rel=1e-3)
+    assert (min(force["value"]), max(force["value"])) == (force["low"], force["high"])  # no peak is lost
+    assert len(force["time_s"]) == len(force["value"]) == 1200
+
+
+def test_a_wrong_path_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(CesError, match="no such file or folder"):
+        finish_work({**INSPECT, "path": str(tmp_path / "missing")}, 60.0)
+
+
+def test_work_that_takes_too_long_is_stopped() -> None:
+    with pytest.raises(CesError, match="it took longer than 0 s"):
+        finish_work(INSPECT, 0.05)
+    assert children() == set()
+
+
+def test_work_ends_when_nobody_waits_for_it() -> None:
+    messages = do_work(INSPECT, 60.0)
+    next(messages)
+    assert len(children()) == 1
+    began = time.monotonic()
+    messages.close()
+    assert children() == set()
+    assert time.monotonic() - began < 1.0
+
+
+def test_a_process_that_dies_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "WORKER", "ces_serve.no_such_module")
+    with pytest.raises(CesError, match="the process ended without a result"):
+        finish_work(INSPECT, 60.0)

@@ -1,0 +1,133 @@
+"""A folder with one of everything that `ces serve` shows, written by the writers of the programs."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+from damper_models import plain_damper
+from diagnoses import named
+
+from ces_cli.diagnose.fleet_page import write_page
+from ces_gap.report.gap_json import write_gap
+from ces_identify.jobs.job import DONE, FAILED, JobResult
+from ces_identify.jobs.results_folder import open_results
+from ces_identify.jobs.row_log import append_row, open_rows
+from ces_identify.report.shell import page_template
+from ces_iterate.loop.store import Iteration
+from ces_observer.model import Model
+
+BAGS = Path(__file__).resolve().parent.parent.parent / "bags"
+ROW = {
+    "status": DONE,
+    "bags": "noise",
+    "seed": 1,
+    "gain": 0.9,
+    "force_bound_N": 2e3,
+    "seconds": 3.0,
+    "structure": "polynomial",
+}
+STROKE = {
+    "schema": "ces-learned-stroke/1",
+    "stopped": "converged",
+    "iterations": 2,
+    "repeatability_m": 2e-5,
+    "first_error_m": 2.3e-3,
+    "confirmed_error_m": 2.8e-5,
+    "runs": [{"kind": "wanted", "error_m": 2.3e-3, "gain": 1.0}, {"kind": "learned", "error_m": 3e-5, "gain": 1.0}],
+    "filter": {"bandwidth_Hz": 25.0},
+    "warnings": ["the error above the bandwidth stays"],
+}
+
+
+def described_model(validation_J: float = 4.0) -> Model:
+    """Return a small model with a certificate and the history of an identification."""
+    model = plain_damper()
+    costs = [("noise", "identification", 3.0), ("sine_4hz", "validation", validation_J)]
+    history = {
+        "tool": "ces_observer",
+        "identification": [{"recording": "noise"}],
+        "validation": [{"recording": "sine_4hz"}],
+        "cost_J_percent": [{"recording": name, "role": role, "J": J} for name, role, J in costs],
+    }
+    return replace(model, certificate=model.certify().to_mapping(), provenance=history)
+
+
+def fill_folder(folder: Path, bags: bool = True) -> Path:
+    """Write one of everything into `folder` and return it."""
+    described_model(4.0).save(folder / "first.json")
+    described_model(9.0).save(folder / "second.json")
+    write_report_page(folder / "first.html", "Model first.json")
+    (folder / "worn").mkdir()
+    write_gap(folder / "worn" / "gap.json", named())
+    write_report_page(folder / "worn" / "report.html", "Simulation and reality")
+    _write_campaign(folder / "sizes")
+    _write_fleet(folder / "fleet")
+    _write_iterations(folder / "loop")
+    (folder / "stroke").mkdir()
+    (folder / "stroke" / "result.json").write_text(json.dumps(STROKE, indent=1))
+    if bags:
+        shutil.copytree(BAGS / "sine_4hz", folder / "recordings" / "sine_4hz")
+    return folder
+
+
+def write_report_page(path: Path, title: str) -> None:
+    """Write a page in the shell of all reports."""
+    path.write_text(page_template("shell.html.j2").render(title=title), encoding="utf-8")
+
+
+def _write_campaign(folder: Path) -> None:
+    with open_results(folder / "results.jsonl", "a campaign") as results:
+        for key, terms, J in (("aa11", 4, 12.0), ("bb22", 9, 5.0)):
+            costs = [
+                {"set": "identification", "recording": "noise", "J": J},
+                {"set": "sine", "recording": "sine", "J": J + 1.0},
+            ]
+            row = {**ROW, "key": key, "size": f"{terms} terms", "parameters": terms, "selection_J": J, "costs": costs}
+            results.add(JobResult(row, {f"models/{key}.json": described_model(J).to_json()}))
+        results.add(JobResult({**ROW, "key": "cc33", "status": FAILED, "reason": "too few ticks"}))
+
+
+def _write_fleet(folder: Path) -> None:
+    said = {
+        "verdict": "named",
+        "effects": ["friction"],
+        "probability": 0.9,
+        "gap_N": 40.0,
+        "gap_after_N": 6.0,
+        "shrink": 0.85,
+    }
+    row = {"key": "a", "name": "car_1", "status": DONE, "sentence": "Friction.", "folder": "units/car_1", **said}
+    with open_results(folder / "fleet.jsonl", "a fleet") as results:
+        results.add(JobResult(row))
+        results.add(JobResult({"key": "b", "name": "car_2", "status": FAILED, "reason": "no force"}))
+        write_page(list(results.rows.values()), folder / "fleet.html")
+    (folder / "units" / "car_1").mkdir(parents=True)
+    write_gap(folder / "units" / "car_1" / "gap.json", named())
+
+
+def _write_iterations(folder: Path) -> None:
+    with open_rows(folder / "iterations.jsonl") as file:
+        for number, fresh, fit in ((1, None, 7.0), (2, 9.0, 6.0)):
+            model = f"iteration_{number:02d}/model.json"
+            (folder / model).parent.mkdir()
+            described_model(fit).save(folder / model)
+            line = Iteration(
+                number,
+                f"experiment_{number:02d}",
+                15.0,
+                15.0 * number,
+                0.0,
+                20.0,
+                fresh,
+                fit,
+                {},
+                0.5,
+                0.1,
+                0.3,
+                [],
+                model,
+            )
+            append_row(file, line.to_row())
