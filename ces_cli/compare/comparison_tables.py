@@ -14,6 +14,7 @@ from ces_identify.comparison.conclusions import best_model, headline, join, p_te
 from ces_identify.comparison.pair_results import SHORT, Difference, PairResult
 
 LOWEST = "lowest"
+MAX_PAIRS = 6  # that the terminal shows
 
 
 def cost_table(comparison: Comparison) -> Table:
@@ -56,13 +57,16 @@ def pair_table(comparison: Comparison) -> Table:
     table.add_column("verdict", overflow="fold")
     for pair in comparison.pairs:
         names = [comparison.models[i].name for i in (pair.first, pair.second)]
-        table.add_row(*names, _signed(pair.pooled.value), interval_of(pair.pooled), p_text(pair.p_value), _verdict(pair, comparison))
+        difference = pair.pooled
+        table.add_row(*names, _signed(difference.value), interval_of(difference), p_text(pair.p_value), _verdict(pair))
     return table
 
 
 def sentences(comparison: Comparison) -> Iterator[str]:
     """Yield what the differences say, and what to know before believing them."""
     yield headline(comparison)
+    if len(comparison.pairs) > MAX_PAIRS:
+        yield f"{len(comparison.pairs)} pairs of models: all differences with --report or --json"
     if comparison.machine:
         yield f"µs/tick: the observer's estimator on this machine ({comparison.machine}), models in turns"
     yield from (f"note: {note}" for note in comparison.notes())
@@ -88,8 +92,10 @@ def _above(comparison: Comparison, best: int, model: int) -> str:
     return f"{_signed(sign * difference.value)} ({_signed(low)} to {_signed(high)})"
 
 
-def _verdict(pair: PairResult, comparison: Comparison) -> str:
-    return pair.verdict if pair.better is None else f"{comparison.models[pair.better].name} is better"
+def _verdict(pair: PairResult) -> str:
+    if pair.better is None:
+        return pair.verdict
+    return "first better" if pair.better == pair.first else "second better"
 
 
 def _signed(value: float) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -122,12 +121,6 @@ def pooled_cost(row: Row, name: str) -> tuple[float | None, tuple[float, float] 
         return pooled["J"], None if interval is None else (interval[0], interval[1])
     costs = [cost["J"] for cost in row.get("costs", ()) if cost["set"] == name]
     return (costs[0], None) if len(costs) == 1 else (None, None)
-
-
-def choose_models(campaigns: Sequence[CampaignRows], count: int) -> list[Row]:
-    """Return up to `count` models on the fronts of the campaigns, lowest selection cost first."""
-    rows = [row for one in campaigns for row in one.done if row["key"] in one.front_keys()]
-    return sorted(rows, key=lambda row: row["selection_J"])[:count]
 
 
 def _axis_value(axis: str, row: Row) -> str:
