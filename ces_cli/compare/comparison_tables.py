@@ -83,13 +83,10 @@ def _above(comparison: Comparison, best: int, model: int) -> str:
     """Return how much higher the pooled cost of `model` is than the lowest; a dash if that is not a test."""
     if not comparison.test_names:
         return NONE
-    pair = comparison.pair(best, model)
-    difference = pair.pooled
+    difference = comparison.pair(best, model).minus(best)
     if difference.low is None or difference.high is None:
         return SHORT if math.isfinite(difference.value) else NONE
-    sign = 1.0 if pair.first == model else -1.0
-    low, high = sorted((sign * difference.low, sign * difference.high))
-    return f"{_signed(sign * difference.value)} ({_signed(low)} to {_signed(high)})"
+    return f"{_signed(difference.value)} ({interval_of(difference)})"
 
 
 def _verdict(pair: PairResult) -> str:

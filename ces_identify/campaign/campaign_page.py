@@ -162,18 +162,19 @@ def _pareto(results: CampaignRows, rows: list[Row], number: int, what: str) -> M
     if not rows:
         return None
     label, name = ("Size [parameters]", "size") if what == SIZE else ("Time of a tick [µs]", "tick")
-    marks: list[PlotLine | PlotDots] = []
+    marks: list[PlotLine | PlotDots] = [_selection_dot(results, row, float(row[what])) for row in rows]
     for row in rows:
         marks += _intervals(results, row, float(row[what]))
-    marks += [_front_line(rows)] if what == SIZE else []
-    for row in rows:
-        css = series_css(list(KITS).index(row["structure"]))
-        x, y = np.array([float(row[what])]), np.array([row["selection_J"]])
-        marks.append(PlotDots(f"{results.name(row)}: selection", x, y, f"{css} spot{'' if is_proved(row) else ' unproved'}"))
+    marks += [_front_line(rows)] if what == SIZE else []  # last: values are read at the first of equal points
     title = f"Cost against {'size' if what == SIZE else 'time of a tick'}, identified on {rows[0]['bags']}"
     text = f"Selection cost of {len(rows)} models; vertical lines are intervals of their costs on validation recordings."
     area = PlotArea("Cost J [%]", marks, 300)
     return draw_plot(Plot(f"{name}{number}", title, text, label, [area], 560, free=True, legend=False))
+
+
+def _selection_dot(results: CampaignRows, row: Row, x: float) -> PlotDots:
+    css = f"{series_css(list(KITS).index(row['structure']))} spot{'' if is_proved(row) else ' unproved'}"
+    return PlotDots(f"{results.name(row)}: selection", np.array([x]), np.array([row["selection_J"]]), css)
 
 
 def _intervals(results: CampaignRows, row: Row, x: float) -> list[PlotLine | PlotDots]:

@@ -30,7 +30,7 @@ from ces_identify.numerics.correlation import block_length
 
 REPLICATES = 2000
 BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
-MIN_BINS = 40  # of a recording
+MIN_BINS = 100  # of a recording: 1 s
 MIN_BLOCKS = 6  # of the automatic length, over all recordings
 MAX_GROWTH = 1.4
 CLEAR = 0.001  # p-value of a difference that a growing error cannot explain
