@@ -19,10 +19,11 @@ from ces_identify.preparation.series import prepare
 from ces_identify.recordings import bag_reader, log_import
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.checks import require_usable
-from ces_identify.recordings.consistency import require_consistent
 from ces_identify.recordings.log_mapping import load_dyno_mapping
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.recordings.signals_file import load_signals
+from ces_identify.sense.content import require_distinct
+from ces_identify.sense.sense import require_sensible, sense_together
 from ces_identify.simulations.simulate import sample_force
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.structures import KITS
@@ -82,13 +83,15 @@ def identify(
     structure: str = "polynomial",
     options: IdentifyOptions | None = None,
     listener: Listener = lambda result: None,
+    go_on: bool = False,
     **sizes: Size,
 ) -> IdentificationResult:
     """Identify a model; neither the fit nor the selection sees the `validation` recordings.
 
     `structure` is "polynomial", "sigmoid" (sizes `units` and `lags`, such as "2,4,5") or "anfis" (size `rules`, such as
-    "7x2", or `memberships`, such as "4x4"). `listener` is called with each improvement. Warns of recordings that
-    differ; raises CesError if they hold too little.
+    "7x2", or `memberships`, such as "4x4"). `listener` is called with each improvement. Warns of what looks wrong;
+    raises CesError if the recordings hold too little, have seconds in common, or would make a wrong model (sign, units,
+    delays), unless `go_on`.
 
         result = identify([read_recording("bags/noise")], validation=[read_recording("bags/road")])
         result.model.save(Path("model.json"))
@@ -104,9 +107,12 @@ def identify(
     except ValueError as error:
         raise CesError(f"structure '{structure}': {error}") from None
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    for finding in require_consistent([*given, *validation]):
+    require_distinct(given, validation)
+    found = sense_together([*given, *validation])
+    forced = require_sensible(found, go_on)
+    for finding in found:
         warnings.warn(finding.text, stacklevel=2)
-    return identification.identify(given, validation, options, listener, fitter)
+    return identification.identify(given, validation, options, listener, fitter).with_forced(forced)
 
 
 def validate(model: Model, recordings: Recording | Sequence[Recording]) -> list[Evaluation]:

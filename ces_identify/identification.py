@@ -15,6 +15,7 @@ from ces_identify.polynomial.search_limits import Listener, SearchResult
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import Series, prepare
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.content import recording_marks, require_distinct
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.band_fit import fit_band
@@ -35,6 +36,12 @@ class IdentificationResult:
     evaluations: tuple[Evaluation, ...]
     search_results: tuple[SearchResult, ...]
 
+    def with_forced(self, findings: Sequence[str]) -> IdentificationResult:
+        """Return the result with the findings in spite of which it was identified in the model's provenance."""
+        if not findings:
+            return self
+        return replace(self, model=replace(self.model, provenance={**self.model.provenance, "forced": list(findings)}))
+
 
 def identify(
     recordings: Sequence[Recording],
@@ -46,8 +53,9 @@ def identify(
     """Identify a model on the first `options.split` of every recording with the structure's `fitter`.
 
     Validation data are the rest of the recordings and all of the `validation` recordings; neither fit nor selection
-    uses them. Raises CesError if the data hold too little.
+    uses them. Raises CesError if the data hold too little, or if recordings have seconds in common.
     """
+    require_distinct(recordings, validation)
     options = options or IdentifyOptions()
     first_parts = [recording.first_part(options.split) for recording in recordings]
     sampling = choose_sampling(
@@ -61,7 +69,7 @@ def identify(
     evaluations = evaluate(model, identified, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     provenance = {
         "tool": f"ces_observer {__version__}",
-        "identification": [_describe_origin(r) | {"share": [0.0, options.split]} for r in recordings],
+        "identification": [_describe_origin(r) | _describe_part(r, options.split) for r in recordings],
         "validation": [_describe_origin(r) for r in validation],
         "usage": usage(identified, held_out),
         "usage_rule": RULE,
@@ -94,6 +102,11 @@ def _select_held_out(whole: Sequence[Series], split: float) -> list[Series]:
     """Return the rest of each series after `split` that is long enough for an evaluation."""
     rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
     return [series for series in rest if series.scored.sum() >= MIN_SCORED_TICKS]
+
+
+def _describe_part(recording: Recording, split: float) -> dict[str, Any]:
+    """Return which part of a recording is used, and marks by which any copy of it is recognised."""
+    return {"share": [0.0, split], "marks": " ".join(recording_marks(recording.first_part(split)))}
 
 
 def _describe_origin(recording: Recording) -> dict[str, str]:

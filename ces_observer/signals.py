@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ces_observer.errors import SignalsError
@@ -31,12 +31,13 @@ DEFAULTS: dict[str, dict[str, Any]] = {
 }
 
 LONGEST = 255  # characters of a topic, type or field path
+MAX_DELAY_S = 1.0  # either way
 LARGEST = 1e30  # scale, offset or constant: beyond any unit, and far from overflow
 _STEP = re.compile(r"([A-Za-z]\w*)(?:\[ *([^\[\] ][^\[\]]*)\])?\Z", re.ASCII)
 _INDEX = re.compile(r"[0-9]{1,9}", re.ASCII)
 _TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*\Z", re.ASCII)
 _SOURCE = {"topic", "type", "field"}
-_KEYS = {*_SOURCE, "scale", "offset", "constant"}
+_KEYS = {*_SOURCE, "scale", "offset", "delay", "constant"}
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,10 @@ class FieldPath:
 
 @dataclass(frozen=True)
 class Signal:
-    """One signal in a topic; its value in SI units is `scale * number + offset`."""
+    """One signal in a topic; its value in SI units is `scale * number + offset`.
+
+    `delay` [s] is how much later than it was measured a number is stamped; readers move the stamps back by it.
+    """
 
     name: str
     topic: str
@@ -97,6 +101,12 @@ class Signal:
     field: FieldPath
     scale: float = 1.0
     offset: float = 0.0
+    delay: float = 0.0
+
+    @property
+    def delay_ns(self) -> int:
+        """The delay in nanoseconds."""
+        return round(self.delay * 1e9)
 
     @property
     def unit(self) -> str:
@@ -138,9 +148,14 @@ class Signals:
         """Return the signals that are read from topics."""
         return tuple(s for s in self.by_name.values() if isinstance(s, Signal))
 
+    def without_delays(self) -> Signals:
+        """Return the signals with stamps as they are."""
+        kept = {n: replace(s, delay=0.0) if isinstance(s, Signal) else s for n, s in self.by_name.items()}
+        return replace(self, by_name=kept)
+
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any], source: str) -> Signals:
-        """Build from `{signal: {topic, type, field, scale, offset} | {constant}}`; missing keys take the defaults.
+        """Build from `{signal: {topic, type, field, scale, offset, delay} | {constant}}`; defaults for missing keys.
 
         Other keys are ignored: they are a node's other parameters. Raises SignalsError.
         """
@@ -185,7 +200,10 @@ def _signal(name: str, description: object, source: str) -> Signal | Constant:
     if scale == 0.0:
         raise SignalsError(f"{where}: scale is 0; expected the factor from the logged unit to SI")
     offset = _check_number(settings.get("offset", 0.0), f"{where}: offset")
-    return Signal(name, settings["topic"], settings["type"], FieldPath.parse(settings["field"]), scale, offset)
+    delay = _check_number(settings.get("delay", 0.0), f"{where}: delay")
+    if abs(delay) > MAX_DELAY_S:
+        raise SignalsError(f"{where}: delay is {delay:g} s; expected at most {MAX_DELAY_S:g} s (it is in seconds)")
+    return Signal(name, settings["topic"], settings["type"], FieldPath.parse(settings["field"]), scale, offset, delay)
 
 
 def _check_number(value: object, where: str) -> float:

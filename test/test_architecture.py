@@ -93,6 +93,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "numerics": "",
         "recordings": "config_file numerics",
         "preparation": "numerics recordings",
+        "sense": "numerics preparation recordings",
         "typesetting": "",
         "polynomial": "config_file numerics preparation typesetting",
         "trained": "numerics polynomial preparation",
@@ -100,13 +101,15 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "structures": "numerics physical polynomial preparation trained typesetting",
         "simulations": "numerics preparation recordings structures",
         "validation": "numerics polynomial preparation recordings simulations",
-        "identification": "polynomial preparation recordings structures validation",
+        "identification": "polynomial preparation recordings sense structures validation",
         "folds": "identification recordings structures validation",
         "report": "numerics preparation structures typesetting validation",
         "comparison": "numerics preparation recordings report simulations typesetting validation",
-        "campaign": "comparison config_file identification jobs polynomial recordings report structures validation",
+        "campaign": "comparison config_file identification jobs polynomial recordings report sense structures "
+        "validation",
         "cross_fit": "identification numerics polynomial preparation recordings structures",
-        "api": "comparison identification polynomial preparation recordings report simulations structures validation",
+        "api": "comparison identification polynomial preparation recordings report sense simulations structures "
+        "validation",
     },
     "ces_rig": {
         "errors": "",

@@ -13,6 +13,7 @@ from ces_identify.recordings.checks import findings, mean_rate
 from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.log_mapping import TEMPLATE, load_dyno_mapping
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.sense import sense
 from ces_observer.errors import RecordingError
 from ces_observer.signals import Signal, Signals
 
@@ -83,13 +84,18 @@ def _as_json(recording: Recording, path: Path) -> dict[str, object]:
 
 
 def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool) -> None:
-    for finding in findings(recording):
-        terminal.print_warning(f"{recording.source}: {finding.text}")
+    for finding in (*findings(recording), *sense(recording)):
+        terminal.print_warning(f"{recording.source}: {_for_mapping(finding.text)}")
     written = [name for name in recording.channels if isinstance(signals.by_name.get(name), Signal)]
     for name in recording.channels.keys() - set(written):
         terminal.print_warning(f"{recording.source}: {name} is left out; give it a topic in the signals file")
     notes = {"imported_from": Path(recording.source).name}
-    write_bag(path, recording_topics(recording, signals), overwrite=overwrite, notes=notes)
+    write_bag(path, recording_topics(recording, signals.without_delays()), overwrite=overwrite, notes=notes)
     position = recording.channel("position")
     rate = mean_rate(position)
     print(f"{path}: {len(position)} samples of {', '.join(written)} at {rate:.1f} Hz")
+
+
+def _for_mapping(text: str) -> str:
+    """Return a finding with its remedy in the mapping; a delay stays in the signals file, which later programs read."""
+    return text if "delay:" in text else text.replace("the signals file", "the mapping")

@@ -16,13 +16,14 @@ from ces_cli.terminal.json_output import add_json, print_document
 from ces_identify.recordings.bag_reader import list_topics, read_recording
 from ces_identify.recordings.bag_storage import Topic
 from ces_identify.recordings.channel_stats import ChannelStats, channel_stats
-from ces_identify.recordings.checks import Finding, findings
+from ces_identify.recordings.checks import ERROR, WARNING, WRONG_MODEL, Finding, findings, sort_findings
 from ces_identify.recordings.coverage import Coverage, coverage
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.sense import sense
 from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS, Constant, Signal, Signals
 
-COLOURS = {"error": "red", "warning": "yellow"}
+COLOURS = {ERROR: "red", WRONG_MODEL: "red", WARNING: "yellow"}
 SHORT_HASH = 12
 
 
@@ -76,9 +77,15 @@ def _inspect_bag(path: Path, signals: Signals) -> BagReport:
         warnings.simplefilter("always")
         recording = read_recording(path, signals)
         topics = list_topics(path)
-    warned = tuple(Finding("warning", str(warning.message)) for warning in caught)
+    warned = tuple(Finding(WARNING, str(warning.message)) for warning in caught)
     stats = {name: channel_stats(channel) for name, channel in recording.channels.items()}
-    return BagReport(recording, topics, stats, findings(recording) + warned)
+    return BagReport(recording, topics, stats, _find_faults(recording) + warned)
+
+
+def _find_faults(recording: Recording) -> tuple[Finding, ...]:
+    """Return the faults of a recording, and what makes no sense in it if it can be read."""
+    faults = findings(recording)
+    return faults if any(f.severity == ERROR for f in faults) else sort_findings(faults, sense(recording))
 
 
 def _print_report(reports: list[BagReport], covered: Coverage, signals: Signals) -> None:
@@ -166,5 +173,5 @@ def _title(reports: list[BagReport], covered: Coverage) -> str:
 def _raise_first_error(reports: list[BagReport]) -> None:
     for report in reports:
         for finding in report.findings:
-            if finding.severity == "error":
+            if finding.severity == ERROR:
                 raise RecordingError(f"{report.recording.source}: {finding.text}")

@@ -15,6 +15,7 @@ from ces_cli.terminal.json_output import add_json, print_document
 from ces_identify.preparation.series import hold_current, hold_motion
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Recording
+from ces_identify.validation.envelope_use import describe_outside, find_outside
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model
 from ces_observer.signals import Signal, Signals
@@ -42,6 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"{len(rows)} forces estimated from {len(recording.channel('position'))} position samples")
     for reason, count in reasons.most_common():
         print(f"  withheld {count}: {reason}")
+    _print_outside(model, recording, rows)
     print(f"bag: {options.out}")
     return 0
 
@@ -80,6 +82,23 @@ def _replay(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Co
             width = nan if half_width is None else half_width
             rows.append((stamp, estimator.position, estimator.speed, force, force - width, force + width))
     return np.array(rows, dtype=object).reshape(-1, 6), reasons
+
+
+def _print_outside(model: Model, recording: Recording, rows: NDArray[np.float64]) -> None:
+    """Print a warning if the estimates used inputs outside the model's envelope."""
+    if not len(rows):
+        return
+    position, speed = (rows[:, column].astype(np.float64) for column in (1, 2))
+    stamps = rows[:, 0].astype(np.int64)
+    signals = {
+        "position": position,
+        "speed": speed,
+        "current": hold_current(recording, stamps, model.sampling.max_current_age_s),
+    }
+    uses = find_outside(model, signals)
+    if uses:
+        share = max(use.outside_share for use in uses)
+        terminal.print_warning(describe_outside(recording.name, share, uses))
 
 
 def _estimate_topic(rows: NDArray[np.float64], signals: Signals) -> TopicData:

@@ -21,9 +21,10 @@ from ces_identify.jobs.row_log import Row
 from ces_identify.jobs.workers import Task
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
+from ces_identify.sense.sense import require_sensible, sense_each
 from ces_observer.errors import CesError
 
-CAMPAIGN_OPTIONS = frozenset({"campaign", "dask", "jobs", "json", "out"})
+CAMPAIGN_OPTIONS = frozenset({"campaign", "dask", "jobs", "json", "out", "force"})
 MAX_ROWS_SHOWN = 40  # rows in the terminal
 RESULTS = "results.jsonl"
 
@@ -44,7 +45,11 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     campaign = load_campaign(options.campaign)
     signals = load_signals(campaign.signals)
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
-    todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())))
+    found = sense_each(list(recordings.values()))
+    forced = require_sensible(found, options.force)
+    for finding in found:
+        terminal.print_warning(finding.text)
+    todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), forced)
     with open_results(options.out / RESULTS, "a campaign") as results:
         page = LivePage(options.out, campaign, todo, results)
         finished = _compute(todo, results, recordings, options, page.refresh)

@@ -17,8 +17,9 @@ from ces_cli.terminal.simulations import open_simulation, with_teacher_force
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
-from ces_identify.recordings.consistency import require_consistent
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.content import require_distinct
+from ces_identify.sense.sense import require_sensible, sense_together
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 
@@ -39,7 +40,8 @@ ShowProgress = Callable[[Limits], AbstractContextManager[Progress]]
 class Identification:
     """The inputs of an identification.
 
-    `bags` and `validation` are recordings with the force to learn, `measured` all of them as logged.
+    `bags` and `validation` are recordings with the force to learn, `measured` all of them as logged. `forced` are the
+    findings in spite of which --force goes on.
     """
 
     options: argparse.Namespace
@@ -47,6 +49,7 @@ class Identification:
     validation: Sequence[Recording]
     measured: Sequence[Recording]
     how: IdentifyOptions
+    forced: tuple[str, ...] = ()
 
     def run(self, show_progress: ShowProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
@@ -54,6 +57,7 @@ class Identification:
             result = select_identify_function(self.options)(self.bags, self.validation, self.how, progress.listen)
         if self.options.teacher is not None:
             result = with_teacher(result, self.options.teacher, self.measured)
+        result = result.with_forced(self.forced)
         result.model.save(self.options.out)
         return result
 
@@ -67,7 +71,10 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     weighting = parse_weighting(options.weight)
     measured = _read_recordings(options)
     bags, validation = (_apply_teacher(options, paths, measured) for paths in (options.bags, options.validate))
-    for finding in require_consistent([*bags, *validation]):
+    require_distinct(bags, validation)
+    found = sense_together([*bags, *validation])
+    forced = require_sensible(found, options.force)
+    for finding in found:
         terminal.print_warning(finding.text)
     split = options.split if options.split is not None else 1.0 if validation else 0.75
     searches = (options.starts, options.seed, options.threads)
@@ -83,7 +90,7 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
         not options.no_band,
         None if options.differentiator == AUTO else options.differentiator,
     )
-    return Identification(options, bags, validation, tuple(measured.values()), how)
+    return Identification(options, bags, validation, tuple(measured.values()), how, forced)
 
 
 def write_report_page(result: IdentificationResult, options: argparse.Namespace, command: str) -> None:

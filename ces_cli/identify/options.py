@@ -49,6 +49,7 @@ PARAMETERS = (
     Option("threads", 0, "threads of the search; 0: one per processor", 0, 256, unset=0),
     Option("no_certificate", False, "also accept models whose stability is not proved (unsafe)"),
     Option("no_band", False, "fit no band around the force"),
+    Option("force", False, "identify in spite of findings that make a wrong model"),
     Option("rate", 0.0, "rate of the model [Hz], at least 1; 0: from the data", 0, 1e5, unset=0),
     Option("bandwidth", 0.0, "bandwidth of the differentiator [Hz], at least 0.01; 0: from the data", 0, 5e4, unset=0),
     Option("differentiator", "auto", "source of the speed", one_of=("auto", *DIFFERENTIATORS)),

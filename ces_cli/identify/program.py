@@ -20,7 +20,7 @@ from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.progress import SearchProgress
-from ces_cli.terminal.tables import cost_table, print_band, print_missing
+from ces_cli.terminal.tables import cost_table, print_band, print_missing, print_outside
 from ces_identify.folds import split_folds
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.regressors import built_in_rules
@@ -62,6 +62,7 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace, arg
     weighting = parse_weighting(options.weight).with_common_stroke([e.series for e in result.evaluations])
     terminal.out.print(cost_table(result.evaluations, result.model.size, weighting))
     print_missing(result.evaluations)
+    print_outside(result.evaluations)
     print_teacher(result)
     print(RULE)
     print(f"best of {len(result.search_results)} starts: seed {best.seed}; stopped: {best.ended}")
@@ -154,6 +155,8 @@ def make_parser() -> terminal.Parser:
         "BAGs have the signal, else kalman"
     )
     p.add_argument("--differentiator", choices=(AUTO, *DIFFERENTIATORS), default=AUTO, help=text)
+    text = "identify in spite of findings that make a wrong model; model.json lists them"
+    p.add_argument("--force", action="store_true", help=text)
     add_folds(p)
     add_campaign(p)
     add_json(p)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from ces_cli.identify.certificate_check import certificate_facts, verify_certificate
 from ces_cli.terminal import terminal
@@ -15,9 +14,11 @@ from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.json_costs import cost_rows, held_out_row, model_facts
 from ces_cli.terminal.json_output import add_json, print_document, without_text
-from ces_cli.terminal.tables import cost_table, print_band, print_missing
+from ces_cli.terminal.tables import cost_table, print_band, print_missing, print_outside
 from ces_identify.preparation.series import prepare
 from ces_identify.preparation.weighting import Weighting, parse_weighting
+from ces_identify.sense.content import identified_on
+from ces_identify.sense.sense import sense_each
 from ces_identify.validation.error_regions import error_cells
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.validation.residuals import residual_tests, verdicts
@@ -52,6 +53,7 @@ def _print_evaluations(
 ) -> None:
     terminal.out.print(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
     print_missing(evaluations)
+    print_outside(evaluations)
     print_band(model, evaluations)
     _print_details(evaluations, weighting)
 
@@ -107,13 +109,16 @@ def _residual_facts(evaluation: Evaluation) -> dict[str, Any] | None:
 def _evaluations(model: Model, options: argparse.Namespace) -> list[Evaluation]:
     signals = terminal.load_described_signals(options)
     recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in options.bags]
-    shares = _read_identified_shares(model.provenance)
+    for finding in sense_each(recordings):
+        terminal.print_warning(finding.text)
     evaluations = []
     for recording in recordings:
-        first, last = shares.get(recording.sha256, (0.0, 0.0))
-        overlaps = max(first, options.part[0]) < min(last, options.part[1])
+        overlaps = identified_on(recording, model.provenance, options.part)
         if overlaps:
-            terminal.print_warning(f"{recording.name}: the model was identified on part of these data")
+            terminal.print_warning(
+                f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "
+                "here is lower than on new data"
+            )
         series = prepare(recording, model.sampling).part(*options.part)
         evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
     return evaluations
@@ -132,17 +137,6 @@ def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> N
             f"error: {100 * cell.energy:.0f} % of its energy in {100 * cell.ticks:.0f} % of the time at {cell.region} "
             f"(RMS {cell.rms_N:.0f} N, {cell.cost:.2f} of J)"
         )
-
-
-def _read_identified_shares(provenance: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Return by hash the share of each recording that the model was identified on."""
-    rows = provenance.get("identification")
-    shares = {}
-    for row in rows if isinstance(rows, list) else []:
-        match row:
-            case {"sha256": str(digest), "share": [int() | float() as first, int() | float() as last]} if digest:
-                shares[digest] = (float(first), float(last))
-    return shares
 
 
 def make_parser() -> terminal.Parser:

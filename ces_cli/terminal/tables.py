@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from rich.table import Table
 
-from ces_cli.terminal.terminal import make_table
+from ces_cli.terminal.terminal import make_table, print_warning
 from ces_identify.folds import CrossValidation
 from ces_identify.polynomial.problem import estimation_ticks
 from ces_identify.preparation.cost import weighted_cost
@@ -62,6 +62,12 @@ def print_missing(evaluations: Sequence[Evaluation]) -> None:
         floors = [CycleNoise(0.0, 0, 0.0, 0.0)] * len(floors)
     for line in explain_missing(evaluations, [cost_interval([e]) for e in evaluations], floors):
         print(f"{NONE}: {line}")
+
+
+def print_outside(evaluations: Sequence[Evaluation]) -> None:
+    """Print a warning for each recording that leaves the model's envelope, with the ranges of its signals."""
+    for text in filter(None, (e.outside_text for e in evaluations)):
+        print_warning(text)
 
 
 def print_band(model: Model, evaluations: Sequence[Evaluation]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -14,8 +14,11 @@ from ces_gap.intake.force_units import MIN_CORRELATION, compare_forces, require_
 from ces_gap.intake.operating_range import model_inside, outside_notes
 from ces_gap.intake.saturation import saturation_notes
 from ces_gap.trace import F, Trace
-from ces_identify.recordings.consistency import require_consistent
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.consistency import require_consistent
+from ces_identify.sense.content import identified_on, shared_content
+from ces_identify.sense.saturation import SATURATES
+from ces_identify.sense.sense import sense_each
 from ces_identify.simulations.simulation import Simulation
 
 SAME_CURRENT = 0.02  # relative spread below which a current counts as constant
@@ -29,8 +32,8 @@ def require_distinct(real: Sequence[Recording], held_out: Sequence[Recording], r
     """Raise GapError for duplicate recordings: a model validated on its fitting data would seem perfect."""
     recordings = [*((REAL, r) for r in real), *((HELD_OUT, r) for r in held_out), *((REFERENCE, r) for r in reference)]
     for (one, first), (other, second) in combinations(recordings, 2):
-        if _is_same(first, second):
-            raise GapError(_describe_duplicate(one, first, other, second))
+        if shared := shared_content(first, second):
+            raise GapError(_describe_duplicate(one, first, other, second, str(shared)))
 
 
 def check_recordings(
@@ -38,14 +41,16 @@ def check_recordings(
 ) -> tuple[str, ...]:
     """Return notes on the recordings as logged.
 
-    Raises GapError for a duplicate or a missing force, RecordingError if units or signs differ between recordings.
+    Raises GapError for recordings with seconds in common or a missing force, RecordingError if units or signs differ
+    between recordings.
     """
     require_distinct(real, held_out, reference)
     everything = [*real, *held_out, *reference]
     for recording in everything:
         if "force" not in recording.channels:
             raise GapError(f"{recording.name}: no measured force; a diagnosis needs one: map it in the signals file")
-    notes = [finding.text for finding in require_consistent(everything)]
+    require_consistent(everything)
+    notes = [finding.text for finding in sense_each(everything) if SATURATES not in finding.text]
     return (*notes, *(note for recording in everything for note in saturation_notes(recording)))
 
 
@@ -64,14 +69,15 @@ def check_traces(traces: Sequence[Trace], simulation: Simulation, name: str) -> 
 
 
 def seen_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> tuple[str, ...]:
-    """Return a note if the simulation is a model that was identified on one of the real recordings."""
+    """Return a note for each recording that the simulation, a model or a wrapped one, was identified on."""
     model = model_inside(simulation)
-    known = [] if model is None else model.provenance.get("identification", [])
-    hashes = {str(one.get("sha256", "")) for one in known if isinstance(one, Mapping)} - {""}
-    seen = sorted({t.name for t in traces if t.recording.sha256 in hashes})
+    if model is None:
+        return ()
+    seen = sorted({t.name for t in traces if identified_on(t.recording, model.provenance)})
     return tuple(
-        f"{recording}: {name} was identified on this recording: it has learned part of the gap; identify it on "
-        "references, or diagnose on other recordings"
+        f"{recording}: {name} was identified on seconds of this recording: it has learned part of the gap, so that the "
+        "gap found here is smaller than on new recordings, and effects may be missing; identify it on references, or "
+        "diagnose on other recordings"
         for recording in seen
     )
 
@@ -108,25 +114,15 @@ def explain_invisibility(effect: Effect, traces: Sequence[Trace]) -> str | None:
     return f"it needs {effect.needs}; the current stays at {level:.3g} A"
 
 
-def _is_same(one: Recording, other: Recording) -> bool:
-    if one.sha256 and other.sha256:
-        return one.sha256 == other.sha256
-    return all(
-        np.array_equal(one.channels[name].values, other.channels[name].values, equal_nan=True)
-        for name in ("position", "force")
-        if name in one.channels and name in other.channels
-    )
-
-
-def _describe_duplicate(one: str, first: Recording, other: str, second: Recording) -> str:
+def _describe_duplicate(one: str, first: Recording, other: str, second: Recording, shared: str) -> str:
     names = first.name if first.name == second.name else f"{first.name} and {second.name}"
     if one == other:
-        return f"{names}: duplicate recording under {one}; pass each recording once"
+        return f"{names}: {shared}, twice under {one}; pass each recording once"
     why = {
         HELD_OUT: "held-out recordings must not be fitted: without --held-out a part of --real is set aside",
         REFERENCE: "references must be free of the effect",
     }
-    return f"{names}: the same recording under {one} and {other}; {why[other]}"
+    return f"{names}: {shared}, under {one} and {other}; {why[other]}"
 
 
 def _current(traces: Sequence[Trace]) -> F:
@@ -146,7 +142,7 @@ def _missing_force_notes(traces: Sequence[Trace], name: str) -> Iterator[str]:
     """Yield a note for each recording with many unusable ticks; traces of one recording count together."""
     wholes: list[tuple[Trace, NDArray[np.bool_]]] = []
     for trace in traces:
-        if wholes and _is_same(wholes[-1][0].recording, trace.recording):
+        if wholes and wholes[-1][0].recording is trace.recording:
             wholes[-1] = trace, wholes[-1][1] | trace.usable
         else:
             wholes.append((trace, trace.usable))

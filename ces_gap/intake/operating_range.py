@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from ces_gap.errors import GapError
 from ces_gap.trace import F, Trace
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
+from ces_identify.validation.envelope_use import find_outside
 from ces_observer.model import Model
 
 MAX_OUTSIDE_SHARE = 0.5  # share of the time, above which a comparison is refused
 NOTED_OUTSIDE_SHARE = 0.05  # share from which there is a note
-UNITS = {"position": "m", "speed": "m/s", "current": "A"}
 SLACK = 0.02  # of a range: the differentiators of model and trace differ
 
 
@@ -50,15 +50,13 @@ def model_inside(simulation: Simulation) -> Model | None:
 
 
 def _outside(model: Model, trace: Trace) -> tuple[float, str]:
-    """Return the share of usable ticks with an input outside the envelope, and a description of the worst input."""
+    """Return the share of usable ticks with an input outside the envelope, and the ranges of those inputs."""
     keep = trace.usable
-    values = {"position": trace.inputs.position, "speed": trace.inputs.speed, "current": trace.inputs.current}
+    names = ("position", "speed", "current")
+    values = {name: getattr(trace.inputs, name)[keep] for name in names}
     ranges = model.envelope.by_signal
-    out = {signal: _beyond(values[signal][keep], *ranges[signal]) for signal in values}
-    worst = max(out, key=lambda signal: float(out[signal].mean()))
-    low, high = (f"{bound:.3g}" for bound in ranges[worst])
-    reach = np.percentile(values[worst][keep], (0.5, 99.5))
-    text = f"{worst} {reach[0]:.3g} to {reach[1]:.3g} {UNITS[worst]}, of {low} to {high}"
+    out = {signal: _beyond(values[signal], *ranges[signal]) for signal in values}
+    text = "; ".join(map(str, find_outside(model, values)))
     return float(np.any(list(out.values()), axis=0).mean()), text
 
 

@@ -38,6 +38,7 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
     count = len(job.recordings)
     fitter = KITS[job.cell.structure].fitter(job.cell.settings)
     result = identify(recordings[:count], recordings[count:], _options(job), fitter=fitter)
+    result = result.with_forced(job.forced)
     if any(start.ended == INTERRUPTED for start in result.search_results):
         raise KeyboardInterrupt
     seconds = time.monotonic() - began

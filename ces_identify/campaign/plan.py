@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 from ces_identify.polynomial.regressors import CandidateRules
 from ces_identify.polynomial.search_limits import THESIS
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.content import require_distinct, shared_content
 from ces_observer import __version__
 from ces_observer.errors import CesError
 
@@ -99,7 +100,8 @@ class Campaign:
 class CampaignJob:
     """A cell with all its inputs except the recordings, which are sent separately.
 
-    `recordings` are the bags to identify on, `validation` the pairs (set, bag) to validate on.
+    `recordings` are the bags to identify on, `validation` the pairs (set, bag) to validate on. `forced` are the
+    findings in spite of which models are identified.
     """
 
     key: str
@@ -109,6 +111,7 @@ class CampaignJob:
     rules: CandidateRules | None
     recordings: tuple[Path, ...]
     validation: tuple[tuple[str, Path], ...]
+    forced: tuple[str, ...] = ()
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -126,21 +129,26 @@ class CampaignJob:
         return (*self.recordings, *(path for _, path in self.validation))
 
 
-def jobs(campaign: Campaign, recordings: Mapping[Path, Recording], described: str) -> tuple[CampaignJob, ...]:
+def jobs(
+    campaign: Campaign, recordings: Mapping[Path, Recording], described: str, forced: tuple[str, ...] = ()
+) -> tuple[CampaignJob, ...]:
     """Return the job of each cell. `described` is the text of the recordings' signals description.
 
-    A recording that a cell is identified on does not also validate it. The number of threads is not part of the key.
-    Raises CesError if two cells are the same.
+    A recording that a cell is identified on, or a copy of it, does not also validate it. The number of threads is not
+    part of the key. Raises CesError if two cells are the same, or if a cell's recordings have seconds in common.
     """
     by_key: dict[str, CampaignJob] = {}
     for cell in campaign.cells():
-        job = _job(campaign, cell, recordings, described)
+        job = replace(_job(campaign, cell, recordings, described), forced=forced)
         other = by_key.setdefault(job.key, job)
         if other is not job:
             raise CesError(
                 f"{campaign.source}: '{other.cell.bags}' and '{cell.bags}' hold the same recordings with the same "
                 "settings; keep one"
             )
+    for job in {job.paths: job for job in by_key.values()}.values():
+        used = [recordings[path] for path in job.recordings]
+        require_distinct(used, [recordings[path] for _, path in job.validation])
     return tuple(by_key.values())
 
 
@@ -148,7 +156,8 @@ def _job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], d
     mine = campaign.bags[cell.bags]
     hashes = [recordings[path].sha256 for path in mine]
     pairs = [(name, path) for name, paths in campaign.validate.items() for path in paths]
-    validation = tuple((name, path) for name, path in pairs if recordings[path].sha256 not in hashes)
+    used = [recordings[path] for path in mine]
+    validation = tuple((name, path) for name, path in pairs if not _is_among(recordings[path], used))
     candidates = campaign.candidates.get(_candidates_name(cell.settings))
     facts = {
         "tool": __version__,
@@ -163,6 +172,11 @@ def _job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], d
     rules = candidates.rules if candidates else None
     key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:20]
     return CampaignJob(key, cell, campaign.limits, campaign.split, rules, mine, validation)
+
+
+def _is_among(recording: Recording, used: Sequence[Recording]) -> bool:
+    shared = (shared_content(one, recording) for one in used)
+    return any(common is not None and common.whole for common in shared)
 
 
 def _candidates_name(settings: CellSettings) -> str:

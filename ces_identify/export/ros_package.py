@@ -67,9 +67,14 @@ class NodeSignal:
 
     @classmethod
     def from_signal(cls, signal: Signal | Constant) -> NodeSignal:
-        """Return the description of a signal."""
+        """Return the description of a signal; raises CesError for one with a delay, which the C++ observer has not."""
         if isinstance(signal, Constant):
             return cls(signal.name, constant=signal.value)
+        if signal.delay:
+            raise CesError(
+                f"signal '{signal.name}': delay is {signal.delay:g} s, and the C++ observer takes stamps as they are; "
+                "correct them at the source, or use the Python node"
+            )
         return cls(signal.name, signal.topic, signal.type, signal.field.text, signal.scale, signal.offset)
 
 

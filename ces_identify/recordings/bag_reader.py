@@ -160,7 +160,8 @@ class _TopicReader:
             reason = "an empty header stamp" if self.stamp else "no header"
             text = f"{self.topic.type} on {self.topic.name} has {reason}; stamped with the bag's log time"
             warnings.warn(f"{signal.name}: {text}", RecordingWarning, stacklevel=2)
-        return Channel(signal.name, signal.unit, samples.stamps(), _concatenate(samples.values, np.float64))
+        stamps_ns = samples.stamps() - signal.delay_ns
+        return Channel(signal.name, signal.unit, stamps_ns, _concatenate(samples.values, np.float64))
 
 
 class _Samples:

@@ -56,7 +56,7 @@ class TopicData:
 
 
 def recording_topics(recording: Recording, signals: Signals) -> tuple[TopicData, ...]:
-    """Return the topics of a recording's channels as `signals` describes them, with scale and offset undone.
+    """Return the topics of a recording's channels as `signals` describes them, with scale, offset and delay undone.
 
     Raises RecordingError if two channels share a topic but not their stamps.
     """
@@ -68,16 +68,16 @@ def recording_topics(recording: Recording, signals: Signals) -> tuple[TopicData,
 
 
 def _topic_data(recording: Recording, signals: list[Signal]) -> TopicData:
-    first = recording.channel(signals[0].name)
-    columns = {}
+    first, columns = recording.channel(signals[0].name), {}
+    stamps_ns = first.stamps_ns + signals[0].delay_ns
     for signal in signals:
         channel = recording.channel(signal.name)
-        if not np.array_equal(channel.stamps_ns, first.stamps_ns):
+        if not np.array_equal(channel.stamps_ns + signal.delay_ns, stamps_ns):
             raise RecordingError(
                 f"{recording.name}: {first.name} and {channel.name} share topic {signal.topic} but not their stamps"
             )
         columns[signal.field.text] = (channel.values - signal.offset) / signal.scale
-    return TopicData(signals[0].topic, signals[0].type, first.stamps_ns, columns)
+    return TopicData(signals[0].topic, signals[0].type, stamps_ns, columns)
 
 
 def write_bag(

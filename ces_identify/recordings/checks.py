@@ -7,12 +7,19 @@ from dataclasses import dataclass
 from itertools import chain, combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ces_identify.recordings.recording import Channel, Recording, Stamps, Values
 from ces_observer.errors import RecordingError
 
-ERROR, WARNING = "error", "warning"
-MAX_STROKE_M, MAX_CURRENT_A = 1.0, 100.0  # beyond these the unit is probably wrong
+ERROR, WRONG_MODEL, WARNING = SEVERITIES = ("error", "wrong model", "warning")  # worst first
+POSSIBLE = {
+    "position": 1e4,
+    "current": 1e6,
+    "force": 1e9,
+    "sim_force": 1e9,
+}  # [m, A, N] none is beyond, in any unit
+MAX_EQUAL_STAMPS = 100  # samples in a row with one stamp; a driver that stamps its batches makes fewer
 BAD_SHARE = 0.01  # largest share of NaN or infinite samples that preparation may omit
 RATE_RATIO = 100.0
 MISSING_SHARE = 0.01  # largest share of the position's span without current
@@ -22,7 +29,9 @@ SECOND = 1e9
 
 @dataclass(frozen=True)
 class Finding:
-    """A fault; with severity "error" the recording cannot be used, with "warning" it can."""
+    """A fault: with severity "error" the recording cannot be used; with "wrong model" it can be read, but a model of it
+    would be wrong; with "warning" it can be used.
+    """
 
     severity: str
     text: str
@@ -31,9 +40,9 @@ class Finding:
 def findings(recording: Recording) -> tuple[Finding, ...]:
     """Return all faults of a recording, errors first.
 
-    Errors: constant position; an empty channel, or one with more than 1 % NaN or infinite samples; time running
-    backwards; rates a factor of 100 apart; current absent for more than 1 % of the time. Warnings: fewer NaN or
-    infinite samples, a short absence of the current, a stroke or current so large that its unit is doubtful.
+    Errors: constant position; an empty channel, or one with more than 1 % NaN or infinite samples; a value beyond all
+    units; time running backwards, or standing still; rates a factor of 100 apart; current absent for more than 1 % of
+    the time. Warnings: fewer NaN or infinite samples, a short absence of the current.
     """
     start_ns = min((int(c.stamps_ns[0]) for c in recording.channels.values() if len(c)), default=0)
     return sort_findings(
@@ -41,13 +50,12 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
         _check_position(recording),
         _check_rates(recording),
         _check_current(recording, start_ns),
-        _check_units(recording),
     )
 
 
 def sort_findings(*groups: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return the findings of all groups, errors first."""
-    return tuple(sorted(chain(*groups), key=lambda finding: finding.severity != ERROR))
+    """Return the findings of all groups, the worst first."""
+    return tuple(sorted(chain(*groups), key=lambda finding: SEVERITIES.index(finding.severity)))
 
 
 def require_usable(recording: Recording) -> tuple[Finding, ...]:
@@ -76,13 +84,49 @@ def _check_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
             yield Finding(ERROR, f"{text}; expected at most {BAD_SHARE:.0%}")
         else:
             yield Finding(WARNING, f"{text}; they are left out")
+    yield from _check_values(channel, start_ns)
+    yield from _check_stamps(channel, start_ns)
+
+
+def _check_values(channel: Channel, start_ns: int) -> Iterator[Finding]:
+    """Report a value that no sensor can have measured: a wrong type, field or scale."""
+    size = np.abs(np.where(np.isfinite(channel.values), channel.values, 0.0))
+    worst, limit = int(np.argmax(size)), POSSIBLE.get(channel.name, np.inf)
+    if size[worst] > limit:
+        at = (int(channel.stamps_ns[worst]) - start_ns) / SECOND
+        yield Finding(
+            ERROR,
+            f"{channel.name}: {channel.values[worst]:.4g} {channel.unit} at {at:.3f} s; expected at most {limit:g}: "
+            "check type, field and scale in the signals file, or remove the sample",
+        )
+
+
+def _check_stamps(channel: Channel, start_ns: int) -> Iterator[Finding]:
     steps = np.diff(channel.stamps_ns)
+    equal, first = _longest_run(steps == 0)
+    if equal >= MAX_EQUAL_STAMPS:
+        at = (int(channel.stamps_ns[first]) - start_ns) / SECOND
+        yield Finding(
+            ERROR,
+            f"{channel.name}: {equal + 1} samples in a row have the same stamp, at {at:.3f} s; expected a stamp for "
+            "each sample (is the header's stamp filled in?)",
+        )
     if (steps < 0).any():
         row = int(np.argmin(steps))
         at = (int(channel.stamps_ns[row]) - start_ns) / SECOND
         times = f"{int((steps < 0).sum())} times, most at {at:.3f} s by {-steps[row] / SECOND:.6f} s"
         hint = "expected stamps in order (did a clock jump, or a bag loop?)"
         yield Finding(ERROR, f"{channel.name}: time runs backwards {times}; {hint}")
+
+
+def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return length and first index of the longest run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    if not len(edges):
+        return 0, 0
+    lengths = edges[1::2] - edges[::2]
+    longest = int(np.argmax(lengths))
+    return int(lengths[longest]), int(edges[2 * longest])
 
 
 def _check_position(recording: Recording) -> Iterator[Finding]:
@@ -120,22 +164,6 @@ def _check_current(recording: Recording, start_ns: int) -> Iterator[Finding]:
     yield Finding(
         severity, f"current: absent {span}, {share:.1%} of the time; expected it wherever position is recorded"
     )
-
-
-def _check_units(recording: Recording) -> Iterator[Finding]:
-    """Report positions and currents too large for a damper; percentiles ignore outliers."""
-    for name, unit, other, limit in (("position", "m", "mm", MAX_STROKE_M), ("current", "A", "mA", MAX_CURRENT_A)):
-        values = finite_values(recording, name)
-        if not len(values):
-            continue
-        low, high = np.percentile(values, (1.0, 99.0))
-        reach = high - low if name == "position" else max(abs(low), abs(high))
-        if reach > limit:
-            yield Finding(
-                WARNING,
-                f"{name}: {'spans' if name == 'position' else 'reaches'} {reach:.4g} {unit}; if it is in {other}, set "
-                f"scale: 0.001 in the signals file",
-            )
 
 
 def finite_values(recording: Recording, signal: str) -> Values:

@@ -69,11 +69,21 @@ class Recording:
 
     def first_part(self, share: float) -> Recording:
         """Return the recording up to the end of the first `share` of the position samples."""
-        if share >= 1.0:
+        return self.part(0.0, share)
+
+    def part(self, first: float, last: float) -> Recording:
+        """Return the recording from the share `first` to the share `last` of the position samples."""
+        if first <= 0.0 and last >= 1.0:
             return self
         stamps = self.channel("position").stamps_ns
-        end = stamps[min(len(stamps) - 1, round(share * len(stamps)))]
-        return replace(self, channels={n: c.select(c.stamps_ns < end) for n, c in self.channels.items()})
+        begin, end = (stamps[min(len(stamps) - 1, round(share * len(stamps)))] for share in (first, last))
+        return replace(
+            self,
+            channels={
+                n: c.select(((c.stamps_ns >= begin) | (first <= 0.0)) & ((c.stamps_ns < end) | (last >= 1.0)))
+                for n, c in self.channels.items()
+            },
+        )
 
 
 def _read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:

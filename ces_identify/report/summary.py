@@ -16,8 +16,6 @@ from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluat
 from ces_identify.validation.missing_figures import explain_missing
 from ces_observer.model import Model
 
-MUCH_OUTSIDE = 0.05  # share of the ticks outside the envelope that calls for a warning
-
 
 def select_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation]:
     """Return the evaluations of `role`."""
@@ -42,15 +40,12 @@ def headline(evaluations: Sequence[Evaluation]) -> str:
 
 
 def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Return warnings about runs that diverged and inputs that are often outside the envelope."""
+    """Return warnings about runs that diverged and inputs outside the envelope, with the signals' ranges."""
     diverged = [
         f"{e.name} ({e.role}) at {e.series.time_s[e.run.diverged]:.2f} s" for e in evaluations if e.run.diverged >= 0
     ]
-    outside = [
-        f"{100.0 * e.clamped_share:.0f} % of {e.name} ({e.role})" for e in evaluations if e.clamped_share > MUCH_OUTSIDE
-    ]
-    texts = ("Diverged: the simulated force left the force envelope on ", "Inputs outside the model's envelope: ")
-    return [f"{text}{', '.join(which)}." for text, which in zip(texts, (diverged, outside), strict=True) if which]
+    texts = [f"Diverged: the simulated force left the force envelope on {', '.join(diverged)}."] if diverged else []
+    return texts + [f"{e.outside_text} ({e.role})." for e in evaluations if e.outside]
 
 
 def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[dict[str, Any]]:

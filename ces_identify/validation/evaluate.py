@@ -12,6 +12,7 @@ from ces_identify.preparation.cost import require_force, series_cost
 from ces_identify.preparation.series import Series
 from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import FreeRun, simulate_series
+from ces_identify.validation.envelope_use import RangeUse, describe_outside, outside_ranges
 from ces_observer.model import Model
 
 IDENTIFICATION, VALIDATION = "identification", "validation"
@@ -21,7 +22,8 @@ IDENTIFICATION, VALIDATION = "identification", "validation"
 class Evaluation:
     """The free run of a model on one series. `role` is IDENTIFICATION if fit or selection used it, else VALIDATION.
 
-    `half_width` (ticks,) [N] is that of the model's band, None if it has none.
+    `half_width` (ticks,) [N] is that of the model's band, None if it has none. `outside` are the signals that leave the
+    model's envelope.
     """
 
     name: str
@@ -30,6 +32,7 @@ class Evaluation:
     run: FreeRun
     cost: float
     half_width: F | None = None
+    outside: tuple[RangeUse, ...] = ()
 
     @property
     def error(self) -> F:
@@ -48,6 +51,11 @@ class Evaluation:
         return float(self.run.clamped[self.series.scored].mean())
 
     @property
+    def outside_text(self) -> str:
+        """The share of the time outside the envelope, with the ranges of the signals; empty if hardly any."""
+        return describe_outside(self.name, self.clamped_share, self.outside) if self.outside else ""
+
+    @property
     def coverage(self) -> float | None:
         """Share of the scored ticks whose measured force is within the band; None without one."""
         if self.half_width is None:
@@ -61,7 +69,7 @@ def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluati
         require_force(one)
     runs = [simulate_series(model, one) for one in series]
     return [
-        Evaluation(s.name, role, s, r, series_cost(s, r.force), _half_width(model, s, r))
+        Evaluation(s.name, role, s, r, series_cost(s, r.force), _half_width(model, s, r), outside_ranges(model, s))
         for s, r in zip(series, runs, strict=True)
     ]
 

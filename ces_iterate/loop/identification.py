@@ -18,8 +18,8 @@ from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.search_limits import Listener, SearchResult
 from ces_identify.preparation.series import Series, prepare
-from ces_identify.recordings.consistency import require_consistent
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.consistency import require_consistent
 from ces_identify.structures.auto import default_sizes, select_fitter
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.registry import KITS

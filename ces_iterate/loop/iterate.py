@@ -12,6 +12,7 @@ from ces_identify.jobs.row_log import append_row, open_rows, read_rows
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
+from ces_identify.sense.content import require_distinct
 from ces_iterate.commands import INTERVAL_S, RigCommands, read_commands
 from ces_iterate.design.designer import DesignTask, design_experiment, rows_of
 from ces_iterate.design.features import Features, draw_features
@@ -63,6 +64,7 @@ class Iterations:
         self.targets = self.features.at(self.pool.state)
         self.given = [self._read(text) for text in plan.recordings]
         self.validation = [self._read(text) for text in plan.validate]
+        require_distinct(self.given, self.validation)
         self._repeated = self._read_repeated()
         self.done = Progressed()
 

@@ -96,7 +96,7 @@ class InputSubscriptions:
             )
             topic.losses.depth = topic.subscription.qos_profile.depth
         slowly, guard = _make_slow_reader(signal, kind), self._node.guard
-        guarded = guard.wrap(deliver, on_failure), guard.wrap(on_unreadable, on_failure)
+        guarded = guard.wrap(_undelayed(deliver, signal), on_failure), guard.wrap(on_unreadable, on_failure)
         self._topics[key].readers.append((_make_raw_reader(signal) or slowly, slowly, *guarded))
         return is_stamped(kind)
 
@@ -197,6 +197,18 @@ class _Topic:
         if self._inputs._clock.is_simulated:
             return now_ns
         return self.arrivals.stamp(info["source_timestamp"], now_ns)
+
+
+def _undelayed(deliver: Deliver, signal: Signal) -> Deliver:
+    """Return a function that delivers samples with stamps moved back by the signal's delay."""
+    delay_ns = signal.delay_ns
+    if not delay_ns:
+        return deliver
+
+    def deliver_earlier(stamp_ns: int, value: float, frame: bytes, now_ns: int) -> None:
+        deliver(stamp_ns - delay_ns, value, frame, now_ns)
+
+    return deliver_earlier
 
 
 def _make_raw_reader(signal: Signal) -> Read | None:

@@ -16,6 +16,7 @@ SIGNAL_KEYS = {
     "field": "path to the number in the message, such as data, wrench.force.z or position[rear_damper]",
     "scale": "value in SI units = scale * number + offset",
     "offset": "value in SI units = scale * number + offset",
+    "delay": "[s] by how much later than measured the numbers are stamped; stamps are moved back by it",
 }
 LONGEST_S = 3600.0
 INPUT_DEPTH = 5000  # messages: 5 s at 1 kHz

@@ -17,10 +17,10 @@ SIGNALS = ("position", "current", "force", *MOTIONS)
 def declare_signals(node: Node, prefix: str) -> None:
     """Declare the parameters of all signals; with the `prefix` of one damper they have no defaults."""
     for signal in SIGNALS:
-        defaults = {**DEFAULTS[signal], "scale": 1.0, "offset": 0.0} if signal in DEFAULTS else {}
+        defaults = {**DEFAULTS[signal], "scale": 1.0, "offset": 0.0, "delay": 0.0} if signal in DEFAULTS else {}
         for key, meaning in SIGNAL_KEYS.items():
             free = (
-                bool(prefix) or not defaults or key in ("scale", "offset")
+                bool(prefix) or not defaults or key in ("scale", "offset", "delay")
             )  # not set, or perhaps set to a whole number
             descriptor = ParameterDescriptor(description=f"{signal}: {meaning}", read_only=True, dynamic_typing=free)
             declare_anew(node, f"{prefix}{signal}.{key}", None if prefix else defaults.get(key), descriptor)

@@ -22,7 +22,7 @@ def wide_terminal(monkeypatch):
 
 def bag(path, more=(), **changed):
     t = np.arange(N) / 1000
-    values = {"position": 0.02 * np.sin(6 * t), "current": 0.3 + 0.1 * (t > 2), "force": np.cos(6 * t)}
+    values = {"position": 0.02 * np.sin(6 * t), "current": 0.3 + 0.1 * (t > 2), "force": 900.0 * np.cos(6 * t)}
     stamps = 10**9 + np.arange(N) * 1_000_000
     channels = {k: Channel(k, "", stamps, v) for k, v in {**values, **changed}.items()}
     write_bag(path, [*recording_topics(Recording("run", channels), DEFAULT), *more])

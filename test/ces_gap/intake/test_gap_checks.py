@@ -72,10 +72,10 @@ def test_different_recordings_have_no_notes():
 @pytest.mark.parametrize(
     ("sets", "message"),
     [
-        (([1, 1], [], []), "a: duplicate recording under --real; pass each recording once"),
-        (([1, 2], [2], []), "a: the same recording under --real and --held-out; held-out recordings must not"),
-        (([1], [], [1]), "a: the same recording under --real and --reference; references must be free of"),
-        (([1], [2], [2]), "a: the same recording under --held-out and --reference"),
+        (([1, 1], [], []), "a: the same recording, twice under --real; pass each recording once"),
+        (([1, 2], [2], []), "a: the same recording, under --real and --held-out; held-out recordings must not"),
+        (([1], [], [1]), "a: the same recording, under --real and --reference; references must be free of"),
+        (([1], [2], [2]), "a: the same recording, under --held-out and --reference"),
     ],
 )
 @pytest.mark.parametrize("hashed", [True, False])
@@ -88,7 +88,7 @@ def test_a_duplicate_recording_is_refused(sets, message, hashed):
 
 
 def test_a_copy_under_another_name_is_the_same_recording():
-    with pytest.raises(GapError, match="one and two: the same recording under --real and --held-out"):
+    with pytest.raises(GapError, match="one and two: the same recording, under --real and --held-out"):
         require_distinct([ride("one", 1)], [ride("two", 1)], [])
 
 
@@ -134,7 +134,7 @@ def test_little_saturation_is_a_note_and_its_ticks_are_not_used():
     limit = float(np.percentile(ride().channel("force").values, 97.0))
     recording = ride(change=clipped(high=limit))
     (note,) = check_recordings([recording], [], [])
-    assert note.startswith(f"ride: the force channel saturates: 3.0% of the samples at {limit:.5g} N")
+    assert note.startswith(f"ride: force: the channel saturates: 3.0% of the samples at {limit:.5g} N")
     whole = make_trace(recording, simulated(recording))
     remaining = exclude_saturated_ticks(whole)
     flat = np.interp(whole.time_s, T, (recording.channel("force").values == limit).astype(float)) > 0.0
@@ -144,7 +144,7 @@ def test_little_saturation_is_a_note_and_its_ticks_are_not_used():
 
 
 def test_much_saturation_is_refused():
-    with pytest.raises(GapError, match=r"ride: the force channel saturates: .* record again with a larger range"):
+    with pytest.raises(GapError, match=r"ride: force: the channel saturates: .* record again with a larger range"):
         check_recordings([ride(change=clipped(-200.0, 200.0))], [], [])
 
 
@@ -359,7 +359,7 @@ def test_a_model_identified_on_a_real_recording_is_noted():
     model = Model(Sampling(RATE, 40.0, 0.02), body, envelope, (-1e6, 1e6), provenance=known)
     traces = [replace(trace(), recording=replace(trace().recording, sha256=sha)) for sha in ("a1", "c3", "")]
     (note,) = seen_notes(traces, ModelSimulation(model), "model.json")
-    assert "model.json was identified on this recording" in note
+    assert "model.json was identified on seconds of this recording: it has learned part of the gap" in note
     assert seen_notes(traces[1:], ModelSimulation(model), "model.json") == ()
     assert seen_notes(traces, FunctionSimulation("f", force_of), "f") == ()
 

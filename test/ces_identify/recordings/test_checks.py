@@ -136,19 +136,26 @@ def test_rate():
     assert mean_rate(channel("force", 1)) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("position", "current", "expected"),
-    [
-        (1000.0, 1.0, "position: spans 39.98 m; if it is in mm, set scale: 0.001 in the signals file"),
-        (1.0, 50_000.0, "current: reaches 999.5 A; if it is in mA, set scale: 0.001 in the signals file"),
-    ],
-)
-def test_a_stroke_or_current_beyond_any_damper_puts_its_unit_in_doubt(position, current, expected):
-    both = [channel(name).values * scale for name, scale in (("position", position), ("current", current))]
-    result = only(recording(channel("position", values=both[0]), channel("current", values=both[1])))
-    assert result == Finding("warning", expected)
+@pytest.mark.parametrize(("name", "value"), [("force", 1e33), ("force", -2e9), ("position", 1e20), ("current", 1e7)])
+def test_a_value_beyond_every_unit_is_an_error(name, value):
+    channels = {n: channel(n) for n in ("position", "current", "force")}
+    channels[name] = channel(name, values=with_values(10_000, 4000, value))
+    (result,) = findings(recording(*channels.values()))
+    assert result.severity == "error"
+    assert result.text.startswith(f"{name}: {value:.4g}  at 4.000 s; expected at most")
 
 
-def test_wild_samples_put_no_unit_in_doubt():
+def test_a_wild_sample_that_can_be_is_no_error():
     wild = channel("position", values=with_values(10_000, slice(0, 10_000, 200), 900.0))
     assert findings(recording(wild, channel("current", values=with_values(10_000, slice(0, 10_000, 200), 900.0)))) == ()
+
+
+@pytest.mark.parametrize(("equal", "wrong"), [(12_000, True), (101, True), (100, False)])
+def test_many_equal_stamps_in_a_row_are_an_error(equal, wrong):
+    stamps = START + np.arange(20_000) * MS
+    stamps[3000 : 3000 + equal] = stamps[3000]
+    stuck = Channel("force", "N", stamps, np.sin(np.arange(20_000)))
+    result = findings(recording(channel("position", 20_000), channel("current", 20_000), stuck))
+    assert [f.severity for f in result] == ["error"] * wrong
+    if wrong:
+        assert f"force: {equal} samples in a row have the same stamp, at 3.000 s" in result[0].text

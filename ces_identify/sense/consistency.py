@@ -1,7 +1,7 @@
 """Differences between recordings that are mistakes, not physics: mixed units or opposite signs.
 
-Recordings go in; findings come out, as in `checks.py`. The tests use robust spreads (1st to 99th percentile) and the
-correlation of force with speed, which is positive for every damper.
+Recordings go in; findings come out. The tests use robust spreads (1st to 99th percentile), the correlation of force
+with speed, which is positive for every damper, and the forces at equal speeds and currents.
 """
 
 from __future__ import annotations
@@ -12,16 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ces_identify.numerics.arrays import F, I
-from ces_identify.recordings.checks import (
-    ERROR,
-    MAX_CURRENT_A,
-    MAX_STROKE_M,
-    WARNING,
-    Finding,
-    finite_values,
-    sort_findings,
-)
+from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, finite_values, sort_findings
 from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.sense.force_ratio import ratio_findings
+from ces_identify.sense.units import MAX_CURRENT_A, MAX_STROKE_M
 from ces_observer.errors import RecordingError
 
 UNIT_RATIO = 100.0  # ratio of spreads beyond that of any two experiments with one damper
@@ -60,19 +54,19 @@ def traits(recording: Recording) -> Traits:
 
 
 def differences(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
-    """Return the inconsistencies between recordings, errors first; each names the recordings.
+    """Return the inconsistencies between recordings, each a "wrong model" that names them.
 
-    Errors: strokes, currents or forces in different units, opposite signs of the force. Warning: the same wrong sign in
-    all.
+    They are strokes, currents or forces in different units, and opposite signs of the force.
     """
     all_ = [traits(recording) for recording in recordings]
-    return sort_findings(_strokes(all_), _currents(all_), _forces(all_), _signs(all_))
+    forces = list(_forces(all_)) or ratio_findings(recordings)
+    return sort_findings(_strokes(all_), _currents(all_), forces, _signs(all_))
 
 
 def require_consistent(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
-    """Return the warnings about recordings together; raises RecordingError with the first error if there is one."""
+    """Return the warnings about recordings together; raises RecordingError if a model of them would be wrong."""
     results = differences(recordings)
-    if results and results[0].severity == ERROR:
+    if results and results[0].severity != WARNING:
         raise RecordingError(results[0].text)
     return results
 
@@ -102,7 +96,7 @@ def _forces(all_: Sequence[Traits]) -> Iterator[Finding]:
 
 def _unit_finding(signal: str, text: str, unit: str) -> Finding:
     return Finding(
-        ERROR,
+        WRONG_MODEL,
         f"{signal}: {text}; expected one unit: is one of them in {unit}? convert it, or identify on them one by one",
     )
 
@@ -113,15 +107,9 @@ def _signs(all_: Sequence[Traits]) -> Iterator[Finding]:
     if along and against:
         odd, rest = (against, along) if len(against) <= len(along) else (along, against)
         yield Finding(
-            ERROR,
+            WRONG_MODEL,
             f"force {_sense(odd)} in {_names(odd)}, {_sense(rest)} in {_names(rest)}; expected one sign: "
             "position and force are positive in compression; set scale: -1 in the signals file of the wrong ones",
-        )
-    elif against:
-        yield Finding(
-            WARNING,
-            f"force {_sense(against)} in {_names(against)}: position and force are positive in compression; if one is "
-            "not, set its scale: -1 in the signals file",
         )
 
 

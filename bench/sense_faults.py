@@ -1,0 +1,249 @@
+"""Measures the sense checks: detection rates of faults put into sound recordings, and false alarms on sound ones.
+
+    python -m bench.sense_faults [--plants N] [--docs docs/sense.md]
+
+Recordings: drawn dampers of all kinds on drawn strokes and currents, and the packaged experiments. Measured data join in
+if CES_DATA names their folder. Each fault is put into each recording by itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.markdown import markdown, replace_between
+from ces_identify.numerics.arrays import F
+from ces_identify.recordings.checks import WRONG_MODEL, Finding
+from ces_identify.recordings.log_import import import_log
+from ces_identify.recordings.log_mapping import load_dyno_mapping
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.sense.delays import Delay, current_delay, force_delay, is_constant
+from ces_identify.sense.motion import recorded_motion
+from ces_identify.sense.sense import sense
+from ces_rig.blind.excitation import EXCITATIONS, draw_drive
+from ces_rig.experiment import load_experiment, measure_signals, packaged_experiments, run
+from ces_rig.sensors import Sensors
+from ces_rig.withheld.plants import PLANTS, draw_plant, simulate_signals
+
+SECONDS = 16.0
+ROOT = Path(__file__).resolve().parent.parent
+LOGS = {"brfd_backlash": "*.json", "dyke_mr": "*.csv", "utfsm_mr": "*.csv"}
+Change = Callable[[Recording], Recording]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault: how it changes a recording, and the signals of which a finding must speak."""
+
+    name: str
+    change: Change
+    signals: tuple[str, ...]
+
+
+@dataclass
+class Count:
+    """Recordings with a fault, and those in which it was reported or refused; `others` are findings on other signals."""
+
+    recordings: int = 0
+    reported: int = 0
+    refused: int = 0
+    others: int = 0
+
+    def add(self, found: Sequence[Finding], signals: Sequence[str]) -> None:
+        """Count the findings on one recording."""
+        mine = [f for f in found if f.text.split(":")[0] in signals]
+        self.recordings += 1
+        self.reported += bool(mine)
+        self.refused += any(f.severity == WRONG_MODEL for f in mine)
+        self.others += len(found) > len(mine)
+
+
+def with_values(signal: str, change: Callable[[F], F]) -> Change:
+    """Return a change of the values of one signal."""
+
+    def apply(recording: Recording) -> Recording:
+        channel = recording.channels[signal]
+        changed = replace(channel, values=change(channel.values))
+        return replace(recording, channels={**recording.channels, signal: changed})
+
+    return apply
+
+
+def late(signal: str, seconds: float) -> Change:
+    """Return a change that stamps a signal later than it was measured."""
+
+    def apply(recording: Recording) -> Recording:
+        channel = recording.channels[signal]
+        changed = replace(channel, stamps_ns=channel.stamps_ns + round(seconds * 1e9))
+        return replace(recording, channels={**recording.channels, signal: changed})
+
+    return apply
+
+
+def sampled_at(rate_Hz: float) -> Change:
+    """Return a change that keeps samples at a lower rate, without a filter, as a slow logger does."""
+
+    def apply(recording: Recording) -> Recording:
+        def thin(channel: Channel) -> Channel:
+            ticks = np.floor((channel.stamps_ns - channel.stamps_ns[0]) * 1e-9 * rate_Hz + 1e-6)
+            return channel.select(np.diff(ticks, prepend=-1.0) > 0.0)
+
+        return replace(recording, channels={name: thin(channel) for name, channel in recording.channels.items()})
+
+    return apply
+
+
+def clipped(share: float) -> Change:
+    """Return a change that clips the force at a share of its largest value."""
+    return with_values("force", lambda force: np.clip(force, share * force.min(), share * force.max()))
+
+
+def quantised(signal: str, levels: int) -> Change:
+    """Return a change that leaves a number of levels between the percentiles of a signal."""
+
+    def apply(values: F) -> F:
+        step = float(np.ptp(np.percentile(values, (1.0, 99.0)))) / levels
+        return np.asarray(step * np.round(values / step))
+
+    return with_values(signal, apply)
+
+
+def stuck(signal: str) -> Change:
+    """Return a change that holds one value of a signal from 40 to 50 % of the time, as a lost sensor does."""
+
+    def apply(values: F) -> F:
+        held = values.copy()
+        held[round(0.4 * len(values)) : round(0.5 * len(values))] = values[round(0.4 * len(values))]
+        return held
+
+    return with_values(signal, apply)
+
+
+def held(signal: str, samples: int) -> Change:
+    """Return a change that repeats each sample, as a logger does that is faster than its sensor."""
+    return with_values(signal, lambda values: values[np.arange(len(values)) // samples * samples])
+
+
+TIMING = ("force", "position", "current")
+FAULTS = (
+    Fault("none", lambda recording: recording, ()),
+    Fault("force reversed", with_values("force", np.negative), ("force",)),
+    Fault("position reversed", with_values("position", np.negative), ("force",)),
+    Fault("force in kN", with_values("force", lambda v: 1e-3 * v), ("force",)),
+    Fault("position in mm", with_values("position", lambda v: 1e3 * v), ("position",)),
+    Fault("position in inches", with_values("position", lambda v: v / 0.0254), ("position",)),
+    Fault("current in mA", with_values("current", lambda v: 1e3 * v), ("current",)),
+    Fault("current in percent of 1.6 A", with_values("current", lambda v: v / 0.016), ("current",)),
+    *(
+        Fault(f"{signal} {1e3 * abs(s):.0f} ms {'late' if s > 0 else 'early'}", late(signal, s), TIMING)
+        for signal, delays in (
+            ("force", (2, 5, 10, 20, 50, -2, -5, -10, -20, -50)),
+            ("current", (10, 20, 50, -20, -50)),
+        )
+        for s in (1e-3 * delay for delay in delays)
+    ),
+    *(Fault(f"all at {rate} Hz", sampled_at(rate), ("force",)) for rate in (200, 100, 50)),
+    Fault("force clipped at 80 %", clipped(0.8), ("force",)),
+    Fault("force clipped at 50 %", clipped(0.5), ("force",)),
+    Fault("position with 40 levels", quantised("position", 40), ("position",)),
+    Fault("force with 20 levels", quantised("force", 20), ("force",)),
+    Fault("position stuck for 10 % of the time", stuck("position"), ("position",)),
+    Fault("force stuck for 10 % of the time", stuck("force"), ("force",)),
+    Fault("force held at 100 Hz", held("force", 10), ("force",)),
+)
+
+
+def draw_recordings(plants: int) -> Iterator[Recording]:
+    """Yield recordings of drawn dampers of every kind, `plants` for each excitation, and the packaged experiments."""
+    for kind in PLANTS:
+        for number, excitation in enumerate(EXCITATIONS):
+            for seed in range(plants):
+                rng = np.random.default_rng([seed, number, len(kind)])
+                plant = draw_plant(kind, rng)
+                c = draw_drive(excitation, plant.current_A, rng).commands(SECONDS, seed)
+                true = simulate_signals(plant, (), c.time_s, c.stroke_m, c.command_A)
+                yield measure_signals(true, Sensors(), seed, f"{kind} {excitation} {seed}")
+    for name, path in packaged_experiments().items():
+        experiment = load_experiment(path)
+        yield replace(run(replace(experiment, settings=replace(experiment.settings, duration_s=SECONDS))), name=name)
+
+
+def read_measured(folder: Path) -> Iterator[Recording]:
+    """Yield the measured recordings that there are."""
+    for name, pattern in LOGS.items():
+        mapping = load_dyno_mapping(ROOT / "config" / "import" / f"{name}.yaml")
+        yield from (import_log(path, mapping) for path in sorted((folder / name).glob(pattern)))
+
+
+def count_findings(recordings: Sequence[Recording]) -> list[tuple[str, Count]]:
+    """Return the count of each fault over all recordings."""
+    rows = []
+    for fault in FAULTS:
+        count = Count()
+        for recording in recordings:
+            if "current" in fault.name and is_constant(recording.channels["current"].values):
+                continue
+            count.add(sense(fault.change(recording)), fault.signals)
+        rows.append((fault.name, count))
+        print(f"{fault.name}: {count}", file=sys.stderr, flush=True)
+    return rows
+
+
+def delay_rows(recordings: Sequence[Recording]) -> list[str]:
+    """Return rows of how well delays are estimated, where the interval excludes zero."""
+    rows: list[tuple[str, ...]] = []
+    for signal, delays_ms in (("force", (-20, -10, 10, 20)), ("current", (-50, 20, 50))):
+        for true in (1e-3 * ms for ms in delays_ms):
+            found = [d for r in recordings if (d := _estimate(late(signal, true)(r), signal)) and d.certain]
+            if found:
+                errors = [1e3 * abs(d.late_s - true) for d in found]
+                inside = sum(d.low_s <= true <= d.high_s for d in found)
+                name, size = f"{signal} {1e3 * true:+.0f} ms", f"{np.median(errors):.1f}"
+                rows.append((name, str(len(found)), size, f"{max(errors):.1f}", f"{inside} of {len(found)}"))
+    return [markdown([("delay", "certain", "median error, ms", "largest, ms", "interval holds it"), *rows])]
+
+
+def _estimate(recording: Recording, signal: str) -> Delay | None:
+    motion = recorded_motion(recording)
+    if motion is None:
+        return None
+    return force_delay(motion) if signal == "force" else current_delay(motion)
+
+
+def format_table(rows: Sequence[tuple[str, Count]]) -> list[str]:
+    """Return the rows of the table of faults."""
+    cells = [(name, *(str(n) for n in (c.recordings, c.reported, c.refused, c.others))) for name, c in rows]
+    return [markdown([("fault", "recordings", "reported", "refused", "other signals named"), *cells])]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the campaign and print or write its tables; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--plants", type=int, default=2, help="plants of each kind and excitation (default 2)")
+    parser.add_argument("--docs", type=Path, help="page whose tables are replaced; default: print")
+    options = parser.parse_args(argv)
+    began = time.monotonic()
+    recordings = list(draw_recordings(options.plants))
+    rows = [f"{len(recordings)} recordings of the virtual rig:", "", *format_table(count_findings(recordings)), ""]
+    rows += [*delay_rows(recordings), ""]
+    measured = list(read_measured(Path(os.environ["CES_DATA"]))) if "CES_DATA" in os.environ else []
+    if measured:
+        rows += [f"{len(measured)} measured recordings:", "", *format_table(count_findings(measured)), ""]
+    text = "\n".join(rows)
+    if options.docs is None:
+        print(text)
+    else:
+        replace_between(options.docs, "rates", text)
+    print(f"{time.monotonic() - began:.0f} s", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,75 @@
+"""Forces of several recordings at equal speeds and currents: a ratio that is that of two units, such as lbf to N.
+
+One damper gives about one force at one speed and current. Where the forces of two recordings lie on one line with the
+slope of a unit, one of them is in that unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ces_identify.numerics.arrays import F
+from ces_identify.recordings.checks import WRONG_MODEL, Finding
+from ces_identify.recordings.recording import Recording
+from ces_identify.sense.motion import Motion, recorded_motion
+
+UNITS = {"kN": 1e3, "lbf": 4.4482216, "kgf": 9.80665}  # [N]
+NEAR = 0.08  # relative deviation of a slope from a unit's
+MIN_CORRELATION, MIN_CELLS, MIN_TICKS = 0.9, 12, 15
+SPEEDS, CURRENTS = 12, 4  # cells, over the range that all recordings share
+
+
+def ratio_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Yield a finding for each recording whose forces are in another unit than those of the first."""
+    motions = [(r.name, m) for r in recordings if (m := recorded_motion(r)) is not None]
+    for name, motion in motions[1:]:
+        first, reference = motions[0]
+        unit = _find_unit(_slope(reference, motion))
+        if unit:
+            small, large = (name, first) if unit[1] < 1.0 else (first, name)
+            yield Finding(
+                WRONG_MODEL,
+                f"force: {1.0 / min(unit[1], 1.0 / unit[1]):.3g} times as large in {large} as in {small} at equal "
+                f"speeds and currents; if {small} is in {unit[0]}, multiply its scale in the signals file by "
+                f"{UNITS[unit[0]]:.6g}",
+            )
+
+
+def _find_unit(slope: float) -> tuple[str, float] | None:
+    """Return the unit whose ratio to N, or N's to it, a slope is, and the slope."""
+    for unit, newtons in UNITS.items():
+        for ratio in (newtons, 1.0 / newtons):
+            if abs(slope / ratio - 1.0) < NEAR:
+                return unit, slope
+    return None
+
+
+def _slope(first: Motion, other: Motion) -> float:
+    """Return by what the forces of `other` exceed those of `first` in the cells of both; NaN if they are unlike."""
+    edges = [
+        np.linspace(max(a.min(), b.min()), min(a.max(), b.max()), cells + 1)
+        for a, b, cells in ((first.speed, other.speed, SPEEDS), (first.current, other.current, CURRENTS))
+    ]
+    if np.ptp(edges[0]) <= 0.0 or edges[1][0] > edges[1][-1]:
+        return np.nan
+    x, y = (_cell_means(motion, *edges) for motion in (first, other))
+    both = np.isfinite(x) & np.isfinite(y)
+    if both.sum() < MIN_CELLS or x[both].std() == 0.0 or y[both].std() == 0.0:
+        return np.nan
+    correlation = float(np.corrcoef(x[both], y[both])[0, 1])
+    return float(y[both].std() / x[both].std()) if correlation > MIN_CORRELATION else np.nan
+
+
+def _cell_means(motion: Motion, speeds: F, currents: F) -> F:
+    """Return the mean force [N] in each cell of speed and current, NaN in cells with few ticks."""
+    inside = (motion.speed >= speeds[0]) & (motion.speed < speeds[-1])
+    if np.ptp(currents) > 0.0:
+        inside &= (motion.current >= currents[0]) & (motion.current < currents[-1])
+    rows = np.clip(np.searchsorted(speeds, motion.speed[inside], side="right") - 1, 0, SPEEDS - 1)
+    columns = np.clip(np.searchsorted(currents, motion.current[inside], side="right") - 1, 0, CURRENTS - 1)
+    cells = rows * CURRENTS + columns
+    count = np.bincount(cells, minlength=SPEEDS * CURRENTS)
+    total = np.bincount(cells, motion.force[inside], minlength=SPEEDS * CURRENTS)
+    return np.where(count >= MIN_TICKS, total / np.maximum(count, 1), np.nan)

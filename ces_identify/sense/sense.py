@@ -1,0 +1,73 @@
+"""The sense check that all programs share: `sense` for one recording, `sense_together` for those of one model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, sort_findings
+from ces_identify.recordings.recording import Recording
+from ces_identify.sense.consistency import differences
+from ces_identify.sense.delays import is_constant
+from ces_identify.sense.motion import recorded_motion
+from ces_identify.sense.saturation import saturation_findings
+from ces_identify.sense.sensors import sensor_findings
+from ces_identify.sense.timing import timing_findings
+from ces_identify.sense.units import unit_findings
+from ces_observer.errors import RecordingError
+
+
+def sense(recording: Recording) -> tuple[Finding, ...]:
+    """Return what is wrong with a recording that can be read, the worst first, each with its remedy.
+
+    "wrong model": a model of it would be wrong. A check that cannot know says nothing.
+    """
+    motion = recorded_motion(recording)
+    units = list(unit_findings(recording, motion))
+    return sort_findings(
+        units, timing_findings(recording, motion), saturation_findings(recording), sensor_findings(recording)
+    )
+
+
+def sense_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
+    """Return the findings on each recording, each with its name, the worst first."""
+    return sort_findings(replace(f, text=f"{r.name}: {f.text}") for r in recordings for f in sense(r))
+
+
+def sense_together(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
+    """Return the findings on recordings for one model, each with the recording's name, the worst first.
+
+    Beside those on each recording: differences between them, and a current that is the same in all.
+    """
+    single = sense_each(recordings)
+    known = {f.text.split(": ")[1] for f in single if f.severity == WRONG_MODEL}
+    between = [f for f in differences(recordings) if f.text.split(":")[0].split(" ")[0] not in known]
+    return sort_findings(between, single, _one_current(recordings))
+
+
+def require_sensible(findings: Sequence[Finding], go_on: bool = False) -> tuple[str, ...]:
+    """Return the texts of the findings that a model is identified in spite of: none, unless `go_on`.
+
+    Raises RecordingError with the first finding because of which a model would be wrong, if not `go_on`.
+    """
+    wrong = tuple(f.text for f in findings if f.severity == WRONG_MODEL)
+    if wrong and not go_on:
+        more = f" (and {len(wrong) - 1} more findings like this)" if len(wrong) > 1 else ""
+        raise RecordingError(f"{wrong[0]}{more}; a model would be wrong: --force identifies all the same")
+    return wrong
+
+
+def _one_current(recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Yield a finding if the recorded current stays at one value, other than zero, in all recordings."""
+    currents = [r.channels["current"].values for r in recordings if "current" in r.channels]
+    if len(currents) < len(recordings) or not currents:
+        return
+    values = np.concatenate([current[np.isfinite(current)] for current in currents])
+    if len(values) and is_constant(values) and abs(values.mean()) > 1e-3:
+        yield Finding(
+            WARNING,
+            f"current: {values.mean():.3g} A in all recordings; a model knows no other current: record others, too, or "
+            "check its topic",
+        )

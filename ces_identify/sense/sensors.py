@@ -1,0 +1,114 @@
+"""Faults of single sensors: dead or stuck, held between slow samples, too coarse, clipped.
+
+Coarse and noise-free channels repeat values where nothing is wrong. A stretch of equal values counts only in a channel
+whose noise changes every sample elsewhere, and only while the other signal shows that it should have changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ces_identify.numerics.arrays import F, I, Mask
+from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, mean_rate
+from ces_identify.recordings.recording import Channel, Recording
+
+MIN_SAMPLES = 1000
+MIN_LEVELS = {"position": 100, "force": 50}  # values in the range, below which a quantum is coarse
+COARSE_REPEATS = 0.5  # share of samples that repeat the one before; noise larger than the quantum leaves fewer
+NOISY_REPEATS = 0.05  # share of repeats up to which a channel is noisy, so that a long run of them is a fault
+STUCK_S, STUCK_SAMPLES = 0.1, 50
+STUCK_CHANGE = {"position": 0.3, "force": 0.1}  # change of the other signal meanwhile, of its range
+WRONG_STUCK = 0.02  # share of the time
+HELD_SAMPLES, HELD_STEPS = 3, 4.0  # repeats of each value, and steps between values in quanta
+OTHER = {"position": "force", "force": "position"}
+
+
+def sensor_findings(recording: Recording) -> Iterator[Finding]:
+    """Yield the findings on position and force, and on a current that never changes."""
+    channels = {name: _finite(recording.channels[name]) for name in OTHER if name in recording.channels}
+    for name, channel in channels.items():
+        if len(channel) < MIN_SAMPLES:
+            continue
+        if np.ptp(channel.values) == 0.0:
+            yield from _dead(channel)
+            continue
+        runs = _runs(channel.values)
+        stuck = list(_stuck(channel, channels.get(OTHER[name]), runs))
+        held = [] if stuck else list(_held(channel, runs))
+        yield from stuck or held or _coarse(channel, runs)
+
+
+def _dead(channel: Channel) -> Iterator[Finding]:
+    if channel.name == "force":  # `checks` reports a constant position
+        yield Finding(
+            WRONG_MODEL,
+            f"force: constant at {channel.values[0]:g} N; expected a force that changes with the stroke: check topic "
+            "and field in the signals file, and the load cell",
+        )
+
+
+def _stuck(channel: Channel, other: Channel | None, runs: I) -> Iterator[Finding]:
+    """Yield the stretches in which a noisy channel repeats one value while the other signal changes."""
+    lengths = runs[:, 1] - runs[:, 0]
+    long = lengths >= max(STUCK_SAMPLES, STUCK_S * mean_rate(channel))
+    rest = lengths[~long]
+    if other is None or not long.any() or not len(rest) or (rest - 1).sum() > NOISY_REPEATS * rest.sum():
+        return
+    spans = [(int(channel.stamps_ns[a]), int(channel.stamps_ns[b - 1])) for a, b in runs[long]]
+    moved = [span for span in spans if _change(other, *span) > STUCK_CHANGE[channel.name]]
+    if not moved:
+        return
+    total = sum(b - a for a, b in moved) / max(int(np.ptp(channel.stamps_ns)), 1)
+    first = (moved[0][0] - int(channel.stamps_ns[0])) * 1e-9
+    yield Finding(
+        WRONG_MODEL if total > WRONG_STUCK else WARNING,
+        f"{channel.name}: stuck {len(moved)} times, first at {first:.2f} s, {total:.1%} of the time, while the "
+        f"{other.name} changes; check the sensor and its cable, and cut these stretches out",
+    )
+
+
+def _held(channel: Channel, runs: I) -> Iterator[Finding]:
+    """Yield a finding if a channel repeats each of its samples: it was logged faster than it was measured."""
+    steps = np.abs(np.diff(channel.values[runs[:, 0]]))
+    lengths = np.diff(runs[:, 0])
+    if len(lengths) < 50 or np.median(lengths) < HELD_SAMPLES or np.percentile(lengths, 10) < HELD_SAMPLES - 1:
+        return
+    if np.median(steps) >= HELD_STEPS * np.percentile(steps, 1):
+        rate = mean_rate(channel)
+        yield Finding(
+            WARNING,
+            f"{channel.name}: stamped at {rate:.0f} Hz, but each value is repeated {np.median(lengths):.0f} times: it "
+            f"is measured at {rate / np.median(lengths):.0f} Hz; log it at the rate of its sensor, 500 Hz or more",
+        )
+
+
+def _coarse(channel: Channel, runs: I) -> Iterator[Finding]:
+    repeats = 1.0 - len(runs) / len(channel)
+    low, high = np.percentile(channel.values, (1.0, 99.0))
+    inside = channel.values[(channel.values >= low) & (channel.values <= high)]
+    levels = len(np.unique(inside))
+    if levels < MIN_LEVELS[channel.name] and repeats > COARSE_REPEATS:
+        yield Finding(
+            WARNING,
+            f"{channel.name}: only {levels} values between {low:.4g} and {high:.4g} {channel.unit}: too coarse for a "
+            "speed or a force; record with more resolution",
+        )
+
+
+def _runs(values: F) -> I:
+    """Return begin and end (n, 2) of the runs of equal values."""
+    changes = np.flatnonzero(np.diff(values) != 0.0) + 1
+    return np.stack([np.concatenate([[0], changes]), np.concatenate([changes, [len(values)]])], axis=1)
+
+
+def _change(channel: Channel, begin: int, end: int) -> float:
+    """Return by how much of its range a channel changes between two stamps."""
+    inside: Mask = (channel.stamps_ns >= begin) & (channel.stamps_ns <= end)
+    values, whole = channel.values[inside], np.percentile(channel.values, (1.0, 99.0))
+    return float(np.ptp(values) / max(np.ptp(whole), 1e-30)) if len(values) else 0.0
+
+
+def _finite(channel: Channel) -> Channel:
+    return channel.select(np.isfinite(channel.values))
