@@ -25,9 +25,7 @@ REPORTS = "reports"
 class LivePage:
     """Writes the page into `folder` while results come in, at most every REFRESH_S."""
 
-    def __init__(
-        self, folder: Path, campaign: Campaign, todo: Sequence[CampaignJob], results: ResultsFolder
-    ) -> None:
+    def __init__(self, folder: Path, campaign: Campaign, todo: Sequence[CampaignJob], results: ResultsFolder) -> None:
         self._folder, self._title, self._todo, self._results = folder, campaign.source.stem, todo, results
         self._written = -REFRESH_S
 

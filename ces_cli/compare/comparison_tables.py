@@ -9,8 +9,8 @@ from rich.table import Table
 
 from ces_cli.terminal.tables import NONE, interval_text, percent
 from ces_cli.terminal.terminal import make_table
-from ces_identify.comparison.comparison import Comparison, ModelResult
-from ces_identify.comparison.conclusions import best_model, headline, join, p_text, signed
+from ces_identify.comparison.comparison import Comparison, ModelResult, join
+from ces_identify.comparison.conclusions import best_model, headline, p_text, signed
 from ces_identify.comparison.pair_results import SHORT, Difference, PairResult
 
 LOWEST = "lowest"
@@ -65,6 +65,8 @@ def pair_table(comparison: Comparison) -> Table:
 def sentences(comparison: Comparison) -> Iterator[str]:
     """Yield what the differences say, and what to know before believing them."""
     yield headline(comparison)
+    if any(math.isfinite(cost.cost) and cost.interval is None for m in comparison.models for cost in m.costs):
+        yield f"{NONE}: too short for an interval"
     if len(comparison.pairs) > MAX_PAIRS:
         yield f"{len(comparison.pairs)} pairs of models: all differences with --report or --json"
     if comparison.machine:
@@ -115,5 +117,5 @@ def _outside(comparison: Comparison, i: int) -> str:
     """Return the largest share of a recording's ticks with some signal outside the model's envelope."""
     if comparison.models[i].model.model is None:
         return NONE
-    shares = [max((one.share for one in r.exits[i]), default=0.0) for r in comparison.recordings]
+    shares = [max((one.outside_share for one in r.exits[i]), default=0.0) for r in comparison.recordings]
     return f"{100 * max(shares):.1f}"

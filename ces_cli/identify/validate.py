@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from ces_cli.identify.certificate_check import certificate_facts, verify_certificate
 from ces_cli.terminal import terminal

@@ -33,7 +33,9 @@ def write_campaign_page(
 ) -> None:
     """Write the page of the campaign in `folder` to `path`; `facts` may hold the `command`. Raises CesError."""
     links = os.path.relpath(folder.resolve(), path.resolve().parent)
-    write_atomically(path, campaign_page(results, folder, title, facts, links="" if links == "." else f"{links}/", running=running))
+    write_atomically(
+        path, campaign_page(results, folder, title, facts, links="" if links == "." else f"{links}/", running=running)
+    )
 
 
 def campaign_page(
@@ -62,7 +64,9 @@ def campaign_page(
         sets=results.sets,
         several=len(results.bags) > 1,
         rows=[_row(results, row, row["key"] in recommended, found) for row in results.done],
-        failed=[{"name": results.full_name(row), "status": row["status"], "reason": row["reason"]} for row in results.failed],
+        failed=[
+            {"name": results.full_name(row), "status": row["status"], "reason": row["reason"]} for row in results.failed
+        ],
     )
     return replace_unencodable(page)
 
@@ -139,16 +143,16 @@ def _panel(results: CampaignRows, number: int, bags: str) -> dict[str, Any]:
         "size": _pareto(results, rows, number, SIZE),
         "tick": _pareto(results, [row for row in rows if row.get(TICK)], number, TICK),
         "effects": [
-            draw_intervals(f"axis{number}-{axis}", f"Selection cost by {axis}", "Selection cost J [%]", _effect_rows(values))
+            draw_intervals(
+                f"axis{number}-{axis}", f"Selection cost by {axis}", "Selection cost J [%]", _effect_rows(values)
+            )
             for axis, values in results.effects(bags).items()
         ],
     }
 
 
 def _effect_rows(values: list[tuple[str, list[float]]]) -> list[IntervalRow]:
-    return [
-        IntervalRow(value, min(costs), max(costs), median(costs), _effect_text(costs)) for value, costs in values
-    ]
+    return [IntervalRow(value, min(costs), max(costs), median(costs), _effect_text(costs)) for value, costs in values]
 
 
 def _effect_text(costs: list[float]) -> str:
@@ -167,7 +171,9 @@ def _pareto(results: CampaignRows, rows: list[Row], number: int, what: str) -> M
         marks += _intervals(results, row, float(row[what]))
     marks += [_front_line(rows)] if what == SIZE else []  # last: values are read at the first of equal points
     title = f"Cost against {'size' if what == SIZE else 'time of a tick'}, identified on {rows[0]['bags']}"
-    text = f"Selection cost of {len(rows)} models; vertical lines are intervals of their costs on validation recordings."
+    text = (
+        f"Selection cost of {len(rows)} models; vertical lines are intervals of their costs on validation recordings."
+    )
     area = PlotArea("Cost J [%]", marks, 300)
     return draw_plot(Plot(f"{name}{number}", title, text, label, [area], 560, free=True, legend=False))
 
@@ -199,4 +205,6 @@ def _front_line(rows: list[Row]) -> PlotLine:
 
 def _swatch(structure: str) -> Markup:
     css = series_css(list(KITS).index(structure))
-    return Markup('<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{} spot" d="M11,5h0"/></svg>').format(css)
+    return Markup(
+        '<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{} spot" d="M11,5h0"/></svg>'
+    ).format(css)

@@ -13,10 +13,10 @@ from ces_identify.jobs.row_log import Row, read_rows
 from ces_observer.errors import CesError
 
 RESULTS = "results.jsonl"
-RESULT_COLUMNS = frozenset(
-    "key status reason bags structure size parameters selection_J costs pooled gain force_bound_N seconds trials ended "
-    "tick_us".split()
-)  # the other columns of a row are its settings
+RESULT_COLUMNS = (
+    "key", "status", "reason", "bags", "structure", "size", "parameters", "selection_J", "costs", "pooled", "gain",
+    "force_bound_N", "seconds", "trials", "ended", "tick_us",
+)  # fmt: skip
 IDENTIFICATION = "identification"
 COMMON_AXES = ("seed", "rate_Hz", "bandwidth_Hz", "certificate")
 

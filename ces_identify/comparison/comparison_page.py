@@ -9,16 +9,17 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ces_identify.comparison.comparison import SIGNAL_UNITS, Comparison, ModelResult
 from ces_identify.comparison.compared_model import TRAINED
-from ces_identify.comparison.conclusions import best_model, headline, join, p_text, signed
-from ces_identify.report.interval_chart import IntervalRow, draw_intervals
+from ces_identify.comparison.comparison import Comparison, ModelResult, join
+from ces_identify.comparison.conclusions import best_model, headline, p_text, signed
 from ces_identify.comparison.overlay_charts import draw_overlay
 from ces_identify.comparison.pair_results import Difference, PairResult
+from ces_identify.report.interval_chart import IntervalRow, draw_intervals
 from ces_identify.report.plot import series_css
 from ces_identify.report.shell import command_block, page_template, replace_unencodable
 from ces_identify.typesetting import minus
 from ces_identify.validation.cost_interval import CostInterval
+from ces_identify.validation.envelope_use import UNITS
 from ces_observer.json_checks import write_atomically
 
 MAX_DETAILED_PAIRS = 3  # pairs of models up to which the differences on each recording are drawn
@@ -63,7 +64,11 @@ def comparison_page(comparison: Comparison, facts: Mapping[str, str]) -> str:
         best=comparison.models[best].name,
         same_recordings=len({pair.pooled.recordings for pair in comparison.pairs}) == 1,
         recordings=[
-            {"recording": recording, "charts": draw_overlay(comparison, n), "costs": [m.costs[n] for m in comparison.models]}
+            {
+                "recording": recording,
+                "charts": draw_overlay(comparison, n),
+                "costs": [m.costs[n] for m in comparison.models],
+            }
             for n, recording in enumerate(comparison.recordings)
         ],
         envelopes=_envelope_charts(comparison),
@@ -119,7 +124,9 @@ def _bound(result: ModelResult) -> str:
 def _outside(comparison: Comparison, i: int) -> str:
     if comparison.models[i].model.model is None:
         return "–"
-    return f"{100 * max(max((one.share for one in r.exits[i]), default=0.0) for r in comparison.recordings):.1f}"
+    return (
+        f"{100 * max(max((one.outside_share for one in r.exits[i]), default=0.0) for r in comparison.recordings):.1f}"
+    )
 
 
 def _percent(cost: float) -> str:
@@ -165,7 +172,8 @@ def _rows_above(comparison: Comparison, best: int) -> list[IntervalRow]:
     """Return a row for each other model: how much its cost is above the lowest."""
     others = sorted((i for i in range(len(comparison.models)) if i != best), key=_by_cost(comparison))
     return [
-        _row(comparison.models[i].name, comparison.pair(best, i).minus(best), series_css(i), starts=True) for i in others
+        _row(comparison.models[i].name, comparison.pair(best, i).minus(best), series_css(i), starts=True)
+        for i in others
     ]
 
 
@@ -185,11 +193,11 @@ def _difference_text(one: Difference) -> str:
 
 def _envelope_charts(comparison: Comparison) -> list[Markup]:
     """Return a chart for each input signal: what each model knows and what each recording holds."""
-    return [chart for signal in SIGNAL_UNITS if (chart := _envelope_chart(comparison, signal))]
+    return [chart for signal in UNITS if (chart := _envelope_chart(comparison, signal))]
 
 
 def _envelope_chart(comparison: Comparison, signal: str) -> Markup | None:
-    unit, nan = SIGNAL_UNITS[signal], float("nan")
+    unit, nan = UNITS[signal], float("nan")
     rows = []
     for i, result in enumerate(comparison.models):
         if result.model.model is not None:
@@ -209,6 +217,6 @@ def _range_text(low: float, high: float, unit: str) -> str:
 
 
 def _swatch(i: int) -> Markup:
-    return Markup('<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{}" d="M1,5h20"/></svg>').format(
-        series_css(i)
-    )
+    return Markup(
+        '<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{}" d="M1,5h20"/></svg>'
+    ).format(series_css(i))

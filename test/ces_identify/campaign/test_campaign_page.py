@@ -14,7 +14,8 @@ def row(key, structure, parameters, selection, test, bags="noise", seed=1, **mor
     pooled = {"road": {"J": test, "ci95": [test - 1.0, test + 1.0]}}
     costs = [{"set": "identification", "J": selection, "recording": "a"}, {"set": "road", "J": test, "recording": "b"}]
     return {
-        "key": key, "status": "done", "bags": bags, "structure": structure, **more, "seed": seed, "size": f"{parameters} terms",
+        "key": key, "status": "done", "bags": bags, "structure": structure, **more, "seed": seed,
+        "size": f"{parameters} terms",
         "parameters": parameters, "selection_J": selection, "costs": costs, "pooled": pooled, "gain": 0.9,
         "force_bound_N": 1e5, "seconds": 1.5, "trials": 3, "ended": "done", "tick_us": 2.0 + 0.1 * parameters,
     }  # fmt: skip
