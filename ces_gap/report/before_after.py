@@ -116,7 +116,7 @@ def _speed_force(ident: str, of: dict[str, F], css: str, name: str) -> Markup:
         ),
         PlotArea(
             LEFT_OVER,
-            [PlotDots(f"gap of {name}", speed, measured - of[css], f"{css} dots")],
+            [PlotDots(name, speed, measured - of[css], f"{css} dots")],
             height=104.0,
             y_range=around_zero(rest),
             around_zero=True,

@@ -11,11 +11,13 @@ from ces_gap.diagnosis import GapMap
 from ces_gap.report.formatting import AXES, axis_figure, axis_title
 from ces_identify.report.drawing import F, Panel, axes, label, note, panel, svg
 from ces_identify.report.heat_map import cells, ramp
+from ces_identify.report.plot_table import value_table
 from ces_identify.typesetting import minus
 
 SIZE = (360.0, 326.0)
 BOX = (48.0, 30.0, 304.0, 206.0)  # left, top, width, height [px]
 RAMP = (48.0, 290.0, 200.0)  # left, top, width [px]
+TABLE_CELLS = 12
 SCALE = (0.0, 0.5, 1.0)
 EQUAL_WIDTH = "since_reversal_s"  # an axis whose regions are drawn with equal width
 ROOM = 34.0  # [px] for the label of an edge of it
@@ -41,7 +43,16 @@ def _figure(ident: str, m: GapMap, worst: float) -> Markup:
     if not np.isfinite(rms).any():
         parts.append(note(p, "too few samples"))
     title = f"RMS gap over {AXES[m.axes[0]][0]} and {AXES[m.axes[1]][0]}"
-    return svg(ident, SIZE, title, f"The scale ends at {worst:.3g} N.", parts)
+    text = f"The scale ends at {worst:.3g} N."
+    return svg(ident, SIZE, title, text, parts) + value_table(text, ("Cell", "RMS gap [N]"), _highest(m))
+
+
+def _highest(m: GapMap) -> list[tuple[str, str]]:
+    """Return the cells with the largest gap, with their values."""
+    rms = m.rms_N.T
+    order = np.argsort(-np.nan_to_num(rms), axis=None)[:TABLE_CELLS]
+    cells_of = [(a, b) for a, b in zip(*np.unravel_index(order, rms.shape), strict=True) if rms[a, b] > 0.0]
+    return [(f"{_span(m, 0, a)}, {_span(m, 1, b)}", f"{rms[a, b]:.3g}") for a, b in cells_of]
 
 
 def _displayed_edges(m: GapMap, k: int) -> F:

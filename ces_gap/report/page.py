@@ -91,7 +91,8 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
         text = f"between simulation and measurement; the measurement noise is {three_figures(d.gap.noise_floor_N)} N."
         return {"figure": three_figures(d.gap.rms_N), "unit": "N", "text": text}
     names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
-    text = f"of the gap on held-out recordings closed by {names}; 95 % interval {percents(c.shrink_ci95)}."
+    interval = f"95\N{NO-BREAK SPACE}% interval {percents(c.shrink_ci95)}"
+    text = f"of the gap on held-out recordings closed by {names}; {interval}."
     return {"figure": percent(c.shrink), "unit": "%", "text": text}
 
 

@@ -11,11 +11,12 @@ from markupsafe import Markup, escape
 from ces_gap.diagnosis import GapRegion
 from ces_gap.report.formatting import AXES, SIDES, axis_figure, axis_title, percent, region_name
 from ces_identify.report.drawing import F, Panel, PlotAxis, label, svg
+from ces_identify.report.plot_table import value_table
 from ces_identify.typesetting import three_figures
 
 SIZE = (300.0, 186.0)
 BOX = (34.0, 30.0, 258.0, 122.0)  # left, top, width, height [px]
-LETTER = 7.0  # [px] of a tick's label
+LETTER = 8.4  # [px] of a tick's label in print
 FALSE_DISCOVERIES = 0.05  # rate below which a region exceeds the rest of its axis
 ROOM = 1.08
 
@@ -37,7 +38,14 @@ def draw_share_chart(ident: str, regions: Sequence[GapRegion]) -> Markup:
     parts += [_ticks(p, regions), label(4.0, 14.0, axis_title(axis), "name")]
     most = max(regions, key=lambda r: r.share_of_energy)
     text = f"Most of the energy, {percent(most.share_of_energy)} %, at {region_name(most)}."
-    return svg(ident, SIZE, f"Share of the gap's energy over {AXES[axis][0]}", text, parts)
+    figure = svg(ident, SIZE, f"Share of the gap's energy over {AXES[axis][0]}", text, parts)
+    samples = "Force's energy [%]" if axis == "frequency_hz" else "Time [%]"
+    return figure + value_table(text, ("Region", "Gap's energy [%]", samples, "RMS [N]"), [_row(r) for r in regions])
+
+
+def _row(region: GapRegion) -> tuple[str, ...]:
+    shares = percent(region.share_of_energy), percent(region.share_of_samples)
+    return region_name(region), *shares, three_figures(region.rms_N)
 
 
 def shares_ci95(regions: Sequence[GapRegion]) -> F:
@@ -87,7 +95,7 @@ def _samples(p: Panel, regions: Sequence[GapRegion]) -> str:
 
 def _ticks(p: Panel, regions: Sequence[GapRegion]) -> str:
     """Return labels of as many edges as fit; the sides of a direction by name."""
-    axis, y = regions[0].axis, p.y.start + 17
+    axis, y = regions[0].axis, p.y.start + 19
     if axis == "direction" and len(regions) == 2:
         return "\n".join(label(float(p.x.px(k + 0.5)), y, SIDES[k], "tick mid") for k in (0, 1))
     edges = [*(r.low for r in regions), regions[-1].high]

@@ -7,6 +7,7 @@ from markupsafe import Markup
 
 from ces_identify.numerics.arrays import F
 from ces_identify.report.drawing import Panel, PlotAxis, label, svg
+from ces_identify.report.plot_table import value_table
 from ces_identify.typesetting import minus
 from ces_identify.validation.residuals import Correlation, ResidualTests
 
@@ -32,7 +33,20 @@ def correlation_figure(ident: str, tests: ResidualTests, name: str) -> Markup:
         "Correlation of the residual with itself, and of each input with the later residual, over the lag; the band "
         "holds 99 % of the values at a lag without correlation."
     )
-    return svg(ident, size, f"Correlations of the residual, {name}", text, parts)
+    figure = svg(ident, size, f"Correlations of the residual, {name}", text, parts)
+    heads = ("Correlation", "Largest", "at a lag of [ms]", "99 % band", "Significant over all lags")
+    return Markup('<div class="wide">{}</div>{}').format(figure, value_table(text, heads, [_row(c) for c in plots]))
+
+
+def _row(correlation: Correlation) -> tuple[str, ...]:
+    """Return the row of a correlation in the table of the figure."""
+    worst, lag_ms = correlation.values[correlation.worst], 1e3 * correlation.lags_s[correlation.worst]
+    significant = "no" if correlation.passed else "yes"
+    return _name(correlation), minus(f"{worst:.2f}"), f"{lag_ms:.3g}", f"±{correlation.band:.2g}", significant
+
+
+def _name(correlation: Correlation) -> str:
+    return "residual with itself" if correlation.first == "residual" else f"{correlation.first} → {correlation.second}"
 
 
 def _panel(correlation: Correlation, box: tuple[float, float], scale: float) -> Panel:
@@ -46,8 +60,7 @@ def _plot(p: Panel, correlation: Correlation, last: bool) -> str:
     out = [p.rect(0.0, p.x.high, "chance", -band, band), _axes(p, last)]
     css = "error" if correlation.passed else "simulated"
     out.append(_stems(p, 1e3 * correlation.lags_s, correlation.values, f"{css} stems"))
-    title = "residual with itself" if correlation.first == "residual" else f"{correlation.first} → {correlation.second}"
-    out.append(label(p.x.start, p.y.stop - 9, title, "name"))
+    out.append(label(p.x.start, p.y.stop - 9, _name(correlation), "name"))
     return "\n".join(out)
 
 
@@ -58,7 +71,7 @@ def _axes(p: Panel, last: bool) -> str:
         out.append(f'<path class="{"grid" if value else "zero"}" d="M{p.x.start:.1f},{y:.1f}H{p.x.stop:.1f}"/>')
         out.append(label(p.x.start - 6, y + 4, text, "tick end"))
     for value, text in p.x.ticks(3):
-        out.append(label(float(p.x.px(value)), p.y.start + 17, minus(text), "tick mid"))
+        out.append(label(float(p.x.px(value)), p.y.start + 19, minus(text), "tick mid"))
     if last:
         out.append(label(p.x.stop, p.y.start + 34, "Lag [ms]", "name end"))
     return "\n".join(out)

@@ -98,7 +98,7 @@ def axes(p: Panel, x_label: str, y_label: str, x_ticks: int = 7, y_ticks: int | 
         x = float(p.x.px(value))
         out.append(f'<path class="{_grid(value)}" d="M{x:.1f},{top:.1f}V{bottom:.1f}"/>')
         if x_label:
-            out.append(label(x, bottom + 17, text, "tick mid"))
+            out.append(label(x, bottom + 19, text, "tick mid"))
     for value, text in p.y.three_ticks() if y_ticks is None else p.y.ticks(y_ticks):
         y = float(p.y.px(value))
         out.append(f'<path class="{_grid(value)}" d="M{left:.1f},{y:.1f}H{right:.1f}"/>')

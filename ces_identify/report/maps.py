@@ -11,6 +11,8 @@ from ces_identify.numerics.arrays import F, Mask
 from ces_identify.report.drawing import Panel, axes, legend, note, panel, svg
 from ces_identify.report.grid import SpeedCurrentGrid
 from ces_identify.report.heat_map import cells, ramp
+from ces_identify.report.plot_table import value_table
+from ces_identify.typesetting import minus
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
 
@@ -19,6 +21,7 @@ BOX = (58.0, 34.0, 476.0, 276.0)
 FLAT_BOX = (58.0, 34.0, 476.0, 312.0)
 SPEED = "Speed [m/s], positive in compression"
 RAMP = (BOX[0], SIZE[1] - 38.0)
+TABLE_CELLS = 12
 QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
@@ -30,7 +33,9 @@ def coverage_map(
     title = "Share of time over speed and current"
     if grid.one_current:
         parts = _bars(grid, share[:, 0], "Share of time [%]", "cover", beside[:, 0] if outlined else None)
-        return svg(ident, SIZE, "Share of time over speed", "The current is constant.", parts)
+        text = "The current is constant."
+        figure = svg(ident, SIZE, "Share of time over speed", text, parts)
+        return figure + _table(grid, share, text, "Share of time [%]")
     p = _map_panel(grid)
     shade = np.sqrt(share / share.max())
     parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, share, shade, "cover", " % of the time")]
@@ -40,7 +45,8 @@ def coverage_map(
         p.rect(*model.envelope.speed_m_s, "envelope", *model.envelope.current_A),
         ramp(*RAMP, [f * f * share.max() for f in QUARTERS], "cover", "%"),
     ]
-    return svg(ident, SIZE, title, f"Largest share of a cell: {share.max():.3g} %.", parts)
+    text = f"Largest share of a cell: {share.max():.3g} %."
+    return svg(ident, SIZE, title, text, parts) + _table(grid, share, text, "Share of time [%]")
 
 
 def error_map(
@@ -55,7 +61,8 @@ def error_map(
     worst = float(np.nanmax(rms, initial=0.0)) or 1.0
     if grid.one_current:
         parts = _bars(grid, np.nan_to_num(rms[:, 0]), "RMS error [N]", "wrong", None)
-        return svg(ident, SIZE, "RMS error over speed", f"Largest: {worst:.3g} N.", parts)
+        text = f"Largest: {worst:.3g} N."
+        return svg(ident, SIZE, "RMS error over speed", text, parts) + _table(grid, rms, text, "RMS error [N]")
     p = _map_panel(grid)
     parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, rms, rms / worst, "wrong", " N RMS error")]
     if identified:
@@ -66,7 +73,20 @@ def error_map(
         p.rect(*model.envelope.speed_m_s, "envelope", *model.envelope.current_A),
         ramp(*RAMP, [f * worst for f in QUARTERS], "wrong", "N"),
     ]
-    return svg(ident, SIZE, "RMS error over speed and current", f"Largest RMS error of a cell: {worst:.3g} N.", parts)
+    text = f"Largest RMS error of a cell: {worst:.3g} N."
+    return svg(ident, SIZE, "RMS error over speed and current", text, parts) + _table(grid, rms, text, "RMS error [N]")
+
+
+def _table(grid: SpeedCurrentGrid, values: F, text: str, head: str) -> Markup:
+    """Return the cells with the highest values."""
+    order = np.argsort(-np.nan_to_num(values), axis=None)[:TABLE_CELLS]
+    rows = []
+    for a, b in zip(*np.unravel_index(order, values.shape), strict=True):
+        if values[a, b] > 0.0:
+            speed, current = grid.speed[a : a + 2], grid.current[b : b + 2]
+            ends = (f"{speed[0]:.3g} to {speed[1]:.3g}", f"{current[0]:.3g} to {current[1]:.3g}", f"{values[a, b]:.3g}")
+            rows.append(tuple(map(minus, ends)))
+    return value_table(f"{text} The {len(rows)} highest cells.", ("Speed [m/s]", "Current [A]", head), rows)
 
 
 def _map_panel(grid: SpeedCurrentGrid) -> Panel:

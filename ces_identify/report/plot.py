@@ -6,12 +6,8 @@ script of the page (`plots.js`) redraws the figure when the reader zooms, moves 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-import numpy as np
 from markupsafe import Markup
 
-from ces_identify.numerics.arrays import F
 from ces_identify.report.plot_data import MAX_POINTS, pack, share_points
 from ces_identify.report.plot_marks import (
     Plot,
@@ -26,7 +22,7 @@ from ces_identify.report.plot_marks import (
     series_css,
 )
 from ces_identify.report.plot_svg import draw_svg, lay_out
-from ces_identify.typesetting import minus
+from ces_identify.report.plot_table import plot_table
 
 __all__ = [
     "Plot",
@@ -44,7 +40,6 @@ __all__ = [
 ]
 
 SWATCHES = {"line": "M1,5h20", "dots": "M5,5h0M11,5h0M17,5h0"}
-TABLE_HEADS = ("Shown", "Points", "Lowest", "at", "Highest", "at", "Mean")
 
 
 def draw_plot(plot: Plot, max_points: int = MAX_POINTS) -> Markup:
@@ -56,17 +51,13 @@ def draw_plot(plot: Plot, max_points: int = MAX_POINTS) -> Markup:
     panels = lay_out(plot)
     packed = pack(plot, panels, max_points)
     group = Markup(' data-group="{}"').format(plot.group) if plot.group else Markup("")
-    return Markup(
-        '<div class="plot" id="{}-plot"{}>{}{}{}'
-        '<details class="plot-table"><summary>Values of this chart</summary><div class="wide">{}</div></details>'
-        '<script type="application/json">{}</script></div>'
-    ).format(
+    return Markup('<div class="plot" id="{}-plot"{}>{}{}{}{}<script type="application/json">{}</script></div>').format(
         plot.ident,
         group,
         _legend(plot) if plot.legend else "",
         draw_svg(plot, panels),
         _resolution(packed.samples),
-        _table(plot),
+        plot_table(plot),
         Markup(packed.text),  # JSON with <, > and & as escape sequences
     )
 
@@ -100,47 +91,3 @@ def _resolution(samples: int) -> Markup:
     return Markup('<p class="plot-resolution">Data of this chart: lowest and highest of every {} samples.</p>').format(
         samples
     )
-
-
-def _table(plot: Plot) -> Markup:
-    """Return the table of what the plot shows: of each mark the number of its points, its extremes and its mean."""
-    heads = Markup("").join(Markup('<th scope="col">{}</th>').format(head) for head in TABLE_HEADS)
-    rows = Markup("").join(
-        Markup('<tr><th scope="row">{}</th>{}</tr>').format(
-            name, Markup("").join(Markup('<td class="n">{}</td>').format(cell) for cell in cells)
-        )
-        for name, cells in _rows(plot)
-    )
-    caption = Markup("<caption>{} “At” is {}.</caption>").format(plot.text, plot.x_label)
-    return Markup('<table class="plain">{}<thead><tr>{}</tr></thead><tbody>{}</tbody></table>').format(
-        caption, heads, rows
-    )
-
-
-def _rows(plot: Plot) -> Iterator[tuple[str, tuple[str, ...]]]:
-    for area in plot.areas:
-        for mark in area.marks:
-            if isinstance(mark, PlotShade):
-                continue
-            for suffix, x, y in _values(mark):
-                name = f"{mark.name}{suffix}" if mark.name else "without a name"
-                yield f"{name}: {area.y_label}", _statistics(x, y)
-
-
-def _values(mark: PlotMark) -> Iterator[tuple[str, F, F]]:
-    if isinstance(mark, PlotBand):
-        yield from ((", lower end", mark.x, mark.low), (", upper end", mark.x, mark.high))
-    elif isinstance(mark, PlotBars):
-        yield "", 0.5 * (mark.edges[:-1] + mark.edges[1:]), mark.values
-    elif not isinstance(mark, PlotShade):
-        yield "", mark.x, mark.y
-
-
-def _statistics(x: F, y: F) -> tuple[str, ...]:
-    finite = np.isfinite(y)
-    if not finite.any():
-        return ("0", *["–"] * 5)
-    x, y = x[finite], y[finite]
-    low, high = int(y.argmin()), int(y.argmax())
-    numbers = (y[low], x[low], y[high], x[high], y.mean())
-    return (str(len(y)), *(minus(f"{float(v):.4g}") for v in numbers))

@@ -9,11 +9,11 @@ from markupsafe import Markup
 
 from ces_identify.numerics.arrays import F
 from ces_identify.report.drawing import Panel, around_zero, axes, note, panel, span_of, svg
-from ces_identify.report.marks import corridor, dots, line
+from ces_identify.report.marks import corridor, dots, line, ribbon
 from ces_identify.report.plot_marks import Plot, PlotArea, PlotBars, PlotDots, PlotLine, PlotMark, PlotShade
 
 LEFT, RIGHT, TOP = 62.0, 16.0, 26.0  # [px] around the areas
-BETWEEN, X_AXIS = 34.0, 44.0  # [px] above an area for its name, and below one for the labels of its x axis
+BETWEEN, X_AXIS = 34.0, 41.0  # [px] above an area for its name, and below one for the labels of its x axis
 NO_DATA = "no values"
 
 
@@ -40,7 +40,7 @@ def lay_out(plot: Plot) -> list[Panel]:
         view = full if area.whole or plot.x_view is None else plot.x_view
         box = (LEFT, top, plot.width - LEFT - RIGHT, area.height)
         out.append(panel(view, _y_range(area, view), box))
-        top += area.height + BETWEEN + (X_AXIS - 8.0 if has_x_axis(plot, number) else 0.0)
+        top += area.height + BETWEEN + (X_AXIS - 6.0 if has_x_axis(plot, number) else 0.0)
     return out
 
 
@@ -73,7 +73,17 @@ def draw_mark(p: Panel, mark: PlotMark) -> str:
     if isinstance(mark, PlotLine):
         broken = None if mark.breaks is None else mark.breaks[some]
         return line(p, mark.x[some], mark.y[some], mark.css, broken)
-    return corridor(p, mark.x[some], mark.low[some], mark.high[some], mark.css)
+    return _band(p, mark.x[some], mark.low[some], mark.high[some], mark.css)
+
+
+def _band(p: Panel, x: F, low: F, high: F, css: str) -> str:
+    """Return the area between two lines: by pixel columns if it has more points than these, else point by point."""
+    if len(x) > p.x.stop - p.x.start:
+        return corridor(p, x, low, high, css)
+    finite = np.isfinite(low + high)
+    pieces = np.split(np.arange(len(x)), np.flatnonzero(np.diff(finite)) + 1)
+    shown = [some for some in pieces if len(some) > 1 and finite[some[0]]]
+    return "".join(ribbon(p, x[some], low[some], high[some], f"{css} area") for some in shown)
 
 
 def _shade(p: Panel, mark: PlotShade) -> str:

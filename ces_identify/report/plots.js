@@ -6,8 +6,9 @@
   const ZOOM = 1.25, MOVE = 0.2;  // factor of one step of zoom; share of the view of one step sideways
   const CLICK = 5;                // [px] below which a drag is a click
   const MAX_ZOOM = 1e6;
-  const HELP = "Drag to zoom, Shift and drag to move, double-click to reset. Keys: arrows read values, +, −, A, 0.";
-  const MORE = "Click, then wheel: zoom. Page Up and Page Down: move. Home and End: first and last value. A: all. 0: reset.";
+  const HELP = "Drag to zoom, double-click to reset.";
+  const MORE = "Shift and drag: move. Click, then wheel: zoom. Keys: arrows read values, + and − zoom, Page Up and Page " +
+    "Down move, Home and End go to the first and the last value, A shows all, 0 resets.";
   const plots = [];
 
   // ---- data -------------------------------------------------------------------------------------------------------
@@ -198,7 +199,7 @@
     for (const tick of findTicks(scale.view[0], scale.view[1], xTicks)) {
       const x = scale.px(tick.value);
       out.push(`<path class="${css(tick.value)}" d="M${at(x)},${at(scale.top)}V${at(scale.bottom)}"/>`);
-      if (area.xLabel) text("tick mid", x, scale.bottom + 17, tick.text);
+      if (area.xLabel) text("tick mid", x, scale.bottom + 19, tick.text);
     }
     const three = area.zero && !area.chosen;
     for (const tick of three ? findThreeTicks(scale.y[1], scale.height) : findTicks(scale.y[0], scale.y[1], area.yTicks)) {

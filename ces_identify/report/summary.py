@@ -16,6 +16,8 @@ from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluat
 from ces_identify.validation.missing_figures import explain_missing
 from ces_observer.model import Model
 
+ROLES = (VALIDATION, IDENTIFICATION)
+
 
 def select_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation]:
     """Return the evaluations of `role`."""
@@ -23,10 +25,9 @@ def select_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation
 
 
 def describe_recordings(evaluations: Sequence[Evaluation]) -> str:
-    """Return the recordings of the report in a phrase, such as `identified from noise, sweep; validated on road`."""
-    phrases = ((IDENTIFICATION, "identified from"), (VALIDATION, "validated on"))
-    named = ((words, join_names([e.name for e in select_role(evaluations, role)])) for role, words in phrases)
-    return "; ".join(f"{words} {names}" for words, names in named if names)
+    """Return the recordings of the report in a phrase, such as `road (validation); noise, sweep (identification)`."""
+    named = ((role, join_names([e.name for e in select_role(evaluations, role)])) for role in ROLES)
+    return "; ".join(f"{names} ({role})" for role, names in named if names)
 
 
 def headline(evaluations: Sequence[Evaluation]) -> str:

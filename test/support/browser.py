@@ -53,6 +53,7 @@ def open_page(
     media: Literal["screen", "print"] = "screen",
     network: bool = False,
     touch: bool = False,
+    scripts: bool = True,
 ) -> Iterator[Any]:
     """Yield a playwright page that shows a file or a URL, and close it.
 
@@ -60,7 +61,11 @@ def open_page(
     """
     url = address.resolve().as_uri() if isinstance(address, Path) else address
     context = start_browser().new_context(
-        viewport={"width": width, "height": height}, color_scheme=scheme, has_touch=touch, reduced_motion="reduce"
+        viewport={"width": width, "height": height},
+        color_scheme=scheme,
+        has_touch=touch,
+        java_script_enabled=scripts,
+        reduced_motion="reduce",
     )
     page = context.new_page()
     wrong: list[str] = []

@@ -28,7 +28,7 @@
     return out;
   },
 
-  // Texts whose contrast with what is behind them is below 4.5, or 3 for large ones (WCAG 2.2, AA).
+  // Texts whose contrast with what is behind them is below 4.5, or 3 for large ones, and lines below 3 (WCAG 2.2, AA).
   findLowContrast() {
     const parse = text => {
       const n = text.match(/[\d.]+/g).map(Number);
@@ -53,6 +53,12 @@
       const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), size = parseFloat(style.fontSize);
       const large = size >= 24 || size >= 18.5 && style.fontWeight >= 700;
       if (contrast < (large ? 3 : 4.5)) out.add(`${e.tagName}.${e.getAttribute("class")} ${contrast.toFixed(2)}: ${e.textContent.trim().slice(0, 40)}`);
+    }
+    for (const e of document.querySelectorAll(".plot-swatch path:not(.area)")) {  // lines and dots: 3 is enough
+      const style = getComputedStyle(e), ink = parse(style.stroke), back = behind(e.closest("svg").parentElement);
+      const [a, b] = [luminance(mix(ink.colour, ink.alpha * style.strokeOpacity, back)), luminance(back)];
+      const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+      if (contrast < 3) out.add(`line ${e.getAttribute("class")} ${contrast.toFixed(2)}`);
     }
     return [...out];
   },

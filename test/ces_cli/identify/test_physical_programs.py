@@ -61,7 +61,7 @@ def test_its_report_shows_the_damper_with_intervals_and_curves(taught):
     svgs = list(section.iter("{http://www.w3.org/2000/svg}svg"))
     assert len(svgs) == 2
     paths = [path.get("class") for path in svgs[0].iter("{http://www.w3.org/2000/svg}path")]
-    assert {f"interval c{n}" for n in range(4)} <= set(paths)
+    assert {f"interval c{n} area" for n in range(4)} <= set(paths)
     assert {f"curve c{n}" for n in range(4)} <= set(paths)
     assert "standard_errors" not in "".join(root.itertext())
 

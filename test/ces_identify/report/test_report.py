@@ -10,64 +10,29 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pages import assert_self_contained
+from report_examples import TERMS, WIDE, damper, model
 
 from ces_identify.polynomial.problem import compute_envelope
 from ces_identify.polynomial.term_table import coefficient_unit, contributions, format_term, term_forces
 from ces_identify.preparation.cost import weighted_cost
-from ces_identify.preparation.series import Series, prepare
 from ces_identify.preparation.weighting import parse_weighting
-from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.report import write_report
 from ces_identify.report.drawing import PlotAxis, panel
 from ces_identify.report.grid import make_grid
 from ces_identify.report.marks import band, line, shade
 from ces_identify.report.window import choose_window
-from ces_identify.simulations.simulate import simulate_series
 from ces_identify.validation.cost_interval import pooled_cost
 from ces_identify.validation.error_regions import error_cells
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.errors import CesError
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
-SAMPLING = Sampling(rate_Hz=500.0, bandwidth_Hz=60.0, outlier_m=0.01)
-WIDE = Envelope((-0.1, 0.1), (-3.0, 3.0), (0.0, 2.0))
 XHTML = "{http://www.w3.org/1999/xhtml}"
 SVG = "{http://www.w3.org/2000/svg}"
-TERMS = (
-    Term(0.8, (Factor("force", 1),)),
-    Term(240.0, (Factor("speed", 0, 0.5), Factor("current", 5, 2.0, signed=False))),
-    Term(90.0, (Factor("speed", 2, 1.0),)),
-    Term(-60.0, (Factor("speed", 0, 1.5, signed=False),)),
-    Term(0.02, (Factor("current", 0, 1.0, signed=False), Factor("force", 1))),
-    Term(-4.5, ()),
-)
 FACTS = {"Date": "2025-03-14", "Command": "ces identify bags/sine --out model.json"}
-
-
-def damper(name: str, ticks: int = 3000, current_A: float | None = None, gaps: int = 0, seed: int = 1) -> Series:
-    """A damper of the same structure as the model, with one more effect and noise, stroked by two sines."""
-    rng = np.random.default_rng(seed)
-    time = np.arange(ticks) / SAMPLING.rate_Hz
-    position = 0.02 * np.sin(2 * np.pi * 3.0 * time) + 0.004 * np.sin(2 * np.pi * 7.3 * time + seed)
-    current = 0.5 + 0.2 * np.sin(2 * np.pi * 0.4 * time + seed) if current_A is None else np.full(ticks, current_A)
-    stamps = np.rint(time * 1e9).astype(np.int64)
-    kept = np.ones(ticks, bool)
-    for start in np.linspace(0, ticks, gaps + 2, dtype=int)[1:-1]:
-        kept[start : start + 150] = False
-    values = {"position": position, "current": current, "force": np.zeros(ticks)}
-    units = {"position": "m", "current": "A", "force": "N"}
-    channels = {key: Channel(key, units[key], stamps[kept], v[kept]) for key, v in values.items()}
-    series = prepare(Recording(name, channels), SAMPLING)
-    force = simulate_series(model(), series).force + 30.0 * np.tanh(series.speed / 0.05)
-    return replace(series, force=force + 5.0 * rng.normal(size=len(series)))
-
-
-def model(**changes: object) -> Model:
-    first = Model(SAMPLING, Polynomial(TERMS), WIDE, (-9000.0, 9000.0), None, {"tool": "ces_observer"})
-    return replace(first, **changes)
 
 
 def unstable() -> Model:
@@ -157,6 +122,19 @@ def test_cost_table_tells_each_recording_validation_first(tmp_path: Path, both: 
     assert rows[0][8].startswith("0 / 1") and rows[1][8] == "0 / 0"
     head = next(e for e in root.iter(f"{XHTML}p") if e.get("class") == "headline")
     assert words(head) == f"Validation: cost J = {rows[0][4]} % (road)."
+
+
+def test_the_title_names_the_recordings(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    assert words(next(root.iter(f"{XHTML}title"))) == "A model: road (validation); sine (identification)"
+    many = [replace(both[0], name=f"r{n}") for n in range(9)]
+    _, root = page(tmp_path, many)
+    assert "r0, r1, r2, r3, r4 and 4 more (identification)" in words(next(root.iter(f"{XHTML}title")))
+
+
+def test_the_command_is_a_block_of_its_own(tmp_path: Path, both: list[Evaluation]) -> None:
+    _, root = page(tmp_path, both)
+    assert [words(e) for e in root.iter(f"{XHTML}code")] == [FACTS["Command"]]
 
 
 def test_headline_spans_best_to_worst(tmp_path: Path, both: list[Evaluation]) -> None:
@@ -316,6 +294,14 @@ def test_window_is_typical() -> None:
     assert window.why.startswith("typical")
 
 
+def test_window_is_where_the_damper_works() -> None:
+    series = damper("standstill", ticks=10_000)
+    still = np.arange(len(series)) < 8000  # most of the recording, and there the error is smaller
+    changed = {name: np.where(still, 0.0, getattr(series, name)) for name in ("speed", "force")}
+    e = evaluate(model(), [replace(series, **changed)], VALIDATION)[0]
+    assert choose_window(e).start > 7000
+
+
 def test_window_spans_no_gap_and_no_warm_up() -> None:
     e = evaluate(model(), [damper("broken", ticks=10_000, gaps=7)], VALIDATION)[0]
     window = choose_window(e)
@@ -418,7 +404,7 @@ def test_where_the_error_sits_is_a_table(tmp_path: Path, both: list[Evaluation])
     _, root = page(tmp_path, both)
     cells, regions = (
         [[words(c) for c in row.iter(f"{XHTML}td")] for row in table.iter(f"{XHTML}tr")][1:]
-        for table in section(root, "coverage").iter(f"{XHTML}table")
+        for table in list(section(root, "coverage").iter(f"{XHTML}table"))[-2:]  # after those of the maps
     )
     worst = error_cells(both[1:])[0]
     assert cells[0][0].replace("−", "-") == worst.region
