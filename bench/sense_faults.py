@@ -2,8 +2,8 @@
 
     python -m bench.sense_faults [--plants N] [--docs docs/sense.md]
 
-Recordings: drawn dampers of all kinds on drawn strokes and currents, and the packaged experiments. Measured data join in
-if CES_DATA names their folder. Each fault is put into each recording by itself.
+Recordings: drawn dampers of all kinds on drawn strokes and currents, and the packaged experiments. Measured data join
+in if CES_DATA names their folder. Each fault is put into each recording by itself.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Fault:
 
 @dataclass
 class Count:
-    """Recordings with a fault, and those in which it was reported or refused; `others` are findings on other signals."""
+    """Recordings with a fault, and those in which it was reported or refused; `others` name other signals, too."""
 
     recordings: int = 0
     reported: int = 0

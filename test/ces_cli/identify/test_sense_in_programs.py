@@ -1,0 +1,220 @@
+"""The programs refuse recordings twice and wrong models, say what was known before, and name ranges outside."""
+
+import json
+import re
+import shutil
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ces_cli.bags import import_, info, replay
+from ces_cli.identify import program, validate
+from ces_identify import api
+from ces_identify.polynomial.search_limits import Limits
+from ces_identify.recordings.bag_reader import read_recording
+from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.recordings.signals_file import load_signals
+from ces_identify.sense.content import recording_marks
+from ces_identify.structures.kit import IdentifyOptions
+from ces_observer.errors import CesError
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.signals import Signals
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
+
+RATE = 500
+SEARCH = [
+    "--time",
+    "60",
+    "--target",
+    "60",
+    "--starts",
+    "1",
+    "--terms",
+    "2",
+    "--seed",
+    "1",
+    "--threads",
+    "1",
+    "--no-band",
+]
+
+
+def ride(name="run", seed=1, force=1.0, stroke_m=0.02, seconds=12.0, current_A=0.5):
+    """Return a recording of a viscous damper on a noise stroke."""
+    dice = np.random.default_rng(seed)
+    t = np.arange(round(seconds * RATE)) / RATE
+    phases = dice.uniform(0, 2 * np.pi, 12)
+    waves = zip(np.linspace(0.7, 14.0, 12), phases, strict=True)
+    x = 0.2 * stroke_m * sum(np.sin(2 * np.pi * hz * t + phase) for hz, phase in waves)
+    i = current_A + 0.2 * np.sin(1.3 * t + seed)
+    v = np.gradient(x, t)
+    f = force * ((800.0 + 2000.0 * i) * v + dice.normal(0, 5.0, len(t)))
+    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
+    columns = {"position": ("m", x + dice.normal(0, 1e-5, len(t))), "current": ("A", i), "force": ("N", f)}
+    return Recording(name, {n: Channel(n, u, stamps, values) for n, (u, values) in columns.items()})
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    """Return a folder with bags, and a model of one of them."""
+    folder = tmp_path_factory.mktemp("bags")
+    rides = {
+        "one": ride("one"),
+        "two": ride("two", 2),
+        "wide": ride("wide", 3, stroke_m=0.06, current_A=1.5),
+        "reversed": ride("reversed", 4, force=-1.0),
+    }
+    for name, recording in rides.items():
+        write_bag(folder / name, recording_topics(recording, load_signals()))
+    shutil.copytree(folder / "one", folder / "copy")
+    used = {"recording": "one", "sha256": "", "share": [0.0, 1.0], "marks": " ".join(recording_marks(rides["one"]))}
+    body = Polynomial((Term(1800.0, (Factor("speed", 0),)),))
+    envelope = Envelope((-0.02, 0.02), (-2.0, 2.0), (0.2, 0.8))
+    known = Model(Sampling(500.0, 40.0, 0.02), body, envelope, (-1e5, 1e5), provenance={"identification": [used]})
+    known.save(folder / "model.json")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (("one", "--validate", "one"), "one: the same recording, for identification and for validation"),
+        (("one", "--validate", "copy"), "one and .*copy: the same recording, for identification and for validation"),
+        (("one", "copy"), "one and .*copy: the same recording, twice for identification"),
+        (("one", "one"), "one: the same recording, twice for identification"),
+    ],
+)
+def test_identify_refuses_a_recording_twice(bags, tmp_path, words, names):
+    paths = [word if word.startswith("--") else str(bags / word) for word in words]
+    with pytest.raises(CesError, match=names):
+        program.main([*paths, "--out", str(tmp_path / "model.json"), *SEARCH])
+    assert not (tmp_path / "model.json").exists()
+
+
+def test_identify_refuses_a_wrong_model_and_force_goes_on(bags, tmp_path, capsys):
+    words = [str(bags / "reversed"), "--out", str(tmp_path / "model.json"), *SEARCH]
+    with pytest.raises(CesError, match=r"reversed: force: acts with the motion .* --force identifies all the same"):
+        program.main(words)
+    assert program.main([*words, "--force"]) == 0
+    assert "warning: reversed: force: acts with the motion" in capsys.readouterr().err
+    (forced,) = json.loads((tmp_path / "model.json").read_text())["provenance"]["forced"]
+    assert forced.startswith("reversed: force: acts with the motion")
+
+
+def test_a_campaign_refuses_what_identify_refuses(bags, tmp_path):
+    text = "bags: {{only: [{}]}}\nvalidate: {{test: [{}]}}\nstructures: {{polynomial: {{terms: [3]}}}}\n"
+    plan = tmp_path / "campaign.yaml"
+    words = ["--campaign", str(plan), "--out", str(tmp_path / "results")]
+    plan.write_text(text.format(bags / "reversed", bags / "one"))
+    with pytest.raises(CesError, match="reversed: force: acts with the motion"):
+        program.main(words)
+    plan.write_text(text.format(f"{bags / 'one'}, {bags / 'copy'}", bags / "two"))
+    with pytest.raises(CesError, match=r"one and .*copy: the same recording, twice for identification"):
+        program.main(words)
+
+
+def test_the_api_refuses_the_same_and_goes_on(bags):
+    options = IdentifyOptions(1.0, limits=Limits(2, 60.0, 60.0, 1, 1, 1), band=False)
+    with pytest.raises(CesError, match="for identification and for validation"):
+        api.identify([ride()], validation=[ride("copy")], options=options)
+    with pytest.raises(CesError, match="acts with the motion"):
+        api.identify([ride(force=-1.0)], options=options)
+    with pytest.warns(match="acts with the motion"):
+        result = api.identify([ride(force=-1.0)], options=options, go_on=True)
+    assert len(result.model.provenance["forced"]) == 1
+    (row,) = result.model.provenance["identification"]
+    assert row["marks"].split() == recording_marks(ride(force=-1.0))
+
+
+def test_validate_knows_a_copy_of_what_the_model_was_identified_on(bags, capsys):
+    validate.main([str(bags / "model.json"), str(bags / "copy"), str(bags / "two")])
+    shown = capsys.readouterr()
+    assert "warning: copy: the model was identified on seconds of this recording (as 'one')" in shown.err
+    assert "two: the model was identified" not in shown.err
+    assert "identified on" in shown.out
+
+
+def test_validate_names_wrong_signs_and_ranges_outside(bags, tmp_path, capsys):
+    report = tmp_path / "report.html"
+    validate.main([str(bags / "model.json"), str(bags / "wide"), str(bags / "reversed"), "--report", str(report)])
+    error = capsys.readouterr().err
+    assert "warning: reversed: force: acts with the motion" in error
+    (line,) = (one for one in error.splitlines() if "outside the model's envelope" in one and "wide" in one)
+    for signal, unit in (("position", "m"), ("current", "A")):
+        assert f"{signal} " in line and f" {unit}, model knows " in line
+    assert "model knows" in report.read_text(encoding="utf-8")
+
+
+def test_replay_names_ranges_outside(bags, tmp_path, capsys):
+    replay.main([str(bags / "model.json"), str(bags / "wide"), "--out", str(tmp_path / "replayed")])
+    assert "warning: wide is outside the model's envelope for" in capsys.readouterr().err
+
+
+def test_info_shows_what_makes_no_sense(bags, capsys):
+    assert info.main([str(bags / "reversed")]) == 0
+    assert "wrong model: force: acts with the motion" in capsys.readouterr().out
+
+
+def write_log(path: Path, recording: Recording):
+    time = (recording.channel("position").stamps_ns - 10**18) * 1e-9
+    columns = [time, *(recording.channel(name).values for name in ("position", "current", "force"))]
+    np.savetxt(path, np.stack(columns, axis=1), delimiter=",", header="t,x,i,F", comments="")
+
+
+def test_import_says_what_to_write_into_the_mapping(tmp_path, capsys):
+    write_log(tmp_path / "run.csv", ride(force=-1.0))
+    (tmp_path / "map.yaml").write_text(
+        "time: {column: t}\nposition: {column: x, scale: 1000.0}\ncurrent: {column: i}\nforce: {column: F}\n"
+    )
+    words = ["--mapping", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "bag")]
+    assert import_.main([str(tmp_path / "run.csv"), *words]) == 0
+    error = capsys.readouterr().err
+    assert "force: acts with the motion" in error and "by -1 in the mapping" in error
+    assert "multiply its scale in the mapping by 0.001 if it is in mm" in error
+    assert "signals file" not in error
+
+
+def test_a_delay_is_corrected_through_the_signals_file(tmp_path, capsys):
+    """The key `delay` moves stamps back, and a bag written with it has them as they were."""
+    recording, late_ns = ride(), 20_000_000
+    force = recording.channel("force")
+    late = Channel("force", "N", force.stamps_ns + late_ns, force.values)
+    logged = Recording("late", {**recording.channels, "force": late})
+    write_bag(tmp_path / "late", recording_topics(logged, load_signals()))
+    signals = tmp_path / "signals.yaml"
+    signals.write_text("force: {delay: 0.02}\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        read = read_recording(tmp_path / "late", load_signals(signals))
+        assert np.array_equal(read.channel("force").stamps_ns, force.stamps_ns)
+        write_bag(tmp_path / "again", recording_topics(read, load_signals(signals)))
+        again = read_recording(tmp_path / "again", load_signals())
+    assert np.array_equal(again.channel("force").stamps_ns, late.stamps_ns)
+    assert info.main([str(tmp_path / "late")]) == 0
+    assert re.search(r"wrong model: force: logged (1[6-9]|2[0-4]) ms \(", capsys.readouterr().out)
+    assert info.main([str(tmp_path / "late"), "--signals", str(signals)]) == 0
+    assert "force: logged" not in capsys.readouterr().out
+
+
+def test_import_leaves_a_delay_to_the_reader(tmp_path):
+    write_log(tmp_path / "run.csv", ride())
+    mapping, signals = tmp_path / "map.yaml", tmp_path / "signals.yaml"
+    mapping.write_text("time: {column: t}\nposition: {column: x}\ncurrent: {column: i}\nforce: {column: F}\n")
+    signals.write_text("force: {delay: -0.02}\n")
+    words = ["--mapping", str(mapping), "--out", str(tmp_path / "bag"), "--signals", str(signals)]
+    assert import_.main([str(tmp_path / "run.csv"), *words]) == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        read = read_recording(tmp_path / "bag", load_signals(signals))
+    shift = read.channel("force").stamps_ns[0] - read.channel("position").stamps_ns[0]
+    assert shift == 20_000_000
+
+
+@pytest.mark.parametrize("delay", [1.5, -2, 20, "soon", True, None])
+def test_a_delay_that_cannot_be_is_refused(delay):
+    with pytest.raises(CesError, match="signal 'force': delay"):
+        Signals.from_mapping({"force": {"delay": delay}}, "test")

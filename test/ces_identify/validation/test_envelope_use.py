@@ -1,0 +1,91 @@
+"""Signals outside a model's envelope are named with both ranges."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ces_identify.preparation.series import Series
+from ces_identify.validation.envelope_use import RangeUse, describe_outside, find_outside, outside_ranges
+from ces_identify.validation.evaluate import VALIDATION, evaluate
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
+
+N = 2000
+
+
+def model(position=(-1.0, 1.0), speed=(-9.0, 9.0), current=(-9.0, 9.0)):
+    body = Polynomial((Term(1000.0, (Factor("speed", 0),)),))
+    return Model(Sampling(1000.0, 40.0, 0.02), body, Envelope(position, speed, current), (-1e6, 1e6))
+
+
+def series(scored=None):
+    t = np.arange(N) / 1000.0
+    position = -0.0299 + 0.0096 * np.sin(20.0 * t)
+    force = 200.0 * np.cos(20.0 * t)
+    mask = np.ones(N, bool) if scored is None else scored
+    return Series(
+        "ride", 1000.0, t, position, 0.2 * np.cos(20.0 * t), np.full(N, 0.5), force, np.array([[0, N]]), mask, 0, {}
+    )
+
+
+def test_signal_and_both_ranges_are_named_with_equal_decimals():
+    (use,) = outside_ranges(model(position=(-0.0044, 0.0005)), series())
+    assert str(use) == "position -0.03950 to -0.02030 m, model knows -0.00440 to 0.00050"
+    assert use.outside_share == 1.0
+    (use,) = outside_ranges(model(current=(0.29, 0.4)), series())
+    assert str(use) == "current 0.5000 to 0.5000 A, model knows 0.2900 to 0.4000"
+
+
+def test_the_signal_that_is_outside_longest_comes_first():
+    uses = outside_ranges(model(position=(-0.03, 0.0), speed=(-0.1, 0.1)), series())
+    assert [use.signal for use in uses] == ["speed", "position"]
+    text = describe_outside("ride", 0.7, uses)
+    assert text.startswith(
+        "ride is outside the model's envelope for 70.0 % of the time: speed -0.2000 to 0.2000 m/s, model"
+    )
+    assert text.count("model knows") == 2
+
+
+def test_inside_and_hardly_outside_say_nothing():
+    assert outside_ranges(model(), series()) == ()
+    few = np.zeros(1000)
+    few[:5] = 2.0
+    assert find_outside(model(), {"position": few}) == ()
+    few[5] = 2.0
+    assert [use.signal for use in find_outside(model(), {"position": few})] == ["position"]
+
+
+def test_only_scored_ticks_count_unless_there_are_none():
+    early = np.zeros(N, bool)
+    early[:50] = True
+    narrow = model(position=(-0.0305, -0.02))
+    assert outside_ranges(narrow, series(early)) == ()
+    assert outside_ranges(narrow, series(np.zeros(N, bool)))
+
+
+def test_an_evaluation_has_the_text_ready():
+    (outside,) = evaluate(model(position=(-0.0044, 0.0005)), [series()], VALIDATION)
+    assert outside.outside_text.startswith(
+        "ride is outside the model's envelope for 100.0 % of the time: position -0.0"
+    )
+    (inside,) = evaluate(model(), [series()], VALIDATION)
+    assert inside.outside_text == ""
+
+
+@pytest.mark.parametrize(
+    ("used", "known", "text"),
+    [
+        ((0.0, 0.0), (0.0, 0.0), "0.000 to 0.000 A, model knows 0.000 to 0.000"),
+        ((-1e-9, 700.0), (0.0, 0.7), "0.0 to 700.0 A, model knows 0.0 to 0.7"),
+        ((12345.0, 23456.0), (0.0, 1.0), "12345 to 23456 A, model knows 0 to 1"),
+    ],
+)
+def test_numbers_are_short(used, known, text):
+    assert str(RangeUse("current", used, known, 1.0)) == f"current {text}"
+
+
+def test_an_empty_series_of_a_signal_is_inside():
+    assert find_outside(model(), {"position": np.empty(0)}) == ()
+    assert replace(series(), name="other").name == "other"
