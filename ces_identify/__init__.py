@@ -40,8 +40,8 @@ __getattr__ = import_on_use(
     __name__,
     {
     "ces_identify.api": (
-        "compare_models", "identify", "make_recording", "plot", "read_log", "read_recording", "simulate", "simulate_arrays",
-        "validate", "write_recording",
+        "compare_models", "identify", "make_recording", "plot", "read_log", "read_recording", "simulate",
+        "simulate_arrays", "validate", "write_recording",
     ),
     "ces_identify.characteristics.characterise": ("characterise",),
     "ces_identify.characteristics.folder": ("write_characteristics",),

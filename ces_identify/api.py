@@ -1,4 +1,7 @@
-"""The functions for scripts: read a recording, identify, simulate, validate, compare, plot. Import them from `ces_identify`."""
+"""The functions for scripts: read a recording, identify, simulate, validate, compare, plot.
+
+Import them from `ces_identify`.
+"""
 
 from __future__ import annotations
 

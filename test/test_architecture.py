@@ -110,7 +110,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "identification": "polynomial preparation recordings sense structures validation",
         "folds": "identification recordings structures validation",
         "report": "numerics preparation structures typesetting validation",
-        "comparison": "numerics preparation recordings report simulations typesetting validation",
+        "comparison": "numerics preparation recordings report sense simulations typesetting validation",
         "campaign": (
             "comparison config_file identification jobs polynomial recordings report sense structures validation"
         ),

@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ces_identify.campaign.campaign_page import write_campaign_page
+from ces_identify.campaign.campaign_page import PAGE, write_campaign_page
 from ces_identify.campaign.campaign_rows import CampaignRows
 from ces_identify.campaign.plan import Campaign, CampaignJob
 from ces_identify.jobs.results_folder import ResultsFolder
@@ -45,7 +45,7 @@ class LivePage:
         rows = self.rows()
         if rows.rows:
             facts = {"command": shlex.join(["ces", *sys.argv[1:]])}
-            write_campaign_page(rows, self._folder, self._title, facts, running=running)
+            write_campaign_page(self._folder / PAGE, rows, self._folder, self._title, facts, running=running)
         self._written = time.monotonic()
 
 

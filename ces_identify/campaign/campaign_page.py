@@ -3,10 +3,13 @@ does."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 from markupsafe import Markup
@@ -26,16 +29,29 @@ SIZE, TICK = "parameters", "tick_us"
 
 
 def write_campaign_page(
-    results: CampaignRows, folder: Path, title: str, facts: Mapping[str, str], *, running: bool = False
+    path: Path, results: CampaignRows, folder: Path, title: str, facts: Mapping[str, str], *, running: bool = False
 ) -> None:
-    """Write the page into the campaign's `folder`; `facts` may hold the `command`. Raises CesError."""
-    write_atomically(folder / PAGE, campaign_page(results, folder, title, facts, running=running))
+    """Write the page of the campaign in `folder` to `path`; `facts` may hold the `command`. Raises CesError."""
+    links = os.path.relpath(folder.resolve(), path.resolve().parent)
+    write_atomically(
+        path, campaign_page(results, folder, title, facts, links="" if links == "." else f"{links}/", running=running)
+    )
 
 
 def campaign_page(
-    results: CampaignRows, folder: Path, title: str, facts: Mapping[str, str], *, running: bool = False
+    results: CampaignRows,
+    folder: Path,
+    title: str,
+    facts: Mapping[str, str],
+    *,
+    links: str = "",
+    running: bool = False,
 ) -> str:
-    """Return the page as HTML; links are relative to `folder`. A page of a `running` campaign reloads itself."""
+    """Return the page of the campaign in `folder` as HTML.
+
+    Links to its files begin with `links`. A page of a `running` campaign reloads itself.
+    """
+    found = _Links(folder, links)
     recommended = {row["key"] for row in results.recommended().values()}
     page = page_template("campaign.html.j2", __package__ or "", ("campaign.css",)).render(
         title=title,
@@ -43,14 +59,29 @@ def campaign_page(
         refresh=REFRESH_S if running else None,
         command=command_block(facts["command"]) if "command" in facts else "",
         compare=command_block(f"ces compare {folder} BAG --report compare.html"),
-        recommended=[_recommendation(results, name, row, folder) for name, row in results.recommended().items()],
+        recommended=[_recommendation(results, name, row, found) for name, row in results.recommended().items()],
         panels=[_panel(results, n, name) for n, name in enumerate(results.bags) if results.of_bags(name)],
         sets=results.sets,
         several=len(results.bags) > 1,
-        rows=[_row(results, row, row["key"] in recommended, folder) for row in results.done],
-        failed=[{"name": results.full_name(row), "status": row["status"], "reason": row["reason"]} for row in results.failed],
+        rows=[_row(results, row, row["key"] in recommended, found) for row in results.done],
+        failed=[
+            {"name": results.full_name(row), "status": row["status"], "reason": row["reason"]} for row in results.failed
+        ],
     )
     return replace_unencodable(page)
+
+
+@dataclass(frozen=True)
+class _Links:
+    """Links to files of a campaign in `folder`, from a page where its files begin with `start`."""
+
+    folder: Path
+    start: str
+
+    def to(self, room: str, row: Row, suffix: str) -> str:
+        """Return the link to a file of the cell, empty if there is none."""
+        name = f"{room}/{row['key']}{suffix}"
+        return quote(f"{self.start}{name}") if (self.folder / name).is_file() else ""
 
 
 def _headline(results: CampaignRows) -> str:
@@ -62,18 +93,12 @@ def _headline(results: CampaignRows) -> str:
     return "; ".join(parts) + "."
 
 
-def _recommendation(results: CampaignRows, bags: str, row: Row, folder: Path) -> dict[str, Any]:
+def _recommendation(results: CampaignRows, bags: str, row: Row, links: _Links) -> dict[str, Any]:
     return {"bags": bags, "name": results.name(row), "size": row["size"], "cost": _number(row["selection_J"]),
-            "model": _link(folder, "models", row, ".json"), "report": _link(folder, "reports", row, ".html")}  # fmt: skip
+            "model": links.to("models", row, ".json"), "report": links.to("reports", row, ".html")}  # fmt: skip
 
 
-def _link(folder: Path, room: str, row: Row, suffix: str) -> str:
-    """Return the relative link to a file of the cell, empty if there is none."""
-    name = f"{room}/{row['key']}{suffix}"
-    return name if (folder / name).is_file() else ""
-
-
-def _row(results: CampaignRows, row: Row, recommended: bool, folder: Path) -> dict[str, Any]:
+def _row(results: CampaignRows, row: Row, recommended: bool, links: _Links) -> dict[str, Any]:
     mark = "recommended" if recommended else "front" if row["key"] in results.front_keys() else ""
     return {
         "mark": mark,
@@ -86,8 +111,8 @@ def _row(results: CampaignRows, row: Row, recommended: bool, folder: Path) -> di
         "tick": _number(row.get(TICK), 1),
         "stability": _stability(row),
         "seconds": _number(row["seconds"], 1),
-        "model": _link(folder, "models", row, ".json"),
-        "report": _link(folder, "reports", row, ".html"),
+        "model": links.to("models", row, ".json"),
+        "report": links.to("reports", row, ".html"),
     }
 
 
@@ -118,16 +143,16 @@ def _panel(results: CampaignRows, number: int, bags: str) -> dict[str, Any]:
         "size": _pareto(results, rows, number, SIZE),
         "tick": _pareto(results, [row for row in rows if row.get(TICK)], number, TICK),
         "effects": [
-            draw_intervals(f"axis{number}-{axis}", f"Selection cost by {axis}", "Selection cost J [%]", _effect_rows(values))
+            draw_intervals(
+                f"axis{number}-{axis}", f"Selection cost by {axis}", "Selection cost J [%]", _effect_rows(values)
+            )
             for axis, values in results.effects(bags).items()
         ],
     }
 
 
 def _effect_rows(values: list[tuple[str, list[float]]]) -> list[IntervalRow]:
-    return [
-        IntervalRow(value, min(costs), max(costs), median(costs), _effect_text(costs)) for value, costs in values
-    ]
+    return [IntervalRow(value, min(costs), max(costs), median(costs), _effect_text(costs)) for value, costs in values]
 
 
 def _effect_text(costs: list[float]) -> str:
@@ -141,18 +166,21 @@ def _pareto(results: CampaignRows, rows: list[Row], number: int, what: str) -> M
     if not rows:
         return None
     label, name = ("Size [parameters]", "size") if what == SIZE else ("Time of a tick [µs]", "tick")
-    marks: list[PlotLine | PlotDots] = []
+    marks: list[PlotLine | PlotDots] = [_selection_dot(results, row, float(row[what])) for row in rows]
     for row in rows:
         marks += _intervals(results, row, float(row[what]))
-    marks += [_front_line(rows)] if what == SIZE else []
-    for row in rows:
-        css = series_css(list(KITS).index(row["structure"]))
-        x, y = np.array([float(row[what])]), np.array([row["selection_J"]])
-        marks.append(PlotDots(f"{results.name(row)}: selection", x, y, f"{css} spot{'' if is_proved(row) else ' unproved'}"))
+    marks += [_front_line(rows)] if what == SIZE else []  # last: values are read at the first of equal points
     title = f"Cost against {'size' if what == SIZE else 'time of a tick'}, identified on {rows[0]['bags']}"
-    text = f"Selection cost of {len(rows)} models; vertical lines are intervals of their costs on validation recordings."
+    text = (
+        f"Selection cost of {len(rows)} models; vertical lines are intervals of their costs on validation recordings."
+    )
     area = PlotArea("Cost J [%]", marks, 300)
     return draw_plot(Plot(f"{name}{number}", title, text, label, [area], 560, free=True, legend=False))
+
+
+def _selection_dot(results: CampaignRows, row: Row, x: float) -> PlotDots:
+    css = f"{series_css(list(KITS).index(row['structure']))} spot{'' if is_proved(row) else ' unproved'}"
+    return PlotDots(f"{results.name(row)}: selection", np.array([x]), np.array([row["selection_J"]]), css)
 
 
 def _intervals(results: CampaignRows, row: Row, x: float) -> list[PlotLine | PlotDots]:
@@ -177,4 +205,6 @@ def _front_line(rows: list[Row]) -> PlotLine:
 
 def _swatch(structure: str) -> Markup:
     css = series_css(list(KITS).index(structure))
-    return Markup('<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{} spot" d="M11,5h0"/></svg>').format(css)
+    return Markup(
+        '<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{} spot" d="M11,5h0"/></svg>'
+    ).format(css)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,10 @@ from ces_identify.jobs.row_log import Row, read_rows
 from ces_observer.errors import CesError
 
 RESULTS = "results.jsonl"
-RESULT_COLUMNS = frozenset(
-    ["key", "status", "reason", "bags", "structure", "size", "parameters", "selection_J", "costs", "pooled", "gain", "force_bound_N", "seconds", "trials", "ended", "tick_us"]
-)  # the other columns of a row are its settings
+RESULT_COLUMNS = (
+    "key", "status", "reason", "bags", "structure", "size", "parameters", "selection_J", "costs", "pooled", "gain",
+    "force_bound_N", "seconds", "trials", "ended", "tick_us",
+)  # fmt: skip
 IDENTIFICATION = "identification"
 COMMON_AXES = ("seed", "rate_Hz", "bandwidth_Hz", "certificate")
 
@@ -121,12 +121,6 @@ def pooled_cost(row: Row, name: str) -> tuple[float | None, tuple[float, float] 
         return pooled["J"], None if interval is None else (interval[0], interval[1])
     costs = [cost["J"] for cost in row.get("costs", ()) if cost["set"] == name]
     return (costs[0], None) if len(costs) == 1 else (None, None)
-
-
-def choose_models(campaigns: Sequence[CampaignRows], count: int) -> list[Row]:
-    """Return up to `count` models on the fronts of the campaigns, lowest selection cost first."""
-    rows = [row for one in campaigns for row in one.done if row["key"] in one.front_keys()]
-    return sorted(rows, key=lambda row: row["selection_J"])[:count]
 
 
 def _axis_value(axis: str, row: Row) -> str:

@@ -17,21 +17,13 @@ from ces_identify.numerics.arrays import F, Mask
 from ces_identify.preparation.series import force_at, hold_current
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulate import SampleRun, sample_run
+from ces_identify.validation.envelope_use import UNITS as SIGNAL_UNITS
+from ces_identify.validation.envelope_use import RangeUse, find_outside
 from ces_observer.errors import RecordingError
 
 WARM_UP_S = 0.5  # [s] not scored after the start and after each gap, for models that ask for less
 MAX_GAP_S = 0.05  # [s] over which the measured force is interpolated, as in `ces_observer.model.Sampling`
 MIN_SCORED = 50
-
-
-@dataclass(frozen=True)
-class EnvelopeExit:
-    """A signal of a recording that leaves a model's envelope: both ranges, and the share of ticks outside."""
-
-    signal: str
-    recorded: tuple[float, float]
-    known: tuple[float, float]
-    share: float
 
 
 @dataclass(frozen=True)
@@ -55,7 +47,7 @@ class AlignedRecording:
     forces: F
     scored: Mask
     diverged: tuple[bool, ...]
-    exits: tuple[tuple[EnvelopeExit, ...], ...]
+    exits: tuple[tuple[RangeUse, ...], ...]
     ranges: Mapping[str, tuple[float, float]]
 
     @property
@@ -100,9 +92,7 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
         forces=forces,
         scored=counted,
         diverged=diverged,
-        exits=tuple(
-            _find_exits(model, run, counted) for model, (_, run) in zip(models, runs, strict=True)
-        ),
+        exits=tuple(_find_exits(model, run, counted) for model, (_, run) in zip(models, runs, strict=True)),
         ranges={
             name: (float(np.nanmin(values[counted])), float(np.nanmax(values[counted])))
             for name, values in (("position", position.values), ("speed", speed), ("current", current))
@@ -148,14 +138,8 @@ def _speed(runs: Sequence[tuple[F, SampleRun | None]], time_s: F, position: F) -
     return np.asarray(np.gradient(position, time_s))
 
 
-def _find_exits(model: ComparedModel, run: SampleRun | None, counted: Mask) -> tuple[EnvelopeExit, ...]:
+def _find_exits(model: ComparedModel, run: SampleRun | None, counted: Mask) -> tuple[RangeUse, ...]:
     if model.model is None or run is None:
         return ()
     ticks = np.unique(run.newest[counted & (run.newest >= 0)])
-    found = []
-    for signal, (low, high) in model.model.envelope.by_signal.items():
-        values = getattr(run.series, signal)[ticks]
-        outside = float(np.mean((values < low) | (values > high))) if len(values) else 0.0
-        if outside > 0.0:
-            found.append(EnvelopeExit(signal, (float(values.min()), float(values.max())), (low, high), outside))
-    return tuple(found)
+    return find_outside(model.model, {name: getattr(run.series, name)[ticks] for name in SIGNAL_UNITS})

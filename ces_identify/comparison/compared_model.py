@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.content import identification_rows, identified_on
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_observer.model import Model
 
 TRAINED, TEST, UNKNOWN = "identified on", "test", "not known"
 FITTED_ROLES = ("identification", "real", "reference")  # of recordings in a model's and an augmented.json's provenance
 
-Shares = Mapping[str, tuple[float, float]]  # part of each recording, from 0 to 1, by the hash of its file
+TrainingRow = Mapping[str, Any]  # a recording in a provenance: name, hash, share and marks
 
 
 @dataclass(frozen=True)
 class ComparedModel:
     """A simulation with the name that tables and charts show, and its `source` (a path or the like).
 
-    `trained_on` holds the part of each recording that it was identified on; `training_known` is False if there may be
-    others, because nobody wrote them down.
+    `trained_on` describes the recordings that it was identified on; `training_known` is False if there may be others,
+    because no file says so.
     """
 
     name: str
     simulation: Simulation
     source: str = ""
-    trained_on: Shares = field(default_factory=dict)
+    trained_on: tuple[TrainingRow, ...] = ()
     training_known: bool = False
 
     @property
@@ -38,8 +39,7 @@ class ComparedModel:
 
     def use_of(self, recording: Recording, part: tuple[float, float]) -> str:
         """Return TRAINED if the model was identified on some of this `part` of the recording, TEST, or UNKNOWN."""
-        first, last = self.trained_on.get(recording.sha256, (0.0, 0.0))
-        if max(first, part[0]) < min(last, part[1]):
+        if identified_on(recording, {"identification": list(self.trained_on)}, part):
             return TRAINED
         return TEST if self.training_known and recording.sha256 else UNKNOWN
 
@@ -49,9 +49,9 @@ def make_compared_model(name: str, simulation: Simulation, source: str = "") -> 
     inside = simulation.innermost
     provenances = [getattr(simulation, "provenance", {})] if inside is not simulation else []
     provenances += [inside.model.provenance] if isinstance(inside, ModelSimulation) else [{}]
-    rows = [row for provenance in provenances for row in _fitted_rows(provenance)]
-    known = all(provenances) and all(digest for digest, _ in rows)
-    return ComparedModel(name, simulation, source, {digest: share for digest, share in rows if digest}, known)
+    rows = tuple(row for provenance in provenances for row in _fitted_rows(provenance))
+    known = all(provenances) and all(row.get("sha256") or row.get("marks") for row in rows)
+    return ComparedModel(name, simulation, source, rows, known)
 
 
 def name_sources(sources: Sequence[str]) -> list[str]:
@@ -73,12 +73,6 @@ def _end_of(source: str, depth: int) -> str:
     return "/".join([*path.parts[-depth:-1], path.stem if path.suffix in (".json", ".yaml", ".yml") else path.name])
 
 
-def _fitted_rows(provenance: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:
+def _fitted_rows(provenance: Mapping[str, Any]) -> Iterator[TrainingRow]:
     for role in FITTED_ROLES:
-        rows = provenance.get(role)
-        for row in rows if isinstance(rows, list) else []:
-            match row:
-                case {"sha256": str(digest), "share": [int() | float() as first, int() | float() as last]}:
-                    yield digest, (float(first), float(last))
-                case {"sha256": str(digest)}:
-                    yield digest, (0.0, 1.0)
+        yield from identification_rows({"identification": provenance.get(role)})

@@ -4,28 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from ces_identify.comparison.aligned_recording import AlignedRecording, EnvelopeExit, align
+from ces_identify.comparison.aligned_recording import AlignedRecording, align
 from ces_identify.comparison.compared_model import TRAINED, UNKNOWN, ComparedModel
 from ces_identify.comparison.pair_results import PairResult, compare_pairs
 from ces_identify.comparison.paired_bootstrap import pooled_costs
 from ces_identify.comparison.tick_time import TickTime, describe_machine, measure_tick_times
 from ces_identify.numerics.arrays import I
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.content import shared_content
 from ces_identify.validation.cost_interval import CostInterval, Ticks, interval_of_ticks
 from ces_observer.errors import CesError
 
 MAX_MODELS = 8  # colours of the charts
-SIGNAL_UNITS = {"position": "m", "speed": "m/s", "current": "A"}
 
 
 @dataclass(frozen=True)
 class RecordingCost:
     """The cost J [%] of a model on a recording, infinite if it diverged; its `interval`, None if too short.
 
-    `use` says whether the model was identified on the recording (TRAINED), not (TEST), or nobody knows (UNKNOWN).
+    `use` says whether the model was identified on the recording (TRAINED), not (TEST), or that is not known.
     """
 
     recording: str
@@ -66,9 +67,7 @@ class Comparison:
     def test_names(self) -> tuple[str, ...]:
         """Recordings on which no model was identified."""
         return tuple(
-            r.name
-            for i, r in enumerate(self.recordings)
-            if all(model.costs[i].use != TRAINED for model in self.models)
+            r.name for i, r in enumerate(self.recordings) if all(model.costs[i].use != TRAINED for model in self.models)
         )
 
     def pair(self, first: int, second: int) -> PairResult:
@@ -108,10 +107,9 @@ def _require_comparable(models: Sequence[ComparedModel], recordings: Sequence[Re
         raise CesError(f"two models are named '{max(names, key=names.count)}'; give each a name of its own")
     if not recordings:
         raise CesError("no recording to compare on")
-    hashes = [recording.sha256 for recording in recordings if recording.sha256]
-    if len(set(hashes)) < len(hashes):
-        twice = [r.name for r in recordings if hashes.count(r.sha256) > 1]
-        raise CesError(f"{' and '.join(twice)}: the same recording twice; it would count double: keep one")
+    for one, other in combinations(recordings, 2):
+        if shared := shared_content(one, other):
+            raise CesError(f"{one.name} and {other.name}: {shared}: its seconds would count twice; give it once")
 
 
 def _measure(models: Sequence[ComparedModel], recording: Recording) -> dict[int, TickTime]:
@@ -172,38 +170,36 @@ def _force_bound(model: ComparedModel) -> float | None:
 
 
 def _training_notes(comparison: Comparison) -> list[str]:
-    """Return where a cost is not a test, and for which models nobody knows."""
+    """Return where a cost is not a test, and for which models that is not known."""
+    by_recording: dict[str, list[str]] = {}
+    for model in comparison.models:
+        for cost in model.costs:
+            if cost.use == TRAINED:
+                by_recording.setdefault(cost.recording, []).append(model.name)
     notes = [
-        f"{model.name} was identified on {cost.recording}; its cost there is not a test"
-        for model in comparison.models
-        for cost in model.costs
-        if cost.use == TRAINED
+        f"{join(names)} {_was(names)} identified on {recording}; {'its' if len(names) == 1 else 'their'} cost there is "
+        "not a test"
+        for recording, names in by_recording.items()
     ]
     unknown = [m.name for m in comparison.models if any(cost.use == UNKNOWN for cost in m.costs)]
     if unknown:
         notes.append(
-            f"nobody wrote down what {' and '.join(unknown)} {'was' if len(unknown) == 1 else 'were'} identified on; "
-            "whether these recordings are a test is not known"
+            f"no file says what {join(unknown)} {_was(unknown)} identified on; whether these recordings are a test is "
+            "not known"
         )
     return notes
 
 
 def _exit_notes(comparison: Comparison) -> list[str]:
-    """Return where a recording leaves the envelope of a model."""
-    return [
-        f"{recording.name} leaves the envelope of {model.name}: {describe_exit(one)}"
-        for recording in comparison.recordings
-        for model, exits in zip(comparison.models, recording.exits, strict=True)
-        for one in exits
-    ]
-
-
-def describe_exit(one: EnvelopeExit) -> str:
-    """Return a signal outside the envelope with both ranges, in one phrase."""
-    unit = SIGNAL_UNITS[one.signal]
-    recorded, known = (f"{low:.4g} to {high:.4g} {unit}" for low, high in (one.recorded, one.known))
-    share = f"{100 * one.share:.1f}" if one.share >= 0.0005 else "less than 0.1"
-    return f"{one.signal} {recorded}, model knows {known}; {share} % of the ticks outside"
+    """Return where a recording leaves the envelopes of models, models of equal envelope together."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for recording in comparison.recordings:
+        for model, exits in zip(comparison.models, recording.exits, strict=True):
+            if exits:
+                share = f"for {100 * exits[0].outside_share:.1f} % of the time"
+                ranges = f"{share}: {'; '.join(map(str, exits))}"
+                groups.setdefault((recording.name, ranges), []).append(model.name)
+    return [f"{name} leaves the envelope of {join(names)} {ranges}" for (name, ranges), names in groups.items()]
 
 
 def _divergence_notes(comparison: Comparison) -> list[str]:
@@ -213,3 +209,12 @@ def _divergence_notes(comparison: Comparison) -> list[str]:
         for model, lost in zip(comparison.models, recording.diverged, strict=True)
         if lost
     ]
+
+
+def join(names: Sequence[str]) -> str:
+    """Return names as text: a, b and c."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+
+
+def _was(names: Sequence[str]) -> str:
+    return "was" if len(names) == 1 else "were"

@@ -9,16 +9,17 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ces_identify.comparison.comparison import SIGNAL_UNITS, Comparison, ModelResult
 from ces_identify.comparison.compared_model import TRAINED
-from ces_identify.comparison.conclusions import best_model, headline, join, p_text, signed
-from ces_identify.report.interval_chart import IntervalRow, draw_intervals
+from ces_identify.comparison.comparison import Comparison, ModelResult, join
+from ces_identify.comparison.conclusions import best_model, headline, p_text, signed
 from ces_identify.comparison.overlay_charts import draw_overlay
-from ces_identify.comparison.pair_results import SHORT, Difference, PairResult
+from ces_identify.comparison.pair_results import Difference, PairResult
+from ces_identify.report.interval_chart import IntervalRow, draw_intervals
 from ces_identify.report.plot import series_css
 from ces_identify.report.shell import command_block, page_template, replace_unencodable
 from ces_identify.typesetting import minus
 from ces_identify.validation.cost_interval import CostInterval
+from ces_identify.validation.envelope_use import UNITS
 from ces_observer.json_checks import write_atomically
 
 MAX_DETAILED_PAIRS = 3  # pairs of models up to which the differences on each recording are drawn
@@ -50,9 +51,24 @@ def comparison_page(comparison: Comparison, facts: Mapping[str, str]) -> str:
             "J of the first minus J of the second [%]",
             _difference_rows(comparison),
             zero=True,
+        )
+        if len(comparison.pairs) <= MAX_DETAILED_PAIRS
+        else draw_intervals(
+            "differences",
+            f"Costs of the models above that of {comparison.models[best].name}",
+            "J above the lowest [%]",
+            _rows_above(comparison, best),
+            zero=True,
         ),
+        all_pairs=len(comparison.pairs) <= MAX_DETAILED_PAIRS,
+        best=comparison.models[best].name,
+        same_recordings=len({pair.pooled.recordings for pair in comparison.pairs}) == 1,
         recordings=[
-            {"recording": recording, "charts": draw_overlay(comparison, n), "costs": [m.costs[n] for m in comparison.models]}
+            {
+                "recording": recording,
+                "charts": draw_overlay(comparison, n),
+                "costs": [m.costs[n] for m in comparison.models],
+            }
             for n, recording in enumerate(comparison.recordings)
         ],
         envelopes=_envelope_charts(comparison),
@@ -108,7 +124,9 @@ def _bound(result: ModelResult) -> str:
 def _outside(comparison: Comparison, i: int) -> str:
     if comparison.models[i].model.model is None:
         return "–"
-    return f"{100 * max(max((one.share for one in r.exits[i]), default=0.0) for r in comparison.recordings):.1f}"
+    return (
+        f"{100 * max(max((one.outside_share for one in r.exits[i]), default=0.0) for r in comparison.recordings):.1f}"
+    )
 
 
 def _percent(cost: float) -> str:
@@ -120,20 +138,18 @@ def _above(comparison: Comparison, best: int, model: int) -> str:
     pair = comparison.pair(best, model)
     if not math.isfinite(pair.pooled.value) or not comparison.test_names:
         return "–"
-    sign = 1.0 if pair.first == model else -1.0
-    if pair.pooled.low is None or pair.pooled.high is None:
-        return f"{signed(sign * pair.pooled.value)} ({SHORT})"
-    low, high = sorted((sign * pair.pooled.low, sign * pair.pooled.high))
-    return f"{signed(sign * pair.pooled.value)} ({signed(low)} to {signed(high)})"
+    return _difference_text(pair.minus(best))
 
 
-def _pair_row(comparison: Comparison, pair: PairResult) -> dict[str, str]:
+def _pair_row(comparison: Comparison, pair: PairResult) -> dict[str, Any]:
     names = [comparison.models[i].name for i in (pair.first, pair.second)]
     verdict = pair.verdict if pair.better is None else f"{comparison.models[pair.better].name} is better"
     return {
         "pair": f"{names[0]} − {names[1]}",
         "on": join(pair.pooled.recordings),
         "difference": _difference_text(pair.pooled),
+        "value": "" if math.isnan(pair.pooled.value) else pair.pooled.value,
+        "p_value": "" if pair.p_value is None else pair.p_value,
         "blocks": str(pair.pooled.blocks),
         "p": p_text(pair.p_value).replace("-", "–"),
         "verdict": verdict,
@@ -141,15 +157,24 @@ def _pair_row(comparison: Comparison, pair: PairResult) -> dict[str, str]:
 
 
 def _difference_rows(comparison: Comparison) -> list[IntervalRow]:
-    detailed = len(comparison.pairs) <= MAX_DETAILED_PAIRS and len(comparison.recordings) > 1
+    """Return a row for each pair and, below it, one for each recording if there are several."""
     rows = []
     for pair in comparison.pairs:
         name = f"{comparison.models[pair.first].name} − {comparison.models[pair.second].name}"
         rows.append(_row(name, pair.pooled, "outline", starts=True))
-        for n, one in enumerate(pair.each if detailed else ()):
+        for n, one in enumerate(pair.each if len(comparison.recordings) > 1 else ()):
             trained = any(comparison.models[i].costs[n].use == TRAINED for i in (pair.first, pair.second))
             rows.append(_row(f"{one.recordings[0]}{' (no test)' if trained else ''}", one, "envelope", starts=False))
     return rows
+
+
+def _rows_above(comparison: Comparison, best: int) -> list[IntervalRow]:
+    """Return a row for each other model: how much its cost is above the lowest."""
+    others = sorted((i for i in range(len(comparison.models)) if i != best), key=_by_cost(comparison))
+    return [
+        _row(comparison.models[i].name, comparison.pair(best, i).minus(best), series_css(i), starts=True)
+        for i in others
+    ]
 
 
 def _row(name: str, one: Difference, css: str, *, starts: bool) -> IntervalRow:
@@ -168,11 +193,11 @@ def _difference_text(one: Difference) -> str:
 
 def _envelope_charts(comparison: Comparison) -> list[Markup]:
     """Return a chart for each input signal: what each model knows and what each recording holds."""
-    return [chart for signal in SIGNAL_UNITS if (chart := _envelope_chart(comparison, signal))]
+    return [chart for signal in UNITS if (chart := _envelope_chart(comparison, signal))]
 
 
 def _envelope_chart(comparison: Comparison, signal: str) -> Markup | None:
-    unit, nan = SIGNAL_UNITS[signal], float("nan")
+    unit, nan = UNITS[signal], float("nan")
     rows = []
     for i, result in enumerate(comparison.models):
         if result.model.model is not None:
@@ -192,6 +217,6 @@ def _range_text(low: float, high: float, unit: str) -> str:
 
 
 def _swatch(i: int) -> Markup:
-    return Markup('<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{}" d="M1,5h20"/></svg>').format(
-        series_css(i)
-    )
+    return Markup(
+        '<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{}" d="M1,5h20"/></svg>'
+    ).format(series_css(i))

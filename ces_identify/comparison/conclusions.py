@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ces_identify.comparison.comparison import Comparison
+from ces_identify.comparison.comparison import Comparison, join
 from ces_identify.comparison.pair_results import BETTER, DIVERGED, NO_TEST, SAME, SHORT
 from ces_identify.typesetting import minus
+
+MAX_NAMES = 3  # of other models in a sentence
 
 
 def best_model(comparison: Comparison) -> int:
@@ -22,18 +24,27 @@ def headline(comparison: Comparison) -> str:
         if i != best:
             groups.setdefault(comparison.pair(best, i).verdict, []).append(model.name)
     name = comparison.models[best].name
-    texts = {BETTER: f"{name} is better than {{}}", SAME: f"{name} cannot be told apart from {{}}",
-             SHORT: f"the recordings are too short to know whether {name} differs from {{}}",
-             NO_TEST: f"no test: {name} or {{}} was identified on each recording",
-             DIVERGED: f"{name} has no difference to {{}}: a free run diverged"}  # fmt: skip
-    parts = [texts[verdict].format(join(groups[verdict])) for verdict in texts if verdict in groups]
-    sentence = "; ".join(parts)
-    return f"{sentence[0].upper() if not sentence.startswith(name) else sentence[0]}{sentence[1:]}."
+    sentence = "; ".join(
+        _describe(verdict, name, _shorten(groups[verdict]))
+        for verdict in (BETTER, SAME, SHORT, NO_TEST, DIVERGED)
+        if verdict in groups
+    )
+    return f"{sentence}."
 
 
-def join(names: Sequence[str]) -> str:
-    """Return names as text: a, b and c."""
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+def _describe(verdict: str, best: str, others: str) -> str:
+    """Return a verdict on the model with the lowest cost and others."""
+    return {
+        BETTER: f"{best} is better than {others}",
+        SAME: f"{best} cannot be told apart from {others}",
+        SHORT: f"too short to know: whether {best} differs from {others}",
+        NO_TEST: f"no test: {best} or {others} was identified on each recording",
+        DIVERGED: f"no difference between {best} and {others}: a free run diverged",
+    }[verdict]
+
+
+def _shorten(names: Sequence[str]) -> str:
+    return join(names) if len(names) <= MAX_NAMES else f"{len(names)} of the others"
 
 
 def signed(value: float) -> str:

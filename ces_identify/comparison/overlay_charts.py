@@ -70,7 +70,10 @@ def _sliding(values: F, length: int) -> F:
 def _time_plot(recording: AlignedRecording, names: list[str], number: int, view: tuple[float, float]) -> Plot:
     t, breaks = recording.time_s, np.diff(recording.time_s, prepend=recording.time_s[0]) > MAX_GAP_S
     measured = PlotLine("measured", t, recording.measured, "measured reference", breaks)
-    forces = [PlotLine(name, t, f, series_css(i), breaks) for i, (name, f) in enumerate(zip(names, recording.forces, strict=True))]
+    forces = [
+        PlotLine(name, t, f, series_css(i), breaks)
+        for i, (name, f) in enumerate(zip(names, recording.forces, strict=True))
+    ]
     errors = [
         PlotLine(name, t, np.where(recording.scored, recording.measured - f, np.nan), series_css(i), breaks)
         for i, (name, f) in enumerate(zip(names, recording.forces, strict=True))
@@ -88,8 +91,11 @@ def _loop_plot(recording: AlignedRecording, names: list[str], number: int, windo
     some = slice(window.start, window.stop, -(-(window.stop - window.start) // LOOP_POINTS))
     v = recording.speed[some]
     lines = [PlotLine("measured", v, recording.measured[some], "measured reference")]
-    lines += [PlotLine(name, v, f[some], series_css(i)) for i, (name, f) in enumerate(zip(names, recording.forces, strict=True))]
-    text = f"Measured and simulated force of {recording.name} over piston speed, in the window that the time chart shows first."
+    lines += [
+        PlotLine(name, v, f[some], series_css(i))
+        for i, (name, f) in enumerate(zip(names, recording.forces, strict=True))
+    ]
+    text = f"Force of {recording.name} over piston speed, measured and simulated, in the window shown first."
     area = PlotArea("Force [N]", lines, 380)
     return Plot(
         f"loop{number}", f"Force over speed, {recording.name}", text, "Speed [m/s]", [area], 440, free=True, x_ticks=5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,15 +30,21 @@ class Difference:
     high: float | None
     blocks: int
 
+    def turned(self) -> Difference:
+        """Return the same difference, second minus first."""
+        low, high = (None if end is None else -end for end in (self.high, self.low))
+        return replace(self, value=-self.value, low=low, high=high)
+
 
 @dataclass(frozen=True)
 class PairResult:
     """Two models compared: `first` and `second` are their indices.
 
     `pooled` is over the recordings on which no model of the comparison was identified; without any, over those on which
-    neither of the two was, else over all. Its interval is at the level of its step in Holm's procedure. `each` holds the difference on each recording, with plain 95 % intervals.
-    `verdict` is one of BETTER, SAME, SHORT, NO_TEST and DIVERGED; `better` is the index of the better model, None if
-    neither is. `p_value` is Holm's adjusted one, None without a test. `text` says it in a sentence.
+    neither of the two was, else over all. Its interval is at the level of its step in Holm's procedure. `each` holds
+    the difference on each recording, with plain 95 % intervals. `verdict` is one of BETTER, SAME, SHORT, NO_TEST and
+    DIVERGED; `better` is the index of the better model, None if neither is. `p_value` is Holm's adjusted one, None
+    without a test. `text` says it in a sentence.
     """
 
     first: int
@@ -49,6 +55,12 @@ class PairResult:
     verdict: str
     better: int | None
     text: str
+
+    def minus(self, model: int) -> Difference:
+        """Return the pooled difference as J of the other model minus J of `model`, one of the two."""
+        if model == self.second:
+            return self.pooled
+        return self.pooled.turned()
 
 
 def compare_pairs(
@@ -99,9 +111,7 @@ def _find_errors(used: dict[Pair, list[AlignedRecording]], seed: int) -> dict[Pa
     }
 
 
-def _difference(
-    recordings: Sequence[AlignedRecording], errors: DifferenceErrors | None, level: float
-) -> Difference:
+def _difference(recordings: Sequence[AlignedRecording], errors: DifferenceErrors | None, level: float) -> Difference:
     names = tuple(r.name for r in recordings)
     if errors is None:
         return Difference(names, float("nan"), None, None, 0)

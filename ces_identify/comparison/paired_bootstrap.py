@@ -10,8 +10,9 @@ to sample, and a bootstrap with short blocks then finds differences that are non
 with several lengths, and the widest interval counts: twice the automatic length of Politis and White for the influence
 of a sample on the difference, and a twentieth, a tenth and a fifth of the recording (as in the t-tests over few large
 blocks of Ibragimov and Mueller, Journal of Business & Economic Statistics 28, 2010). With fewer than MIN_BLOCKS
-automatic blocks, or with an error that still grows by more than MAX_GROWTH from a twentieth to a fifth, no answer is
-given. Variation slower than a fifth of the recording is not part of any interval.
+automatic blocks no answer is given, nor with an error that still grows by more than MAX_GROWTH from a twentieth to a
+fifth, unless the difference is far beyond it (CLEAR). Variation slower than a fifth of the recording is not part of any
+interval.
 """
 
 from __future__ import annotations
@@ -30,10 +31,12 @@ from ces_identify.numerics.correlation import block_length
 
 REPLICATES = 2000
 BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
-MIN_BINS = 40  # of a recording
+MIN_BINS = 100  # of a recording: 1 s
 MIN_BLOCKS = 6  # of the automatic length, over all recordings
 MAX_GROWTH = 1.4
+CLEAR = 0.001  # p-value of a difference that a growing error cannot explain
 LARGE_BLOCKS = (20, 10, 5)  # blocks of a recording, for the longer lengths
+MIN_SPREAD = 1e-6  # of the force in a replicate, for blocks of standstill alone
 MAX_BLOCKS = 500  # of a recording: shorter blocks gain nothing
 
 Pair = tuple[int, int]
@@ -54,11 +57,11 @@ class DifferenceErrors:
 
     @property
     def enough(self) -> bool:
-        """Whether there are enough blocks for an interval, and blocks long enough for their error not to grow."""
+        """Whether there are enough blocks for an interval, and blocks so long that a growing error does not matter."""
         if self.blocks < MIN_BLOCKS or not self.errors:
             return False
         _, (shorter, _), *_, (longest, _) = self.errors
-        return longest <= MAX_GROWTH * shorter
+        return longest <= MAX_GROWTH * shorter or self.p_value() < CLEAR
 
     def p_value(self) -> float:
         """Return the largest p-value over all lengths of blocks, that the true difference is zero."""
@@ -172,7 +175,10 @@ def _block_lengths(binned: Sequence[_BinnedErrors], automatic: I) -> list[list[i
     counts = [len(b.columns) for b in binned]
     longest = automatic.max(axis=1)
     lengths = [
-        [int(np.clip(length, n // MAX_BLOCKS + 1, n // min(LARGE_BLOCKS))) for n, length in zip(counts, longest, strict=True)]
+        [
+            int(np.clip(length, n // MAX_BLOCKS + 1, n // min(LARGE_BLOCKS)))
+            for n, length in zip(counts, longest, strict=True)
+        ]
     ]
     return lengths + [[n // blocks for n in counts] for blocks in LARGE_BLOCKS]
 
@@ -195,9 +201,9 @@ def _errors(
 def _replicate(binned: _BinnedErrors, length: int, random: np.random.Generator) -> F:
     """Return sums of squared errors and of squares of the force around its mean (REPLICATES, models + 1), resampled."""
     sums = resample_sums(binned.columns, binned.runs, length, REPLICATES, random)
-    spread = sums[:, -2] - sums[:, -3] ** 2 / sums[:, -1]
+    spread = np.maximum(sums[:, -2] - sums[:, -3] ** 2 / sums[:, -1], MIN_SPREAD * binned.spread)
     scale = binned.columns[:, -1].sum() / sums[:, -1]
-    return np.column_stack([sums[:, :-3], spread]) * scale[:, None]
+    return np.asarray(np.column_stack([sums[:, :-3], spread]) * scale[:, None])
 
 
 def _error(costs: F, sums: Sequence[F], blocks: F, totals: _Totals, pair: Pair) -> tuple[float, float]:

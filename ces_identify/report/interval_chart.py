@@ -45,7 +45,10 @@ def draw_intervals(ident: str, title: str, x_label: str, rows: Sequence[Interval
 
 def _row(p: Panel, i: int, row: IntervalRow) -> str:
     y = TOP + ROW * (i + 0.5)
-    out = [label(INDENT if row.indent else 0.0, y + 4, _shorten(row.name), "name"), label(WIDTH, y + 4, row.text, "tick end")]
+    out = [
+        label(INDENT if row.indent else 0.0, y + 4, _shorten(row.name), "name"),
+        label(WIDTH, y + 4, row.text, "tick end"),
+    ]
     if row.starts and i:
         out.append(f'<path class="grid" d="M0,{y - ROW / 2:.1f}H{WIDTH:.1f}"/>')
     if math.isfinite(row.low) and math.isfinite(row.high) and row.low < row.high:

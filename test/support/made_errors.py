@@ -17,7 +17,7 @@ def aligned(errors, seed=0, name="made", diverged=None):
     lost = diverged or (False,) * models
     return AlignedRecording(
         name, f"hash of {name}", "", RATE_HZ, time_s, still, still, measured, measured - errors, np.ones(n, bool),
-        lost, ((),) * models, {name: (0.0, 0.0) for name in ("position", "speed", "current")},
+        lost, ((),) * models, dict.fromkeys(("position", "speed", "current"), (0.0, 0.0)),
     )  # fmt: skip
 
 

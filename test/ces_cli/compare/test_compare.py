@@ -8,6 +8,9 @@ import pytest
 from browser import A4_PX, find_clipped, find_collisions, find_low_contrast, open_page
 
 from ces_cli.main import main
+from ces_gap.augmented.augmented_file import save_augmented
+from ces_gap.effects.effect import Composition
+from ces_identify import read_recording
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).parents[3]
@@ -59,7 +62,7 @@ def test_tables(folder, monkeypatch, capsys):
     shown = capsys.readouterr().out
     assert "model is better than rig_like:force" in shown
     assert "identified on" in shown and "model was identified on road; its cost there is not a test" in shown
-    assert "nobody wrote down what rig_like:force was identified on" in shown
+    assert "no file says what rig_like:force was identified on" in shown
 
 
 def test_json_holds_the_numbers_of_validate(folder, monkeypatch, capsys):
@@ -69,7 +72,9 @@ def test_json_holds_the_numbers_of_validate(folder, monkeypatch, capsys):
     assert document["schema"] == "ces-compare/1"
     assert [model["name"] for model in document["models"]] == ["ours/model", "theirs/model"]
     first, second = (model["costs"][0] for model in document["models"])
-    recorded = next(row["J"] for row in load_model(SAMPLE).provenance["cost_J_percent"] if row["recording"] == "sine_4hz")
+    recorded = next(
+        row["J"] for row in load_model(SAMPLE).provenance["cost_J_percent"] if row["recording"] == "sine_4hz"
+    )
     assert first["J_percent"] == pytest.approx(recorded, abs=0.05)
     assert (first["use"], second["use"]) == ("test", "not known")
     (pair,) = document["pairs"]
@@ -85,8 +90,40 @@ def test_a_comparison_on_training_data_has_no_verdict(folder, monkeypatch, capsy
     assert document["pairs"][0]["verdict"] == "not a test" and document["pairs"][0]["p_value"] is None
     assert ces("ours/model.json", "rig_like:force", ROAD) == 0
     shown = capsys.readouterr().out
-    assert "No test: model or rig_like:force was identified on each recording." in shown
+    assert "no test: model or rig_like:force was identified on each recording." in shown
     assert "is better" not in shown
+
+
+def test_recordings_of_a_diagnosis_are_no_test_for_its_simulation(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    rows = [{"recording": "sine_4hz", "sha256": read_recording(SINE).sha256}]
+    save_augmented(folder / "augmented.json", "ours/model.json", Composition(()), provenance={"real": rows})
+    assert ces("augmented.json", "ours/model.json", SINE, ROAD, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    uses = [[cost["use"] for cost in model["costs"]] for model in document["models"]]
+    assert uses == [["identified on", "identified on"], ["test", "identified on"]]
+    assert document["pairs"][0]["verdict"] == "not a test"
+
+
+def test_the_front_of_a_campaign_is_compared(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    (folder / "sizes/models").mkdir(parents=True)
+    rows = [
+        {"key": key, "status": "done", "bags": "noise", "structure": "polynomial", "terms": terms, "size": "terms",
+         "parameters": terms, "selection_J": cost, "costs": [], "gain": 0.9, "seconds": 1.0}
+        for key, terms, cost in (("aa", 4, 9.0), ("ab", 8, 5.0), ("ac", 8, 6.0))
+    ]  # fmt: skip
+    (folder / "sizes/results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    for row in rows:
+        shutil.copy(SAMPLE, folder / f"sizes/models/{row['key']}.json")
+    assert ces("sizes", SINE, "--json") == 0
+    names = [model["name"] for model in json.loads(capsys.readouterr().out)["models"]]
+    assert names == ["polynomial 8 terms", "polynomial 4 terms"]
+    assert ces("sizes", "--report", "sizes.html") == 0
+    assert 'href="sizes/models/ab.json"' in (folder / "sizes.html").read_text(encoding="utf-8")
+    assert ces("sizes", "--json") == 0
+    cells = json.loads(capsys.readouterr().out.partition("report: sizes.html\n")[2])["cells"]
+    assert [cell["on_front"] for cell in cells] == [True, False, True]
 
 
 @pytest.mark.parametrize(
