@@ -12,8 +12,8 @@ from ces_cli.diagnose.fleet_page import write_page
 from ces_cli.diagnose.fleet_tables import explain_dashes
 
 RED: dict[str, Any] = {
-    "name": "red", "status": "done", "folder": "units/red", "verdict": "named", "probability": 0.93, "effects": ["friction"],
-    "gap_N": 40.0, "gap_after_N": 5.0, "shrink": 0.88, "sentence": "It lacks <friction>.",
+    "name": "red", "status": "done", "folder": "units/red", "verdict": "named", "probability": 0.93,
+    "effects": ["friction"], "gap_N": 40.0, "gap_after_N": 5.0, "shrink": 0.88, "sentence": "It lacks <friction>.",
 }  # fmt: skip
 GREEN = {
     **RED,
