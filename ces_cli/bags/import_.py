@@ -148,6 +148,8 @@ def _read(path: Path, mapping: DynoMapping | None, options: Namespace) -> Record
                 "for --mapping my.yaml"
             )
         print(f"{path}: {', '.join((*proposal.log.notes, *proposal.found))}")
+        for remark in proposal.remarks:
+            terminal.print_warning(f"{path}: {remark}; taken as logged")
         return to_recording(proposal.log, proposal.mapping)
     with terminal.err.status(f"reading {path}"):
         log = open_log(path, mapping)

@@ -82,6 +82,8 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
 
 def _doubt_time(table: LogTable, time: Column, stamps: Stamps) -> str:
     """Return why the unit of a time without one is doubtful, '' if it is not."""
+    if not table.names:
+        return f"time: column {time.key!r} by its numbers alone, the table has no names"
     usual = float(np.median(np.diff(stamps))) * 1e-9 if len(stamps) > 1 else 0.0
     if time.unit or usual < MAX_USUAL_STEP_S or table.stamps(time) is not None:
         return ""
@@ -131,7 +133,9 @@ def _find_time(table: LogTable, columns: Sequence[_TableColumn]) -> Column | Non
         if unit or read_meaning((c.name,)).quantity == "time" or split_words(c.name) == ("s",):
             unit = unit or _epoch_unit(c)
             return Column(c.key, unit.scale, scaled=True, unit=unit.text) if unit else Column(c.key)
-    return next((Column(c.key) for c in columns if _is_named_time(c)), None)  # its fault is reported when it is read
+    named = [c for c in columns if _is_named_time(c)]  # whose fault is reported when it is read
+    first = [c for c in columns[:1] if not table.names and _goes_forward(c.values)]
+    return next((Column(c.key) for c in (*named, *first)), None)
 
 
 def _stated_time_unit(column: _TableColumn) -> Unit | None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from ces_identify.proposal.choice import Choice, DamperChoice, Selection
 from ces_identify.proposal.choose import choose
 from ces_identify.proposal.log_candidates import LogCandidates, find_log_candidates
+from ces_identify.proposal.sign import UNCHECKED
 from ces_identify.proposal.text import (
     CHECK,
     comment,
@@ -37,7 +38,7 @@ REQUIRED = ("position", "current", "force")
 class MappingProposal:
     """The proposed mapping as text; `mapping` is None if it is not complete.
 
-    `doubts` are to be resolved by a person, `found` says what was taken.
+    `doubts` are to be resolved by a person, `remarks` are not in the way of an import, `found` says what was taken.
     """
 
     selection: Selection
@@ -45,6 +46,7 @@ class MappingProposal:
     mapping: DynoMapping | None
     log: LogTable | TimedLog
     doubts: tuple[str, ...]
+    remarks: tuple[str, ...]
     found: tuple[str, ...]
 
 
@@ -60,7 +62,10 @@ def propose_mapping(path: Path, *, rate: float | None = None, dbc: Sequence[Path
     writer = _Writer(path, log, candidates, selection, dbc)
     text = "\n".join(writer.lines()) + "\n"
     mapping = None if writer.missing else parse_dyno_mapping(text, f"the mapping proposed for {path}")
-    return MappingProposal(selection, text, mapping, log, (*writer.missing, *writer.doubts), tuple(writer.summary()))
+    remarks = tuple(check for check in writer.checks if UNCHECKED in check)
+    return MappingProposal(
+        selection, text, mapping, log, (*writer.missing, *writer.doubts), remarks, tuple(writer.summary())
+    )
 
 
 class _Writer:
@@ -92,9 +97,14 @@ class _Writer:
         return tuple(texts)
 
     @property
+    def checks(self) -> tuple[str, ...]:
+        """What the choices leave to check; a sign that cannot be checked is taken as logged."""
+        return tuple(f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks)
+
+    @property
     def doubts(self) -> tuple[str, ...]:
         """What a person should check."""
-        texts = [f"{signal}: {check}" for signal, choice in self.choices.items() for check in choice.checks]
+        texts = [check for check in self.checks if UNCHECKED not in check]
         if self.found.time_doubt:
             texts.append(self.found.time_doubt)
         if self.names:

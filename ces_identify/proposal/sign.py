@@ -13,6 +13,7 @@ from ces_identify.proposal.words import OUTWARD, find_word
 MIN_CORRELATION = 0.3
 ASYMMETRY = 1.3  # ratio of the larger to the smaller peak of a force; rebound is damped more than compression
 FLIP = "sign turned: "
+UNCHECKED = "the sign could not be checked"
 
 
 def find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice]:
@@ -27,7 +28,7 @@ def find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice
     correlation, _ = table.correlate(position.candidate, force.candidate)
     outward = find_word(position.candidate.names, OUTWARD)
     if not abs(correlation) >= MIN_CORRELATION:
-        text = f"the sign: force and speed hardly correlate ({correlation:+.2f}), so it could not be checked"
+        text = f"{UNCHECKED}: force and speed hardly correlate ({correlation:+.2f})"
         return {**found, "force": replace(force, checks=(*force.checks, text))}
     if outward:
         found = {**found, "position": _turn(position, f"named '{outward}', so positive in rebound")}

@@ -140,6 +140,20 @@ def test_a_time_in_steps_of_one_is_not_taken_for_seconds(tmp_path):
     assert doubt == "time: column 'time' states no unit; in seconds its steps are 1 s (is it in ms, or a number?)"
 
 
+def test_a_table_without_names_is_read_by_its_numbers_and_not_taken_as_certain(tmp_path):
+    path = write(tmp_path / "log.csv", dict(zip("abcd", (T, X, CURRENT, F), strict=True)))
+    path.write_text(path.read_text().partition("\n")[2])
+    proposal = propose_mapping(path)
+    assert any("time: column 0 by its numbers alone" in doubt for doubt in proposal.doubts)
+    assert_reads(to_recording(proposal.log, proposal.mapping))
+
+
+def test_a_sign_that_cannot_be_checked_is_taken_as_logged_with_a_warning(tmp_path, capsys):
+    path = write(tmp_path / "log.csv", {**PLAIN, "force_N": 1e5 * X})
+    assert run(path, "--out", tmp_path / "bag") == 0
+    assert "the sign could not be checked: force and speed hardly correlate" in capsys.readouterr().err
+
+
 def test_a_time_that_runs_backwards_is_named(tmp_path):
     path = write(tmp_path / "log.csv", {**PLAIN, "time_s": T[::-1]})
     with pytest.raises(RecordingError, match="line 3: time runs backwards"):
