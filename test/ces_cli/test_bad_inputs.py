@@ -138,11 +138,11 @@ def test_rules_that_explode_are_refused_with_their_count(work, tmp_path, capsys)
 @pytest.mark.parametrize(
     ("scales", "message"),
     [
-        ({"position": 1000.0}, "position: spans 27"),
-        ({"current": 1000.0}, "A in odd, 0.6"),
-        ({"force": 1e-3}, "is one of them in kN?"),
-        ({"force": -1.0}, "force goes against speed"),
-        ({"position": -1.0}, "force goes against speed"),
+        ({"position": 1000.0}, "odd: position: spans 27"),
+        ({"current": 1000.0}, "odd: current: reaches 6"),
+        ({"force": 1e-3}, "by 1000 if it is in kN"),
+        ({"force": -1.0}, "odd: force: acts with the motion"),
+        ({"position": -1.0}, "odd: force: acts with the motion"),
     ],
 )
 def test_recordings_in_other_units_or_of_another_sign_are_refused(work, tmp_path, capsys, scales, message):
@@ -151,16 +151,16 @@ def test_recordings_in_other_units_or_of_another_sign_are_refused(work, tmp_path
         line = run_and_get_line(capsys, 2, *words, "--out", tmp_path / "m.json")
         assert message in line
         assert " odd" in line
-        assert " one" in line
+        assert "--force" in line
     assert not (tmp_path / "m.json").exists()
 
 
-def test_alone_such_recordings_are_a_warning(work, tmp_path, capsys):
+def test_with_force_such_recordings_are_a_warning(work, tmp_path, capsys):
     bag(tmp_path / "odd", force=-1.0, position=1000.0)
-    assert ces(*identify(work, tmp_path / "odd"), "--out", tmp_path / "m.json") == 0
+    assert ces(*identify(work, tmp_path / "odd"), "--force", "--out", tmp_path / "m.json") == 0
     err = capsys.readouterr().err
     assert "warning: odd: position: spans 27" in err
-    assert "warning: force goes against speed" in err
+    assert "warning: odd: force: acts with the motion" in err
 
 
 # --------------------------------------------------------------------------------------------- Ctrl-C at any moment

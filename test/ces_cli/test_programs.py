@@ -108,7 +108,7 @@ def test_validate_and_identify_agree_on_the_cost(work, capsys):
 
 def test_validate_warns_of_identification_data(work, capsys):
     ces("validate", work / "model.json", work / "one")
-    assert "one: the model was identified on part of these data" in capsys.readouterr().err
+    assert "one: the model was identified on seconds of this recording (as 'one')" in capsys.readouterr().err
 
 
 def test_replay_and_simulate_agree(work):

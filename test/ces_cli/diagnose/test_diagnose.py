@@ -260,7 +260,7 @@ def spoiled(path, change, seconds=8.0):
         ("diagnosed_damper:turned", ("long",), "opposite sign of the measured one (measured over simulated is -1"),
         (SIM, ("kilo",), "the measured force is in kN"),
         (SIM, ("long", "--reference", "kilo"), "expected one unit: is one of them in kN?"),
-        (SIM, ("flat",), "the force channel saturates"),
+        (SIM, ("flat",), "force: the channel saturates"),
         (SIM, ("still",), "the measured force is constant"),
         (SIM, ("tiny",), "80 position samples; expected at least 100"),
         (SIM, ("brief",), "0.40 s with position, current, force and a simulated force together"),

@@ -279,7 +279,7 @@ def test_grey_marks_what_is_outside_the_envelope(tmp_path: Path, both: list[Eval
     narrow = model(envelope=replace(WIDE, speed_m_s=(-3.0, 0.1)))
     outside, _ = page(tmp_path, evaluate(narrow, [both[1].series], VALIDATION), narrow)
     inside, _ = page(tmp_path, both)
-    assert 'class="outside"' in outside and "Inputs outside the model" in outside
+    assert 'class="outside"' in outside and "is outside the model" in outside
     assert 'class="outside"' not in inside and 'class="warning"' not in inside
 
 
