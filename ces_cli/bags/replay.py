@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from math import nan
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_cli.bags.estimates import estimate_forces
 from ces_cli.terminal import terminal
+from ces_identify.preparation.series import hold_current, hold_motion
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
-from ces_observer.model import load_model
+from ces_identify.recordings.recording import Recording
+from ces_observer.estimator import Estimator
+from ces_observer.model import Model, load_model
 from ces_observer.signals import Signal, Signals
 
 ESTIMATE_TOPIC = "/observer/estimate"
@@ -36,6 +40,29 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"  withheld {count}: {reason}")
     print(f"bag: {options.out}")
     return 0
+
+
+def estimate_forces(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Counter[str]]:
+    """Return rows (n, 6) of stamp [ns], position [m], speed [m/s], force [N] and its bounds [N]; reasons where none.
+
+    Without a band, the bounds are NaN.
+    """
+    estimator = Estimator(model)
+    position = recording.channel("position")
+    current = hold_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
+    rows: list[tuple[int, float, float, float, float, float]] = []
+    reasons: Counter[str] = Counter()
+    motion = hold_motion(recording, position.stamps_ns, model.sampling)
+    columns = (position.stamps_ns, position.values, current, motion)
+    for stamp, x, c, m in zip(*(column.tolist() for column in columns), strict=True):
+        force = estimator.step(stamp, x, c, m)
+        if force is None:
+            reasons[estimator.reason] += 1
+        else:
+            half_width = estimator.half_width()
+            width = nan if half_width is None else half_width
+            rows.append((stamp, estimator.position, estimator.speed, force, force - width, force + width))
+    return np.array(rows, dtype=object).reshape(-1, 6), reasons
 
 
 def _estimate_topic(rows: NDArray[np.float64], signals: Signals) -> TopicData:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ces_observer.errors import CesError
 
-FILES = (".mcap", ".db3", ".bag")
+FILES = (".mcap", ".db3")
 WILD = "*?["
 RECORDING, VEHICLE = "recording", "vehicle"
 
