@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Sequence
@@ -20,15 +21,15 @@ from ces_identify.recordings.recording import Recording
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Signal, Signals
 
-IN_SIGNALS_FILE = "in the signals file"  # where the checks of bags advise to set a scale; for a log it is the mapping
 MAPPING_WORDS = ("--scale", "--unit", "--units", "--offset", "--delimiter", "--decimal", "--blank")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError; writes no bag unless all files can be read."""
     parser = make_parser()
-    options, unknown = parser.parse_known_args(argv)
-    _refuse_unknown(parser, unknown)
+    words = list(sys.argv[1:] if argv is None else argv)
+    _refuse_mapping_words(parser, words)
+    options = parser.parse_args(words)
     if options.template:
         print(TEMPLATE, end="")
         return 0
@@ -74,17 +75,14 @@ def make_parser() -> terminal.Parser:
     return parser
 
 
-def _refuse_unknown(parser: terminal.Parser, unknown: Sequence[str]) -> None:
-    """End with the place where a setting belongs, if an unknown option is one of the mapping's."""
-    if not unknown:
-        return
-    word = unknown[0].partition("=")[0]
-    if word in MAPPING_WORDS:
-        parser.error(
-            f"{word}: how a column is read belongs in the mapping, as in 'position: {{column: x, scale: 0.001}}'; "
-            "'ces import FILE --propose > my.yaml' writes one"
-        )
-    parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+def _refuse_mapping_words(parser: terminal.Parser, words: Sequence[str]) -> None:
+    """End with the place where a setting belongs, if a word is an option that a mapping has instead."""
+    for word in (word.partition("=")[0] for word in words):
+        if word in MAPPING_WORDS:
+            parser.error(
+                f"{word}: how a column is read belongs in the mapping, as in 'position: {{column: x, scale: 0.001}}'; "
+                "'ces import FILE --propose > my.yaml' writes one"
+            )
 
 
 def _propose(options: Namespace, parser: terminal.Parser) -> int:
@@ -160,8 +158,7 @@ def _bag_paths(files: Sequence[Path], out: Path) -> list[Path]:
 
 def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool, mapping: str) -> None:
     for finding in findings(recording):
-        text = finding.text.replace(IN_SIGNALS_FILE, f"in {mapping}")
-        terminal.print_warning(f"{recording.source}: {text}")
+        terminal.print_warning(f"{recording.source}: {_for_mapping(finding.text, mapping)}")
     written = [name for name in recording.channels if isinstance(signals.by_name.get(name), Signal)]
     for name in recording.channels.keys() - set(written):
         terminal.print_warning(f"{recording.source}: {name} is left out; give it a topic in the signals file")
@@ -170,3 +167,8 @@ def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool, 
     position = recording.channel("position")
     rate = mean_rate(position)
     print(f"{path}: {len(position)} samples of {', '.join(written)} at {rate:.1f} Hz")
+
+
+def _for_mapping(text: str, mapping: str) -> str:
+    """Return a finding with its remedy in the mapping instead of the signals file that the checks of bags name."""
+    return text.replace("the signals file", mapping)
