@@ -201,6 +201,20 @@ def test_a_current_that_was_only_commanded_is_not_taken_for_measured(tmp_path):
     assert "a command by its name ('cmd')" in proposal.text
 
 
+@pytest.mark.parametrize("storage", list(tiny.StoragePlugin))
+@pytest.mark.parametrize("compression", [tiny.CompressionMode.NONE, tiny.CompressionMode.FILE])
+def test_every_storage(tmp_path, storage, compression):
+    if compression != tiny.CompressionMode.NONE and storage == tiny.StoragePlugin.MCAP:
+        pytest.skip("MCAP compresses its chunks")
+    path = tiny.write(tmp_path / "bag", tiny.drive(), storage=storage, compression=compression)
+    choices = propose_signals([path]).selection.dampers[""].choices
+    assert {name: choice.candidate.topic for name, choice in choices.items()} == {
+        "position": "/joint_states",
+        "current": "/valve_current",
+        "force": "/measured_force",
+    }
+
+
 def test_images_are_passed_over(tmp_path):
     kind = "sensor_msgs/msg/CompressedImage"
     image = tiny.TYPES[kind](header=tiny.header(0), format="png", data=np.zeros(50_000, dtype=np.uint8))
