@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Sequence
@@ -30,8 +31,9 @@ MAPPING_WORDS = ("--scale", "--unit", "--units", "--offset", "--delimiter", "--d
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError; writes no bag unless all files can be read."""
     parser = make_parser()
-    options, unknown = parser.parse_known_args(argv)
-    _refuse_unknown(parser, unknown)
+    words = list(sys.argv[1:] if argv is None else argv)
+    _refuse_mapping_words(parser, words)
+    options = parser.parse_args(words)
     if options.template:
         print(schema_line("import") + TEMPLATE, end="")
         return 0
@@ -82,17 +84,14 @@ def make_parser() -> terminal.Parser:
     return parser
 
 
-def _refuse_unknown(parser: terminal.Parser, unknown: Sequence[str]) -> None:
-    """End with the place where a setting belongs, if an unknown option is one of the mapping's."""
-    if not unknown:
-        return
-    word = unknown[0].partition("=")[0]
-    if word in MAPPING_WORDS:
-        parser.error(
-            f"{word}: how a column is read belongs in the mapping, as in 'position: {{column: x, scale: 0.001}}'; "
-            "'ces import FILE --propose > my.yaml' writes one"
-        )
-    parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+def _refuse_mapping_words(parser: terminal.Parser, words: Sequence[str]) -> None:
+    """End with the place where a setting belongs, if a word is an option that a mapping has instead."""
+    for word in (word.partition("=")[0] for word in words):
+        if word in MAPPING_WORDS:
+            parser.error(
+                f"{word}: how a column is read belongs in the mapping, as in 'position: {{column: x, scale: 0.001}}'; "
+                "'ces import FILE --propose > my.yaml' writes one"
+            )
 
 
 def _propose(options: Namespace, parser: terminal.Parser) -> int:

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from math import nan
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_cli.bags.estimates import estimate_forces
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import find_bag
 from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.outputs import add_overwrite, require_outputs
-from ces_identify.preparation.series import hold_current
+from ces_identify.preparation.series import hold_current, hold_motion
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Recording
 from ces_identify.validation.envelope_use import describe_outside, find_outside
+from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model
 from ces_observer.signals import Signal, Signals
 
@@ -79,6 +80,29 @@ def _print_outside(model: Model, recording: Recording, rows: NDArray[np.float64]
     if uses:
         share = max(use.outside_share for use in uses)
         terminal.print_warning(describe_outside(recording.name, share, uses))
+
+
+def estimate_forces(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Counter[str]]:
+    """Return rows (n, 6) of stamp [ns], position [m], speed [m/s], force [N] and its bounds [N]; reasons where none.
+
+    Without a band, the bounds are NaN.
+    """
+    estimator = Estimator(model)
+    position = recording.channel("position")
+    current = hold_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
+    rows: list[tuple[int, float, float, float, float, float]] = []
+    reasons: Counter[str] = Counter()
+    motion = hold_motion(recording, position.stamps_ns, model.sampling)
+    columns = (position.stamps_ns, position.values, current, motion)
+    for stamp, x, c, m in zip(*(column.tolist() for column in columns), strict=True):
+        force = estimator.step(stamp, x, c, m)
+        if force is None:
+            reasons[estimator.reason] += 1
+        else:
+            half_width = estimator.half_width()
+            width = nan if half_width is None else half_width
+            rows.append((stamp, estimator.position, estimator.speed, force, force - width, force + width))
+    return np.array(rows, dtype=object).reshape(-1, 6), reasons
 
 
 def _estimate_topic(rows: NDArray[np.float64], signals: Signals) -> TopicData:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ces_identify.proposal.candidate import Candidate
-from ces_identify.recordings.bag_fields import BagFields, FieldSeries, read_fields
+from ces_identify.recordings.topic_fields import BagFields, FieldSeries, read_fields
 from ces_identify.recordings.units import split_unit
 from ces_observer.errors import RecordingError
 

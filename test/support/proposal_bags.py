@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import tiny_bags as tiny
 
-SAMPLES, PERIOD_NS = 3000, 2_000_000
+SAMPLES, PERIOD_NS = 1500, 2_000_000
 CUSTOM = "lab_msgs/msg/Float64Stamped"
 ARRAY, SCALAR = "std_msgs/msg/Float32MultiArray", "std_msgs/msg/Float64"
 IMU, TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ces_identify.recordings.bag_fields import read_fields, read_series
 from ces_identify.recordings.formats.log_file import LogSeries, TimedLog
 from ces_identify.recordings.log_mapping import Column, MappingError
+from ces_identify.recordings.topic_fields import read_fields, read_series
 
 
 class BagLog(TimedLog):

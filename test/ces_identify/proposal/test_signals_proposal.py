@@ -201,6 +201,39 @@ def test_a_current_that_was_only_commanded_is_not_taken_for_measured(tmp_path):
     assert "a command by its name ('cmd')" in proposal.text
 
 
+@pytest.mark.parametrize(
+    ("storage", "compression"),
+    [
+        (tiny.StoragePlugin.MCAP, tiny.CompressionMode.NONE),
+        (tiny.StoragePlugin.SQLITE3, tiny.CompressionMode.NONE),
+        (tiny.StoragePlugin.SQLITE3, tiny.CompressionMode.FILE),
+    ],
+)
+def test_every_storage(tmp_path, storage, compression):
+    path = tiny.write(tmp_path / "bag", tiny.drive(), storage=storage, compression=compression)
+    choices = propose_signals([path]).selection.dampers[""].choices
+    assert {name: choice.candidate.topic for name, choice in choices.items()} == {
+        "position": "/joint_states",
+        "current": "/valve_current",
+        "force": "/measured_force",
+    }
+
+
+def test_images_are_passed_over(tmp_path):
+    kind = "sensor_msgs/msg/CompressedImage"
+    image = tiny.TYPES[kind](header=tiny.header(0), format="png", data=np.zeros(50_000, dtype=np.uint8))
+    large = tiny.TYPES["std_msgs/msg/UInt8MultiArray"](
+        layout=tiny.TYPES["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0), data=np.zeros(50_000, dtype=np.uint8)
+    )
+    streams = [bags.numbers("/stroke", X), bags.numbers("/current", CURRENT), bags.wrenches("/force", F)]
+    streams += [("/camera", kind, [(bags.stamps()[0], image)])]
+    streams += [("/blob", "std_msgs/msg/UInt8MultiArray", [(bags.stamps()[0], large)])]
+    proposal, path = proposed(tmp_path, *streams)
+    assert_reads(reread(tmp_path, path))
+    assert proposal.skipped["/camera"] == "not a sensor's type"
+    assert proposal.skipped["/blob"].startswith("messages of 500")
+
+
 def test_several_bags_are_examined_together(tmp_path):
     one = tiny.write(
         tmp_path / "one", [bags.numbers("/stroke", X), bags.wrenches("/force", F), bags.numbers("/u", CURRENT)]

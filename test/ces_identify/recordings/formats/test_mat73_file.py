@@ -1,7 +1,10 @@
 """MATLAB 7.3 files in MATLAB's layout: user block, transposed arrays, structures, references, texts."""
 
+import json
+
 import numpy as np
 import pytest
+import scipy.io
 from log_examples import CURRENT, I_SLOW, T_SLOW, F, T, X, assert_recording
 
 from ces_identify.proposal.mapping_proposal import propose_mapping
@@ -90,6 +93,23 @@ def test_time_series_keep_their_own_times(tmp_path):
     assert_recording(to_recording(proposal.log, proposal.mapping))
     (tmp_path / "map.yaml").write_text(proposal.text)
     assert_recording(import_log(path, mapping(proposal.text)))
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".json"])
+def test_time_series_of_older_files_and_json(tmp_path, suffix):
+    series = {
+        "stroke_mm": {"time": T.tolist(), "data": (1000 * X).tolist()},
+        "current_A": {"time": T_SLOW.tolist(), "data": I_SLOW.tolist()},
+        "force_N": {"time": T.tolist(), "data": F.tolist()},
+    }
+    path = tmp_path / f"log{suffix}"
+    if suffix == ".json":
+        path.write_text(json.dumps(series))
+    else:
+        scipy.io.savemat(path, series)
+    proposal = propose_mapping(path)
+    assert proposal.doubts == ()
+    assert_recording(to_recording(proposal.log, proposal.mapping))
 
 
 def test_a_cell_of_columns(tmp_path):
