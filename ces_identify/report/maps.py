@@ -112,10 +112,6 @@ def _outline(p: Panel, grid: SpeedCurrentGrid, inside: Mask) -> str:
     return f'<path class="outline" d="{"".join(d)}"/>' if d else ""
 
 
-def _envelope(p: Panel, model: Model) -> str:
-    return p.rect(*model.envelope.speed_m_s, "envelope", *model.envelope.current_A)
-
-
 def _bars(grid: SpeedCurrentGrid, values: F, y_label: str, css: str, beside: F | None) -> list[str]:
     """Return a histogram over speed, with a second one as a stepped line."""
     top = max(float(values.max()), 0.0 if beside is None else float(beside.max())) or 1.0

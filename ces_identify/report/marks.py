@@ -1,8 +1,6 @@
-"""Marks in a panel: curves, dots, bands, corridors and shades, each with at most a few thousand points."""
+"""Marks in a panel: curves, dots, bands and corridors, each with at most a few thousand points."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -50,17 +48,6 @@ def ribbon(p: Panel, x: F, low: F, high: F, css: str) -> str:
         return ""
     there, back = zip(p.x.px(x), p.y.px(high), strict=True), zip(p.x.px(x)[::-1], p.y.px(low)[::-1], strict=True)
     return _path(css, "M" + "L".join(f"{a:.1f},{b:.1f}" for a, b in (*there, *back)) + "Z")
-
-
-def shade(p: Panel, x: F, mask: Mask, css: str) -> str:
-    """Return full-height rectangles over the pixel columns where `mask` (n,) is true."""
-    left = math.floor(p.x.start)
-    touched = np.zeros(math.ceil(p.x.stop) - left + 1, bool)
-    touched[np.floor(p.x.px(x[mask])).astype(int) - left] = True
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], touched, [False]]).astype(np.int8))) + left
-    box = f'y="{p.y.stop:.1f}" height="{p.y.start - p.y.stop:.1f}"'
-    pairs = zip(ends[::2], ends[1::2], strict=True)
-    return "".join(f'<rect class="{css}" x="{a}" width="{min(b, p.x.stop) - a:.1f}" {box}/>' for a, b in pairs)
 
 
 def dots(p: Panel, x: F, y: F, css: str) -> str:

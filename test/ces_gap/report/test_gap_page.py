@@ -20,6 +20,7 @@ from ces_gap.report.before_after import worst_second
 from ces_gap.report.causes import cause_rows, effects_without_row
 from ces_gap.report.formatting import EFFECTS, format_number, join_effect_names, parameter_text, percent, region_name
 from ces_gap.report.gap_steps import after_ci95_N, build_gap_steps
+from ces_gap.report.result_files import result_files
 from ces_gap.report.share_chart import shares_ci95
 
 XHTML = "{http://www.w3.org/1999/xhtml}"
@@ -236,6 +237,17 @@ def test_the_next_experiment_has_purpose_files_and_recipe() -> None:
     assert experiment().purpose[1:] in text and "next_experiment.csv" in text
     assert "valve lag and current hysteresis differ by 31.0 N RMS" in text.replace("\N{NO-BREAK SPACE}", " ")
     assert "kind triangle" in text and "0.3, 1.2" in text
+
+
+def test_the_title_says_which_simulation_and_recordings() -> None:
+    d = replace(named(), simulation="/runs/7/model.json", next_experiment=None)
+    first, second = (one.trace.recording for one in d.held_out)
+    sources = [("real", [first]), ("held_out", [second]), ("reference", [replace(first, name="new")])]
+    text = result_files(d, {"kind": "model", "path": "model.json"}, sources)["report.html"]
+    title = next(ET.fromstring(text).iter(f"{XHTML}title")).text
+    assert title == f"Gap of model.json against {first.name}, {second.name} (reference new)"
+    only = result_files(d, {"kind": "model", "path": "model.json"}, sources[:1])["report.html"]
+    assert f"<title>Gap of model.json against {first.name}</title>" in only
 
 
 def test_texts_of_others_are_shown_as_they_are() -> None:

@@ -19,7 +19,7 @@ from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.report import write_report
 from ces_identify.report.drawing import PlotAxis, panel
 from ces_identify.report.grid import make_grid
-from ces_identify.report.marks import band, line, shade
+from ces_identify.report.marks import band, line
 from ces_identify.report.window import choose_window
 from ces_identify.validation.cost_interval import pooled_cost
 from ces_identify.validation.error_regions import error_cells
@@ -351,15 +351,6 @@ def test_band_is_open_where_nothing_was_logged() -> None:
     assert path.count("M") == 2
     drawn = [float(v) for v in re.findall(r"[ML](-?[\d.]+),", path)]
     assert not [v for v in drawn if 201.0 < v < 399.0]
-
-
-def test_shade_covers_the_marked_stretch() -> None:
-    x = np.linspace(0.0, 1.0, 5000)
-    p = panel((0.0, 1.0), (0.0, 1.0), (50.0, 0.0, 400.0, 100.0))
-    found = re.findall(r' x="([\d.]+)" width="([\d.]+)"', shade(p, x, (x > 0.25) & (x < 0.5), "outside"))
-    assert len(found) == 1
-    left, width = map(float, found[0])
-    assert left == pytest.approx(150.0, abs=1.0) and left + width == pytest.approx(250.0, abs=1.0)
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.integers(3, 9))

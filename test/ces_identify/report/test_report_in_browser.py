@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import A4_PX, find_clipped, find_collisions, find_low_contrast, open_page
-from diagnoses import ALL
+from diagnoses import named
 from report_examples import SAMPLING, damper, model
 
 from ces_cli.diagnose.fleet_page import write_page
@@ -51,10 +51,8 @@ def pages(report: Path) -> dict[str, Path]:
         [{**FLEET, "name": "red"}, {"status": "failed", "name": "b", "reason": "bags/b: no topic"}],
         folder / "fleet.html",
     )
-    found = {"report": report, "fleet": folder / "fleet.html"}
-    for which in ("named", "unknown"):
-        found[f"gap, {which}"] = folder / f"{which}.html"
-        found[f"gap, {which}"].write_text(report_page(ALL[which](), "Gap of model.json", {"Command": COMMAND}))
+    found = {"report": report, "fleet": folder / "fleet.html", "gap": folder / "gap.html"}
+    found["gap"].write_text(report_page(named(), "Gap of model.json", {"Command": COMMAND}))
     return found
 
 
@@ -197,7 +195,7 @@ def test_no_peak_is_lost_when_all_is_shown(page: Any, evaluations: list[Evaluati
 
 
 def test_charts_of_a_group_follow_each_other(pages: dict[str, Path]) -> None:
-    with open_page(pages["gap, named"], height=3600) as page:
+    with open_page(pages["gap"], height=3600) as page:
         first = ticks(page, "sf-after", 1)
         page.locator("#sf-before-plot .plot-controls button", has_text="+").click()
         assert ticks(page, "sf-before", 1) == ticks(page, "sf-after", 1) != first
@@ -210,7 +208,7 @@ def test_a_command_can_be_copied(page: Any) -> None:
     assert page.evaluate("getSelection().toString() || navigator.clipboard.readText()") == COMMAND
 
 
-@pytest.mark.parametrize("which", ["report", "gap, named", "gap, unknown", "fleet"])
+@pytest.mark.parametrize("which", ["report", "gap", "fleet"])
 def test_every_page_is_legible(pages: dict[str, Path], which: str) -> None:
     for scheme, width in (("light", 1280), ("dark", 800)):
         with open_page(pages[which], width=width, scheme=scheme) as page:
@@ -219,7 +217,7 @@ def test_every_page_is_legible(pages: dict[str, Path], which: str) -> None:
             assert find_clipped(page) == []
 
 
-@pytest.mark.parametrize("which", ["report", "gap, named", "gap, unknown", "fleet"])
+@pytest.mark.parametrize("which", ["report", "gap", "fleet"])
 def test_every_page_prints_without_controls_and_nothing_is_cut_off(pages: dict[str, Path], which: str) -> None:
     with open_page(pages[which], width=A4_PX["width"], media="print") as page:
         assert find_clipped(page) == []
