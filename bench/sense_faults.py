@@ -65,7 +65,7 @@ class Count:
         self.others += len(found) > len(mine)
 
 
-def with_values(signal: str, change: Callable[[F], F]) -> Change:
+def change_values(signal: str, change: Callable[[F], F]) -> Change:
     """Return a change of the values of one signal."""
 
     def apply(recording: Recording) -> Recording:
@@ -76,7 +76,7 @@ def with_values(signal: str, change: Callable[[F], F]) -> Change:
     return apply
 
 
-def late(signal: str, seconds: float) -> Change:
+def delay_signal(signal: str, seconds: float) -> Change:
     """Return a change that stamps a signal later than it was measured."""
 
     def apply(recording: Recording) -> Recording:
@@ -87,7 +87,7 @@ def late(signal: str, seconds: float) -> Change:
     return apply
 
 
-def sampled_at(rate_Hz: float) -> Change:
+def sample_at(rate_Hz: float) -> Change:
     """Return a change that keeps samples at a lower rate, without a filter, as a slow logger does."""
 
     def apply(recording: Recording) -> Recording:
@@ -100,22 +100,22 @@ def sampled_at(rate_Hz: float) -> Change:
     return apply
 
 
-def clipped(share: float) -> Change:
+def clip_force(share: float) -> Change:
     """Return a change that clips the force at a share of its largest value."""
-    return with_values("force", lambda force: np.clip(force, share * force.min(), share * force.max()))
+    return change_values("force", lambda force: np.clip(force, share * force.min(), share * force.max()))
 
 
-def quantised(signal: str, levels: int) -> Change:
+def quantise(signal: str, levels: int) -> Change:
     """Return a change that leaves a number of levels between the percentiles of a signal."""
 
     def apply(values: F) -> F:
         step = float(np.ptp(np.percentile(values, (1.0, 99.0)))) / levels
         return np.asarray(step * np.round(values / step))
 
-    return with_values(signal, apply)
+    return change_values(signal, apply)
 
 
-def stuck(signal: str) -> Change:
+def hold_stretch(signal: str) -> Change:
     """Return a change that holds one value of a signal from 40 to 50 % of the time, as a lost sensor does."""
 
     def apply(values: F) -> F:
@@ -123,40 +123,40 @@ def stuck(signal: str) -> Change:
         held[round(0.4 * len(values)) : round(0.5 * len(values))] = values[round(0.4 * len(values))]
         return held
 
-    return with_values(signal, apply)
+    return change_values(signal, apply)
 
 
-def held(signal: str, samples: int) -> Change:
+def hold_samples(signal: str, samples: int) -> Change:
     """Return a change that repeats each sample, as a logger does that is faster than its sensor."""
-    return with_values(signal, lambda values: values[np.arange(len(values)) // samples * samples])
+    return change_values(signal, lambda values: values[np.arange(len(values)) // samples * samples])
 
 
 TIMING = ("force", "position", "current")
 FAULTS = (
     Fault("none", lambda recording: recording, ()),
-    Fault("force reversed", with_values("force", np.negative), ("force",)),
-    Fault("position reversed", with_values("position", np.negative), ("force",)),
-    Fault("force in kN", with_values("force", lambda v: 1e-3 * v), ("force",)),
-    Fault("position in mm", with_values("position", lambda v: 1e3 * v), ("position",)),
-    Fault("position in inches", with_values("position", lambda v: v / 0.0254), ("position",)),
-    Fault("current in mA", with_values("current", lambda v: 1e3 * v), ("current",)),
-    Fault("current in percent of 1.6 A", with_values("current", lambda v: v / 0.016), ("current",)),
+    Fault("force reversed", change_values("force", np.negative), ("force",)),
+    Fault("position reversed", change_values("position", np.negative), ("force",)),
+    Fault("force in kN", change_values("force", lambda v: 1e-3 * v), ("force",)),
+    Fault("position in mm", change_values("position", lambda v: 1e3 * v), ("position",)),
+    Fault("position in inches", change_values("position", lambda v: v / 0.0254), ("position",)),
+    Fault("current in mA", change_values("current", lambda v: 1e3 * v), ("current",)),
+    Fault("current in percent of 1.6 A", change_values("current", lambda v: v / 0.016), ("current",)),
     *(
-        Fault(f"{signal} {1e3 * abs(s):.0f} ms {'late' if s > 0 else 'early'}", late(signal, s), TIMING)
+        Fault(f"{signal} {1e3 * abs(s):.0f} ms {'late' if s > 0 else 'early'}", delay_signal(signal, s), TIMING)
         for signal, delays in (
             ("force", (2, 5, 10, 20, 50, -2, -5, -10, -20, -50)),
             ("current", (10, 20, 50, -20, -50)),
         )
         for s in (1e-3 * delay for delay in delays)
     ),
-    *(Fault(f"all at {rate} Hz", sampled_at(rate), ("force",)) for rate in (200, 100, 50)),
-    Fault("force clipped at 80 %", clipped(0.8), ("force",)),
-    Fault("force clipped at 50 %", clipped(0.5), ("force",)),
-    Fault("position with 40 levels", quantised("position", 40), ("position",)),
-    Fault("force with 20 levels", quantised("force", 20), ("force",)),
-    Fault("position stuck for 10 % of the time", stuck("position"), ("position",)),
-    Fault("force stuck for 10 % of the time", stuck("force"), ("force",)),
-    Fault("force held at 100 Hz", held("force", 10), ("force",)),
+    *(Fault(f"all at {rate} Hz", sample_at(rate), ("force",)) for rate in (200, 100, 50)),
+    Fault("force clipped at 80 %", clip_force(0.8), ("force",)),
+    Fault("force clipped at 50 %", clip_force(0.5), ("force",)),
+    Fault("position with 40 levels", quantise("position", 40), ("position",)),
+    Fault("force with 20 levels", quantise("force", 20), ("force",)),
+    Fault("position stuck for 10 % of the time", hold_stretch("position"), ("position",)),
+    Fault("force stuck for 10 % of the time", hold_stretch("force"), ("force",)),
+    Fault("force held at 100 Hz", hold_samples("force", 10), ("force",)),
 )
 
 
@@ -201,7 +201,7 @@ def delay_rows(recordings: Sequence[Recording]) -> list[str]:
     rows: list[tuple[str, ...]] = []
     for signal, delays_ms in (("force", (-20, -10, 10, 20)), ("current", (-50, 20, 50))):
         for true in (1e-3 * ms for ms in delays_ms):
-            found = [d for r in recordings if (d := _estimate(late(signal, true)(r), signal)) and d.certain]
+            found = [d for r in recordings if (d := _estimate(delay_signal(signal, true)(r), signal)) and d.certain]
             if found:
                 errors = [1e3 * abs(d.late_s - true) for d in found]
                 inside = sum(d.low_s <= true <= d.high_s for d in found)

@@ -196,4 +196,4 @@ def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool, 
 
 def _for_mapping(text: str, mapping: str) -> str:
     """Return a finding with its remedy in the mapping; a delay stays in the signals file, which later programs read."""
-    return text if "delay:" in text else text.replace("the signals file", mapping)
+    return text if "key delay" in text else text.replace("the signals file", mapping)

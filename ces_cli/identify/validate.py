@@ -21,7 +21,7 @@ from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_cli.terminal.tables import cost_table, print_band, print_missing, print_outside
 from ces_identify.preparation.series import prepare
 from ces_identify.preparation.weighting import Weighting, parse_weighting
-from ces_identify.sense.content import identified_on
+from ces_identify.sense.content import find_known_recording
 from ces_identify.sense.sense import sense_each
 from ces_identify.validation.error_regions import error_cells
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
@@ -122,7 +122,7 @@ def _evaluations(model: Model, paths: Sequence[Path], options: argparse.Namespac
         terminal.print_warning(finding.text)
     evaluations = []
     for recording in recordings:
-        overlaps = identified_on(recording, model.provenance, options.part)
+        overlaps = find_known_recording(recording, model.provenance, options.part)
         if overlaps:
             terminal.print_warning(
                 f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "

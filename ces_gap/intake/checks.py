@@ -16,7 +16,7 @@ from ces_gap.intake.saturation import saturation_notes
 from ces_gap.trace import F, Trace
 from ces_identify.recordings.recording import Recording
 from ces_identify.sense.consistency import require_consistent
-from ces_identify.sense.content import identified_on, shared_content
+from ces_identify.sense.content import find_known_recording, shared_content
 from ces_identify.sense.saturation import SATURATES
 from ces_identify.sense.sense import sense_each
 from ces_identify.simulations.simulation import Simulation
@@ -73,7 +73,7 @@ def seen_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> tu
     model = model_inside(simulation)
     if model is None:
         return ()
-    seen = sorted({t.name for t in traces if identified_on(t.recording, model.provenance)})
+    seen = sorted({t.name for t in traces if find_known_recording(t.recording, model.provenance)})
     return tuple(
         f"{recording}: {name} was identified on seconds of this recording: it has learned part of the gap, so that the "
         "gap found here is smaller than on new recordings, and effects may be missing; identify it on references, or "

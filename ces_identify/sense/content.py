@@ -74,7 +74,7 @@ def require_distinct(identification: Sequence[Recording], validation: Sequence[R
             if shared := shared_content(one, other):
                 raise RecordingError(
                     f"{_names(one, other)}: {shared}, for identification and for validation: that validates nothing; "
-                    "give another recording, or leave it out of one of the two (--split holds a part of it out)"
+                    "give another recording, or leave it out of one of the two"
                 )
 
 
@@ -92,7 +92,9 @@ def known_share(recording: Recording, marks: Sequence[str]) -> float:
     return float(np.isin(known, _all_marks(recording.channels.get("force"))).mean())
 
 
-def identified_on(recording: Recording, provenance: Mapping[str, Any], part: tuple[float, float] = (0.0, 1.0)) -> str:
+def find_known_recording(
+    recording: Recording, provenance: Mapping[str, Any], part: tuple[float, float] = (0.0, 1.0)
+) -> str:
     """Return the name of a recording that a model was identified on and that holds seconds of this one, else nothing.
 
     `provenance` is the model's, `part` the part of the recording in question. The marks show copies and parts; the hash

@@ -78,8 +78,8 @@ def _describe_delay(signal: str, other: str, delay: Delay) -> Finding:
     severity = WRONG_MODEL if abs(delay.nearest_s) >= WRONG_DELAY_S else WARNING
     return Finding(
         severity,
-        f"{late}: logged {1e3 * abs(delay.late_s):.0f} ms ({size[0]:.0f} to {size[1]:.0f}) after the {reference}; set "
-        f"delay: {abs(delay.late_s):.3f} for {late} in the signals file",
+        f"{late}: logged {1e3 * abs(delay.late_s):.0f} ms ({size[0]:.0f} to {size[1]:.0f}) after the {reference}; add "
+        f"{abs(delay.late_s):.3f} to the key delay (default 0) of {late} in the signals file",
     )
 
 

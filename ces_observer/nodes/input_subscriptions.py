@@ -96,7 +96,7 @@ class InputSubscriptions:
             )
             topic.losses.depth = topic.subscription.qos_profile.depth
         slowly, guard = _make_slow_reader(signal, kind), self._node.guard
-        guarded = guard.wrap(_undelayed(deliver, signal), on_failure), guard.wrap(on_unreadable, on_failure)
+        guarded = guard.wrap(_move_stamps_back(deliver, signal), on_failure), guard.wrap(on_unreadable, on_failure)
         self._topics[key].readers.append((_make_raw_reader(signal) or slowly, slowly, *guarded))
         return is_stamped(kind)
 
@@ -199,7 +199,7 @@ class _Topic:
         return self.arrivals.stamp(info["source_timestamp"], now_ns)
 
 
-def _undelayed(deliver: Deliver, signal: Signal) -> Deliver:
+def _move_stamps_back(deliver: Deliver, signal: Signal) -> Deliver:
     """Return a function that delivers samples with stamps moved back by the signal's delay."""
     delay_ns = signal.delay_ns
     if not delay_ns:

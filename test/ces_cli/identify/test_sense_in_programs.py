@@ -12,6 +12,7 @@ import pytest
 from ces_cli.bags import import_, info, replay
 from ces_cli.identify import program, validate
 from ces_identify import api
+from ces_identify.export.ros_package import NodeSignal
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
@@ -218,3 +219,12 @@ def test_import_leaves_a_delay_to_the_reader(tmp_path):
 def test_a_delay_that_cannot_be_is_refused(delay):
     with pytest.raises(CesError, match="signal 'force': delay"):
         Signals.from_mapping({"force": {"delay": delay}}, "test")
+
+
+def test_the_cpp_observer_refuses_a_delay():
+    signals = Signals.from_mapping({"position": {"delay": 0.02}}, "test")
+    with pytest.raises(
+        CesError, match=r"signal 'position': delay is 0\.02 s, and the C\+\+ observer takes stamps as they are"
+    ):
+        NodeSignal.from_signal(signals["position"])
+    assert NodeSignal.from_signal(signals.without_delays()["position"]).topic == "joint_states"

@@ -22,7 +22,8 @@ from ces_gap.intake.force_units import compare_forces
 from ces_gap.intake.saturation import exclude_saturated_ticks, find_saturations
 from ces_gap.trace import make_trace
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
+from ces_identify.sense.content import recording_marks
+from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
 from ces_observer.errors import CesError, RecordingError
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
@@ -362,6 +363,30 @@ def test_a_model_identified_on_a_real_recording_is_noted():
     assert "model.json was identified on seconds of this recording: it has learned part of the gap" in note
     assert seen_notes(traces[1:], ModelSimulation(model), "model.json") == ()
     assert seen_notes(traces, FunctionSimulation("f", force_of), "f") == ()
+
+
+def test_a_renamed_copy_or_a_part_is_noted_also_inside_an_augmented_simulation():
+    class Wrapped(Simulation):
+        """A simulation around another, as an augmented one is."""
+
+        def __init__(self, inside):
+            self.innermost_simulation = inside
+
+        @property
+        def innermost(self):
+            return self.innermost_simulation
+
+    whole = ride("learned", 1)
+    known = {"identification": [{"recording": "learned", "sha256": "", "marks": " ".join(recording_marks(whole))}]}
+    envelope = Envelope((-1.0, 1.0), (-9.0, 9.0), (-9.0, 9.0))
+    model = Model(Sampling(RATE, 40.0, 0.02), Polynomial((Term(1.0, (Factor("speed", 0),)),)), envelope, (-1e6, 1e6))
+    wrapped = Wrapped(ModelSimulation(replace(model, provenance=known)))
+    for recording in (replace(whole, name="renamed"), replace(whole.part(0.2, 0.8), name="part")):
+        seen = replace(trace(), recording=recording, name=recording.name)
+        (note,) = seen_notes([seen], wrapped, "augmented.json")
+        assert note.startswith(f"{recording.name}: augmented.json was identified on seconds of this recording")
+        assert "the gap found here is smaller than on new recordings" in note
+    assert seen_notes([replace(trace(), recording=ride("new", 2))], wrapped, "augmented.json") == ()
 
 
 @pytest.mark.parametrize(

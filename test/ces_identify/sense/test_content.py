@@ -9,7 +9,7 @@ from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.sense.content import (
-    identified_on,
+    find_known_recording,
     known_share,
     recording_marks,
     require_distinct,
@@ -149,19 +149,19 @@ def test_a_model_knows_copies_and_parts_of_what_it_was_identified_on():
         "marks": " ".join(recording_marks(whole.part(0.0, 0.5))),
     }
     provenance = {"identification": [used]}
-    assert identified_on(made("renamed", seconds=20.0), provenance) == "first"
-    assert identified_on(part(whole, 2.0, 8.0), provenance) == "first"
-    assert identified_on(made("renamed", seconds=20.0), provenance, (0.5, 1.0)) == ""
-    assert identified_on(part(whole, 11.0, 20.0), provenance) == ""
-    assert identified_on(made("other", 2), provenance) == ""
+    assert find_known_recording(made("renamed", seconds=20.0), provenance) == "first"
+    assert find_known_recording(part(whole, 2.0, 8.0), provenance) == "first"
+    assert find_known_recording(made("renamed", seconds=20.0), provenance, (0.5, 1.0)) == ""
+    assert find_known_recording(part(whole, 11.0, 20.0), provenance) == ""
+    assert find_known_recording(made("other", 2), provenance) == ""
 
 
 def test_older_model_files_know_the_bytes_of_their_bags():
     row = {"recording": "first", "sha256": "a1", "share": [0.0, 0.5]}
     recording = replace(made(), sha256="a1")
-    assert identified_on(recording, {"identification": [row]}) == "first"
-    assert identified_on(recording, {"identification": [row]}, (0.5, 1.0)) == ""
-    assert identified_on(replace(recording, sha256="b2"), {"identification": [row]}) == ""
-    assert identified_on(recording, {"identification": [{"recording": "old", "sha256": "a1"}]}) == "old"
+    assert find_known_recording(recording, {"identification": [row]}) == "first"
+    assert find_known_recording(recording, {"identification": [row]}, (0.5, 1.0)) == ""
+    assert find_known_recording(replace(recording, sha256="b2"), {"identification": [row]}) == ""
+    assert find_known_recording(recording, {"identification": [{"recording": "old", "sha256": "a1"}]}) == "old"
     for damaged in (None, "a1", [1, "a1"], [{"marks": "zz 12"}, {"marks": 3, "sha256": 4}]):
-        assert identified_on(recording, {"identification": damaged}) == ""
+        assert find_known_recording(recording, {"identification": damaged}) == ""

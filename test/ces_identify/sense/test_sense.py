@@ -165,7 +165,7 @@ def test_the_late_signal_is_named_with_the_key_to_write(signal, seconds, late):
     (found,) = (f for f in sense(shifted(bag("noise"), signal, seconds)) if "logged" in f.text)
     assert found.severity == "wrong model"
     assert found.text.startswith(f"{late}: logged ")
-    assert "set delay: 0.0" in found.text and found.text.endswith(f"for {late} in the signals file")
+    assert found.text.endswith(f" to the key delay (default 0) of {late} in the signals file")
 
 
 def test_a_single_sine_says_nothing_about_a_delay():
@@ -178,7 +178,7 @@ def test_a_current_that_comes_after_its_force_is_late():
     assert current_delay(recorded_motion(late)).certain
     (found,) = sense(late)
     assert found.text.startswith("current: logged ")
-    assert "after the force; set delay:" in found.text
+    assert "after the force; add 0.0" in found.text
 
 
 def test_a_rate_too_low_for_the_force_is_named():

@@ -90,14 +90,21 @@ def test_a_target_on_fresh_data_ends_it(tmp_path: Path) -> None:
 
 
 def test_given_recordings_are_identified_first_and_cost_nothing(tmp_path: Path) -> None:
-    recording = monotube_rig().run(sine_commands("given", 4.0), tmp_path)
-    write_bag(tmp_path / "bag", recording_topics(recording, load_signals()))
-    plan = make_plan(tmp_path, recordings=["bag"], validate=["bag"], stop={"budget_s": 3.0})
+    for name, seconds in (("bag", 4.0), ("other", 5.0)):
+        recording = monotube_rig().run(sine_commands(name, seconds), tmp_path)
+        write_bag(tmp_path / name, recording_topics(recording, load_signals()))
+    plan = make_plan(tmp_path, recordings=["bag"], validate=["other"], stop={"budget_s": 3.0})
     Iterations(plan, monotube_rig(), tmp_path / "out").run()
     zeroth, first = rows(tmp_path / "out")
     assert (zeroth["number"], zeroth["total_s"], first["total_s"]) == (0, 0.0, 3.0)
     assert first["fresh_J"] is not None
-    assert set(first["validation_J"]) == {"bag"}
+    assert set(first["validation_J"]) == {"other"}
+    twice = make_plan(tmp_path, recordings=["bag"], validate=["bag"], stop={"budget_s": 3.0})
+    with (
+        pytest.warns(UserWarning, match="no header"),
+        pytest.raises(CesError, match="bag: the same recording, for"),
+    ):
+        Iterations(twice, monotube_rig(), tmp_path / "twice")
 
 
 def test_a_repeated_experiment_improves_the_parameters_until_the_cost_stops_falling(tmp_path: Path) -> None:
