@@ -174,7 +174,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
 }
 BAG_MODULES = {
     "ces_identify.recordings.bag_reader",
-    "ces_identify.recordings.bag_fields",
+    "ces_identify.recordings.bag_field_names",
     "ces_identify.recordings.bag_layout",
     "ces_identify.recordings.bag_message",
     "ces_identify.recordings.bag_opening",
