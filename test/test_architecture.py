@@ -197,7 +197,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
 BAG_MODULES = {
     "ces_identify.recordings.topic_fields",
     "ces_identify.recordings.bag_reader",
-    "ces_identify.recordings.message_fields",
+    "ces_identify.recordings.bag_field_names",
     "ces_identify.recordings.bag_layout",
     "ces_identify.recordings.bag_message",
     "ces_identify.recordings.bag_opening",

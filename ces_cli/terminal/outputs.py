@@ -107,8 +107,11 @@ def _require_different(outputs: Mapping[str, Path]) -> None:
 
 
 def _require_no_inputs(outputs: Mapping[str, Path], inputs: Iterable[Path | None]) -> None:
-    """Raise CesError if writing an output would replace an input."""
+    """Raise CesError if an output would replace an input, or be a file in a bag that is read."""
     read = [path.resolve() for path in inputs if path is not None]
     for option, path in outputs.items():
         if any(one.is_relative_to(path.resolve()) for one in read):
             raise CesError(f"{path}: is an input, too; choose another name for {option}")
+        inside = next((one for one in read if path.resolve().is_relative_to(one)), None)
+        if inside is not None:
+            raise CesError(f"{path}: is inside the input {inside.name}; choose another place for {option}")

@@ -11,8 +11,8 @@ import sys
 import textwrap
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn, TextIO, TypeVar
@@ -47,21 +47,46 @@ class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, with `rules` on the options that apply together."""
 
     rules: tuple[OptionRule, ...] = ()
+    _inside = False  # another method of this parser is parsing
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
         """Return the options; raises CesError for one that does not apply."""
         words = self._words(args)
-        return self._apply_rules(words, super().parse_args(words, namespace))
+        with self._inside_a_method():
+            options = super().parse_args(words, namespace)
+        return self._apply_rules(words, options)
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Return the options and the words that are none; raises CesError for an option that does not apply."""
+        if self._inside:
+            return super().parse_known_args(args, namespace)
+        words = self._words(args)
+        with self._inside_a_method():
+            options, unknown = super().parse_known_args(words, namespace)
+        return self._apply_rules(words, options), unknown
 
     def parse_intermixed_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
         """Return the options, between which arguments may be; raises CesError for an option that does not apply."""
         words = self._words(args)
-        return self._apply_rules(words, super().parse_intermixed_args(words, namespace))
+        with self._inside_a_method():
+            options = super().parse_intermixed_args(words, namespace)
+        return self._apply_rules(words, options)
 
     def error(self, message: str) -> NoReturn:
         """Print `message` and where to find help, then exit with status 2."""
         text = as_one_line(f"{self.prog}: error: {message}; see '{self.prog} --help'")
         self.exit(USER_ERROR, f"{text}\n")
+
+    @contextmanager
+    def _inside_a_method(self) -> Iterator[None]:
+        """Let the methods that argparse calls from another one parse without the rules."""
+        self._inside = True
+        try:
+            yield
+        finally:
+            self._inside = False
 
     def _words(self, args: Sequence[str] | None) -> list[str]:
         """Return the command line; an empty argument, such as a variable that is not set, is an error."""

@@ -19,7 +19,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from ces_identify.recordings.message_fields import format_fields, spell_as_ros
+from ces_identify.recordings.bag_field_names import format_fields, spell_as_ros
 from ces_identify.recordings.bag_layout import describe_layout
 from ces_identify.recordings.bag_opening import open_bag
 from ces_identify.recordings.bag_storage import Bag, Topic

@@ -202,7 +202,8 @@ def _reads_bags(action):
 
 
 def _names_file(action):
-    return action.type is Path and str(action.metavar).startswith("FILE") and action.nargs is None
+    named = action.type is Path and str(action.metavar).startswith("FILE") and action.nargs is None
+    return named and "folder" not in str(action.help)
 
 
 def _reads_file(action):

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from ces_cli.campaign.program import _describe_cell
+from ces_cli.campaign.tables import Summary, summary_tables
 from ces_cli.main import main
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 
@@ -105,7 +107,16 @@ def test_a_complete_run_computes_nothing(work, capsys, monkeypatch):
     before = lines_of(work / "whole")
     assert ces("identify", "--campaign", work / "campaign.yaml", "--out", work / "whole") == 0
     assert lines_of(work / "whole") == before
-    assert "identified on both" in capsys.readouterr().out
+    assert "identified on both (6 of 6 models done)" in capsys.readouterr().out
+
+
+def test_cells_are_named_by_what_differs_and_counted_by_bags():
+    row = {"key": "k", "bags": "noise", "structure": "polynomial", "terms": 5, "seed": 2, "status": "done"}
+    row |= {"selection_J": 4.2, "parameters": 5, "seconds": 1.0, "gain": 0.5, "costs": [], "size": "5 terms"}
+    summary = Summary((row,), 9, ("noise", "both"), (), ("terms", "seed"), {"noise": 4, "both": 5})
+    assert _describe_cell(summary, row) == "noise, polynomial, terms 5, seed 2: selection J 4.20 %, 5 parameters, 1.0 s"
+    (table,) = summary_tables(summary, 40)
+    assert table.title == "identified on noise (1 of 4 models done); costs J in %"
 
 
 def test_the_document_has_the_rows_of_the_results(work, capsys):

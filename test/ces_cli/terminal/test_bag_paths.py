@@ -8,7 +8,8 @@ import pytest
 import tiny_bags as tiny
 
 from ces_cli.main import main
-from ces_cli.terminal.bag_paths import find_bag, find_bags
+from ces_cli.terminal.bag_paths import find_bag, find_bags, with_distinct_names
+from ces_identify.recordings.recording import Recording
 from ces_observer.errors import CesError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -27,6 +28,14 @@ def test_a_bag_that_is_named_twice_is_returned_once_or_as_often(here):
     words = ["one", "*", "deep"]
     assert [str(path) for path in find_bags(words)] == ["one", "deep/three", "two"]
     assert [str(path) for path in find_bags(words, repeated=True)] == ["one", "deep/three", "one", "two", "deep/three"]
+
+
+def test_recordings_of_one_name_are_distinguished_by_their_paths():
+    paths = [Path("fleet/red/road"), Path("fleet/blue/road"), Path("bench/noise")]
+    named = with_distinct_names({path: Recording(path.name, {}) for path in paths})
+    assert [recording.name for recording in named.values()] == ["red_road", "blue_road", "bench_noise"]
+    alone = {path: Recording(path.name, {}) for path in paths[1:]}
+    assert with_distinct_names(alone) == alone
 
 
 def test_one_bag(here):

@@ -36,15 +36,18 @@ def make_parser():
     ],
 )
 def test_options_that_break_a_rule(words, message):
-    with pytest.raises(CesError, match=f"^{message}$"):
-        make_parser().parse_args(words)
+    for parse in (make_parser().parse_args, make_parser().parse_known_args, make_parser().parse_intermixed_args):
+        with pytest.raises(CesError, match=f"^{message}$"):
+            parse(words)
 
 
 @pytest.mark.parametrize(
     "words", [[], ["--list", "--shape", "square"], ["--shape=square", "--size=9"], ["--", "--size"]]
 )
 def test_options_that_keep_the_rules(words):
-    make_parser().parse_args(words)
+    parser = make_parser()
+    options = parser.parse_args(words)
+    assert parser.parse_known_args(words) == (options, [])
 
 
 @pytest.mark.parametrize(

@@ -74,6 +74,9 @@ def test_two_outputs_of_one_name_and_an_output_that_is_an_input(here):
     (here / "bag").mkdir()
     (here / "bag" / "metadata.yaml").touch()
     inputs = [here / "bag" / "model.json"]
+    assert "x.csv: is inside the input bag; choose another place for --out" in refusal(
+        require_outputs, True, {"--out": Path("bag/x.csv")}, None, None, [Path("bag")]
+    )
     assert "bag: is an input, too" in refusal(require_outputs, True, None, {"--out": Path("bag")}, None, inputs)
     require_outputs(
         False, names | {"--report": None}, {"--bag": Path("new")}, {"--dir": Path("empty")}, [Path("taken")]

@@ -9,7 +9,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from ces_identify.recordings.message_fields import list_number_fields
+from ces_identify.recordings.bag_field_names import list_number_fields
 from ces_identify.recordings.bag_reader import RecordingWarning, list_topics, read_recording
 from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import Signals
