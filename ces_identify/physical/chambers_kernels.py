@@ -210,8 +210,8 @@ def run_chambers(a: ChamberArrays, data: RunData, score: Score, force: F, matrix
                 total += (score.weights[n] * (force[n] - score.measured[n])) ** 2
             if not fitted:
                 continue
-            e_c[:] = by_c
-            e_r[:] = by_r
+            for p in range(len(by_c)):  # a loop compiles faster than an assignment of arrays
+                e_c[p], e_r[p] = by_c[p], by_r[p]
             s_c, s_r = mount * (oil + ratio * p_c), -mount * p_c  # dS P by the area ratio
             e_c[at[RATIO]] += interval * drive - s_c
             e_r[at[RATIO]] -= s_r

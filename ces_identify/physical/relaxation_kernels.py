@@ -196,7 +196,8 @@ def run_relaxation(
                         for p in range(valve):
                             by_stretch[m, p] += widens * by_setting[p]
                 if scored:
-                    row[:] = by_force
+                    for p in range(size):  # a loop compiles faster than an assignment of arrays
+                        row[p] = by_force[p]
                     add_share(row, at[GAS] + i, along, 1.0)
                     row[at[VISCOUS]] += drive
                     row[at[MASS]] += change

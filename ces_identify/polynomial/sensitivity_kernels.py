@@ -54,8 +54,9 @@ def normal_equations(
             for i in range(n):
                 errors[i] = measured[k0 + i] - past[depth + i]
             total += accumulate(matrix, gradient, slopes[depth : depth + n], errors[:n], weights[k0:k1])
-            past[:depth] = past[n : n + depth].copy()
-            slopes[:depth] = slopes[n : n + depth].copy()
+            for i in range(depth):
+                past[i] = past[n + i]
+            _keep_last(slopes, n, depth)
     mirror(matrix)
     return total, matrix, gradient
 
@@ -147,7 +148,10 @@ def sensitivities(
     `force` (ticks,) is the free run.
     """
     n_terms, depth = len(which), longest_lag(output_lags)
-    out = np.empty((np.count_nonzero(weights > 0.0), n_terms))
+    used = 0
+    for weight in weights:
+        used += weight > 0.0
+    out = np.empty((used, n_terms))
     values, slopes = np.empty((n_terms, BLOCK)), np.empty((depth + BLOCK, n_terms))
     row = 0
     for s in range(len(segments)):
@@ -166,10 +170,19 @@ def sensitivities(
             _run_slopes(values, n, output_lags, gains[k0:k1], slopes, depth)
             for i in range(n):
                 if weights[k0 + i] > 0.0:
-                    out[row] = slopes[depth + i]
+                    for t in range(n_terms):
+                        out[row, t] = slopes[depth + i, t]
                     row += 1
-            slopes[:depth] = slopes[n : n + depth].copy()
+            _keep_last(slopes, n, depth)
     return out
+
+
+@njit(cache=True, nogil=True)
+def _keep_last(slopes: F, n: int, depth: int) -> None:
+    """Move the last `depth` rows of (depth + n, terms) to the front; a loop compiles faster than a copied slice."""
+    for i in range(depth):
+        for t in range(slopes.shape[1]):
+            slopes[i, t] = slopes[n + i, t]
 
 
 @njit(cache=True, nogil=True)
@@ -190,11 +203,14 @@ def candidate_products(
     Sensitivities of the chosen terms with each other (chosen, chosen) and with the error (chosen,); of each candidate
     with the chosen terms (candidates, chosen); and (candidates, 2) with itself and with the error.
     """
-    used = weights > 0.0
-    w, e = weights[used], error[used]
     n = len(chosen)
     run = (powers, segments, force, terms)
     rows = sensitivities(*run, chosen, gains, output_lags, weights)
+    w, e, used = np.empty(len(rows)), np.empty(len(rows)), 0
+    for k in range(len(weights)):  # a loop compiles faster than an index by truth values
+        if weights[k] > 0.0:
+            w[used], e[used] = weights[k], error[k]
+            used += 1
     matrix, gradient = np.zeros((n, n)), np.zeros(n)
     cross, own = np.zeros((len(candidates), n)), np.zeros((len(candidates), 2))
     accumulate(matrix, gradient, rows, e, w)
