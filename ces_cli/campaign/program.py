@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from ces_cli.campaign.live_page import LivePage, write_recommended_reports
 from ces_cli.campaign.tables import Summary, summary_facts, summary_tables, write_csv, write_markdown
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import print_document, without_text
@@ -45,8 +46,11 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
     todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())))
     with open_results(options.out / RESULTS, "a campaign") as results:
-        finished = _compute(todo, results, recordings, options)
+        page = LivePage(options.out, campaign, todo, results)
+        finished = _compute(todo, results, recordings, options, page.refresh)
         summary = Summary.from_rows(campaign, todo, results.rows)
+        write_recommended_reports(page.rows(), options.out, recordings, todo)
+        page.write(running=False)
         with without_text(options.json):
             _write_and_print(summary, options.out)
     if options.json:
@@ -73,6 +77,7 @@ def _compute(
     results: ResultsFolder,
     recordings: Mapping[Path, Recording],
     options: argparse.Namespace,
+    after_each: Callable[[], None],
 ) -> bool:
     """Compute the cells that have no result yet; returns False if Ctrl-C came before the last."""
     missing = [job for job in todo if not results.has(job)]
@@ -81,7 +86,7 @@ def _compute(
     tasks = [Task(job, job.paths) for job in missing]
     threads = max(job.limits.threads for job in missing)
     progress = JobsProgress(len(todo), len(todo) - len(missing), "cells")
-    return run_jobs(compute_cell, tasks, recordings, threads, options, results, progress, _describe_cell)
+    return run_jobs(compute_cell, tasks, recordings, threads, options, results, progress, _describe_cell, after_each)
 
 
 def _describe_cell(row: Row) -> str:
@@ -105,4 +110,4 @@ def _write_and_print(summary: Summary, folder: Path) -> None:
     terminal.out.print(*summary_tables(summary, MAX_ROWS_SHOWN))
     for line in summary.lines():
         terminal.out.print(line, highlight=False, soft_wrap=True)
-    print(f"results: {folder}/results.md, results.csv, pareto.svg, pareto.png, models/")
+    print(f"results: {folder}/campaign.html, results.md, results.csv, pareto.svg, pareto.png, models/, reports/")

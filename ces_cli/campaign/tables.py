@@ -142,7 +142,7 @@ def write_csv(summary: Summary, path: Path) -> None:
     """Write a line for each cell, with one column for the cost on each recording."""
     columns = dict.fromkeys(_column(cost) for row in summary.rows for cost in row.get("costs", ()))
     plain = ["key", "status", "bags", "structure"]
-    plain += list(dict.fromkeys(name for row in summary.rows for name in row if name not in (*plain, "costs")))
+    plain += list(dict.fromkeys(name for row in summary.rows for name in row if name not in (*plain, "costs", "pooled")))
     marks = {FRONT: "front", BEST: "recommended"}
     mark_of = summary.marks()
     lines: list[list[object]] = [[*plain, "mark", *columns]]

@@ -53,12 +53,19 @@ def read_recordings(words: Sequence[str], signals: Signals) -> list[tuple[Path, 
 
 
 def open_models(
-    specs: Sequence[str], recordings: Sequence[tuple[Path, Recording]], signals: Signals
+    specs: Sequence[str],
+    recordings: Sequence[tuple[Path, Recording]],
+    signals: Signals,
+    names: Mapping[str, str] | None = None,
 ) -> list[ComparedModel]:
-    """Return the simulations with names that differ; predictions are read from the recordings' bags."""
+    """Return the simulations; predictions are read from the recordings' bags.
+
+    `names` holds names that are known already; the others come from their files, with folders where they are equal.
+    """
+    known = names or {}
     opened = [_with_predictions(open_simulation(spec), recordings, signals) for spec in specs]
     return [
-        make_compared_model(name, simulation, spec)
+        make_compared_model(known.get(spec, name), simulation, spec)
         for name, simulation, spec in zip(name_sources(specs), opened, specs, strict=True)
     ]
 

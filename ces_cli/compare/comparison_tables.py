@@ -14,6 +14,7 @@ from ces_identify.comparison.conclusions import best_model, headline, join, p_te
 from ces_identify.comparison.pair_results import SHORT, Difference, PairResult
 
 LOWEST = "lowest"
+MAX_PAIRS = 6  # that the terminal shows
 
 
 def cost_table(comparison: Comparison) -> Table:
@@ -56,13 +57,16 @@ def pair_table(comparison: Comparison) -> Table:
     table.add_column("verdict", overflow="fold")
     for pair in comparison.pairs:
         names = [comparison.models[i].name for i in (pair.first, pair.second)]
-        table.add_row(*names, _signed(pair.pooled.value), interval_of(pair.pooled), p_text(pair.p_value), _verdict(pair, comparison))
+        difference = pair.pooled
+        table.add_row(*names, _signed(difference.value), interval_of(difference), p_text(pair.p_value), _verdict(pair))
     return table
 
 
 def sentences(comparison: Comparison) -> Iterator[str]:
     """Yield what the differences say, and what to know before believing them."""
     yield headline(comparison)
+    if len(comparison.pairs) > MAX_PAIRS:
+        yield f"{len(comparison.pairs)} pairs of models: all differences with --report or --json"
     if comparison.machine:
         yield f"µs/tick: the observer's estimator on this machine ({comparison.machine}), models in turns"
     yield from (f"note: {note}" for note in comparison.notes())
@@ -79,17 +83,16 @@ def _above(comparison: Comparison, best: int, model: int) -> str:
     """Return how much higher the pooled cost of `model` is than the lowest; a dash if that is not a test."""
     if not comparison.test_names:
         return NONE
-    pair = comparison.pair(best, model)
-    difference = pair.pooled
+    difference = comparison.pair(best, model).minus(best)
     if difference.low is None or difference.high is None:
         return SHORT if math.isfinite(difference.value) else NONE
-    sign = 1.0 if pair.first == model else -1.0
-    low, high = sorted((sign * difference.low, sign * difference.high))
-    return f"{_signed(sign * difference.value)} ({_signed(low)} to {_signed(high)})"
+    return f"{_signed(difference.value)} ({interval_of(difference)})"
 
 
-def _verdict(pair: PairResult, comparison: Comparison) -> str:
-    return pair.verdict if pair.better is None else f"{comparison.models[pair.better].name} is better"
+def _verdict(pair: PairResult) -> str:
+    if pair.better is None:
+        return pair.verdict
+    return "first better" if pair.better == pair.first else "second better"
 
 
 def _signed(value: float) -> str:

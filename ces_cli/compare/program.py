@@ -10,12 +10,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ces_cli.compare.arguments import open_models, read_recordings, sort_words
-from ces_cli.compare.comparison_tables import cost_table, model_table, pair_table, recording_table, sentences
+from ces_cli.compare.arguments import ComparedWords, open_models, read_recordings, sort_words
+from ces_cli.compare.campaign_fronts import front_models, show_campaigns
+from ces_cli.compare.comparison_tables import MAX_PAIRS, cost_table, model_table, pair_table, recording_table, sentences
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.outputs import add_overwrite, require_new_file
-from ces_identify.comparison.comparison import Comparison, compare
+from ces_identify.comparison.comparison import MAX_MODELS, Comparison, compare
 from ces_identify.comparison.comparison_json import comparison_document
 from ces_identify.comparison.comparison_page import write_comparison
 from ces_observer.errors import CesError
@@ -28,34 +29,40 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_intermixed_args(argv)  # arguments may follow options
     require_new_file(options.report, options.overwrite)
     words = sort_words(options.words)
-    if len(words.simulations) < 2:
-        raise CesError(f"{len(words.simulations)} models given; expected at least two; {USAGE}")
-    if not words.bags:
-        raise CesError(f"no recording given; {USAGE}")
-    comparison = _compare(words.simulations, words.bags, options)
-    if options.report is not None:
-        facts = {"command": shlex.join(["ces", "compare", *(sys.argv[2:] if argv is None else argv)])}
-        write_comparison(options.report, comparison, facts)
-    _print(comparison, options.json)
+    facts = {"command": shlex.join(["ces", "compare", *(sys.argv[2:] if argv is None else argv)])}
+    if words.campaigns and not words.bags and not words.simulations:
+        show_campaigns(words.campaigns, options, facts)
+    else:
+        _compare_and_print(words, options, facts)
     if options.report is not None and not options.json:
         print(f"report: {options.report}")
     return 0
 
 
-def _compare(specs: Sequence[str], bags: Sequence[str], options: argparse.Namespace) -> Comparison:
+def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts: dict[str, str]) -> None:
+    chosen = front_models(words.campaigns, MAX_MODELS - len(words.simulations))
+    if len(words.simulations) + len(chosen) < 2:
+        raise CesError(f"{len(words.simulations) + len(chosen)} models given; expected at least two; {USAGE}")
+    if not words.bags:
+        raise CesError(f"no recording given; {USAGE}")
     signals = terminal.load_described_signals(options)
-    recordings = read_recordings(bags, signals)
-    models = open_models(specs, recordings, signals)
+    specs = {path: name for name, path in chosen.items()}
+    recordings = read_recordings(words.bags, signals)
+    models = open_models([*words.simulations, *specs], recordings, signals, specs)
     with terminal.err.status(f"simulating {len(recordings)} recordings with {len(models)} models"):
-        return compare(models, [recording for _, recording in recordings], options.part)
+        comparison = compare(models, [recording for _, recording in recordings], options.part)
+    if options.report is not None:
+        write_comparison(options.report, comparison, facts)
+    _print(comparison, options.json)
 
 
 def _print(comparison: Comparison, as_json: bool) -> None:
     if as_json:
         print_document("compare", comparison_document(comparison))
         return
-    several = [recording_table(comparison)] if len(comparison.recordings) > 1 else []
-    terminal.out.print(cost_table(comparison), *several, pair_table(comparison), model_table(comparison))
+    recordings = [recording_table(comparison)] if len(comparison.recordings) > 1 else []
+    pairs = [pair_table(comparison)] if len(comparison.pairs) <= MAX_PAIRS else []
+    terminal.out.print(cost_table(comparison), *recordings, *pairs, model_table(comparison))
     for line in sentences(comparison):
         terminal.out.print(line, highlight=False, soft_wrap=True)
 
@@ -71,7 +78,7 @@ def make_parser() -> terminal.Parser:
     )
     text = (
         "simulations to compare (MODEL.json, AUGMENTED.json, RIG.yaml, FILE.fmu, module:function, topic:/name), the "
-        "folder of a campaign for the models on its front, and recordings"
+        "folder of a campaign for the models on its front (alone: its page), and recordings"
     )
     p.add_argument("words", nargs="+", metavar="SIM|BAG", help=text)
     terminal.add_signals(p)

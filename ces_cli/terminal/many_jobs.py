@@ -39,10 +39,11 @@ def run_jobs(
     results: ResultsFolder,
     progress: JobsProgress,
     describe: Callable[[Row], str],
+    after_each: Callable[[], None] = lambda: None,
 ) -> bool:
     """Run the tasks on the cluster --dask or in --jobs processes (default: one per processor), and store the results.
 
-    Returns False if Ctrl-C came before the last.
+    `after_each` is called with each stored result. Returns False if Ctrl-C came before the last.
     """
     if options.dask is not None:
         running = run_on_cluster(work, tasks, shared, options.dask)
@@ -55,6 +56,7 @@ def run_jobs(
                 results.add(result)
                 progress.count(describe(result.row), failed=result.row["status"] != DONE)
                 file.write({"done": progress.finished, "failed": progress.failed})
+                after_each()
     except KeyboardInterrupt:
         results.refresh()
         return False

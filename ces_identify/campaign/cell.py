@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from ces_identify.campaign.plan import AUTO, CampaignJob
+from ces_identify.comparison.tick_time import TickTime, measure_tick_times
 from ces_identify.identification import IdentificationResult, identify
 from ces_identify.jobs.job import DONE, JobResult, run_job
 from ces_identify.jobs.row_log import Row
@@ -17,7 +18,8 @@ from ces_identify.polynomial.search_limits import Limits
 from ces_identify.recordings.recording import Recording
 from ces_identify.structures import KITS
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.validation.evaluate import Evaluation
+from ces_identify.validation.cost_interval import cost_interval, pooled_cost
+from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation
 
 REST = "rest"  # the part of a recording after `split`, as a validation set
 INTERRUPTED = "interrupted"
@@ -38,7 +40,9 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
     result = identify(recordings[:count], recordings[count:], _options(job), fitter=fitter)
     if any(start.ended == INTERRUPTED for start in result.search_results):
         raise KeyboardInterrupt
-    return JobResult(_row(job, result, time.monotonic() - began), {job.output: result.model.to_json()})
+    seconds = time.monotonic() - began
+    (tick,) = measure_tick_times([result.model], recordings[0])
+    return JobResult(_row(job, result, seconds, tick), {job.output: result.model.to_json()})
 
 
 def _options(job: CampaignJob) -> IdentifyOptions:
@@ -52,7 +56,7 @@ def _options(job: CampaignJob) -> IdentifyOptions:
     return replace(options, limits=limits, rules=job.rules)
 
 
-def _row(job: CampaignJob, result: IdentificationResult, seconds: float) -> Row:
+def _row(job: CampaignJob, result: IdentificationResult, seconds: float, tick: TickTime) -> Row:
     best, certificate = result.search_results[0], result.model.certificate
     return {
         **job.identity,
@@ -61,8 +65,10 @@ def _row(job: CampaignJob, result: IdentificationResult, seconds: float) -> Row:
         "parameters": len(best.coefficients),
         "selection_J": _finite(best.cost),
         "costs": _costs(job, result.evaluations),
+        "pooled": _pooled_costs(job, result.evaluations),
         "gain": None if certificate is None else certificate.get("gain"),
         "force_bound_N": None if certificate is None else certificate.get("force_bound_N"),
+        "tick_us": round(tick.fastest_us, 2),
         "seconds": round(seconds, 3),
         "trials": sum(start.trials for start in result.search_results),
         "ended": best.ended,
@@ -70,14 +76,32 @@ def _row(job: CampaignJob, result: IdentificationResult, seconds: float) -> Row:
 
 
 def _costs(job: CampaignJob, evaluations: Sequence[Evaluation]) -> list[Row]:
-    """Return a row for each evaluation: identification, the rest of those recordings after `split`, validation."""
-    rest = len(evaluations) - len(job.validation) - len(job.recordings)
-    sets = ["identification"] * len(job.recordings) + [REST] * rest
-    sets += [name for name, _ in job.validation]
+    """Return a row for each evaluation."""
     return [
         {"set": name, "recording": e.name, "role": e.role, "J": _finite(e.cost), "rms_N": _finite(e.rms_N)}
-        for name, e in zip(sets, evaluations, strict=True)
+        for name, e in zip(_set_names(job, evaluations), evaluations, strict=True)
     ]
+
+
+def _pooled_costs(job: CampaignJob, evaluations: Sequence[Evaluation]) -> Row:
+    """Return J over all recordings of each validation set, with its interval (None if it diverged or is too short)."""
+    sets: dict[str, list[Evaluation]] = {}
+    for name, evaluation in zip(_set_names(job, evaluations), evaluations, strict=True):
+        if name != IDENTIFICATION:
+            sets.setdefault(name, []).append(evaluation)
+    return {name: _pooled_cost(members) for name, members in sets.items()}
+
+
+def _pooled_cost(evaluations: Sequence[Evaluation]) -> Row:
+    interval = cost_interval(evaluations)
+    ends = None if interval is None else [_finite(interval.low), _finite(interval.high)]
+    return {"J": _finite(pooled_cost(evaluations)), "ci95": ends}
+
+
+def _set_names(job: CampaignJob, evaluations: Sequence[Evaluation]) -> list[str]:
+    """Return the set of each evaluation: identification, the rest of those recordings after `split`, validation."""
+    rest = len(evaluations) - len(job.validation) - len(job.recordings)
+    return [IDENTIFICATION] * len(job.recordings) + [REST] * rest + [name for name, _ in job.validation]
 
 
 def _finite(value: float) -> float | None:

@@ -12,9 +12,9 @@ from markupsafe import Markup
 from ces_identify.comparison.comparison import SIGNAL_UNITS, Comparison, ModelResult
 from ces_identify.comparison.compared_model import TRAINED
 from ces_identify.comparison.conclusions import best_model, headline, join, p_text, signed
-from ces_identify.comparison.interval_chart import IntervalRow, draw_intervals
+from ces_identify.report.interval_chart import IntervalRow, draw_intervals
 from ces_identify.comparison.overlay_charts import draw_overlay
-from ces_identify.comparison.pair_results import SHORT, Difference, PairResult
+from ces_identify.comparison.pair_results import Difference, PairResult
 from ces_identify.report.plot import series_css
 from ces_identify.report.shell import command_block, page_template, replace_unencodable
 from ces_identify.typesetting import minus
@@ -50,7 +50,18 @@ def comparison_page(comparison: Comparison, facts: Mapping[str, str]) -> str:
             "J of the first minus J of the second [%]",
             _difference_rows(comparison),
             zero=True,
+        )
+        if len(comparison.pairs) <= MAX_DETAILED_PAIRS
+        else draw_intervals(
+            "differences",
+            f"Costs of the models above that of {comparison.models[best].name}",
+            "J above the lowest [%]",
+            _rows_above(comparison, best),
+            zero=True,
         ),
+        all_pairs=len(comparison.pairs) <= MAX_DETAILED_PAIRS,
+        best=comparison.models[best].name,
+        same_recordings=len({pair.pooled.recordings for pair in comparison.pairs}) == 1,
         recordings=[
             {"recording": recording, "charts": draw_overlay(comparison, n), "costs": [m.costs[n] for m in comparison.models]}
             for n, recording in enumerate(comparison.recordings)
@@ -120,20 +131,18 @@ def _above(comparison: Comparison, best: int, model: int) -> str:
     pair = comparison.pair(best, model)
     if not math.isfinite(pair.pooled.value) or not comparison.test_names:
         return "–"
-    sign = 1.0 if pair.first == model else -1.0
-    if pair.pooled.low is None or pair.pooled.high is None:
-        return f"{signed(sign * pair.pooled.value)} ({SHORT})"
-    low, high = sorted((sign * pair.pooled.low, sign * pair.pooled.high))
-    return f"{signed(sign * pair.pooled.value)} ({signed(low)} to {signed(high)})"
+    return _difference_text(pair.minus(best))
 
 
-def _pair_row(comparison: Comparison, pair: PairResult) -> dict[str, str]:
+def _pair_row(comparison: Comparison, pair: PairResult) -> dict[str, Any]:
     names = [comparison.models[i].name for i in (pair.first, pair.second)]
     verdict = pair.verdict if pair.better is None else f"{comparison.models[pair.better].name} is better"
     return {
         "pair": f"{names[0]} − {names[1]}",
         "on": join(pair.pooled.recordings),
         "difference": _difference_text(pair.pooled),
+        "value": "" if math.isnan(pair.pooled.value) else pair.pooled.value,
+        "p_value": "" if pair.p_value is None else pair.p_value,
         "blocks": str(pair.pooled.blocks),
         "p": p_text(pair.p_value).replace("-", "–"),
         "verdict": verdict,
@@ -141,15 +150,23 @@ def _pair_row(comparison: Comparison, pair: PairResult) -> dict[str, str]:
 
 
 def _difference_rows(comparison: Comparison) -> list[IntervalRow]:
-    detailed = len(comparison.pairs) <= MAX_DETAILED_PAIRS and len(comparison.recordings) > 1
+    """Return a row for each pair and, below it, one for each recording if there are several."""
     rows = []
     for pair in comparison.pairs:
         name = f"{comparison.models[pair.first].name} − {comparison.models[pair.second].name}"
         rows.append(_row(name, pair.pooled, "outline", starts=True))
-        for n, one in enumerate(pair.each if detailed else ()):
+        for n, one in enumerate(pair.each if len(comparison.recordings) > 1 else ()):
             trained = any(comparison.models[i].costs[n].use == TRAINED for i in (pair.first, pair.second))
             rows.append(_row(f"{one.recordings[0]}{' (no test)' if trained else ''}", one, "envelope", starts=False))
     return rows
+
+
+def _rows_above(comparison: Comparison, best: int) -> list[IntervalRow]:
+    """Return a row for each other model: how much its cost is above the lowest."""
+    others = sorted((i for i in range(len(comparison.models)) if i != best), key=_by_cost(comparison))
+    return [
+        _row(comparison.models[i].name, comparison.pair(best, i).minus(best), series_css(i), starts=True) for i in others
+    ]
 
 
 def _row(name: str, one: Difference, css: str, *, starts: bool) -> IntervalRow:

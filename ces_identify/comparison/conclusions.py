@@ -8,6 +8,8 @@ from ces_identify.comparison.comparison import Comparison
 from ces_identify.comparison.pair_results import BETTER, DIVERGED, NO_TEST, SAME, SHORT
 from ces_identify.typesetting import minus
 
+MAX_NAMES = 3  # of other models in a sentence
+
 
 def best_model(comparison: Comparison) -> int:
     """Return the index of the model with the lowest pooled cost."""
@@ -26,7 +28,7 @@ def headline(comparison: Comparison) -> str:
              SHORT: f"the recordings are too short to know whether {name} differs from {{}}",
              NO_TEST: f"no test: {name} or {{}} was identified on each recording",
              DIVERGED: f"{name} has no difference to {{}}: a free run diverged"}  # fmt: skip
-    parts = [texts[verdict].format(join(groups[verdict])) for verdict in texts if verdict in groups]
+    parts = [texts[verdict].format(_shorten(groups[verdict])) for verdict in texts if verdict in groups]
     sentence = "; ".join(parts)
     return f"{sentence[0].upper() if not sentence.startswith(name) else sentence[0]}{sentence[1:]}."
 
@@ -34,6 +36,10 @@ def headline(comparison: Comparison) -> str:
 def join(names: Sequence[str]) -> str:
     """Return names as text: a, b and c."""
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+
+
+def _shorten(names: Sequence[str]) -> str:
+    return join(names) if len(names) <= MAX_NAMES else f"{len(names)} of the others"
 
 
 def signed(value: float) -> str:

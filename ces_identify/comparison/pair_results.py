@@ -50,6 +50,14 @@ class PairResult:
     better: int | None
     text: str
 
+    def minus(self, model: int) -> Difference:
+        """Return the pooled difference as J of the other model minus J of `model`, one of the two."""
+        if model == self.second:
+            return self.pooled
+        low, high = self.pooled.low, self.pooled.high
+        turned = (None, None) if low is None or high is None else (-high, -low)
+        return Difference(self.pooled.recordings, -self.pooled.value, *turned, self.pooled.blocks)
+
 
 def compare_pairs(
     names: Sequence[str], recordings: Sequence[AlignedRecording], uses: Sequence[Sequence[str]], seed: int

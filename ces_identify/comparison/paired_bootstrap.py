@@ -10,8 +10,8 @@ to sample, and a bootstrap with short blocks then finds differences that are non
 with several lengths, and the widest interval counts: twice the automatic length of Politis and White for the influence
 of a sample on the difference, and a twentieth, a tenth and a fifth of the recording (as in the t-tests over few large
 blocks of Ibragimov and Mueller, Journal of Business & Economic Statistics 28, 2010). With fewer than MIN_BLOCKS
-automatic blocks, or with an error that still grows by more than MAX_GROWTH from a twentieth to a fifth, no answer is
-given. Variation slower than a fifth of the recording is not part of any interval.
+automatic blocks no answer is given, nor with an error that still grows by more than MAX_GROWTH from a twentieth to a
+fifth, unless the difference is far beyond it (CLEAR). Variation slower than a fifth of the recording is not part of any interval.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ from ces_identify.numerics.correlation import block_length
 
 REPLICATES = 2000
 BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
-MIN_BINS = 40  # of a recording
+MIN_BINS = 100  # of a recording: 1 s
 MIN_BLOCKS = 6  # of the automatic length, over all recordings
 MAX_GROWTH = 1.4
+CLEAR = 0.001  # p-value of a difference that a growing error cannot explain
 LARGE_BLOCKS = (20, 10, 5)  # blocks of a recording, for the longer lengths
 MAX_BLOCKS = 500  # of a recording: shorter blocks gain nothing
 
@@ -54,11 +55,11 @@ class DifferenceErrors:
 
     @property
     def enough(self) -> bool:
-        """Whether there are enough blocks for an interval, and blocks long enough for their error not to grow."""
+        """Whether there are enough blocks for an interval, and blocks so long that a growing error does not matter."""
         if self.blocks < MIN_BLOCKS or not self.errors:
             return False
         _, (shorter, _), *_, (longest, _) = self.errors
-        return longest <= MAX_GROWTH * shorter
+        return longest <= MAX_GROWTH * shorter or self.p_value() < CLEAR
 
     def p_value(self) -> float:
         """Return the largest p-value over all lengths of blocks, that the true difference is zero."""

@@ -59,7 +59,8 @@ def command_block(command: str) -> Markup:
 @cache
 def _script() -> str:
     """Return the script of all pages as text that HTML and XML read in the same way."""
-    return f"//<![CDATA[\n{_resource(HERE, 'plots.js')}\n//]]>"
+    parts = "\n".join(_resource(HERE, name) for name in ("plots.js", "tables.js"))
+    return f"//<![CDATA[\n{parts}\n//]]>"
 
 
 def _policy() -> str:

@@ -34,16 +34,16 @@ def test_errors_that_vary_slowly_need_large_blocks(monkeypatch):
     """The automatic length alone calls equal models different several times too often."""
 
     def slow(seed):
-        sizes = [np.exp(0.7 * coloured(12_000, 0.998, 7 * seed + i)) for i in range(2)]
-        return aligned(two_models(12_000, seed, pole=0.3) * sizes, seed)
+        sizes = [np.exp(0.7 * coloured(8_000, 0.997, 7 * seed + i)) for i in range(2)]
+        return aligned(two_models(8_000, seed, pole=0.3) * sizes, seed)
 
     def share():
-        found = [find_differences([slow(s)], [(0, 1)], s)[0] for s in range(40)]
+        found = [find_differences([slow(s)], [(0, 1)], s)[0] for s in range(25)]
         return np.mean([one.p_value() < 0.05 for one in found])
 
     with_large = share()
     monkeypatch.setattr(module, "_block_lengths", lambda binned, automatic: [[1] * len(binned)])
-    assert with_large <= 0.1
+    assert with_large <= 0.12
     assert share() >= with_large + 0.2
 
 

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from ces_identify.report.drawing import Panel, axes, label, panel, span_of, svg
 
-WIDTH, LEFT, RIGHT, TOP, ROW, AXIS = 760.0, 250.0, 150.0, 12.0, 24.0, 46.0
+WIDTH, LEFT, RIGHT, TOP, ROW, AXIS = 760.0, 230.0, 180.0, 12.0, 24.0, 46.0
 INDENT = 18.0
 MAX_NAME = 36  # letters of a row's name
 
@@ -48,9 +48,10 @@ def _row(p: Panel, i: int, row: IntervalRow) -> str:
     out = [label(INDENT if row.indent else 0.0, y + 4, _shorten(row.name), "name"), label(WIDTH, y + 4, row.text, "tick end")]
     if row.starts and i:
         out.append(f'<path class="grid" d="M0,{y - ROW / 2:.1f}H{WIDTH:.1f}"/>')
-    if math.isfinite(row.low) and math.isfinite(row.high):
+    if math.isfinite(row.low) and math.isfinite(row.high) and row.low < row.high:
         low, high = (float(p.x.px(v)) for v in (row.low, row.high))
-        out.append(f'<path class="{row.css}" d="M{low:.1f},{y:.1f}H{high:.1f}M{low:.1f},{y - 4:.1f}v8M{high:.1f},{y - 4:.1f}v8"/>')
+        ends = f"M{low:.1f},{y - 4:.1f}v8M{high:.1f},{y - 4:.1f}v8"
+        out.append(f'<path class="{row.css}" d="M{low:.1f},{y:.1f}H{high:.1f}{ends}"/>')
     if math.isfinite(row.value):
         out.append(f'<path class="{row.css} spot" d="M{float(p.x.px(row.value)):.1f},{y:.1f}h0"/>')
     return "".join(out)

@@ -1,0 +1,145 @@
+"""The rows of a campaign with names that a person can tell apart."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ces_identify.campaign.front import front, recommend_model
+from ces_identify.jobs.job import DONE
+from ces_identify.jobs.row_log import Row, read_rows
+from ces_observer.errors import CesError
+
+RESULTS = "results.jsonl"
+RESULT_COLUMNS = frozenset(
+    "key status reason bags structure size parameters selection_J costs pooled gain force_bound_N seconds trials ended "
+    "tick_us".split()
+)  # the other columns of a row are its settings
+IDENTIFICATION = "identification"
+COMMON_AXES = ("seed", "rate_Hz", "bandwidth_Hz", "certificate")
+
+
+@dataclass(frozen=True)
+class CampaignRows:
+    """The rows of a campaign's cells that have a result, of `planned` cells in all."""
+
+    rows: tuple[Row, ...]
+    planned: int
+
+    @property
+    def done(self) -> list[Row]:
+        """Cells with a model, by their selection cost."""
+        rows = [row for row in self.rows if row["status"] == DONE]
+        return sorted(rows, key=lambda row: (row["selection_J"] is None, row["selection_J"] or 0.0))
+
+    @property
+    def failed(self) -> list[Row]:
+        """Cells without a model; `reason` says why."""
+        return [row for row in self.rows if row["status"] != DONE]
+
+    @property
+    def bags(self) -> list[str]:
+        """Sets of bags that models were identified on."""
+        return list(dict.fromkeys(row["bags"] for row in self.rows))
+
+    @property
+    def sets(self) -> list[str]:
+        """Sets of bags that models were validated on."""
+        names = dict.fromkeys(cost["set"] for row in self.rows for cost in row.get("costs", ()))
+        return [name for name in names if name != IDENTIFICATION]
+
+    @property
+    def varied(self) -> list[str]:
+        """Settings that differ among cells of one structure."""
+        names = dict.fromkeys(name for row in self.rows for name in row if name not in RESULT_COLUMNS)
+        return [name for name in names if any(len(values) > 1 for values in self._values(name).values())]
+
+    def _values(self, name: str) -> dict[str, set[str]]:
+        values: dict[str, set[str]] = {}
+        for row in self.rows:
+            if name in row:
+                values.setdefault(row["structure"], set()).add(str(row[name]))
+        return values
+
+    def of_bags(self, name: str) -> list[Row]:
+        """Return the cells with a model that was identified on one set of bags."""
+        return [row for row in self.done if row["bags"] == name]
+
+    def front_keys(self) -> set[str]:
+        """Return the keys of the models on the front of their set of bags."""
+        return {row["key"] for name in self.bags for row in front(self.of_bags(name))}
+
+    def recommended(self) -> dict[str, Row]:
+        """Return the recommended model of each set of bags that has one."""
+        found = {name: recommend_model(self.of_bags(name)) for name in self.bags}
+        return {name: row for name, row in found.items() if row is not None}
+
+    def name(self, row: Row) -> str:
+        """Return the structure of a cell and its settings that vary: polynomial, 12 terms, seed 1."""
+        return ", ".join([row["structure"], *(_describe(key, row[key]) for key in self.varied if key in row)])
+
+    def full_name(self, row: Row) -> str:
+        """Return the name of a cell with its set of bags, if there are several."""
+        return f"{row['bags']}: {self.name(row)}" if len(self.bags) > 1 else self.name(row)
+
+    def effects(self, bags: str) -> dict[str, list[tuple[str, list[float]]]]:
+        """Return for each axis its values with the selection costs of their cells."""
+        axes = {}
+        for axis in ("structure", *self.varied):
+            costs: dict[str, list[float]] = {}
+            for row in self.of_bags(bags):
+                if axis in row and row["selection_J"] is not None:
+                    costs.setdefault(_axis_value(axis, row), []).append(row["selection_J"])
+            if len(costs) > 1:
+                axes[axis] = sorted(costs.items(), key=lambda item: _in_order(item[0]))
+        return axes
+
+
+def read_campaign(folder: Path) -> CampaignRows:
+    """Return the rows in a campaign's folder; raises CesError if there are none or a line cannot be read."""
+    path = folder / RESULTS
+    try:
+        with path.open("rb") as file:
+            rows = tuple(read_rows(file, path, "a campaign").values())
+    except OSError as error:
+        raise CesError(f"{path}: cannot be read: {error.strerror}") from None
+    if not rows or not all(isinstance(row, dict) and {"status", "bags", "structure"} <= row.keys() for row in rows):
+        raise CesError(f"{path}: holds no results of a campaign; `ces identify --campaign` writes them")
+    return CampaignRows(rows, len(rows))
+
+
+def pooled_cost(row: Row, name: str) -> tuple[float | None, tuple[float, float] | None]:
+    """Return J [%] of a row over a set of bags and its 95 % interval; None where there is none.
+
+    Rows of older campaigns hold the costs of single recordings only; of a set with one, that is the same.
+    """
+    pooled = row.get("pooled", {}).get(name)
+    if pooled is not None:
+        interval = pooled.get("ci95")
+        return pooled["J"], None if interval is None else (interval[0], interval[1])
+    costs = [cost["J"] for cost in row.get("costs", ()) if cost["set"] == name]
+    return (costs[0], None) if len(costs) == 1 else (None, None)
+
+
+def _axis_value(axis: str, row: Row) -> str:
+    """Return a row's value on an axis; sizes belong to their structure."""
+    if axis == "structure":
+        return str(row[axis])
+    value = _describe(axis, row[axis])
+    return value if axis in COMMON_AXES else f"{row['structure']}, {value}"
+
+
+def _in_order(text: str) -> list[tuple[int, float | str]]:
+    """Return a key that sorts texts by the numbers in them."""
+    parts = re.split(r"(\d+(?:\.\d+)?)", text)
+    return [(0, float(part)) if i % 2 else (1, part) for i, part in enumerate(parts)]
+
+
+def _describe(key: str, value: Any) -> str:
+    if isinstance(value, bool):
+        return f"{key} {'yes' if value else 'no'}"
+    if key in ("terms", "units", "rules", "springs", "curves", "memberships"):
+        return f"{value} {key}"
+    return f"{key} {value}"

@@ -1,0 +1,126 @@
+"""The page of a campaign: names, links, charts, sorting, and what a running campaign shows."""
+
+import json
+
+import pytest
+from browser import A4_PX, find_clipped, find_collisions, find_low_contrast, open_page
+
+from ces_identify.campaign.campaign_page import PAGE, write_campaign_page
+from ces_identify.campaign.campaign_rows import CampaignRows, pooled_cost, read_campaign
+from ces_observer.errors import CesError
+
+
+def row(key, structure, parameters, selection, test, bags="noise", seed=1, **more):
+    pooled = {"road": {"J": test, "ci95": [test - 1.0, test + 1.0]}}
+    costs = [{"set": "identification", "J": selection, "recording": "a"}, {"set": "road", "J": test, "recording": "b"}]
+    return {
+        "key": key, "status": "done", "bags": bags, "structure": structure, **more, "seed": seed, "size": f"{parameters} terms",
+        "parameters": parameters, "selection_J": selection, "costs": costs, "pooled": pooled, "gain": 0.9,
+        "force_bound_N": 1e5, "seconds": 1.5, "trials": 3, "ended": "done", "tick_us": 2.0 + 0.1 * parameters,
+    }  # fmt: skip
+
+
+ROWS = (
+    row("aa", "polynomial", 4, 12.0, 20.0, terms=4),
+    row("ab", "polynomial", 10, 6.0, 10.0, terms=10),
+    row("ac", "polynomial", 10, 9.0, 9.5, terms=10, seed=2),
+    row("ad", "sigmoid", 30, 5.8, 11.0, units=8),
+    row("ba", "polynomial", 6, 7.0, 8.0, bags="sweep", terms=4),
+    {"key": "ae", "status": "failed", "reason": "too short <1 s", "bags": "noise", "structure": "anfis", "seed": 1},
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sizes of models")
+    (folder / "results.jsonl").write_text("".join(json.dumps(one) + "\n" for one in ROWS))
+    for name in ("models/ab.json", "reports/ab.html"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text("{}")
+    write_campaign_page(folder / PAGE, read_campaign(folder), folder, "sizes", {"command": "ces identify --campaign"})
+    return folder
+
+
+def test_names_tell_the_cells_apart(folder):
+    results = read_campaign(folder)
+    names = [results.full_name(one) for one in results.rows]
+    assert len(set(names)) == len(ROWS)
+    assert names[1] == "noise: polynomial, 10 terms, seed 1"  # without settings that never vary
+
+
+def test_every_front_belongs_to_its_bags(folder):
+    results = read_campaign(folder)
+    assert results.front_keys() == {"aa", "ab", "ad", "ba"}
+    assert {name: one["key"] for name, one in results.recommended().items()} == {"noise": "ab", "sweep": "ba"}
+
+
+def test_rows_of_older_campaigns_have_no_interval():
+    old = {key: value for key, value in ROWS[0].items() if key not in ("pooled", "tick_us")}
+    assert pooled_cost(old, "road") == (20.0, None)
+    assert pooled_cost(ROWS[0], "road") == (20.0, (19.0, 21.0))
+    assert pooled_cost(ROWS[-1], "road") == (None, None)
+
+
+def test_axes_compare_cells_of_one_structure():
+    effects = CampaignRows(ROWS, 6).effects("noise")
+    assert dict(effects["terms"]) == {"polynomial, 4 terms": [12.0], "polynomial, 10 terms": [6.0, 9.0]}
+    assert [name for name, _ in effects["seed"]] == ["seed 1", "seed 2"]
+
+
+def test_a_folder_without_results_is_refused(tmp_path):
+    (tmp_path / "results.jsonl").write_text('{"key": "x"}\n')
+    with pytest.raises(CesError, match="holds no results of a campaign"):
+        read_campaign(tmp_path)
+
+
+def test_links_and_failures(folder):
+    text = (folder / PAGE).read_text(encoding="utf-8")
+    assert 'href="models/ab.json"' in text and 'href="reports/ab.html"' in text and "models/aa.json" not in text
+    assert "too short &lt;1 s" in text
+    assert "5 of 6 cells have a model; 1 failed." in text and 'http-equiv="refresh"' not in text
+    write_campaign_page(folder.parent / "else.html", read_campaign(folder), folder, "sizes", {})
+    assert f'href="{folder.name.replace(" ", "%20")}/models/ab.json"' in (folder.parent / "else.html").read_text()
+
+
+def test_a_running_campaign_reloads_its_page(tmp_path):
+    write_campaign_page(tmp_path / PAGE, CampaignRows(ROWS[:2], 9), tmp_path, "sizes", {}, running=True)
+    text = (tmp_path / PAGE).read_text(encoding="utf-8")
+    assert 'http-equiv="refresh"' in text and "2 of 9 cells have a model; 7 to come." in text
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (800, "dark")])
+def test_the_page_in_a_browser(folder, width, scheme):
+    with open_page(folder / PAGE, width=width, scheme=scheme) as page:
+        assert find_clipped(page) == []
+        assert find_collisions(page) == []
+        assert find_low_contrast(page) == []
+
+
+def test_the_table_is_sorted_with_mouse_and_keyboard(folder):
+    with open_page(folder / PAGE) as page:
+        column = [cell.strip() for cell in page.locator("#cells thead th").all_inner_texts()]
+        size = next(i for i, text in enumerate(column) if text.startswith("Size"))
+
+        def sizes():
+            return [int(cells) for cells in page.locator(f"#cells tbody td:nth-child({size + 1})").all_inner_texts()]
+
+        heading = page.locator("#cells thead th").nth(size)
+        heading.locator("button").click()
+        assert sizes() == [4, 6, 10, 10, 30] and heading.get_attribute("aria-sort") == "ascending"
+        page.keyboard.press("Enter")  # the button has the focus
+        assert sizes() == [30, 10, 10, 6, 4] and heading.get_attribute("aria-sort") == "descending"
+
+
+def test_a_point_of_the_front_shows_its_name(folder):
+    with open_page(folder / PAGE) as page:
+        page.locator("#size0-plot").scroll_into_view_if_needed()
+        at = "p => { const b = p.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; }"
+        x, y = page.locator("#size0-plot path.spot").last.evaluate(at)
+        page.mouse.move(x + 2, y + 2)
+        read = page.locator("#size0-plot .plot-readout").inner_text()
+        assert "polynomial, 4 terms, seed 1: selection 12.00 %" in read
+
+
+def test_the_page_prints_without_clipped_content(folder):
+    with open_page(folder / PAGE, width=A4_PX["width"], height=A4_PX["height"], media="print") as page:
+        assert find_clipped(page) == []

@@ -1,0 +1,141 @@
+"""Comparison of models through the Python API: names, training data, divergence, envelopes, times."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_errors import aligned, two_models
+
+from ces_identify import compare_models, make_recording, read_recording
+from ces_identify.comparison.compared_model import TEST, TRAINED, UNKNOWN, make_compared_model, name_sources
+from ces_identify.comparison.comparison import compare
+from ces_identify.comparison.pair_results import BETTER, DIVERGED, NO_TEST, SAME, SHORT, compare_pairs
+from ces_identify.comparison.tick_time import measure_tick_times
+from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
+from ces_observer.errors import CesError
+from ces_observer.model import load_model
+
+ROOT = Path(__file__).parents[3]
+MODEL = load_model(ROOT / "config/models/sample.json")
+
+
+@pytest.fixture(scope="module")
+def sine():
+    return read_recording(ROOT / "bags/sine_4hz")
+
+
+def at_rate(rate_Hz):
+    """The sample model run at another rate, at which its lags are wrong."""
+    return replace(MODEL, sampling=replace(MODEL.sampling, rate_Hz=rate_Hz))
+
+
+@pytest.mark.parametrize(
+    ("sources", "names"),
+    [
+        (["a.json", "b/c.json"], ["a", "c"]),
+        (["one/model.json", "two/model.json", "other.json"], ["one/model", "two/model", "other"]),
+        (["x/one/m.json", "y/one/m.json"], ["x/one/m", "y/one/m"]),
+        (["damper.fmu", "module:force", "topic:/p"], ["damper.fmu", "module:force", "p"]),
+    ],
+)
+def test_names_are_short_and_differ(sources, names):
+    assert name_sources(sources) == names
+
+
+def test_part_of_a_recording_after_the_split_is_a_test(sine):
+    facts = {"identification": [{"recording": "sine", "sha256": sine.sha256, "share": [0.0, 0.7]}]}
+    model = make_compared_model("m", ModelSimulation(replace(MODEL, provenance=facts)))
+    assert model.use_of(sine, (0.0, 1.0)) == TRAINED
+    assert model.use_of(sine, (0.7, 1.0)) == TEST
+    assert make_compared_model("m", ModelSimulation(replace(MODEL, provenance={}))).use_of(sine, (0.7, 1.0)) == UNKNOWN
+    assert model.use_of(replace(sine, sha256=""), (0.0, 1.0)) == UNKNOWN
+
+
+def test_models_of_different_rates_have_forces_at_the_same_stamps(sine):
+    found = compare_models({"a": MODEL, "b": at_rate(500.0)}, sine, timing=False)
+    (recording,) = found.recordings
+    assert recording.forces.shape == (2, len(sine.channel("position")))
+    assert np.isfinite(recording.errors).all()
+    assert recording.time_s[recording.scored][0] >= 0.5
+    assert found.pairs[0].verdict == BETTER and found.pairs[0].better == 0
+    assert found.models[0].tick is None and found.machine == ""
+
+
+def test_only_the_part_is_scored(sine):
+    found = compare_models({"a": MODEL, "b": at_rate(700.0)}, sine, part=(0.5, 1.0), timing=False)
+    (recording,) = found.recordings
+    assert recording.time_s[recording.scored][0] == pytest.approx(0.5 * recording.time_s[-1], rel=1e-3)
+
+
+def test_a_model_that_diverges_has_no_cost_and_spoils_none_of_the_others(sine):
+    tight = replace(MODEL, force_envelope_N=(-300.0, 300.0))
+    found = compare_models({"a": MODEL, "b": tight, "c": at_rate(700.0)}, sine, timing=False)
+    assert np.isinf(found.models[1].pooled) and np.isfinite(found.models[0].pooled)
+    assert [pair.verdict for pair in found.pairs].count(DIVERGED) == 2
+    assert found.pair(0, 2).verdict == BETTER
+    alone = compare_models({"a": MODEL, "c": at_rate(700.0)}, sine, timing=False)
+    assert found.models[0].pooled == pytest.approx(alone.models[0].pooled)
+    assert "b left its force envelope on sine_4hz: it has no cost there" in found.notes()
+
+
+def test_a_recording_beyond_the_envelope_is_named(sine):
+    narrow = replace(MODEL, envelope=replace(MODEL.envelope, position_m=(-0.01, 0.01)))
+    found = compare_models({"a": MODEL, "b": narrow}, sine, timing=False)
+    (note,) = (note for note in found.notes() if "envelope of b" in note)
+    assert note.startswith("sine_4hz leaves the envelope of b: position -0.018") and "knows -0.01 to 0.01 m" in note
+
+
+def test_a_simulation_without_provenance_is_not_called_tested(sine):
+    function = FunctionSimulation("rig", lambda t, x, i: 3000.0 * np.gradient(x, t) * (0.3 + i))
+    found = compare_models({"a": MODEL, "rig": function}, sine)
+    assert any("nobody wrote down what rig was identified on" in note for note in found.notes())
+    assert found.models[1].tick is None and found.models[1].force_bound_N is None
+    assert found.models[0].tick.fastest_us <= found.models[0].tick.median_us <= found.models[0].tick.slowest_us
+
+
+def test_verdicts_at_known_truth():
+    n = 15_000
+    errors = np.concatenate([two_models(n, 1, 1.6), two_models(n, 1)[1:], np.full((1, n), np.nan)])
+    errors[2] = errors[1]
+    recording = aligned(errors, diverged=(False, False, False, True))
+    uses = [["test"], ["test"], ["identified on"], ["test"]]
+    found = {(p.first, p.second): p for p in compare_pairs("abcd", [recording], uses, 0)}
+    assert (found[0, 1].verdict, found[0, 1].better) == (BETTER, 1)  # neither was identified on it
+    assert found[1, 2].verdict == NO_TEST and found[1, 2].pooled.value == 0.0 and found[1, 2].p_value is None
+    assert found[0, 3].verdict == DIVERGED
+    short = aligned(two_models(300, 1))
+    assert compare_pairs("ab", [short], [["test"], ["test"]], 0)[0].verdict == SHORT
+    same = aligned(errors[1:3])
+    assert compare_pairs("ab", [same], [["test"], ["test"]], 0)[0].verdict == SAME
+
+
+def test_holm_widens_intervals_of_several_pairs():
+    n = 15_000
+    errors = np.concatenate([two_models(n, 1, 1.2), two_models(n, 2, 1.1), two_models(n, 3)])
+    alone = compare_pairs("ab", [aligned(errors[:2])], [["test"]] * 2, 0)[0]
+    among = compare_pairs("abcdef", [aligned(errors)], [["test"]] * 6, 0)[0]
+    assert among.p_value > alone.p_value
+    assert among.pooled.high - among.pooled.low > alone.pooled.high - alone.pooled.low
+
+
+def test_mistakes(sine):
+    with pytest.raises(CesError, match="1 models to compare; expected 2 to 8"):
+        compare_models({"a": MODEL}, sine)
+    twice = [make_compared_model("a", ModelSimulation(MODEL))] * 2
+    with pytest.raises(CesError, match="two models are named 'a'"):
+        compare(twice, [sine])
+    with pytest.raises(CesError, match="the same recording twice"):
+        compare_models({"a": MODEL, "b": MODEL}, [sine, sine])
+    t = np.arange(2000) / 1000.0
+    silent = make_recording(t, 0.01 * np.sin(20 * t), np.full(2000, 0.4), name="silent")
+    with pytest.raises(CesError, match="silent: no measured force to compare with"):
+        compare_models({"a": MODEL, "b": MODEL}, silent)
+    brief = make_recording(t[:520], 0.01 * np.sin(20 * t[:520]), np.full(520, 0.4), t[:520], name="brief")
+    with pytest.raises(CesError, match="brief: .* samples at which all models and the measurement have a force"):
+        compare_models({"a": MODEL, "b": MODEL}, brief)
+
+
+def test_the_time_of_a_tick_is_that_of_one_step_of_the_estimator(sine):
+    (one,) = measure_tick_times([MODEL], sine)
+    assert 0.1 < one.fastest_us <= one.median_us < 2000.0
