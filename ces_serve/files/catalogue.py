@@ -46,7 +46,7 @@ MEMBER = "ensemble_"  # models by which `ces iterate` measures disagreement
 
 
 @dataclass(frozen=True)
-class Search:
+class RunningSearch:
     """A program that is running: the path of its output (relative), its progress file, and what that says."""
 
     path: str
@@ -59,7 +59,7 @@ class Listing:
     """What one walk found, newest first; `cut` says that there is more than the limits allow."""
 
     items: tuple[Item, ...]
-    searches: tuple[Search, ...]
+    searches: tuple[RunningSearch, ...]
     cut: bool
     made_s: float
 
@@ -80,7 +80,7 @@ class Listing:
 @dataclass
 class _Walk:
     items: list[Item] = field(default_factory=list)
-    searches: list[Search] = field(default_factory=list)
+    searches: list[RunningSearch] = field(default_factory=list)
     files: int = 0
     cut: bool = False
 
@@ -144,7 +144,7 @@ class Catalogue:
             if entry.name.startswith("."):
                 if entry.name.endswith(SUFFIX) and (progress := read_progress(path)) and progress.alive:
                     output = folder if entry.name == SUFFIX else folder / entry.name[1:].removesuffix(SUFFIX)
-                    walk.searches.append(Search(self.folder.relative(output), path, progress))
+                    walk.searches.append(RunningSearch(self.folder.relative(output), path, progress))
             elif (known := _kind_of(path)) is not None:
                 yield from self._remember(*known, before)
 

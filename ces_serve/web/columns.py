@@ -14,7 +14,7 @@ ALL = ""  # the list of all kinds
 
 
 @dataclass(frozen=True)
-class Column:
+class ListColumn:
     """A column: its key in a URL, heading, text of a cell, and the value to sort by (None comes last)."""
 
     key: str
@@ -25,12 +25,12 @@ class Column:
     falling: bool = False  # the first click sorts from the largest down
 
 
-def columns_of(kind: str) -> tuple[Column, ...]:
+def columns_of(kind: str) -> tuple[ListColumn, ...]:
     """Return the columns after the name, for a list of one kind or of ALL."""
     return (*COLUMNS[kind], CHANGED)
 
 
-def sort_items(items: Sequence[Item], key: str, columns: Sequence[Column]) -> list[Item]:
+def sort_items(items: Sequence[Item], key: str, columns: Sequence[ListColumn]) -> list[Item]:
     """Return the items sorted by the column `key`, falling if it begins with a minus; as they are if unknown."""
     column = next((one for one in columns if one.key == key.removeprefix("-")), None)
     if column is None:
@@ -45,7 +45,7 @@ def format_time(time_s: float) -> str:
     return f"{datetime.fromtimestamp(time_s):%Y-%m-%d %H:%M}"
 
 
-def _fact(key: str, heading: str, form: str = "", scale: float = 1.0, falling: bool = False) -> Column:
+def _fact(key: str, heading: str, form: str = "", scale: float = 1.0, falling: bool = False) -> ListColumn:
     """Return the column of a number in the facts, or of a text if `form` is empty."""
 
     def value(one: Item) -> Any:
@@ -58,22 +58,22 @@ def _fact(key: str, heading: str, form: str = "", scale: float = 1.0, falling: b
             return "–"
         return format(found if scale == 1.0 else found * scale, form).replace("-", "−") if form else str(found)
 
-    return Column(key, heading, text, value, numeric=bool(form), falling=falling)
+    return ListColumn(key, heading, text, value, numeric=bool(form), falling=falling)
 
 
-NAME = Column("name", "name", lambda one: one.name, lambda one: one.path.lower())
-CHANGED = Column(
+NAME = ListColumn("name", "name", lambda one: one.name, lambda one: one.path.lower())
+CHANGED = ListColumn(
     "changed", "changed", lambda one: format_time(one.modified_s), lambda one: one.modified_s, falling=True
 )
-KIND = Column("kind", "kind", lambda one: KINDS[one.kind][1].replace(" ", "\u00a0"), lambda one: one.kind)
-SUMMARY = Column("summary", "says", lambda one: one.summary, lambda one: one.summary.lower() or None)
-PROOF = Column(
+KIND = ListColumn("kind", "kind", lambda one: KINDS[one.kind][1].replace(" ", "\u00a0"), lambda one: one.kind)
+SUMMARY = ListColumn("summary", "says", lambda one: one.summary, lambda one: one.summary.lower() or None)
+PROOF = ListColumn(
     "proof",
     "stability",
     lambda one: str(one.facts["certificate"]).partition(":")[0],
     lambda one: str(one.facts["certificate"]),
 )
-COLUMNS: dict[str, tuple[Column, ...]] = {
+COLUMNS: dict[str, tuple[ListColumn, ...]] = {
     ALL: (KIND, SUMMARY, _fact("cost_J", "J %", ".2f")),
     item.MODEL: (
         _fact("structure", "structure"),

@@ -13,18 +13,19 @@ from ces_serve.files.facts import WRONG_CONTENT
 from ces_serve.files.item import KINDS, RECORDING, REPORT, Item
 from ces_serve.files.served_folder import NotServedError
 from ces_serve.web import contents
+from ces_serve.web.campaign_content import campaign_content
 from ces_serve.web.events import ALIVE, Events, streams
 from ces_serve.web.lists import item_url
 from ces_serve.web.recording_content import recording_content
 from ces_serve.web.site import Site, site, stamp
-from ces_serve.web.tables import Content
+from ces_serve.web.tables import PageContent
 from ces_serve.work.process import FAILED, RESULT, do_work
 
 INSPECT_LIMIT_S = 120.0
 MAX_BESIDE = 12
-CONTENTS: dict[str, Callable[[Site, Item], Content]] = {
+CONTENTS: dict[str, Callable[[Site, Item], PageContent]] = {
     item.MODEL: contents.model_content,
-    item.CAMPAIGN: contents.campaign_content,
+    item.CAMPAIGN: campaign_content,
     item.DIAGNOSIS: contents.diagnosis_content,
     item.FLEET: contents.fleet_content,
     item.ITERATION: contents.iteration_content,
@@ -38,12 +39,12 @@ pages = Blueprint("details", __name__)
 def show(kind: str, path: str) -> str:
     """Return the page of a thing; a file that has become unreadable says why."""
     one = _find(kind, path)
-    content = Content(headline=one.problem)
+    content = PageContent(headline=one.problem)
     if kind in CONTENTS:
         try:
             content = CONTENTS[kind](site(), one)
         except (CesError, OSError, *WRONG_CONTENT) as error:
-            content = Content(warnings=[f"cannot be read now: {error}"])
+            content = PageContent(warnings=[f"cannot be read now: {error}"])
     return render_template(
         "detail.html",
         title=one.name,
@@ -94,7 +95,7 @@ def _find(kind: str, path: str) -> Item:
     return one
 
 
-def _beside(one: Item, content: Content) -> list[tuple[str, str, str]]:
+def _beside(one: Item, content: PageContent) -> list[tuple[str, str, str]]:
     """Return name, address and kind of what is in the same folder and has no link yet, at most a dozen."""
     linked = {address for _, address in content.links}
     found = [

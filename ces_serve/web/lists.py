@@ -9,9 +9,9 @@ from urllib.parse import urlencode
 
 from flask import Blueprint, Response, abort, render_template, request, url_for
 
-from ces_serve.files.catalogue import Listing, Search
+from ces_serve.files.catalogue import Listing, RunningSearch
 from ces_serve.files.item import KINDS, MODEL, REPORT, UNREADABLE, Item
-from ces_serve.web.columns import ALL, NAME, Column, columns_of, sort_items
+from ces_serve.web.columns import ALL, NAME, ListColumn, columns_of, sort_items
 from ces_serve.web.events import ALIVE, Events, streams
 from ces_serve.web.site import site
 
@@ -26,7 +26,7 @@ pages = Blueprint("lists", __name__)
 class Heading:
     """A column's heading: a link that sorts by it, and whether the list is sorted so now."""
 
-    column: Column
+    column: ListColumn
     url: str
     sorted: str  # for aria-sort
 
@@ -58,7 +58,7 @@ def item_url(one: Item) -> str:
     return url_for("details.show", kind=one.kind, path=one.path)
 
 
-def search_url(search: Search) -> str:
+def search_url(search: RunningSearch) -> str:
     """Return the address of a running search."""
     return url_for("searches.show", path=search.path)
 
@@ -100,7 +100,7 @@ def count_kinds(listing: Listing) -> list[tuple[str, str, int]]:
     return [row for row in counts if row[2]]
 
 
-def _heading(column: Column, order: str, query: str) -> Heading:
+def _heading(column: ListColumn, order: str, query: str) -> Heading:
     falling = order == f"-{column.key}"
     rising = order == column.key
     following = column.key if falling or not (rising or column.falling) else f"-{column.key}"

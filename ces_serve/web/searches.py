@@ -11,13 +11,14 @@ from flask import Blueprint, Response, abort, render_template, url_for
 
 from ces_identify.progress_file import RUNNING, RunProgress, read_progress
 from ces_observer.errors import CesError
-from ces_serve.files.catalogue import Search
+from ces_serve.files.catalogue import RunningSearch
 from ces_serve.files.facts import WRONG_CONTENT
 from ces_serve.files.item import CAMPAIGN, REPORT, Item
-from ces_serve.web import contents, curves
+from ces_serve.web import curves
+from ces_serve.web.campaign_content import campaign_content
 from ces_serve.web.events import ALIVE, Events, streams
 from ces_serve.web.site import Site, site
-from ces_serve.web.tables import Cell, Content, PageTable, cell, join, number
+from ces_serve.web.tables import PageCell, PageContent, PageTable, cell, join, number
 
 POLL_S, REPORT_EVERY = 0.3, 4  # [s] between looks at the file; looks between signs of life
 
@@ -28,7 +29,7 @@ pages = Blueprint("searches", __name__)
 def show(path: str) -> str:
     """Return the page of a running program; of one that has ended, what it wrote."""
     search = _find(path)
-    content = search_content(site(), search, search.progress) if search else Content()
+    content = search_content(site(), search, search.progress) if search else PageContent()
     return render_template(
         "search.html",
         title=path if path != "." else site().folder.root.name,
@@ -50,7 +51,7 @@ def follow(path: str) -> Response:
     return streams().respond(_follow(site(), search))
 
 
-def describe_search(search: Search) -> str:
+def describe_search(search: RunningSearch) -> str:
     """Return what a running program does, in one line."""
     head, rows = search.progress.head, search.progress.rows
     if head.get("program") == "jobs":
@@ -61,7 +62,7 @@ def describe_search(search: Search) -> str:
     return f"{search.path}: {_step(search.progress) or head.get('program')}, {best}"
 
 
-def search_content(where: Site, search: Search, progress: RunProgress) -> Content:
+def search_content(where: Site, search: RunningSearch, progress: RunProgress) -> PageContent:
     """Return what a running program has found so far."""
     head = progress.head
     elapsed_s = max(0.0, time.time() - float(head.get("began_s") or time.time()))
@@ -69,8 +70,8 @@ def search_content(where: Site, search: Search, progress: RunProgress) -> Conten
     if head.get("program") == "jobs":
         return _jobs_content(where, search, progress, facts[1:])
     rows = _last_step(progress)
-    said = describe_search(Search(search.path, search.file, progress)).partition(": ")[2]
-    content = Content(headline=f"{said}.")
+    said = describe_search(RunningSearch(search.path, search.file, progress)).partition(": ")[2]
+    content = PageContent(headline=f"{said}.")
     newest = {row["seed"]: row["ended"] for row in rows if "seed" in row}
     ended = [seed for seed, state in newest.items() if state != RUNNING]
     content.facts = [*facts, *_limits(head), ("starts done", _count(len(ended), head.get("starts")))]
@@ -79,13 +80,15 @@ def search_content(where: Site, search: Search, progress: RunProgress) -> Conten
     return content
 
 
-def _jobs_content(where: Site, search: Search, progress: RunProgress, facts: list[tuple[str, str]]) -> Content:
+def _jobs_content(
+    where: Site, search: RunningSearch, progress: RunProgress, facts: list[tuple[str, str]]
+) -> PageContent:
     """Return the content of a campaign or fleet with its results so far."""
-    content = Content()
+    content = PageContent()
     folder = "" if search.path == "." else search.path
     campaign = where.catalogue.listing().find(CAMPAIGN, f"{folder}/results.jsonl".lstrip("/"))
     if campaign is not None:
-        content = contents.campaign_content(where, campaign)
+        content = campaign_content(where, campaign)
     done = progress.rows[-1] if progress.rows else {"done": progress.head.get("done"), "failed": 0}
     content.headline = f"{done.get('done')} of {progress.head.get('total')} {progress.head.get('things')} done."
     content.facts = [*facts, ("failed", str(done.get("failed")))]
@@ -93,7 +96,7 @@ def _jobs_content(where: Site, search: Search, progress: RunProgress, facts: lis
     return content
 
 
-def _follow(where: Site, search: Search) -> Events:
+def _follow(where: Site, search: RunningSearch) -> Events:
     before, looks = (-1, -1), 0
     while True:
         now = _size(search.file)
@@ -109,11 +112,11 @@ def _follow(where: Site, search: Search) -> Events:
         time.sleep(POLL_S)
 
 
-def _content_now(where: Site, search: Search, progress: RunProgress) -> Content:
+def _content_now(where: Site, search: RunningSearch, progress: RunProgress) -> PageContent:
     try:
-        return search_content(where, Search(search.path, search.file, progress), progress)
+        return search_content(where, RunningSearch(search.path, search.file, progress), progress)
     except (CesError, OSError, *WRONG_CONTENT) as error:
-        return Content(warnings=[f"cannot be read now: {error}"])
+        return PageContent(warnings=[f"cannot be read now: {error}"])
 
 
 def _outcome(where: Site, path: str) -> list[Item]:
@@ -123,7 +126,7 @@ def _outcome(where: Site, path: str) -> list[Item]:
     return [one for one in where.catalogue.listing(anew=True).items if one.path in paths and one.kind != REPORT]
 
 
-def _find(path: str) -> Search | None:
+def _find(path: str) -> RunningSearch | None:
     return next((one for one in site().catalogue.listing().searches if one.path == path), None)
 
 
@@ -170,7 +173,7 @@ def _starts(rows: list[dict[str, Any]]) -> list[PageTable]:
             cell(row["cost"], ".3f"),
             cell(row["size"], "d"),
             cell(row["elapsed_s"], ".1f"),
-            Cell(str(row["ended"])),
+            PageCell(str(row["ended"])),
         )
         for row in known
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import socket
+import threading
 from pathlib import Path
 
 from werkzeug.serving import BaseWSGIServer, WSGIRequestHandler, make_server
@@ -45,6 +46,7 @@ class PageServer:
 
     def run(self) -> None:
         """Serve until Ctrl-C or `stop`."""
+        threading.Thread(target=self._site.catalogue.listing, daemon=True).start()  # before the first page asks for it
         try:
             self._server.serve_forever(poll_interval=0.2)
         finally:

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 
 @dataclass(frozen=True)
-class Cell:
+class PageCell:
     """A cell: its text, a link, whether it is a number; `pick` is the path of a model that can be chosen to compare."""
 
     text: str
@@ -24,7 +24,7 @@ class PageTable:
 
     caption: str
     headings: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[PageCell, ...], ...]
     note: str = ""
     chart: Markup | None = None
 
@@ -40,7 +40,7 @@ class PageTable:
 
 
 @dataclass
-class Content:
+class PageContent:
     """The content of a page in its order: headline, warnings, facts (name and value), charts, tables, links."""
 
     headline: str = ""
@@ -63,10 +63,10 @@ def number(value: object, form: str, unit: str = "") -> str:
     return f"{value:{form}}".replace("-", "−") + (f" {unit}" if unit else "")
 
 
-def cell(value: object, form: str, scale: float = 1.0) -> Cell:
+def cell(value: object, form: str, scale: float = 1.0) -> PageCell:
     """Return a cell with a number, a dash for None."""
     shown = value * scale if scale != 1.0 and isinstance(value, int | float) else value
-    return Cell(number(shown, form), numeric=True)
+    return PageCell(number(shown, form), numeric=True)
 
 
 def join(texts: Iterable[object]) -> str:
