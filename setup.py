@@ -90,6 +90,7 @@ setup(
             "fmpy>=0.3.20",
             "ruff>=0.6",
             "mypy>=1.11",
+            "playwright>=1.40",  # drives the Chromium of the system in tests of pages
             "types-PyYAML",
         ],
     },

@@ -48,13 +48,13 @@ def interval(bounds: tuple[float, float]) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share, a dash if it is unknown."""
-    return f"{100.0 * share:.0f} %" if math.isfinite(share) else "-"
+    """Return a share."""
+    return f"{100.0 * share:.0f} %" if math.isfinite(share) else "unknown"
 
 
 def percent_interval(bounds: tuple[float, float]) -> str:
-    """Return an interval of shares in percent, a dash if it is unknown."""
-    return f"[{100.0 * bounds[0]:.0f}, {100.0 * bounds[1]:.0f}]" if all(map(math.isfinite, bounds)) else "-"
+    """Return an interval of shares in percent."""
+    return f"[{100.0 * bounds[0]:.0f}, {100.0 * bounds[1]:.0f}]" if all(map(math.isfinite, bounds)) else "unknown"
 
 
 def probability(value: float) -> str:

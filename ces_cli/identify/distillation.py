@@ -46,6 +46,8 @@ def print_teacher(result: IdentificationResult) -> None:
         loss = NONE if row["loss"] is None else f"{row['loss']:+.2f}"
         table.add_row(row["recording"], *(NONE if c is None else percent(c) for c in costs), loss)
     terminal.out.print(table)
+    if any(None in row.values() for row in rows):
+        print(f"{NONE}: a recording without a measured force, or a free run that diverged")
 
 
 def _as_row(costs: DistillationCosts) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 from ces_cli.identify.structures import select_identify_function
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import SearchProgress
-from ces_cli.terminal.tables import fold_table
+from ces_cli.terminal.tables import NONE, fold_table
 from ces_identify.folds import CrossValidation, HeldOutCost, cross_validate
 from ces_identify.identification import IdentificationResult
 from ces_identify.recordings.recording import Recording
@@ -40,6 +40,8 @@ def with_folds(
 
     folds = cross_validate(recordings, options.folds, identify, how)
     terminal.out.print(fold_table(folds))
+    if any(row.interval is None for row in folds.rows):
+        print(f"{NONE}: the free run diverged, or the recording is too short for an interval")
     history = {**result.model.provenance, "cross_validation": [_as_row(row) for row in folds.rows]}
     return replace(result, model=replace(result.model, provenance=history)), folds
 

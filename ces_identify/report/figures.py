@@ -71,7 +71,7 @@ def time_plot(ident: str, evaluation: Evaluation, window: Window, max_points: in
     plot = Plot(
         ident=ident,
         title=f"Measured and simulated force over time, {evaluation.name}",
-        text=f"Window {window.why}. Below it the error, and at the bottom the error over the whole run.",
+        text=f"Shown at first: {window.why}. Below it the error, and at the bottom the error over the whole run.",
         x_label="Time [s]",
         areas=areas,
         x_view=(float(time[window.start]), float(time[window.stop - 1])),

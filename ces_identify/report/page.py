@@ -39,7 +39,7 @@ from ces_observer.model import Model
 
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 SHOWN_ABOVE = (ERRORS, "structure", "structures")  # of the provenance's selection
-MAX_DRAWN = 12  # recordings with charts, so that the page stays below 3 MB
+MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
 WORST_CELLS = 6  # rows in the table of errors
 
 

@@ -37,13 +37,13 @@ def _join(element: str, texts: Sequence[str]) -> Markup:
 
 
 def _rows(plot: Plot) -> Iterator[tuple[str, ...]]:
-    for area in plot.areas:
+    """Yield a row for each mark; an area that repeats what another one shows has none."""
+    for area in (area for area in plot.areas if not area.whole):
         for mark in area.marks:
-            if isinstance(mark, PlotShade):
-                continue
+            same = area.y_label.lower().startswith(mark.name.lower())
             for suffix, x, y in _values(mark):
-                name = f"{mark.name}{suffix}" if mark.name else "without a name"
-                yield f"{name}: {area.y_label}", *_statistics(x, y)
+                name = area.y_label if same else f"{mark.name}{suffix}: {area.y_label}"
+                yield name, *_statistics(x, y)
 
 
 def _values(mark: PlotMark) -> Iterator[tuple[str, F, F]]:

@@ -151,16 +151,23 @@ def test_a_shade_is_where_the_mask_is_true() -> None:
 
 def test_the_table_has_the_extremes_of_every_mark() -> None:
     bars = PlotBars("share", np.array([0.0, 1.0, 2.0]), np.array([30.0, 70.0]))
-    root = drawn(one_area(PlotLine("force", TIME, WAVE), PlotBand("band", TIME, WAVE - 1, WAVE + 1), bars))
+    root = drawn(one_area(PlotLine("model", TIME, WAVE), PlotBand("band", TIME, WAVE - 1, WAVE + 1), bars))
     rows = {r.find("th").text: [c.text for c in r.iter("td")] for r in root.iter("tr") if r.find("td") is not None}
     assert list(rows) == [
-        "force: Force [N]",
+        "model: Force [N]",
         "band, lower end: Force [N]",
         "band, upper end: Force [N]",
         "share: Force [N]",
     ]
-    assert rows["force: Force [N]"][:2] == ["5000", "−300"]
+    assert rows["model: Force [N]"][:2] == ["5000", "−300"]
     assert rows["share: Force [N]"][3:5] == ["70", "1.5"]
+
+
+def test_what_is_shown_twice_is_in_the_table_once() -> None:
+    error = PlotLine("error", TIME, WAVE, "error")
+    whole = PlotArea("Error over the whole run [N]", [PlotLine("", TIME, WAVE)], whole=True)
+    root = drawn(Plot("p", "A chart", "About it.", "Time [s]", [PlotArea("Error [N]", [error]), whole]))
+    assert [row.find("th").text for row in root.find("details").find(".//tbody")] == ["Error [N]"]
 
 
 @pytest.mark.parametrize("values", [np.zeros(0), np.full(10, np.nan), np.full(10, 3.0), np.ones(1)])

@@ -270,9 +270,9 @@ def test_of_many_recordings_the_worst_have_charts(tmp_path: Path, both: list[Eva
     many = [replace(both[n % 2], name=f"r{n}", cost=20.0 - n) for n in range(15)]
     _, root = page(tmp_path, many)
     drawn = [words(next(a.iter(f"{XHTML}h3"))) for a in root.iter(f"{XHTML}article")]
-    assert {text.split()[0] for text in drawn} == {f"r{n}" for n in range(12)}
+    assert {text.split()[0] for text in drawn} == {f"r{n}" for n in range(10)}
     assert len(cost_cells(root)) == 15 + 1  # all together
-    assert "The 12 recordings with the highest J of 15." in words(section(root, "recordings"))
+    assert "The 10 recordings with the highest J of 15." in words(section(root, "recordings"))
 
 
 def test_grey_marks_what_is_outside_the_envelope(tmp_path: Path, both: list[Evaluation]) -> None:

@@ -232,7 +232,7 @@ def test_every_page_prints_without_controls_and_nothing_is_cut_off(pages: dict[s
 def test_without_a_script_the_page_is_whole(report: Path) -> None:
     with open_page(report, scripts=False) as page:
         assert page.locator("#tp0-plot svg path.measured").count() > 1  # legend and figure
-        assert page.locator("#tp0-plot .plot-table tbody tr").count() == 4
+        assert page.locator("#tp0-plot .plot-table tbody tr").count() == 3
         assert not page.locator("button").count()
 
 
