@@ -29,6 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sort_words(options.words)
     facts = {"command": shlex.join(["ces", "compare", *(sys.argv[2:] if argv is None else argv)])}
     if words.campaigns and not words.bags and not words.simulations:
+        _require_recordings_for_options(options)
         show_campaigns(words.campaigns, options, facts)
     else:
         _compare_and_print(words, options, facts)
@@ -52,6 +53,12 @@ def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts:
     if options.report is not None:
         write_comparison(options.report, comparison, facts)
     _print(comparison, options.json)
+
+
+def _require_recordings_for_options(options: argparse.Namespace) -> None:
+    for name, unused in (("--signals", options.signals is None), ("--part", options.part == (0.0, 1.0))):
+        if not unused:
+            raise CesError(f"{name} applies to recordings; add some to compare the models on the campaign's front")
 
 
 def _print(comparison: Comparison, as_json: bool) -> None:

@@ -169,7 +169,7 @@ def _pareto(results: CampaignRows, rows: list[Row], number: int, what: str) -> M
     marks: list[PlotLine | PlotDots] = [_selection_dot(results, row, float(row[what])) for row in rows]
     for row in rows:
         marks += _intervals(results, row, float(row[what]))
-    marks += [_front_line(rows)] if what == SIZE else []  # last: values are read at the first of equal points
+    marks.append(_front_line(rows, what))  # last: values are read at the first of equal points
     title = f"Cost against {'size' if what == SIZE else 'time of a tick'}, identified on {rows[0]['bags']}"
     text = (
         f"Selection cost of {len(rows)} models; vertical lines are intervals of their costs on validation recordings."
@@ -195,10 +195,10 @@ def _intervals(results: CampaignRows, row: Row, x: float) -> list[PlotLine | Plo
     return marks
 
 
-def _front_line(rows: list[Row]) -> PlotLine:
+def _front_line(rows: list[Row], what: str) -> PlotLine:
     """Return the front as steps: from each model on to the next larger one."""
-    best = front(rows)
-    x = np.repeat([float(row[SIZE]) for row in best], 2)
+    best = front(rows, what)
+    x = np.repeat([float(row[what]) for row in best], 2)
     y = np.repeat([row["selection_J"] for row in best], 2)
     return PlotLine("front, by selection cost", x[1:], y[:-1], "outline")
 

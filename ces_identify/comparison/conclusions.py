@@ -49,7 +49,7 @@ def _shorten(names: Sequence[str]) -> str:
 
 def signed(value: float) -> str:
     """Return a difference [%] with its sign."""
-    return minus(f"{value:+.2f}")
+    return minus(f"{round(value, 2) + 0.0:+.2f}")  # no negative zero
 
 
 def p_text(p_value: float | None) -> str:

@@ -1,7 +1,8 @@
 """The time that the runtime's estimator takes for a tick of each model, on this machine.
 
-Models take turns, so that a change of the machine's speed meets all of them. The figure is the median of the rounds; it
-says nothing about other machines, but their ratio carries over.
+Models take turns, so that a change of the machine's speed meets all of them, and only the processor's time for this
+thread counts, so that other programs hardly matter. The figure is the median of the rounds; it says nothing about other
+machines, but their ratio carries over.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import gc
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from ces_observer.model import MEASURED, Model
 ROUNDS = 9
 TICKS = 1500  # timed in each round
 WARM_UP_TICKS = 300  # before them
+MAX_RESOLUTION_S = 1e-6
 Sample = tuple[int, float, float, float]
 
 
@@ -65,16 +67,22 @@ def _time_ticks(model: Model, samples: Sequence[Sample]) -> float:
     step = Estimator(model).step
     for sample in samples[:WARM_UP_TICKS]:
         step(*sample)
-    timed, enabled = samples[WARM_UP_TICKS:], gc.isenabled()
+    timed, enabled, clock = samples[WARM_UP_TICKS:], gc.isenabled(), _choose_clock()
     gc.disable()
     try:
-        began = time.perf_counter()
+        began = clock()
         for sample in timed:
             step(*sample)
-        return 1e6 * (time.perf_counter() - began) / len(timed)
+        return 1e6 * (clock() - began) / len(timed)
     finally:
         if enabled:
             gc.enable()
+
+
+def _choose_clock() -> Callable[[], float]:
+    """Return the clock of the thread's processor time [s], or of real time where that is coarse (Windows)."""
+    fine = time.get_clock_info("thread_time").resolution <= MAX_RESOLUTION_S
+    return time.thread_time if fine else time.perf_counter
 
 
 def _processor() -> str:

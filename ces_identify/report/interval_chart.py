@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from ces_identify.report.drawing import Panel, axes, label, panel, span_of, svg
 
-WIDTH, LEFT, RIGHT, TOP, ROW, AXIS = 760.0, 230.0, 180.0, 12.0, 24.0, 46.0
+WIDTH, LEFT, RIGHT, TOP, ROW, AXIS = 780.0, 220.0, 220.0, 12.0, 24.0, 46.0
 INDENT = 18.0
 MAX_NAME = 36  # letters of a row's name
 

@@ -124,6 +124,7 @@ def test_the_front_of_a_campaign_is_compared(folder, monkeypatch, capsys):
     assert ces("sizes", "--json") == 0
     cells = json.loads(capsys.readouterr().out.partition("report: sizes.html\n")[2])["cells"]
     assert [cell["on_front"] for cell in cells] == [True, False, True]
+    assert "--part applies to recordings" in error_line(capsys, "sizes", "--part", "0.5:1")
 
 
 @pytest.mark.parametrize(
