@@ -45,7 +45,10 @@ def add_campaign(to: argparse.ArgumentParser) -> None:
 CAMPAIGN_RULES = (
     only_with("jobs dask", "campaign", "applies to campaigns; add --campaign FILE.yaml (for threads use --threads)"),
     never_with(
-        ALL, "campaign", "has no effect with --campaign; set it in {campaign} instead", but="campaign dask jobs out json force"
+        ALL,
+        "campaign",
+        "has no effect with --campaign; set it in {campaign} instead",
+        but="campaign dask jobs out json force",
     ),
     ONE_PLACE,
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.recordings.recording import Recording
-from ces_identify.sense.content import identification_rows, identified_on
+from ces_identify.sense.content import find_known_recording, identification_rows
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_observer.model import Model
 
@@ -39,7 +39,7 @@ class ComparedModel:
 
     def use_of(self, recording: Recording, part: tuple[float, float]) -> str:
         """Return TRAINED if the model was identified on some of this `part` of the recording, TEST, or UNKNOWN."""
-        if identified_on(recording, {"identification": list(self.trained_on)}, part):
+        if find_known_recording(recording, {"identification": list(self.trained_on)}, part):
             return TRAINED
         return TEST if self.training_known and recording.sha256 else UNKNOWN
 
