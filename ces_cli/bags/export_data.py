@@ -11,7 +11,7 @@ import numpy as np
 from ces_cli.bags.replay import estimate_forces
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import find_bags
-from ces_cli.terminal.outputs import add_overwrite, require_new_file, require_new_folder
+from ces_cli.terminal.outputs import add_overwrite, require_new_folder, require_outputs
 from ces_identify.data_export.data_table import DataTable, tabulate, tabulate_as_logged
 from ces_identify.data_export.write_table import FORMATS, require_writer, write_table
 from ces_identify.recordings.recording import Channel, Recording
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--as-logged keeps the recorded times; --rate sets new ones: give one of them")
     bags = find_bags(options.bags)
     targets = _targets(bags, options)
-    _require_new(targets, options)
+    _require_new(targets, bags, options)
     signals = terminal.load_described_signals(options)
     model = load_model(options.model) if options.model else None
     for bag, (path, kind) in zip(bags, targets, strict=True):
@@ -93,12 +93,13 @@ def _targets(bags: Sequence[Path], options: Namespace) -> list[tuple[Path, str]]
     return [(out / f"{name}.{chosen}", chosen) for name in names]
 
 
-def _require_new(targets: Sequence[tuple[Path, str]], options: Namespace) -> None:
+def _require_new(targets: Sequence[tuple[Path, str]], bags: Sequence[Path], options: Namespace) -> None:
     """Raise CesError unless all files can be written; a folder that does not exist is made."""
     for path, kind in targets:
         require_writer(path, kind)
         if path == options.out or options.out.is_dir():
-            require_new_file(path, options.overwrite)
+            inputs = [*bags, options.model, options.signals]
+            require_outputs(options.overwrite, {"--out": path}, inputs=inputs)
     if targets[0][0] != options.out and not options.out.is_dir():
         require_new_folder(options.out, options.overwrite)
 

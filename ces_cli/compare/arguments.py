@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import find_bags
-from ces_cli.terminal.simulations import open_simulation, with_predictions
+from ces_cli.terminal.simulations import find_file, open_simulation, with_predictions
 from ces_identify.comparison.compared_model import ComparedModel, make_compared_model, name_sources
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.recording import Recording
@@ -28,6 +28,11 @@ class ComparedWords:
     simulations: tuple[str, ...]
     campaigns: tuple[Path, ...]
     bags: tuple[str, ...]
+
+    @property
+    def inputs(self) -> list[Path | None]:
+        """The files and folders that are read."""
+        return [*map(find_file, self.simulations), *self.campaigns, *map(Path, self.bags)]
 
 
 def sort_words(words: Sequence[str]) -> ComparedWords:

@@ -13,7 +13,7 @@ from ces_cli.compare.campaign_fronts import front_models, show_campaigns
 from ces_cli.compare.comparison_tables import MAX_PAIRS, cost_table, model_table, pair_table, recording_table, sentences
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document
-from ces_cli.terminal.outputs import add_overwrite, require_new_file
+from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_identify.comparison.comparison import MAX_MODELS, Comparison, compare
 from ces_identify.comparison.comparison_json import comparison_document
 from ces_identify.comparison.comparison_page import write_comparison
@@ -25,8 +25,8 @@ USAGE = "usage: ces compare A.json B.json ... BAG..."
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_intermixed_args(argv)  # arguments may follow options
-    require_new_file(options.report, options.overwrite)
     words = sort_words(options.words)
+    require_outputs(options.overwrite, {"--report": options.report}, inputs=[*words.inputs, options.signals])
     facts = {"command": shlex.join(["ces", "compare", *(sys.argv[2:] if argv is None else argv)])}
     if words.campaigns and not words.bags and not words.simulations:
         _require_recordings_for_options(options)

@@ -30,12 +30,12 @@ FORMATS = {"c": "C99, with its header beside it", "fmu": "FMI 2.0 co-simulation"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
+    _require_outputs(options)
     with without_text(options.json):
         certificate = _export_package(options) if options.ros_package else _export_file(options)
         _print_certificate(certificate)
     if options.json:
         print_document("export", _as_json(certificate, options))
-    _require_outputs(options)
     return 0
 
 

@@ -47,7 +47,7 @@ def make_parser() -> terminal.Parser:
     add_json(p)
     add_overwrite(p)
     p.add_argument("--list", action="store_true", help="list the packaged experiments and exit")
-    p.rules = (never_with(ALL, "list", "does not apply with --list", but="list"),)
+    p.rules = (never_with(ALL, "list", "does not apply with --list", but="list json"),)
     return p
 
 

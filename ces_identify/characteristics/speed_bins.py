@@ -47,10 +47,9 @@ def bin_forces(stretches: Sequence[Stretch], source: str, tolerance_A: float) ->
     reach = float(np.quantile(np.abs(speed), RANGE_QUANTILE))
     edges = np.linspace(-reach, reach, BINS + 1)
     cell = np.clip(np.searchsorted(edges, speed, side="right") - 1, -1, BINS)
-    known = np.isfinite(force) & np.isfinite(current)
-    results = []
-    for low, high, members in _current_groups(current, steady.astype(np.bool_), known, tolerance_A):
-        results += _fill_bins(edges, cell, members, force, (low, high))
+    results = []  # the groups are those of the recording, also where a simulation has no force yet
+    for low, high, members in _current_groups(current, steady.astype(np.bool_), np.isfinite(current), tolerance_A):
+        results += _fill_bins(edges, cell, members & np.isfinite(force), force, (low, high))
     return results
 
 

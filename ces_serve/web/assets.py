@@ -24,9 +24,10 @@ def style() -> Response:
 
 @pages.get("/assets/plots.js")
 def plots() -> Response:
-    """Return the script of the charts."""
-    text = resources.files("ces_identify.report").joinpath("plots.js").read_text(encoding="utf-8")
-    return Response(text, mimetype="text/javascript")
+    """Return the script of charts and sortable tables."""
+    folder = resources.files("ces_identify.report")
+    texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("plots.js", "tables.js"))
+    return Response("\n".join(texts), mimetype="text/javascript")
 
 
 @pages.get("/assets/icon.svg")

@@ -13,9 +13,10 @@ import numpy as np
 
 from ces_identify.recordings.bag_reader import list_topics, read_recording
 from ces_identify.recordings.channel_stats import channel_stats
-from ces_identify.recordings.checks import Finding, findings
+from ces_identify.recordings.checks import ERROR, Finding, findings, sort_findings
 from ces_identify.recordings.recording import Channel
 from ces_identify.recordings.signals_file import load_signals
+from ces_identify.sense.sense import sense
 
 MAX_BINS = 600  # of a chart's line: the lowest and highest value of each
 SECOND = 1e9
@@ -29,7 +30,10 @@ def inspect_recording(path: str, signals: str | None, report: Callable[[str], No
         warnings.simplefilter("always")
         recording = read_recording(Path(path), described)
         topics = list_topics(Path(path))
-    found = findings(recording) + tuple(Finding("warning", str(warning.message)) for warning in caught)
+    faults = findings(recording)
+    if not any(fault.severity == ERROR for fault in faults):
+        faults = sort_findings(faults, sense(recording))
+    found = faults + tuple(Finding("warning", str(warning.message)) for warning in caught)
     used = described.list_topic_signals()
     start_ns = min((int(c.stamps_ns.min()) for c in recording.channels.values() if len(c)), default=0)
     return {

@@ -29,10 +29,11 @@ PARSED_ONLY = {  # too slow, or without an end; their own tests run them
     "iterate",
     "diagnose",
     "blind",
+    "serve",
 }
 RUN = {
     *("info", "signals", "import", "rig", "identify", "validate", "replay", "simulate", "export-data", "export"),
-    *("schema", "completion"),
+    *("schema", "completion", "characterise", "compare"),
 }
 
 
@@ -62,7 +63,8 @@ def place(tmp_path: Path) -> Path:
     for name in ("bags", "config"):
         (folder / name).symlink_to(ROOT / name)
     (folder / "home" / "ros2_ws" / "src").mkdir(parents=True)
-    shutil.copy(ROOT / "config" / "models" / "sample.json", folder / "model.json")
+    for name in ("model.json", "best.json"):
+        shutil.copy(ROOT / "config" / "models" / "sample.json", folder / name)
     shutil.copy(ROOT / "config" / "signals.yaml", folder / "vehicle.yaml")
     (folder / "rules.yaml").write_text("speed: {lags: [0]}\nforce: {lags: [1]}\nproducts: [[speed], [force]]\n")
     write_small_csv(folder / "my_log.csv", seconds=4.0, in_mm=True)

@@ -20,7 +20,11 @@ from ces_cli.main import PROGRAMS, main
 from ces_cli.terminal.json_output import as_plain, print_document, without_text
 from ces_observer import __version__
 
-WITHOUT_TABLES = {"completion": "prints a script", "export-data": "writes the tables themselves"}
+WITHOUT_TABLES = {
+    "completion": "prints a script",
+    "export-data": "writes the tables themselves",
+    "serve": "shows pages",
+}
 
 
 @pytest.fixture(scope="module")

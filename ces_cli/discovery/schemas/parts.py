@@ -67,6 +67,11 @@ def of_kinds(kinds: Mapping[str, type[Any]], more: type[Any] | None = None, defa
 
     With `default`, a description without a kind is of that one.
     """
+    return choose_by_kind(list(kinds), list_branches(kinds, more, default), default)
+
+
+def list_branches(kinds: Mapping[str, type[Any]], more: type[Any] | None = None, default: str = "") -> list[Schema]:
+    """Return the schema of each kind for `choose_by_kind`."""
     common = of_dataclass(more)["properties"] if more else {}
     branches = []
     for name, cls in kinds.items():
@@ -74,7 +79,7 @@ def of_kinds(kinds: Mapping[str, type[Any]], more: type[Any] | None = None, defa
         properties = {"kind": {"const": name}, **own["properties"], **common}
         required = [*([] if name == default else ["kind"]), *own.get("required", ())]
         branches.append(mapping_of(properties, required, own["description"]))
-    return choose_by_kind(list(kinds), branches, default)
+    return branches
 
 
 def choose_by_kind(kinds: Sequence[str], branches: Sequence[Schema], default: str = "") -> Schema:

@@ -16,7 +16,7 @@ from ces_cli.discovery.schemas.parts import (
 )
 from ces_identify.recordings.log_mapping import BLANKS, COLUMN_KEYS, FORMATS, LAYOUT_KEYS, SOURCES
 from ces_observer.nodes.observer_table import DAMPERS, DAMPERS_MEANING, SIGNAL_KEYS
-from ces_observer.signals import LARGEST, LONGEST, NAMES, UNITS
+from ces_observer.signals import LARGEST, LONGEST, MAX_DELAY_S, NAMES, UNITS
 
 FACTOR: Schema = {"type": "number", "not": {"const": 0}, "minimum": -LARGEST, "maximum": LARGEST}
 ABOUT_CONSTANT = "a known value that is not recorded, instead of a topic"
@@ -26,6 +26,7 @@ SIGNAL_SETTINGS: Mapping[str, Schema] = {
     "field": {**TEXT, "minLength": 1, "maxLength": LONGEST},
     "scale": FACTOR,
     "offset": number_between(-LARGEST, LARGEST),
+    "delay": number_between(-MAX_DELAY_S, MAX_DELAY_S),
     "constant": number_between(-LARGEST, LARGEST),
 }
 LAYOUT: Mapping[str, Schema] = {

@@ -148,7 +148,7 @@ def test_several_bags_go_into_a_folder(bag, tmp_path, capsys):
 def test_mistakes_are_found_before_the_work(bag, tmp_path, capsys):
     (tmp_path / "there.csv").write_text("mine")
     for words, message in (
-        (("--out", tmp_path / "there.csv"), "exists; choose another name, or replace it with --overwrite"),
+        (("--out", tmp_path / "there.csv"), "exists; choose another name for --out, or replace it with --overwrite"),
         (("--out", tmp_path / "run.xlsx"), "expected a name that ends in .csv, .parquet, .pq, or a folder"),
         (("--out", tmp_path / "run.csv", "--format", "parquet"), "is a csv file by its name; omit --format"),
         (("--out", tmp_path / "run.csv", "--model", tmp_path / "none.json"), "none.json"),
