@@ -76,7 +76,7 @@ class ModelTable:
 
 
 def parameter_table(
-    about: str, heads: tuple[Markup, ...], rows: tuple[tuple[Markup, ...], ...], symbols: Symbols
+    about: str, heads: tuple[Markup, ...], rows: tuple[tuple[Markup, ...], ...], symbols: Symbols = ()
 ) -> ModelTable:
     """Return a table with a first column of names and columns of numbers; `about` explains it."""
     columns = (TableColumn(heads[0], "", "formula"), *map(TableColumn, heads[1:]))

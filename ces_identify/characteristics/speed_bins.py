@@ -77,6 +77,8 @@ def _as_group(current: F, places: I) -> tuple[float, float, Mask]:
 
 def _fill_bins(edges: F, cell: I, members: Mask, force: F, current: tuple[float, float]) -> list[BinnedForce]:
     places = np.flatnonzero(members & (cell >= 0) & (cell < len(edges) - 1))
+    if not len(places):
+        return []
     order = places[np.argsort(cell[places], kind="stable")]
     bins, starts = np.unique(cell[order], return_index=True)
     filled = []

@@ -121,7 +121,7 @@ def _refuse_typo(name: str, rest: str, value: yaml.Node, where: str) -> None:
     keys = {str(key.value) for key, _ in value.value} if isinstance(value, yaml.MappingNode) else {rest}
     similar = difflib.get_close_matches(name.lower(), NAMES, n=1, cutoff=SIMILAR)
     if similar and not keys.isdisjoint(KEYS):
-        raise SignalsError(f"{where}: no signal '{name}'; did you mean {similar[0]}? Signals are {', '.join(NAMES)}")
+        raise SignalsError(f"{where}: no signal {name!r}; did you mean {similar[0]}? Signals are {', '.join(NAMES)}")
 
 
 def _below(damper: str, parameters: yaml.MappingNode) -> Iterator[tuple[str, yaml.Node, yaml.Node]]:
@@ -150,7 +150,7 @@ def _find_misspelled_section(node: yaml.MappingNode) -> str:
     for key, value in node.value:
         name = str(key.value)
         if name != PARAMETERS and difflib.get_close_matches(name, [PARAMETERS], cutoff=SIMILAR):
-            return f"line {key.start_mark.line + 1}: '{name}': did you mean {PARAMETERS}? "
+            return f"line {key.start_mark.line + 1}: {name!r}: did you mean {PARAMETERS}? "
         if isinstance(value, yaml.MappingNode) and (hint := _find_misspelled_section(value)):
             return hint
     return ""

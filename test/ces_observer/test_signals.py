@@ -111,7 +111,7 @@ def test_other_parameters_of_a_node_are_ignored():
     ("mapping", "told"),
     [
         ({"position": 3}, "signal 'position' is 3; expected a mapping"),
-        ({"position": {"topik": "x"}}, "unknown key 'topik'; known are constant, field, offset"),
+        ({"position": {"topik": "x"}}, "unknown key 'topik'; known are constant, delay, field, offset"),
         ({"sim_force": {"topic": "x"}}, "signal 'sim_force': 'type' is missing; set topic, type and field"),
         ({"force": {"topic": ""}}, "'topic' is missing"),
         ({"force": {"type": "Float64"}}, "type 'Float64' is not of the form package/msg/Type"),

@@ -15,7 +15,7 @@ from ces_observer.nodes.parameter_table import NO_WORDS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
 # A node does not need campaigns, clusters, cross-validation, pictures or text on standard output.
-LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "picture", "show_candidates", "help"})
+LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "picture", "show_candidates", "help", "json"})
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 RANGED = [p for p in PARAMETERS if p.lowest is not None]

@@ -174,8 +174,8 @@ def test_import_says_what_to_write_into_the_mapping(tmp_path, capsys):
     words = ["--mapping", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "bag")]
     assert import_.main([str(tmp_path / "run.csv"), *words]) == 0
     error = capsys.readouterr().err
-    assert "force: acts with the motion" in error and "by -1 in the mapping" in error
-    assert "multiply its scale in the mapping by 0.001 if it is in mm" in error
+    assert "force: acts with the motion" in error and f"by -1 in {tmp_path / 'map.yaml'}" in error
+    assert f"multiply its scale in {tmp_path / 'map.yaml'} by 0.001 if it is in mm" in error
     assert "signals file" not in error
 
 

@@ -53,7 +53,7 @@ def test_the_folder_of_a_killed_recorder_is_a_bag(here):
     assert find_bags(["one"]) == [Path("one/one_0.mcap"), Path("one/other.mcap")]
 
 
-@pytest.mark.parametrize("name", ["x.csv", "x.mat", "x.MF4", "x.parquet", "x.blf", "x.asc", "x.log", "x.bag"])
+@pytest.mark.parametrize("name", ["x.csv", "x.mat", "x.MF4", "x.parquet", "x.blf", "x.asc", "x.log"])
 @pytest.mark.parametrize("program", ["info", "identify", "validate", "diagnose", "replay", "simulate"])
 def test_another_log_is_pointed_to_import(tmp_path, monkeypatch, capsys, program, name):
     monkeypatch.chdir(tmp_path)
@@ -85,7 +85,8 @@ def test_programs_take_folders_and_globs(here, capsys):
     assert capsys.readouterr().out.count('"sha256"') == 3
     assert main(["validate", str(MODEL), str(BAGS / "s*")]) == 0
     out = capsys.readouterr().out
-    assert "sine_4hz" in out and "sweep" in out and "noise" not in out
+    named = {line.split()[0] for line in out.splitlines() if line.split()}
+    assert {"sine_4hz", "sweep"} <= named and "noise" not in named
     words = ["identify", str(BAGS / "n*"), "--validate", str(BAGS / "sine_*"), "--out", "m.json", "--rate", "1e5"]
     assert main(words) == 2
     assert "--rate 100000: the positions in noise are at 1000 Hz" in capsys.readouterr().err
