@@ -4,30 +4,38 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
-nbformat = pytest.importorskip("nbformat")
-nbclient = pytest.importorskip("nbclient")
-pytest.importorskip("ipykernel")
-
 NOTEBOOK = Path(__file__).resolve().parent.parent / "examples" / "own_data.ipynb"
+
+
+@pytest.fixture
+def nbformat() -> ModuleType:
+    """The library that reads notebooks; skipped in the test, as launch_testing imports this file while it collects."""
+    pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    module: ModuleType = pytest.importorskip("nbformat")
+    return module
 
 
 def output_of(cell: dict[str, object]) -> str:
     return "".join(str(output.get("text", "")) for output in cell.get("outputs", []))  # type: ignore[attr-defined]
 
 
-def test_the_notebook_is_stored_without_outputs() -> None:
+def test_the_notebook_is_stored_without_outputs(nbformat: ModuleType) -> None:
     for cell in nbformat.read(NOTEBOOK, as_version=4).cells:
         assert not cell.get("outputs") and not cell.get("execution_count")
 
 
-def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_notebook_runs(nbformat: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from nbclient import NotebookClient
+
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(NOTEBOOK.parents[1]), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
     notebook = nbformat.read(NOTEBOOK, as_version=4)
-    nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
     text = "\n".join(output_of(cell) for cell in notebook.cells if cell.cell_type == "code")
     assert "proved stable" in text and "run 2: J = " in text
     cost = float(text.partition("run 2: J = ")[2].partition(" %")[0])

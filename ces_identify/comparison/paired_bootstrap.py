@@ -89,7 +89,8 @@ def find_differences(
     models = sorted({model for pair in pairs for model in pair})
     local = [(models.index(a), models.index(b)) for a, b in pairs]
     binned = [_BinnedErrors.of(recording, models) for recording in recordings]
-    totals = _Totals(sum(b.columns.sum(axis=0) for b in binned), sum(b.spread for b in binned), len(models))
+    sums = np.sum([b.columns.sum(axis=0) for b in binned], axis=0)
+    totals = _Totals(sums, sum(b.spread for b in binned), len(models))
     automatic = np.array([[b.automatic_block(totals, pair) for pair in local] for b in binned])
     errors: list[list[tuple[float, float]]] = [[] for _ in pairs]
     if all(len(b.columns) >= MIN_BINS for b in binned):
