@@ -20,7 +20,8 @@ def find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice
     """Return the choices with negative scales where the sign is clearly the other one, each with its reason.
 
     A force that goes against the speed means that position or force is positive in rebound. The position's name
-    decides, or else the larger peak of the force, which is that in rebound; without either, the force is turned.
+    decides, or else the larger peak of the force, which is that in rebound; without either, the force is turned, and
+    that is to be checked.
     """
     position, force = found.get("position"), found.get("force")
     if position is None or force is None:
@@ -37,18 +38,32 @@ def find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice
         text = f"sign as logged: force goes with the speed ({abs(correlation):+.2f})"
         return {**found, "force": replace(force, reasons=(*force.reasons, text))}
     reason = f"force goes against the speed ({correlation:+.2f}), so one of the two is positive in rebound"
-    if not outward and _rebound_is_negative(force):
+    return {**found, **_turn_one(found["position"], force, reason, bool(outward))}
+
+
+def _turn_one(position: Choice, force: Choice, reason: str, outward: bool) -> dict[str, Choice]:
+    """Return the one that is positive in rebound, turned; the force, to be checked, if that cannot be known."""
+    rebound = 1 if outward else _find_rebound(force)
+    if rebound < 0:
         more = "the force's larger peak, that in rebound, is negative as it should be"
-        return {**found, "position": _turn(position, f"{reason}; {more}")}
-    more = "turn the position instead if the force is positive in compression"
-    return {**found, "force": _turn(force, reason if outward else f"{reason}; {more}")}
+        return {"position": _turn(position, f"{reason}; {more}")}
+    if rebound > 0:
+        more = "" if outward else "; the force's larger peak, that in rebound, is positive"
+        return {"force": _turn(force, f"{reason}{more}")}
+    turned = _turn(force, reason)
+    text = (
+        "which of the two is positive in rebound cannot be known from the numbers; turn the position instead if it is"
+    )
+    return {"force": replace(turned, checks=(*turned.checks, text))}
 
 
 def _turn(choice: Choice, reason: str) -> Choice:
     return replace(choice, scale=-choice.scale, offset=-choice.offset, reasons=(*choice.reasons, f"{FLIP}{reason}"))
 
 
-def _rebound_is_negative(force: Choice) -> bool:
-    """Return whether the negative peak of the force is clearly larger than the positive one."""
+def _find_rebound(force: Choice) -> int:
+    """Return the sign of the force's clearly larger peak, 0 if neither is."""
     low, high = np.percentile(force.candidate.finite, (1.0, 99.0))
-    return bool(low < 0.0 < high and -low > ASYMMETRY * high)
+    if not low < 0.0 < high:
+        return 0
+    return -1 if -low > ASYMMETRY * high else int(high > -ASYMMETRY * low)

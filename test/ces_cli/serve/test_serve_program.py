@@ -23,7 +23,11 @@ pytest.importorskip("flask", reason="Flask is not installed")
 @contextmanager
 def serving(folder: Path, *words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """Yield the running program and its address."""
-    command = [sys.executable, "-m", "ces_cli.main", "serve", str(folder), "--port", "0", *words]
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # else ignored in the background
+    code += (
+        f"import sys; from ces_cli.main import main; sys.exit(main({['serve', str(folder), '--port', '0', *words]!r}))"
+    )
+    command = [sys.executable, "-c", code]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as process:
         try:

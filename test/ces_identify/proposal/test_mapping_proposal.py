@@ -236,3 +236,18 @@ def test_a_measured_log_without_names_is_not_guessed():
     proposal = propose_mapping(DATA / "brfd_backlash" / "1Hz30lbtension1amplitude.json")
     assert proposal.mapping is None
     assert 'rows: "data"' in proposal.text
+
+
+def test_a_sign_is_turned_only_with_a_reason(tmp_path):
+    """The larger peak of a force is that in rebound; a symmetric force says nothing of which signal is reversed."""
+    alike = 1000.0 * np.tanh(F / 300.0)
+    found = {}
+    for name, columns in {
+        "force": {**PLAIN, "force_N": -F},
+        "position": {**PLAIN, "position_mm": -1000 * X},
+        "unknown": {**PLAIN, "force_N": -alike},
+    }.items():
+        found[name] = propose_mapping(write(tmp_path / f"{name}.csv", columns))
+    assert not found["force"].doubts and found["force"].mapping.signals["force"].scale < 0.0
+    assert not found["position"].doubts and found["position"].mapping.signals["position"].scale < 0.0
+    assert "which of the two is positive in rebound cannot be known" in found["unknown"].doubts[0]
