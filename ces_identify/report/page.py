@@ -38,6 +38,7 @@ from ces_observer.json_checks import write_atomically
 from ces_observer.model import Model
 
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
+MARKS = "marks"  # key of the hashes in the provenance by which copies and parts of recordings are recognised
 SHOWN_ABOVE = (ERRORS, "structure", "structures")  # of the provenance's selection
 MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
 WORST_CELLS = 6  # rows in the table of errors
@@ -152,9 +153,16 @@ def _settings(model: Model) -> dict[str, Any]:
 
 def _history(model: Model) -> dict[str, Any]:
     """Return the longer entries of the provenance, without those shown in sections of their own."""
-    longer = {key: value for key, value in model.provenance.items() if not _fits_on_line(value)}
+    longer = {key: _without_marks(value) for key, value in model.provenance.items() if not _fits_on_line(value)}
     shown = {key: value for key, value in longer.pop("selection", {}).items() if key not in SHOWN_ABOVE}
     return longer | ({"selection": shown} if shown else {})
+
+
+def _without_marks(entry: Any) -> Any:
+    """Return an entry of the provenance without the marks of its recordings, which say nothing to a reader."""
+    if isinstance(entry, Mapping):
+        return {key: _without_marks(value) for key, value in entry.items() if key != MARKS}
+    return [_without_marks(value) for value in entry] if isinstance(entry, list | tuple) else entry
 
 
 def _fits_on_line(item: object) -> bool:
