@@ -121,7 +121,8 @@ def test_the_wheel_zooms_a_chart_in_use_only(page: Any) -> None:
     page.mouse.click(*middle(page, "tp0", 0.6))
     for _ in range(4):
         page.mouse.wheel(0, -200)
-    page.wait_for_function(f"document.querySelectorAll('#tp0-plot g.area')[1].textContent !== {shown!r}")
+    expect = pytest.importorskip("playwright.sync_api").expect
+    expect(page.locator("#tp0-plot g.area").nth(1)).not_to_have_text(shown)
     assert np.diff(ticks(page, "tp0", 1)).max() < np.diff(first).max()
 
 
@@ -204,7 +205,7 @@ def test_charts_of_a_group_follow_each_other(pages: dict[str, Path]) -> None:
 def test_a_command_can_be_copied(page: Any) -> None:
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.locator(".command .copy").click()
-    page.wait_for_function("document.querySelector('.command .copy').textContent !== 'Copy'")
+    page.get_by_text(re.compile("^(Copied|Selected)$")).wait_for()
     assert page.evaluate("getSelection().toString() || navigator.clipboard.readText()") == COMMAND
 
 
