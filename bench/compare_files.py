@@ -113,7 +113,7 @@ def without_provenance(text: str) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class Comparison:
+class FileComparison:
     """The number of compared values, those that differ, and differing wording, before and after."""
 
     compared: int
@@ -126,7 +126,7 @@ class Comparison:
         return max((_relative(before, after) for _, before, after in self.values), default=0.0)
 
 
-def compare_files(before: Path, after: Path) -> Comparison:
+def compare_files(before: Path, after: Path) -> FileComparison:
     """Return how two result files differ; a missing file lacks all values of the other."""
     same = before.exists() and after.exists() and filecmp.cmp(before, after, shallow=False)
     old = Content(before)
@@ -135,7 +135,7 @@ def compare_files(before: Path, after: Path) -> Comparison:
     pairs = [pair for place in places for pair in _differing(place, old.values[place], new.values[place])]
     count = sum(max(len(old.values[place]), len(new.values[place])) for place in places)
     wording = [(" / ".join(b), " / ".join(a)) for b, a in _find_changes(old.words, new.words)]
-    return Comparison(count, tuple(pairs), tuple(wording))
+    return FileComparison(count, tuple(pairs), tuple(wording))
 
 
 def _differing(place: str, before: list[Value], after: list[Value]) -> Iterator[Pair]:

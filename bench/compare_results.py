@@ -26,7 +26,7 @@ from io import BytesIO
 from pathlib import Path
 
 from compare_cases import CASES, INPUTS, write_inputs
-from compare_files import SUFFIXES, Comparison, compare_files, without_provenance
+from compare_files import SUFFIXES, FileComparison, compare_files, without_provenance
 from measurement import print_note, print_table, time_call
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -101,7 +101,7 @@ def find_source(given: str, folder: Path) -> Path:
     return folder.resolve()
 
 
-def compare_results(before: Path, after: Path, cases: Sequence[str]) -> dict[str, Comparison]:
+def compare_results(before: Path, after: Path, cases: Sequence[str]) -> dict[str, FileComparison]:
     """Return the comparison of every file that either tree wrote, by its name without hashes."""
     old, new = (_files(results, cases) for results in (before, after))
     return {
@@ -115,7 +115,7 @@ def _files(results: Path, cases: Sequence[str]) -> dict[str, Path]:
     return {without_provenance(str(p.relative_to(results))): p for p in kept}
 
 
-def print_comparisons(comparisons: Mapping[str, Comparison]) -> None:
+def print_comparisons(comparisons: Mapping[str, FileComparison]) -> None:
     """Print the table, and below it what differs."""
     rows = [
         (name, f"{c.compared:,}", str(len(c.values)), f"{c.largest:.2g}", str(len(c.wording)))

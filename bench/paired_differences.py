@@ -44,9 +44,9 @@ def make_recording(kind: MadeErrors, random: np.random.Generator) -> AlignedReco
     """Return a recording with the errors of two models."""
     n = round(kind.seconds * RATE_HZ)
     time_s = np.arange(n) / RATE_HZ
-    common, first, second = (correlated(n, kind.tau_s, random) for _ in range(3))
+    common, first, second = (draw_correlated(n, kind.tau_s, random) for _ in range(3))
     sizes = MODULATIONS[kind.modulation](time_s, kind.slow_s, random)
-    measured = 20.0 * correlated(n, 0.1, random)
+    measured = 20.0 * draw_correlated(n, 0.1, random)
     forces = measured - np.stack([common + kind.ratio * sizes[0] * first, common + sizes[1] * second])
     still, all_scored = np.zeros(n), np.ones(n, bool)
     return AlignedRecording(
@@ -54,7 +54,7 @@ def make_recording(kind: MadeErrors, random: np.random.Generator) -> AlignedReco
     )
 
 
-def correlated(n: int, tau_s: float, random: np.random.Generator) -> F:
+def draw_correlated(n: int, tau_s: float, random: np.random.Generator) -> F:
     """Return an autoregressive process (n,) of variance 1 and correlation time `tau_s`."""
     pole = float(np.exp(-1.0 / (tau_s * RATE_HZ)))
     settling = round(10.0 * tau_s * RATE_HZ)
@@ -71,7 +71,7 @@ def _periodic(time_s: F, slow_s: float, random: np.random.Generator) -> tuple[F,
 
 
 def _slow(time_s: F, slow_s: float, random: np.random.Generator) -> tuple[F, F]:
-    first, second = (np.exp(0.5 * correlated(len(time_s), slow_s, random)) for _ in range(2))
+    first, second = (np.exp(0.5 * draw_correlated(len(time_s), slow_s, random)) for _ in range(2))
     return first, second
 
 

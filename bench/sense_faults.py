@@ -24,7 +24,7 @@ from ces_identify.recordings.checks import WRONG_MODEL, Finding
 from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.log_mapping import load_dyno_mapping
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.sense.delays import Delay, current_delay, force_delay, is_constant
+from ces_identify.sense.delays import DelayEstimate, current_delay, force_delay, is_constant
 from ces_identify.sense.motion import recorded_motion
 from ces_identify.sense.sense import sense
 from ces_rig.blind.excitation import EXCITATIONS, draw_drive
@@ -39,7 +39,7 @@ Change = Callable[[Recording], Recording]
 
 
 @dataclass(frozen=True)
-class Fault:
+class SenseFault:
     """A fault: how it changes a recording, and the signals of which a finding must speak."""
 
     name: str
@@ -133,30 +133,30 @@ def hold_samples(signal: str, samples: int) -> Change:
 
 TIMING = ("force", "position", "current")
 FAULTS = (
-    Fault("none", lambda recording: recording, ()),
-    Fault("force reversed", change_values("force", np.negative), ("force",)),
-    Fault("position reversed", change_values("position", np.negative), ("force",)),
-    Fault("force in kN", change_values("force", lambda v: 1e-3 * v), ("force",)),
-    Fault("position in mm", change_values("position", lambda v: 1e3 * v), ("position",)),
-    Fault("position in inches", change_values("position", lambda v: v / 0.0254), ("position",)),
-    Fault("current in mA", change_values("current", lambda v: 1e3 * v), ("current",)),
-    Fault("current in percent of 1.6 A", change_values("current", lambda v: v / 0.016), ("current",)),
+    SenseFault("none", lambda recording: recording, ()),
+    SenseFault("force reversed", change_values("force", np.negative), ("force",)),
+    SenseFault("position reversed", change_values("position", np.negative), ("force",)),
+    SenseFault("force in kN", change_values("force", lambda v: 1e-3 * v), ("force",)),
+    SenseFault("position in mm", change_values("position", lambda v: 1e3 * v), ("position",)),
+    SenseFault("position in inches", change_values("position", lambda v: v / 0.0254), ("position",)),
+    SenseFault("current in mA", change_values("current", lambda v: 1e3 * v), ("current",)),
+    SenseFault("current in percent of 1.6 A", change_values("current", lambda v: v / 0.016), ("current",)),
     *(
-        Fault(f"{signal} {1e3 * abs(s):.0f} ms {'late' if s > 0 else 'early'}", delay_signal(signal, s), TIMING)
+        SenseFault(f"{signal} {1e3 * abs(s):.0f} ms {'late' if s > 0 else 'early'}", delay_signal(signal, s), TIMING)
         for signal, delays in (
             ("force", (2, 5, 10, 20, 50, -2, -5, -10, -20, -50)),
             ("current", (10, 20, 50, -20, -50)),
         )
         for s in (1e-3 * delay for delay in delays)
     ),
-    *(Fault(f"all at {rate} Hz", sample_at(rate), ("force",)) for rate in (200, 100, 50)),
-    Fault("force clipped at 80 %", clip_force(0.8), ("force",)),
-    Fault("force clipped at 50 %", clip_force(0.5), ("force",)),
-    Fault("position with 40 levels", quantise("position", 40), ("position",)),
-    Fault("force with 20 levels", quantise("force", 20), ("force",)),
-    Fault("position stuck for 10 % of the time", hold_stretch("position"), ("position",)),
-    Fault("force stuck for 10 % of the time", hold_stretch("force"), ("force",)),
-    Fault("force held at 100 Hz", hold_samples("force", 10), ("force",)),
+    *(SenseFault(f"all at {rate} Hz", sample_at(rate), ("force",)) for rate in (200, 100, 50)),
+    SenseFault("force clipped at 80 %", clip_force(0.8), ("force",)),
+    SenseFault("force clipped at 50 %", clip_force(0.5), ("force",)),
+    SenseFault("position with 40 levels", quantise("position", 40), ("position",)),
+    SenseFault("force with 20 levels", quantise("force", 20), ("force",)),
+    SenseFault("position stuck for 10 % of the time", hold_stretch("position"), ("position",)),
+    SenseFault("force stuck for 10 % of the time", hold_stretch("force"), ("force",)),
+    SenseFault("force held at 100 Hz", hold_samples("force", 10), ("force",)),
 )
 
 
@@ -210,7 +210,7 @@ def delay_rows(recordings: Sequence[Recording]) -> list[str]:
     return [markdown([("delay", "certain", "median error, ms", "largest, ms", "interval holds it"), *rows])]
 
 
-def _estimate(recording: Recording, signal: str) -> Delay | None:
+def _estimate(recording: Recording, signal: str) -> DelayEstimate | None:
     motion = recorded_motion(recording)
     if motion is None:
         return None

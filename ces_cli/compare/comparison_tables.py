@@ -10,7 +10,7 @@ from rich.table import Table
 from ces_cli.terminal.tables import NONE, interval_text, percent
 from ces_cli.terminal.terminal import make_table
 from ces_identify.comparison.comparison import Comparison, ModelResult, join
-from ces_identify.comparison.conclusions import best_model, headline, p_text, signed
+from ces_identify.comparison.conclusions import best_model, format_signed, headline, p_text
 from ces_identify.comparison.pair_results import SHORT, Difference, PairResult
 
 LOWEST = "lowest"
@@ -58,7 +58,9 @@ def pair_table(comparison: Comparison) -> Table:
     for pair in comparison.pairs:
         names = [comparison.models[i].name for i in (pair.first, pair.second)]
         difference = pair.pooled
-        table.add_row(*names, _signed(difference.value), interval_of(difference), p_text(pair.p_value), _verdict(pair))
+        table.add_row(
+            *names, _format_signed(difference.value), interval_of(difference), p_text(pair.p_value), _verdict(pair)
+        )
     return table
 
 
@@ -78,7 +80,7 @@ def interval_of(difference: Difference) -> str:
     """Return the interval of a difference as text, a dash without one."""
     if difference.low is None or difference.high is None:
         return NONE
-    return f"{_signed(difference.low)} to {_signed(difference.high)}"
+    return f"{_format_signed(difference.low)} to {_format_signed(difference.high)}"
 
 
 def _above(comparison: Comparison, best: int, model: int) -> str:
@@ -88,7 +90,7 @@ def _above(comparison: Comparison, best: int, model: int) -> str:
     difference = comparison.pair(best, model).minus(best)
     if difference.low is None or difference.high is None:
         return SHORT if math.isfinite(difference.value) else NONE
-    return f"{_signed(difference.value)} ({interval_of(difference)})"
+    return f"{_format_signed(difference.value)} ({interval_of(difference)})"
 
 
 def _verdict(pair: PairResult) -> str:
@@ -97,8 +99,8 @@ def _verdict(pair: PairResult) -> str:
     return "first better" if pair.better == pair.first else "second better"
 
 
-def _signed(value: float) -> str:
-    return signed(value) if math.isfinite(value) else NONE
+def _format_signed(value: float) -> str:
+    return format_signed(value) if math.isfinite(value) else NONE
 
 
 def _size(model: ModelResult) -> str:

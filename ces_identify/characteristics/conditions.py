@@ -35,7 +35,7 @@ def current_tolerance(stretches: Sequence[Stretch]) -> float:
     """Return by how much [A] currents may differ and still count as the same."""
     known = [s.current[np.isfinite(s.current)] for s in stretches]
     largest = max((float(np.percentile(np.abs(c), 99.0)) for c in known if len(c)), default=0.0)
-    noise = max((noise_rms(_changed(c)) for c in known), default=0.0)
+    noise = max((noise_rms(_find_changes(c)) for c in known), default=0.0)
     return max(CURRENT_SHARE * largest, CURRENT_NOISE * noise, 1e-9)
 
 
@@ -91,7 +91,7 @@ def _cut(values: F, group: I, tolerance: float) -> Iterator[I]:
     yield from np.split(group, np.flatnonzero(np.diff(piece)) + 1)
 
 
-def _changed(current: F) -> F:
+def _find_changes(current: F) -> F:
     """Return the current without repetitions of held samples, which would hide its noise."""
     keep = np.ones(len(current), np.bool_)
     keep[1:] = np.diff(current) != 0.0

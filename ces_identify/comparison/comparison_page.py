@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from ces_identify.comparison.compared_model import TRAINED
 from ces_identify.comparison.comparison import Comparison, ModelResult, join
-from ces_identify.comparison.conclusions import best_model, headline, p_text, signed
+from ces_identify.comparison.conclusions import best_model, format_signed, headline, p_text
 from ces_identify.comparison.overlay_charts import draw_overlay
 from ces_identify.comparison.pair_results import Difference, PairResult
 from ces_identify.report.interval_chart import IntervalRow, draw_intervals
@@ -187,8 +187,8 @@ def _difference_text(one: Difference) -> str:
     if not math.isfinite(one.value):
         return "diverged"
     if one.low is None or one.high is None:
-        return f"{signed(one.value)} (too short)"
-    return f"{signed(one.value)} ({signed(one.low)} to {signed(one.high)})"
+        return f"{format_signed(one.value)} (too short)"
+    return f"{format_signed(one.value)} ({format_signed(one.low)} to {format_signed(one.high)})"
 
 
 def _envelope_charts(comparison: Comparison) -> list[Markup]:

@@ -47,7 +47,7 @@ def _shorten(names: Sequence[str]) -> str:
     return join(names) if len(names) <= MAX_NAMES else f"{len(names)} of the others"
 
 
-def signed(value: float) -> str:
+def format_signed(value: float) -> str:
     """Return a difference [%] with its sign."""
     return minus(f"{round(value, 2) + 0.0:+.2f}")  # no negative zero
 

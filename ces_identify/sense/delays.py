@@ -33,7 +33,7 @@ SAME_CURRENT = 0.02  # relative spread below which a current counts as constant
 
 
 @dataclass(frozen=True)
-class Delay:
+class DelayEstimate:
     """How late a signal is logged [s], with the interval of the shifts that fit; `errors` at zero and at the best."""
 
     late_s: float
@@ -53,7 +53,7 @@ class Delay:
         return min((self.low_s, self.high_s), key=abs) if self.certain else 0.0
 
 
-def force_delay(motion: Motion) -> Delay | None:
+def force_delay(motion: Motion) -> DelayEstimate | None:
     """Return how late the force is logged relative to the position, None if that cannot be known."""
     if len(motion) < MIN_TICKS or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
         return None
@@ -65,7 +65,7 @@ def force_delay(motion: Motion) -> Delay | None:
     return _as_delay(shifts / RATE_HZ, errors, FACTOR, FLOOR)
 
 
-def current_delay(motion: Motion, force_late_s: float = 0.0) -> Delay | None:
+def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | None:
     """Return how late the current is logged relative to the force, None if that cannot be known.
 
     `force_late_s` is the delay of the force relative to the position, which is taken out first.
@@ -149,14 +149,14 @@ def _fit_errors(features: F, targets: F) -> F:
     return np.asarray(np.sqrt(np.maximum(rest, 0.0) / energy))
 
 
-def _as_delay(shifts_s: F, errors: F, factor: float, floor: float) -> Delay | None:
+def _as_delay(shifts_s: F, errors: F, factor: float, floor: float) -> DelayEstimate | None:
     best = int(np.argmin(errors))
     if errors[best] > MAX_ERROR:
         return None
     limit = max(factor * float(errors[best]), float(np.hypot(errors[best], floor)))
     low, high = (_crossing(shifts_s, errors, limit, best, step) for step in (-1, 1))
     at_zero = float(errors[len(errors) // 2])
-    return Delay(_vertex(shifts_s, errors, best), low, high, at_zero, float(errors[best]))
+    return DelayEstimate(_vertex(shifts_s, errors, best), low, high, at_zero, float(errors[best]))
 
 
 def _crossing(shifts_s: F, errors: F, limit: float, best: int, step: int) -> float:

@@ -9,7 +9,7 @@ from scipy.signal import welch
 
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, mean_rate
 from ces_identify.recordings.recording import Recording
-from ces_identify.sense.delays import Delay, current_delay, force_delay
+from ces_identify.sense.delays import DelayEstimate, current_delay, force_delay
 from ces_identify.sense.motion import RATE_HZ, Motion
 
 MIN_DELAY_S, WRONG_DELAY_S = 0.002, 0.005  # that the interval must exclude to be reported; to be refused
@@ -44,14 +44,14 @@ def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
     return (float(power.sum()) / total, float(size[returned].sum()) / total) if total > 0.0 else (0.0, 0.0)
 
 
-def is_reversed(motion: Motion, delay: Delay | None) -> bool:
+def is_reversed(motion: Motion, delay: DelayEstimate | None) -> bool:
     """Return whether the recorded force drives the piston on balance: its sign or that of the position is wrong."""
     late = delay.late_s if delay is not None and delay.certain else 0.0
     balance, returned = dissipation(motion, late)
     return balance < -MIN_WORK and returned > MIN_BLOCKS
 
 
-def _sign(motion: Motion, delay: Delay | None) -> Iterator[Finding]:
+def _sign(motion: Motion, delay: DelayEstimate | None) -> Iterator[Finding]:
     if is_reversed(motion, delay):
         yield Finding(
             WRONG_MODEL,
@@ -60,7 +60,7 @@ def _sign(motion: Motion, delay: Delay | None) -> Iterator[Finding]:
         )
 
 
-def _delays(motion: Motion, force: Delay | None) -> Iterator[Finding]:
+def _delays(motion: Motion, force: DelayEstimate | None) -> Iterator[Finding]:
     """Yield the delay of force or position, and that of the current if it fits neither of the two."""
     if force is not None and abs(force.nearest_s) >= MIN_DELAY_S:
         yield _describe_delay("force", "position", force)
@@ -72,7 +72,7 @@ def _delays(motion: Motion, force: Delay | None) -> Iterator[Finding]:
         yield _describe_delay("current", "force", current)
 
 
-def _describe_delay(signal: str, other: str, delay: Delay) -> Finding:
+def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> Finding:
     late, reference = (signal, other) if delay.late_s > 0.0 else (other, signal)
     size = sorted(1e3 * abs(s) for s in (delay.low_s, delay.high_s))
     severity = WRONG_MODEL if abs(delay.nearest_s) >= WRONG_DELAY_S else WARNING

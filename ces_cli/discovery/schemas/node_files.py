@@ -38,7 +38,7 @@ def controller_schema() -> Schema:
 def rig_node_schema() -> Schema:
     """Return the schema of the live rig's parameters."""
     table = (*node_table.OF_THE_NODE, *node_table.OF_THE_RIG)
-    return parameter_file({**of_parameters(table), **ROS}, _dotted(table) | ROS_DOTTED, False)
+    return parameter_file({**of_parameters(table), **ROS}, _list_dotted(table) | ROS_DOTTED, False)
 
 
 def identify_node_schema() -> Schema:
@@ -46,7 +46,7 @@ def identify_node_schema() -> Schema:
     return parameter_file({**of_parameters((*PARAMETERS, EXIT_WHEN_DONE)), **ROS}, ROS_DOTTED, False)
 
 
-def _dotted(table: Iterable[ParameterSpec]) -> dict[str, Schema]:
+def _list_dotted(table: Iterable[ParameterSpec]) -> dict[str, Schema]:
     """Return patterns of names with dots, which ROS 2 reads as the nested form."""
     last = {spec.name: replace(spec, name=spec.name.rpartition(".")[2]) for spec in table if "." in spec.name}
     return {rf"^{re.escape(name)}$": of_parameters([spec])[spec.name] for name, spec in last.items()}
