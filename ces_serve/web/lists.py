@@ -47,7 +47,10 @@ def list_kind(kind: str) -> str:
 
 @pages.get("/events/overview")
 def watch() -> Response:
-    """Stream an event whenever the list or the running searches have changed."""
+    """Stream the state of the list and of the running searches, first as it is and then whenever it changes.
+
+    A page that shows another state than the first is out of date: what it shows was listed before the stream began.
+    """
     return streams().respond(_watch(site().catalogue.listing))
 
 
@@ -88,6 +91,7 @@ def _page(kind: str, title: str) -> str:
         newer=_url(query, order, number - 1) if number > 1 else "",
         inside=len(listing.items) - len(candidates) if kind == ALL else 0,
         searches=listing.searches,
+        state=_fingerprint(listing),
         cut=listing.cut,
         can_compare=kind == MODEL,
         can_link=kind != UNREADABLE,
@@ -113,18 +117,15 @@ def _url(query: str, order: str, page: int) -> str:
 
 
 def _watch(listing_of: Callable[[], Listing]) -> Events:
-    before = None
+    before = ""
     while True:
         now = _fingerprint(listing_of())
-        if before is not None and now != before:
-            yield "changed", None
-        else:
-            yield ALIVE
+        yield ("listed", now) if now != before else ALIVE
         before = now
         time.sleep(WATCH_S)
 
 
-def _fingerprint(listing: Listing) -> int:
+def _fingerprint(listing: Listing) -> str:
     items = ((one.kind, one.path, one.modified_s, one.problem) for one in listing.items)
     searches = ((search.path, len(search.progress.rows)) for search in listing.searches)
-    return hash((tuple(items), tuple(searches)))
+    return f"{hash((tuple(items), tuple(searches))):x}"

@@ -8,6 +8,7 @@ pytest.importorskip("flask", reason="Flask is not installed")
 
 import re
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ from browser import find_clipped, find_low_contrast, open_page, start_browser
 from served_folders import described_model, fill_folder
 
 from ces_identify.progress_file import SearchProgressFile
+from ces_serve.files.catalogue import FRESH_S
 from ces_serve.web.server import PageServer
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -86,9 +88,20 @@ def test_what_is_new_appears_by_itself(tmp_path: Path) -> None:
     described_model().save(tmp_path / "a.json")
     with serving(tmp_path) as address, own_page(address) as page:
         expect(page.locator("tbody tr")).to_have_count(1)
-        page.wait_for_timeout(1500)  # until the stream is open
         described_model().save(tmp_path / "b.json")
         expect(page.locator("tbody tr")).to_have_count(2, timeout=PATIENCE_MS)
+
+
+def test_what_came_between_the_page_and_its_stream_appears_too(tmp_path: Path) -> None:
+    def come_late(route: Any) -> None:
+        described_model().save(tmp_path / "a.json")
+        time.sleep(2 * FRESH_S)  # the list is made anew before the stream begins
+        route.continue_()
+
+    with serving(tmp_path) as address, open_page("about:blank", network=True) as page:
+        page.route("**/events/overview", come_late)
+        page.goto(address)
+        expect(page.locator("tbody tr")).to_have_count(1, timeout=PATIENCE_MS)
 
 
 def test_two_models_are_compared_by_clicking(url: str) -> None:
@@ -117,7 +130,7 @@ def test_a_running_search_grows_and_ends(tmp_path: Path) -> None:
     with serving(tmp_path) as address, SearchProgressFile("identify", tmp_path / "new.json", facts) as file:
         file.write({"seed": 1, "cost": 30.0, "size": 2, "ended": "running"})
         with own_page(address) as page:
-            page.locator(".running a").click()
+            page.locator(".running a").click(timeout=PATIENCE_MS)
             points = page.locator("#search-plot g.area path.spot")
             before = len(points.first.get_attribute("d") or "")
             for cost in (20.0, 12.0, 8.25):

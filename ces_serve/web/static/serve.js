@@ -47,7 +47,9 @@
     const page = new DOMParser().parseFromString(await answer.text(), "text/html");
     if (number !== newest) return;
     const focused = results.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
-    results.innerHTML = page.getElementById("results").innerHTML;
+    const fresh = page.getElementById("results");
+    results.innerHTML = fresh.innerHTML;
+    results.dataset.state = fresh.dataset.state;
     document.querySelector(".topbar nav").innerHTML = page.querySelector(".topbar nav").innerHTML;
     restoreChoice(results);
     if (focused) results.querySelector(`a[href="${CSS.escape(focused)}"]`)?.focus();
@@ -65,7 +67,9 @@
     let timer = 0;
     input.addEventListener("input", () => { clearTimeout(timer); timer = setTimeout(() => load(filterUrl()), DELAY_MS); });
     input.form.addEventListener("submit", event => { event.preventDefault(); load(filterUrl()); });
-    follow(results.dataset.watch, {changed: () => load(location.pathname + location.search, {keep: false})});
+    follow(results.dataset.watch, {
+      listed: state => { if (state !== results.dataset.state) load(location.pathname + location.search, {keep: false}); },
+    });
   }
 
   document.addEventListener("keydown", event => {

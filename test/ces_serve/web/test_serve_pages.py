@@ -247,3 +247,20 @@ def test_what_cannot_be_compared_is_said(client: FlaskClient) -> None:
 def test_an_error_in_a_stream_is_its_last_event(client: FlaskClient, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ces_serve.web.lists._fingerprint", lambda listing: 1 / 0)
     assert "terminal of ces serve" in read_events(client, "/events/overview", ("failed",))["failed"][0]
+
+
+def test_a_stream_begins_with_the_state_of_the_list_that_a_page_can_be_behind(tmp_path: Path) -> None:
+    described_model().save(tmp_path / "a.json")
+    site = Site.open(tmp_path)
+    client = make_app(site, "127.0.0.1").test_client()
+
+    def shown() -> str:
+        match = re.search(r'data-state="([^"]+)"', text_of(client, "/"))
+        assert match is not None
+        return f'"{match[1]}"'
+
+    before = shown()
+    assert read_events(client, "/events/overview", ("listed",))["listed"] == [before]
+    described_model().save(tmp_path / "b.json")
+    site.catalogue.listing(anew=True)
+    assert read_events(client, "/events/overview", ("listed",))["listed"] == [shown()] != [before]
