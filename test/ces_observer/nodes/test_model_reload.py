@@ -18,6 +18,7 @@ from ces_observer.nodes.model_reload import ModelReload, Verdict
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
 
+
 def unstable() -> Model:
     model = plain_damper()
     past, *others = model.body.terms
