@@ -16,7 +16,7 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from node_process import ROOT, NodeProcess
 from party import Party
-from processes import PATIENCE_S
+from patience import PATIENCE_S
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState, Temperature
 from vehicle import DEEP, JOINT, stroke, wait

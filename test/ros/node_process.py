@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from processes import PATIENCE_S
+from patience import PATIENCE_S
 
 ORDERLY_S = 15.0  # for a node to end in order after its test
 ROOT = Path(__file__).resolve().parent.parent.parent

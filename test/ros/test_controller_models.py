@@ -22,7 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from model_reloads import ModelReloads
 from node_process import NodeProcess, ros_args
 from party import Party
-from processes import PATIENCE_S
+from patience import PATIENCE_S
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile

@@ -21,7 +21,7 @@ from cpp_package import PACKAGE, CppPackage, missing_tool
 from damper_models import plain_damper
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_process import NodeProcess
-from processes import PATIENCE_S
+from patience import PATIENCE_S
 from replay import MS, START_NS, Samples
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState

@@ -15,7 +15,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from failing_observer import STEPS
 from node_process import ROOT, NodeProcess, ros_args
-from processes import PATIENCE_S
+from patience import PATIENCE_S
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from test_misuse import CURRENT_A, EXECUTORS, compare, damper

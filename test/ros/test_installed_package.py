@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from node_process import NodeProcess, ros_args
-from processes import PATIENCE_S
+from patience import PATIENCE_S
 from vehicle import Vehicle, wait
 
 from ces_cli.main import PROGRAMS

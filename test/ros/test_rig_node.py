@@ -18,7 +18,7 @@ import rclpy
 from geometry_msgs.msg import AccelStamped, WrenchStamped
 from node_process import NodeProcess, ros_args
 from party import Party
-from processes import PATIENCE_S
+from patience import PATIENCE_S
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile

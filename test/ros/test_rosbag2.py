@@ -29,7 +29,7 @@ from bag_recorders import (
 )
 from conftest import new_namespace
 from node_process import NodeProcess
-from processes import PATIENCE_S
+from patience import PATIENCE_S
 from vehicle import JOINT, Vehicle, stamp_of, wait
 
 from ces_identify.recordings.bag_reader import read_recording

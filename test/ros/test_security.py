@@ -19,7 +19,7 @@ import sros2._utilities
 from cryptography.hazmat.primitives.asymmetric import ec
 from damper_models import plain_damper
 from node_process import ROOT, NodeProcess
-from processes import PATIENCE_S
+from patience import PATIENCE_S
 from ros2cli.cli import main as ros2
 from sros2.policy import load_policy
 from vehicle import Vehicle

@@ -12,7 +12,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from model_reloads import ModelReloads
 from party import Party
-from processes import PATIENCE_S, wait_until
+from patience import PATIENCE_S, wait_until
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient

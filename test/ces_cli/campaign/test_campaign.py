@@ -17,7 +17,7 @@ from ces_identify.recordings.bag_writer import recording_topics, write_bag
 
 ROOT = Path(__file__).parents[3]
 from campaign_parts import CAMPAIGN, DEFAULT, furnish, made  # noqa: E402
-from processes import PATIENCE_S, wait_until  # noqa: E402
+from patience import PATIENCE_S, wait_until  # noqa: E402
 
 CELLS = 12
 FILES = ("results.jsonl", "results.csv", "results.md", "pareto.svg", "pareto.png")

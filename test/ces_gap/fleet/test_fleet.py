@@ -11,7 +11,7 @@ from pathlib import Path
 import cheap_diagnosis
 import pytest
 from cheap_diagnosis import OFFSETS_N, Offset, Options, made
-from processes import wait_until
+from patience import wait_until
 
 from ces_gap.fleet.request import DiagnosisRequest, job_of
 from ces_gap.fleet.unit_result import diagnose_unit

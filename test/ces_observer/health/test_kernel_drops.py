@@ -7,7 +7,7 @@ import sys
 from contextlib import suppress
 
 import pytest
-from processes import wait_until
+from patience import wait_until
 
 from ces_observer.health.kernel_drops import KernelDrops
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from damper_models import plain_damper
-from processes import command_of, wait_until
+from patience import command_of, wait_until
 
 from ces_observer.control.model_inverse import ModelInverse
 from ces_observer.model import Model

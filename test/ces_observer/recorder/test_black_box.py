@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from processes import PATIENCE_S
+from patience import PATIENCE_S
 from raw_messages import CURRENT, MS, SECOND, TOPICS, channels, drive
 from rosbags.rosbag2 import Reader
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import command_of, wait_until
+from patience import command_of, wait_until
 
 from ces_serve.live import link
 from ces_serve.live.link import ObserverLink, find_python

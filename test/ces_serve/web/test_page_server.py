@@ -12,7 +12,7 @@ from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
-from processes import children_running, wait_until
+from patience import children_running, wait_until
 from served_folders import BAGS
 
 from ces_serve.web.server import PageServer

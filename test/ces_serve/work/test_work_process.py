@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from processes import PATIENCE_S, children_running
+from patience import PATIENCE_S, children_running
 from served_folders import BAGS
 
 from ces_observer.errors import CesError
