@@ -39,7 +39,7 @@ def test_every_sample_of_a_stall_is_estimated_late_but_right(
         wait(lambda: len(vehicle.estimates) > 200, "estimates before the stall")
         stall(node)
         time.sleep(0.3)
-    wait(lambda: stamp_of(vehicle.estimates[-1]) == vehicle.driven[-1], "the last estimate", 30.0)
+    wait(lambda: stamp_of(vehicle.estimates[-1]) == vehicle.driven[-1], "the last estimate")
     estimates = list(vehicle.estimates)
     assert vehicle.stamps() == vehicle.driven[vehicle.driven.index(vehicle.stamps()[0]) :]
     positions = [(stamp, stroke(stamp % 10**12 * 1e-9)) for stamp in vehicle.driven]
@@ -61,7 +61,7 @@ def test_what_a_full_queue_loses_is_counted(vehicle: Vehicle, start: Callable[..
         stall(node)
         vehicle.hears("dropped by this node's queue: set input_depth higher", level=None)
         wait(lambda: count_lost() >= 300, "the count of what the stall lost")  # a status may come while it counts
-    assert count_lost() <= 1500
+    assert count_lost() <= len(vehicle.driven) - 200
 
 
 def test_options_in_force_are_in_the_diagnostics(vehicle: Vehicle, start: Callable[..., NodeProcess]) -> None:

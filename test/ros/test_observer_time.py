@@ -118,8 +118,7 @@ def test_switching_simulated_time_off_is_told(simulated: SimulatedVehicle, modul
     simulated.drives(700 * S)
     assert module_vehicle.sets("use_sim_time", False).successful
     module_vehicle.hears_value(JUMPS, "simulated time was switched off")
-    module_vehicle.drive(0.5)
-    wait(lambda: module_vehicle.stamps()[-1] > START_NS, "an estimate by the wall clock")
+    module_vehicle.drive_until(lambda: module_vehicle.stamps()[-1] > START_NS, "an estimate by the wall clock")
 
 
 @pytest.mark.parametrize("jump_s", [-30.0, 30.0])

@@ -19,7 +19,7 @@ def test_compilation_takes_no_time() -> None:
         kernel(1.5)
     passed, wall = search_clock.now() - began, time.monotonic() - wall
     assert timer.duration > 0.01
-    assert wall - passed == pytest.approx(timer.duration, rel=0.1)
+    assert wall - passed == pytest.approx(timer.duration, rel=0.3)
 
 
 def test_everything_else_does() -> None:

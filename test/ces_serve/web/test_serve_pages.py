@@ -215,6 +215,19 @@ def test_a_running_search_is_shown_and_followed_to_its_end(tmp_path: Path, searc
     assert "not running" in text_of(client, "/search/new.json")
 
 
+def test_a_search_that_ended_before_its_page_was_followed_is_said_to_have_ended(
+    tmp_path: Path, search: SearchProgressFile
+) -> None:
+    site = Site.open(tmp_path)
+    client = make_app(site, "127.0.0.1").test_client()
+    assert "/events/search/new.json" in text_of(client, "/search/new.json")
+    described_model().save(tmp_path / "new.json")
+    search.__exit__(None, None, None)
+    site.catalogue.listing(anew=True)
+    found = read_events(client, "/events/search/new.json", ("content", "ended"))
+    assert "/view/model/new.json" in found["ended"][0] and "content" not in found
+
+
 def test_a_running_campaign_shows_its_results_so_far(tmp_path: Path) -> None:
     folder = fill_folder(tmp_path, bags=False)
     with ProgressFile("jobs", folder / "sizes", {"things": "cells", "total": 9, "done": 2}) as file:

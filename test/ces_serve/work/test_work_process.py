@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import time
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE_S, children_running
 from served_folders import BAGS
 
 from ces_observer.errors import CesError
@@ -16,15 +15,8 @@ from ces_serve.work.process import do_work, finish_work
 INSPECT = {"name": "inspect", "path": str(BAGS / "sine_4hz"), "signals": None}
 
 
-def children() -> set[str]:
-    """Return the worker processes of this one."""
-    found = Path(f"/proc/{os.getpid()}/task").glob("*/children")
-    pids = {pid for path in found for pid in path.read_text().split()}
-    return {pid for pid in pids if process.WORKER in Path(f"/proc/{pid}/cmdline").read_text()}
-
-
 def test_a_recording_is_inspected_as_by_ces_info() -> None:
-    found = finish_work(INSPECT, 60.0)
+    found = finish_work(INSPECT, PATIENCE_S)
     channels = {channel["name"]: channel for channel in found["channels"]}
     assert set(channels) == {"position", "current", "force"}
     force = channels["force"]
@@ -35,26 +27,27 @@ def test_a_recording_is_inspected_as_by_ces_info() -> None:
 
 def test_a_wrong_path_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(CesError, match="no such file or folder"):
-        finish_work({**INSPECT, "path": str(tmp_path / "missing")}, 60.0)
+        finish_work({**INSPECT, "path": str(tmp_path / "missing")}, PATIENCE_S)
 
 
 def test_work_that_takes_too_long_is_stopped() -> None:
     with pytest.raises(CesError, match="it took longer than 0 s"):
         finish_work(INSPECT, 0.05)
-    assert children() == set()
+    assert children_running(process.WORKER) == set()
 
 
-def test_work_ends_when_nobody_waits_for_it() -> None:
-    messages = do_work(INSPECT, 60.0)
-    next(messages)
-    assert len(children()) == 1
-    began = time.monotonic()
+def test_work_ends_when_nobody_waits_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "endless_worker.py").write_text("import time; time.sleep(3600)")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(process, "WORKER", "endless_worker")
+    messages = do_work(INSPECT, 600.0)
+    assert next(messages) == {}
+    assert len(children_running("endless_worker")) == 1
     messages.close()
-    assert children() == set()
-    assert time.monotonic() - began < 1.0
+    assert children_running("endless_worker") == set()
 
 
 def test_a_process_that_dies_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process, "WORKER", "ces_serve.no_such_module")
     with pytest.raises(CesError, match="the process ended without a result"):
-        finish_work(INSPECT, 60.0)
+        finish_work(INSPECT, PATIENCE_S)
