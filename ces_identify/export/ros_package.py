@@ -24,7 +24,7 @@ from ces_observer.errors import CesError, ModelError
 from ces_observer.json_checks import write_all_atomically
 from ces_observer.model import Model
 from ces_observer.proof.certificate import Certificate
-from ces_observer.signals import Constant, Signal, Signals
+from ces_observer.signals import MAX_DELAY_S, Constant, Signal, Signals
 
 TEMPLATE = ".j2"
 NODE_MESSAGES = ("diagnostic_msgs", "sensor_msgs", "std_msgs")  # that the node needs for any model
@@ -64,19 +64,16 @@ class NodeSignal:
     field: str = ""
     scale: float = 1.0
     offset: float = 0.0
+    delay: float = 0.0
     constant: float | None = None
 
     @classmethod
     def from_signal(cls, signal: Signal | Constant) -> NodeSignal:
-        """Return the description of a signal; raises CesError for one with a delay, which the C++ observer has not."""
+        """Return the description of a signal."""
         if isinstance(signal, Constant):
             return cls(signal.name, constant=signal.value)
-        if signal.delay:
-            raise CesError(
-                f"signal '{signal.name}': delay is {signal.delay:g} s, and the C++ observer takes stamps as they are; "
-                "correct them at the source, or use the Python node"
-            )
-        return cls(signal.name, signal.topic, signal.type, signal.field.text, signal.scale, signal.offset)
+        field = signal.field.text
+        return cls(signal.name, signal.topic, signal.type, field, signal.scale, signal.offset, signal.delay)
 
 
 def export_ros_package(model: Model, package: str, signals: Signals, certificate: Certificate) -> dict[str, str]:
@@ -172,6 +169,7 @@ def _find_facts(model: Model, package: str, name: str, signals: Signals, certifi
         "motion": model.sampling.motion_signal,
         "band": model.band,
         "signals": described,
+        "max_delay_s": MAX_DELAY_S,
         "types": [MessageHeader.from_type(one) for one in types],
         "messages": sorted({*NODE_MESSAGES, *(one.partition("/")[0] for one in types)}),
     }

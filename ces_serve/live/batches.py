@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-BINS = 4  # of a batch: the lowest and highest force of each are kept
+BINS = 4  # of each 50 ms: the lowest and highest force of each are kept
+SPAN_NS = 50_000_000
+MAX_BINS = 400  # of a batch, which is longer after a stall
 MAX_WAITING = 2000  # bands or estimates without the other
 
 Sample = tuple[float, float, float]  # position [m], speed [m/s], force [N]
@@ -54,12 +56,14 @@ class EstimateBatches:
 
 
 def _thin_out(samples: list[tuple[int, Sample]]) -> list[tuple[int, Sample]]:
-    """Return the samples with the lowest and the highest force of each of BINS parts, in time order."""
-    if len(samples) <= 2 * BINS:
+    """Return the samples with the lowest and the highest force of each part, in time order."""
+    span_ns = samples[-1][0] - samples[0][0]
+    parts = min(BINS * (1 + span_ns // SPAN_NS), MAX_BINS)
+    if len(samples) <= 2 * parts:
         return samples
     kept = set()
-    for part in range(BINS):
-        first, end = part * len(samples) // BINS, (part + 1) * len(samples) // BINS
+    for part in range(parts):
+        first, end = part * len(samples) // parts, (part + 1) * len(samples) // parts
         indices = range(first, end)
         kept |= {min(indices, key=lambda k: samples[k][1][2]), max(indices, key=lambda k: samples[k][1][2])}
     return [samples[k] for k in sorted(kept)]

@@ -16,6 +16,7 @@ import threading
 from collections.abc import Generator
 from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 Message = dict[str, Any]
@@ -23,8 +24,14 @@ LISTENER = "ces_serve.live.node"
 MAX_WAITING = 400  # messages for a client that reads too slowly: 20 s; older ones are dropped
 HEARTBEAT_S = 1.0
 CHECK_S = 20.0
+ROS = "ROS_DISTRO"  # set by a sourced ROS 2
 MISSING, ENDED, TOPICS = "missing", "ended", "topics"
 NOT_SOURCED = "ROS 2 is not sourced here: source it and start ces serve again to see a running observer"
+NO_RCLPY = "ROS 2 is sourced, but neither the Python of ces serve nor python3 can import rclpy and its messages"
+PACKAGES = str(Path(__file__).resolve().parents[2])  # come last, so that rclpy finds the libraries of its own Python
+WITH_PACKAGES = "import sys; sys.path.append(sys.argv.pop(1)); "
+CHECK = f"{WITH_PACKAGES}import rclpy, sensor_msgs.msg, diagnostic_msgs.msg, ces_serve.live.batches"
+RUN = f"{WITH_PACKAGES}from runpy import run_module; run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)"
 
 
 class ObserverLink:
@@ -41,7 +48,7 @@ class ObserverLink:
         """Yield messages as they come, an empty one at least every second; MISSING or ENDED is the last."""
         python = find_python()
         if python is None:
-            yield {MISSING: NOT_SOURCED}
+            yield {MISSING: NO_RCLPY if ROS in os.environ else NOT_SOURCED}
             return
         waiting: queue.Queue[Message] = queue.Queue(MAX_WAITING)
         self._join(waiting, python)
@@ -69,7 +76,7 @@ class ObserverLink:
             if self._process is not None:
                 waiting.put_nowait(self._topics)
                 return
-            command = [python, "-m", LISTENER, self._observer]
+            command = [python, "-c", RUN, PACKAGES, LISTENER, self._observer]
             pipe = subprocess.PIPE
             self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, start_new_session=True)
             threading.Thread(target=self._share, args=(self._process,), daemon=True).start()
@@ -114,14 +121,14 @@ class ObserverLink:
 @cache
 def find_python() -> str | None:
     """Return a Python that has rclpy: this one, or the `python3` of the sourced ROS 2; None without ROS."""
-    if "ROS_DISTRO" not in os.environ:
+    if ROS not in os.environ:
         return None
     candidates = dict.fromkeys(filter(None, (sys.executable, shutil.which("python3"), "/usr/bin/python3")))
     return next((python for python in candidates if _has_rclpy(python)), None)
 
 
 def _has_rclpy(python: str) -> bool:
-    command = [python, "-c", "import rclpy, sensor_msgs.msg, diagnostic_msgs.msg, ces_serve.live.batches"]
+    command = [python, "-c", CHECK, PACKAGES]
     try:
         done = subprocess.run(command, capture_output=True, check=False, timeout=CHECK_S)
     except (OSError, subprocess.TimeoutExpired):

@@ -34,13 +34,14 @@ LISTEN = QoSProfile(depth=QUEUE, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 
 
 class ObserverListener(Node):  # type: ignore[misc]
-    """Listens to the observers whose node is named `observer`, or to all if that is empty."""
+    """Listens to the observer whose node has the full name `observer`, or to all if that is empty."""
 
     def __init__(self, observer: str) -> None:
         # Neither logs on /rosout nor services: nothing of this node is to appear on the vehicle but its subscriptions.
         super().__init__(f"ces_serve_{os.getpid()}", enable_rosout=False, start_parameter_services=False)
-        self._prefix = f"/{observer.strip('/')}/" if observer else ""
+        self._observer = f"/{observer.strip('/')}" if observer else ""
         self._batches: dict[str, EstimateBatches] = {}
+        self._publishers: set[str] = set()  # names of the nodes behind the estimates
         self._offered: list[str] | None = None
         self.create_subscription(DiagnosticArray, "/diagnostics", self._hear_diagnostics, LISTEN)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -52,16 +53,28 @@ class ObserverListener(Node):  # type: ignore[misc]
         """Subscribe to estimates that are new, and say which are offered now."""
         offered = []
         for topic, types in self.get_topic_names_and_types():
-            if topic.endswith(ESTIMATE) and JOINT_STATE in types and self._is_wanted(topic):
-                offered += [topic] if self.count_publishers(topic) else []
+            if topic.endswith(ESTIMATE) and JOINT_STATE in types and self._has_publisher(topic):
+                offered.append(topic)
                 if topic not in self._batches:
                     self._subscribe(topic)
         if offered != self._offered:
             self._offered = offered
             send({"topics": offered})
 
-    def _is_wanted(self, topic: str) -> bool:
-        return not self._prefix or self._prefix in topic
+    def _has_publisher(self, topic: str) -> bool:
+        """Return whether an observer that is wanted publishes `topic`; a player of bags may do so in its place."""
+        infos = self.get_publishers_info_by_topic(topic)
+        nodes = {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos}
+        if self._observer and not topic.startswith(f"{self._observer}/"):
+            nodes &= {self._observer}
+        self._publishers |= nodes
+        return bool(nodes)
+
+    def _is_observer(self, node: str) -> bool:
+        """Return whether the status of `node` is that of an observer whose estimates are heard."""
+        if self._observer:
+            return node == self._observer
+        return node in self._publishers or any(topic.startswith(f"{node}/") for topic in self._batches)
 
     def _subscribe(self, topic: str) -> None:
         batches = self._batches[topic] = EstimateBatches()
@@ -81,7 +94,7 @@ class ObserverListener(Node):  # type: ignore[misc]
 
     def _hear_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if self._prefix and self._prefix.strip("/") not in status.name:
+            if not self._is_observer(status.name.partition(":")[0]):
                 continue
             values = {value.key: value.value for value in status.values}
             level = int.from_bytes(status.level, "little")

@@ -165,10 +165,13 @@ def faulty_currents(count: int) -> Samples:
     return held + [(stamp + 30 * S, value) for stamp, value in held[-80:]]
 
 
-@pytest.mark.parametrize("executor", ["events", "single"])
-def test_faulty_samples_give_the_same_estimates_and_reasons(start_pair: Callable[..., Pair], executor: str) -> None:
+@pytest.mark.parametrize(("executor", "delays_ms"), [("events", (0, 0)), ("single", (20, -15))])
+def test_faulty_samples_give_the_same_estimates_and_reasons(
+    start_pair: Callable[..., Pair], executor: str, delays_ms: tuple[int, int]
+) -> None:
     positions = faulty_positions(3000)
-    pair = start_pair(executor=executor, max_age_s=0.0, wait_for_current_s=10.0, **STAMPED_CURRENT)
+    delays = {f"{name}.delay": ms * 1e-3 for name, ms in zip(("position", "current"), delays_ms, strict=True)}
+    pair = start_pair(executor=executor, max_age_s=0.0, wait_for_current_s=10.0, **STAMPED_CURRENT, **delays)
     events: list[tuple[int, Callable[..., None], tuple[int, float]]] = [
         *((stamp, pair.vehicle.publish_current, (stamp, value)) for stamp, value in faulty_currents(3000)),
         *((stamp, pair.vehicle.publish_position, (stamp, value)) for stamp, value in positions),
@@ -184,6 +187,7 @@ def test_faulty_samples_give_the_same_estimates_and_reasons(start_pair: Callable
     assert counts[0] == counts[1]
     assert set(counts[0]) >= {"warming up", "position is not finite", "no usable current", "position is an outlier"}
     assert "stamp repeats or runs backwards" in counts[0]
+    assert {stamp_of(message) for message in cpp} <= {stamp - delays_ms[0] * MS for stamp, _ in positions}
     assert len(python) > 1000
     assert max(abs(message.effort[0]) for message in python) > 100.0
     for key in LISTED:
@@ -282,6 +286,7 @@ def test_two_signals_may_share_a_message(start_pair: Callable[..., Pair]) -> Non
         ({"position.type": "no_msgs/msg/Such"}, "message type 'no_msgs/msg/Such' is not installed"),
         ({"position.topic": "not a topic"}, "'not a topic' is not a topic name"),
         ({"current.scale": 0.0}, "scale is 0"),
+        ({"current.delay": 20}, "signal 'current': delay is 20 s; expected at most 1 s (it is in seconds)"),
         ({"executor": "many"}, "parameter 'executor' is 'many'; expected one of auto, events, single"),
     ],
 )

@@ -115,7 +115,7 @@ def test_ctrl_c_stops_the_program_and_the_same_command_goes_on(namespace: str, t
         f"rig: {{kind: ros, stroke_topic: {namespace}/stroke_command, current_topic: {namespace}/valve_command,\n"
         f"  signals: signals.yaml, approach_s: 0.5, deviation_m: {DEVIATION_M}, silence_s: {SILENCE_S},\n"
         f"  safe_current_A: {SAFE_A}}}\n"
-        "experiments: {duration_s: 3}\nstop: {budget_s: 3}\n"
+        "experiments: {duration_s: 4}\nstop: {budget_s: 4}\n"
         "identify: {structure: relaxation, starts: 1, threads: 1}\n"
     )
     command = [sys.executable, "-m", "ces_cli.main", "iterate", str(tmp_path / "plan.yaml")]
@@ -131,4 +131,4 @@ def test_ctrl_c_stops_the_program_and_the_same_command_goes_on(namespace: str, t
     time.sleep(0.2)
     status, output = NodeProcess(command).ended()
     assert status == 0, output
-    assert "stopped: budget spent: 3.0 of 3 s" in output
+    assert "stopped: budget spent: 4.0 of 4 s" in output

@@ -61,12 +61,14 @@ def observers(launched: Launched, tmp_path_factory: pytest.TempPathFactory) -> L
     inputs = ("joint_states", "stamped_current")
     reliable = {f"{launched.replayed.namespace}/{topic}": {"subscription": RELIABLE} for topic in inputs}
     replayed = {"max_age_s": 0.0, "wait_for_current_s": 10.0, "current": STAMPED_CURRENT, "qos_overrides": reliable}
+    joints = f"{launched.driven.namespace}/joint_states"
+    driven = {"name": "driven", "qos_overrides": {joints: {"subscription": RELIABLE}}}
     folder = tmp_path_factory.mktemp("parameters")
     return LaunchDescription(
         [
             RegisterEventHandler(OnProcessExit(on_exit=lambda event, context: launched.exits.append(event))),
             observer(launched.replayed, launched.model_path, parameter_file(folder / "replayed.yaml", replayed)),
-            observer(launched.driven, launched.model_path, parameter_file(folder / "driven.yaml", {"name": "driven"})),
+            observer(launched.driven, launched.model_path, parameter_file(folder / "driven.yaml", driven)),
             ReadyToTest(),
         ]
     )

@@ -2,6 +2,8 @@
 "use strict";
 (() => {
   const WINDOW_S = 10, DRAW_MS = 50, STALE_S = 2;
+  const SILENT_S = 3;             // of a status: they come each second
+  const BACK_S = 0.5, GAP_S = 0.5;  // a clock that was set back; a pause over which no line is drawn
   const LEVELS = ["ok", "warning", "error", "stale"];
   const state = document.getElementById("state"), place = document.getElementById("observers");
   const health = document.getElementById("health"), statuses = document.getElementById("statuses");
@@ -25,8 +27,9 @@
       batch.time_ns.forEach((stamp, k) => {
         const time = Number(BigInt(stamp) - this.zero) * 1e-9;
         const newest = this.points.length ? this.points[this.points.length - 1].time : -Infinity;
-        if (time < newest - WINDOW_S) this.points = [];  // a clock that jumped back
-        if (time <= newest) return;
+        if (time < newest - BACK_S) this.points = [];  // a bag that begins again
+        else if (time <= newest) return;
+        else if (time > newest + GAP_S) this.points.push({time: newest, force: NaN, lower: NaN, upper: NaN, speed: NaN, position: NaN});
         this.points.push({time, force: batch.force[k], lower: batch.lower[k] ?? NaN, upper: batch.upper[k] ?? NaN,
           speed: batch.speed[k], position: 1000 * batch.position[k]});
       });
@@ -92,14 +95,19 @@
   }
 
   function showStatus(status) {
-    known.set(status.name, status);
+    known.set(status.name, {...status, heard: performance.now()});
     health.hidden = false;
+    showStatuses();
+  }
+
+  function showStatuses() {
     const rows = [...known.values()].sort((a, b) => a.name.localeCompare(b.name)).map(one => {
-      const level = LEVELS[one.level] ?? "stale", block = document.createElement("details"), line = document.createElement("summary");
+      const age = (performance.now() - one.heard) / 1000, isSilent = age > SILENT_S;
+      const level = isSilent ? "stale" : LEVELS[one.level] ?? "stale", block = document.createElement("details"), line = document.createElement("summary");
       const badge = document.createElement("span"), table = document.createElement("dl");
       badge.className = `level ${level}`;
       badge.textContent = level;
-      line.append(badge, ` ${one.name}: ${one.message}`);
+      line.append(badge, ` ${one.name}: ${isSilent ? `silent for ${age.toFixed(0)} s; before: ` : ""}${one.message}`);
       table.className = "facts small";
       for (const [key, value] of Object.entries(one.values)) {
         const row = document.createElement("div"), dt = document.createElement("dt"), dd = document.createElement("dd");
@@ -124,6 +132,8 @@
       if (observer.points.length) observer.describe(observer.points[observer.points.length - 1]);
     }
   }, DRAW_MS);
+
+  setInterval(() => { if (!document.hidden) showStatuses(); }, 1000);
 
   globalThis.cesServe.follow(state.dataset.listen, {
     topics: showTopics,

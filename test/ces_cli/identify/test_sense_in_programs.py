@@ -4,15 +4,17 @@ import json
 import re
 import shutil
 import warnings
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from ces_cli.bags import import_, info, replay
 from ces_cli.identify import program, validate
 from ces_identify import api
-from ces_identify.export.ros_package import NodeSignal
+from ces_identify.export.ros_package import export_ros_package
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
@@ -21,7 +23,7 @@ from ces_identify.recordings.signals_file import load_signals
 from ces_identify.sense.content import recording_marks
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.signals import Signals
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -221,10 +223,11 @@ def test_a_delay_that_cannot_be_is_refused(delay):
         Signals.from_mapping({"force": {"delay": delay}}, "test")
 
 
-def test_the_cpp_observer_refuses_a_delay():
-    signals = Signals.from_mapping({"position": {"delay": 0.02}}, "test")
-    with pytest.raises(
-        CesError, match=r"signal 'position': delay is 0\.02 s, and the C\+\+ observer takes stamps as they are"
-    ):
-        NodeSignal.from_signal(signals["position"])
-    assert NodeSignal.from_signal(signals.without_delays()["position"]).topic == "joint_states"
+def test_an_exported_package_has_the_delays_of_the_signals_file():
+    signals = Signals.from_mapping({"position": {"delay": 0.02}, "current": {"delay": -0.005}}, "test")
+    model = load_model(resources.files("ces_observer").joinpath("../config/models/sample.json"))
+    files = export_ros_package(model, "damper", signals, model.certify())
+    parameters = yaml.safe_load(files["config/observer.yaml"])["/**"]["ros__parameters"]
+    assert [parameters[name]["delay"] for name in ("position", "current")] == [0.02, -0.005]
+    assert "1.0, 0.0, 0.02, std::nullopt};" in files["src/model/signals.hpp"]
+    assert "1.0, 0.0, -0.005, std::nullopt};" in files["src/model/signals.hpp"]

@@ -38,6 +38,15 @@ def test_a_full_batch_keeps_the_extremes_in_time_order() -> None:
     assert batch["force"] == [forces[k] for k in times]
 
 
+def test_a_batch_after_a_stall_keeps_as_many_points_for_its_time() -> None:
+    batches = EstimateBatches()
+    for k in range(1000):
+        batches.add_estimate(k * 1_000_000, 0.0, 0.0, float(k % 50))
+    batch = batches.take()
+    assert batch is not None and batch["count"] == 1000
+    assert len(batch["time_ns"]) == 160
+
+
 def test_bands_without_estimates_do_not_pile_up() -> None:
     batches = EstimateBatches()
     for stamp in range(5000):

@@ -39,7 +39,8 @@ public:
 
   void add(const SignalSettings & signal, Deliver deliver, OnError on_unreadable)
   {
-    readers_.push_back({FieldReader(signal, *members_), std::move(deliver), std::move(on_unreadable)});
+    readers_.push_back(
+      {FieldReader(signal, *members_), to_ns(signal.delay_s), std::move(deliver), std::move(on_unreadable)});
   }
 
   // Forget the delays of messages.
@@ -57,7 +58,7 @@ public:
       const auto stamp = header ? header->stamp.sec * SECOND + header->stamp.nanosec : stamp_arrival(info, now);
       for (const auto & reader : readers_) {
         if (const auto value = reader.field.read(message, error_)) {
-          reader.deliver(stamp, *value, header ? header->frame_id : NO_FRAME, now);
+          reader.deliver(stamp - reader.delay, *value, header ? header->frame_id : NO_FRAME, now);
         } else {
           reader.on_unreadable(error_);
         }
@@ -75,6 +76,7 @@ private:
   struct Reader
   {
     FieldReader field;
+    Nanoseconds delay;
     Deliver deliver;
     OnError on_unreadable;
   };

@@ -36,8 +36,9 @@ public:
   void reset();
 
   // Deliver each sample of `signal`, or the error that makes a message unreadable; return whether it is stamped. A
-  // sample without a stamp is stamped with its arrival (ArrivalClock). Signals in one message are delivered in the
-  // order of their subscriptions. Raises UserError if topic, type or field is wrong.
+  // sample without a stamp is stamped with its arrival (ArrivalClock); the signal's delay is taken off the stamps.
+  // Signals in one message are delivered in the order of their subscriptions. Raises UserError if topic, type or field
+  // is wrong.
   bool subscribe(const SignalSettings & signal, Deliver deliver, OnError on_unreadable);
 
   // The losses on a subscribed signal's topic, as far as they are known.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/numbers.hpp"
 #include "model/estimator.hpp"
 #include "model/signals.hpp"
 #include "node/parameter_values.hpp"
@@ -16,10 +17,12 @@ namespace
 constexpr double LARGEST = 1e30;  // scale, offset or constant: beyond any unit, and far from overflow
 constexpr std::size_t LONGEST = 255;  // characters of a topic, type or field path
 
-double declare_factor(rclcpp::Node & node, const std::string & name, double value)
+const char SCALING[] = "value in SI units = scale * number + offset";
+const char DELAY[] = "[s] by how much later than measured the numbers are stamped; stamps are moved back by it";
+
+double declare_finite(rclcpp::Node & node, const std::string & name, double value, const char * meaning)
 {
-  const auto read = node.declare_parameter(
-    name, rclcpp::ParameterValue(value), describe("value in SI units = scale * number + offset"));
+  const auto read = node.declare_parameter(name, rclcpp::ParameterValue(value), describe(meaning));
   const auto number = find_number(read);
   if (!number || !(std::fabs(*number) <= LARGEST)) {
     throw UserError("parameter '" + name + "' is " + quote(read) + "; expected a finite number, at most 1e+30");
@@ -47,10 +50,16 @@ SignalSettings declare_signal(rclcpp::Node & node, SignalSettings signal)
   signal.field = declare_text(
     node, prefix + "field", signal.field,
     signal.name + ": path to the number in the message, such as data, wrench.force.z or position[rear_damper]");
-  signal.scale = declare_factor(node, prefix + "scale", signal.scale);
-  signal.offset = declare_factor(node, prefix + "offset", signal.offset);
+  signal.scale = declare_finite(node, prefix + "scale", signal.scale, SCALING);
+  signal.offset = declare_finite(node, prefix + "offset", signal.offset, SCALING);
+  signal.delay_s = declare_finite(node, prefix + "delay", signal.delay_s, DELAY);
   if (signal.scale == 0.0) {
     throw UserError("signal '" + signal.name + "': scale is 0; expected the factor from the logged unit to SI");
+  }
+  if (std::fabs(signal.delay_s) > MAX_DELAY_S) {
+    throw UserError(
+      "signal '" + signal.name + "': delay is " + format_number("%g", signal.delay_s) + " s; expected at most " +
+      format_number("%g", MAX_DELAY_S) + " s (it is in seconds)");
   }
   return signal;
 }

@@ -15,6 +15,7 @@ struct SignalSettings
 {
   std::string name, topic, type, field;
   double scale = 1.0, offset = 0.0;
+  double delay_s = 0.0;  // by how much later than measured the numbers are stamped
   std::optional<double> constant;
 
   bool is_set() const {return constant || !topic.empty();}
